@@ -1,0 +1,45 @@
+# Needs Python >= 3.11, make and a package index. No root, nothing outside this folder.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+JOBS ?= 2
+
+.PHONY: demo test install lint typecheck unit bench fixture clean
+
+demo: install  ## replay the committed recording and print its metrics
+	$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
+
+test: install lint typecheck unit  ## everything a change must pass
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "quadlog needs Python 3.11 or later; try: make PYTHON=python3.12 $(MAKECMDGOALS)")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# cli/ and pipelines/ are installed inside quadlog; the type checker sees that through links.
+typecheck: install
+	rm -rf .typing && mkdir -p .typing/quadlog
+	for each in quadlog/*; do ln -s "../../$$each" ".typing/$$each"; done
+	ln -s ../../cli .typing/quadlog/cli
+	ln -s ../../pipelines .typing/quadlog/pipelines
+	$(BIN)/mypy -p quadlog
+
+unit: install
+	$(BIN)/python -m pytest -n $(JOBS)
+
+bench: install  ## the figures the README quotes, with the limit beside each
+	$(BIN)/python -m benchmarks
+
+fixture: install  ## make the committed recording again, byte for byte
+	$(BIN)/python fixtures/make.py
+
+clean:
+	rm -rf $(VENV) .typing .mypy_cache .pytest_cache .ruff_cache runs build *.egg-info

@@ -1,0 +1,212 @@
+"""Every key of quadlog.toml: name with unit, default, bounds, meaning, source.
+
+`quadlog init` writes this file's descriptions as comments; the effective
+configuration of a run is this model dumped as TOML.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class Section(BaseModel):
+    """A table of the file: unknown keys are refused, values are bounded, nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Topics(Section):
+    """Which topic plays which role. Empty: detected, and explained by `quadlog info`."""
+
+    lidar: str = Field("", description="point clouds")
+    uwb: list[str] = Field([], description="UWB ranges; several topics where each anchor has its own")
+    odometry: str = Field("", description="odometry")
+    imu: str = Field("", description="IMU")
+    reference: str = Field("", description="true pose (PoseStamped, mocap)")
+    position: str = Field(
+        "auto",
+        description="robot position: auto, uwb, odometry, tf, fixed, or a TUM file; auto takes the first there is",
+    )
+    target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
+    target_x_m: float = Field(0.0, description='where target = "fixed" is, in map')
+    target_y_m: float = Field(0.0, description="see target_x_m")
+    ahead_s: float = Field(3.0, gt=0, le=60, description='target = "ahead": where the robot itself is so much later')
+    map_frame: str = Field("map", description="name of the fixed frame in tf")
+    base_frame: str = Field(
+        "", description="name of the robot's frame in tf; empty: base_link, base, base_footprint, body"
+    )
+
+
+class Anchor(Section):
+    """A UWB anchor in map."""
+
+    id: int = Field(ge=0, description="the anchor's id in the range messages")
+    x_m: float
+    y_m: float
+    z_m: float = 0.0
+    bias_m: float = Field(0.0, description="known constant bias, subtracted from every range to this anchor")
+
+
+class Tag(Section):
+    """A UWB tag: who carries it, how high, and where it sits in base."""
+
+    id: int = Field(ge=0, description="the tag's id in the range messages")
+    role: Literal["robot", "person", "none"] = "none"
+    height_m: float | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
+    x_m: float = Field(0.0, description="where the tag sits in base, forward")
+    y_m: float = Field(0.0, description="where the tag sits in base, to the left")
+
+
+class RangeTopic(Section):
+    """Maps a topic that carries one range each to the two ends it measures between."""
+
+    topic: str
+    tag: int = Field(ge=0)
+    anchor: int = Field(ge=0)
+
+
+class Uwb(Section):
+    """From ranges to positions."""
+
+    range_std_m: float = Field(0.1, gt=0, le=10, description="standard deviation of one range [Following, Fig. 9]")
+    tag_height_m: float = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
+    person_height_m: float = Field(1.3, description="height of the person's tag without its own [Following]")
+    calibrate: bool = Field(
+        True, description="constant bias of each anchor, estimated from the log, applied when significant"
+    )
+    smooth: bool = Field(
+        True,
+        description="poses and target smoothed over the whole log; false: what the robot could have known then",
+    )
+    method: Literal["gauss_newton"] = Field("gauss_newton", description="how ranges become a fix")
+    min_range_m: float = Field(0.05, ge=0, description="shorter ranges are dropped and counted")
+    max_range_m: float = Field(300.0, gt=0, description="longer ranges are dropped and counted")
+    epoch_s: float = Field(0.05, gt=0, le=5, description="single ranges of one tag this close together make one fix")
+    outlier_m: float = Field(0.5, gt=0, description="a fix whose residual rms exceeds this is marked and not tracked")
+    acceleration_std_mps2: float = Field(
+        1.0, gt=0, description="how hard the robot or person accelerates; stiffness of the smoother"
+    )
+    anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
+    tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
+    range_topics: list[RangeTopic] = Field([], description="for topics that carry one range each and do not name it")
+
+    @model_validator(mode="after")
+    def _ids_are_unique(self) -> Uwb:
+        for name, ids in (("anchors", [a.id for a in self.anchors]), ("tags", [t.id for t in self.tags])):
+            twice = sorted({i for i in ids if ids.count(i) > 1})
+            if twice:
+                raise ValueError(f"{name}: id {twice[0]} appears more than once")
+        return self
+
+
+class Mount(Section):
+    """The lidar's place in base."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = Field(0.0, description="height above base; base is the ground under the robot's centre")
+    roll_deg: float = Field(0.0, ge=-360, le=360)
+    pitch_deg: float = Field(0.0, ge=-360, le=360)
+    yaw_deg: float = Field(0.0, ge=-360, le=360)
+
+
+class Lidar(Section):
+    """From a raw scan to its valid points."""
+
+    method: Literal["paper"] = Field("paper", description="paper: statistical outliers and a RANSAC plane [Following]")
+    mount: Mount = Mount()
+    field_of_view_deg: float = Field(180.0, gt=0, le=360, description="kept in front of the robot [Following]")
+    min_range_m: float = Field(0.3, ge=0, description="nearer points are not valid")
+    max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
+    outlier_neighbours: int = Field(
+        20, ge=1, le=1000, description="k of the statistical filter, the point itself excluded"
+    )
+    outlier_std_ratio: float = Field(
+        2.0, gt=0, le=100, description="n of the statistical filter: keep D <= mu + n sigma"
+    )
+    pose_gap_s: float = Field(0.5, gt=0, description="a scan farther than this from any pose is skipped and counted")
+
+
+class Ground(Section):
+    """The plane that is the ground."""
+
+    distance_m: float = Field(0.1, gt=0, le=5, description="points nearer to the plane belong to it")
+    confidence: float = Field(0.99, gt=0, lt=1, description="p of N = log(1-p)/log(1-w^3)")
+    inlier_share: float = Field(0.3, gt=0, lt=1, description="w of N = log(1-p)/log(1-w^3)")
+    min_points: int = Field(100, ge=3, description="with fewer points no ground is looked for")
+
+
+class Grid(Section):
+    """The occupancy grid around the robot, in map."""
+
+    cell_m: float = Field(0.1, gt=0, le=10, description="[Following]")
+    size_cells: int = Field(200, ge=3, le=4000, description="edge of the square window [Following]")
+    min_height_m: float = Field(0.05, description="lower obstacle points, above the ground, are ignored")
+    max_height_m: float = Field(1.5, description="higher points do not block the robot")
+    min_points: int = Field(1, ge=1, description="obstacle points that make a cell occupied")
+    dilation_m: float = Field(0.3, ge=0, le=10, description="obstacles grow by this for planning [Planning, 3 cells]")
+    target_radius_m: float = Field(0.5, ge=0, description="the target's own returns within this are no obstacle")
+
+
+class Planner(Section):
+    """Who plans, and on what."""
+
+    name: Literal["astar", "ia_star"] = Field("ia_star", description="astar or ia_star [Planning]")
+    stop_short_m: float = Field(1.0, ge=0, description="the path ends so far from a person")
+    corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
+
+
+class Smoothing(Section):
+    """From cells to a curve [Planning, eq. 14]."""
+
+    enabled: bool = True
+    merge_m: float = Field(0.3, ge=0, description="inflection points closer than this become one")
+    spacing_m: float = Field(0.05, gt=0, le=10, description="distance of the points along the smooth path")
+
+
+class Pursuit(Section):
+    """Pure pursuit [Tracking, section 3]."""
+
+    lookahead_m: float = Field(2.0, gt=0, description="l [Tracking, section 5]")
+    speed_mps: float = Field(0.6, gt=0, le=10, description="[Tracking, section 5]")
+    max_yaw_rate_radps: float = Field(1.5, gt=0, le=20)
+    rate_hz: float = Field(50.0, gt=0, le=1000, description="ticks of the controller and of control.parquet")
+
+
+class Robot(Section):
+    """The robot's body [Following, Table 1]."""
+
+    length_m: float = Field(0.62, gt=0)
+    width_m: float = Field(0.26, gt=0)
+    height_m: float = Field(0.37, gt=0)
+
+
+class Simulation(Section):
+    """The re-simulated walk."""
+
+    controller: Literal["kinematic", "none"] = Field("kinematic", description="none leaves the control stage out")
+
+
+class Results(Section):
+    """What the run folder keeps."""
+
+    cloud_samples: int = Field(3, ge=0, le=50, description="scans kept with the class of every point")
+    ground_cell_m: float = Field(0.2, gt=0, le=10, description="cell of the ground's height map")
+
+
+class Config(Section):
+    """The whole file."""
+
+    topics: Topics = Topics()
+    uwb: Uwb = Uwb()
+    lidar: Lidar = Lidar()
+    ground: Ground = Ground()
+    grid: Grid = Grid()
+    planner: Planner = Planner()
+    smoothing: Smoothing = Smoothing()
+    pursuit: Pursuit = Pursuit()
+    robot: Robot = Robot()
+    simulation: Simulation = Simulation()
+    results: Results = Results()

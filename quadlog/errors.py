@@ -1,0 +1,150 @@
+"""What can go wrong, one class per cause.
+
+Every class carries its data, says in one line what happened and what to do,
+and knows its exit code. The command line prints ``str(error)`` and nothing
+else; anything that is not a QuadlogError is a bug in quadlog.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class QuadlogError(Exception):
+    """Something a user can cause and mend. Exit code 1 unless a subclass says otherwise."""
+
+    exit_code = 1
+
+
+class UsageError(QuadlogError):
+    """The command line asks for something that does not exist or does not fit together."""
+
+    exit_code = 2
+
+
+class RecordingNotFound(QuadlogError):
+    """No such file or folder, or a folder without recordings."""
+
+    def __init__(self, path: Path | str, reason: str = "no such file or folder") -> None:
+        self.path = path
+        super().__init__(f"{path}: {reason}")
+
+
+class NotARecording(QuadlogError):
+    """The file exists, but is none of the containers quadlog reads."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)")
+
+
+class NothingReadable(QuadlogError):
+    """A recording so damaged, or so unknown, that not one message could be had from it."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: nothing readable: {reason}")
+
+
+class DecodeError(QuadlogError):
+    """One message could not be decoded. Readers count it as a loss and go on."""
+
+    def __init__(self, topic: str, reason: str) -> None:
+        self.topic, self.reason = topic, reason
+        super().__init__(f"{topic}: {reason}")
+
+
+class AmbiguousTopic(QuadlogError):
+    """Several topics could play one role. Lists the choices as flags to paste."""
+
+    def __init__(self, role: str, topics: Iterable[str]) -> None:
+        self.role, self.topics = role, list(topics)
+        flags = "  or  ".join(f"--set topics.{role}={topic}" for topic in self.topics)
+        super().__init__(f"{len(self.topics)} topics could be the {role}; choose with  {flags}")
+
+
+class UnknownTopic(QuadlogError):
+    """The configuration names a topic that the recording does not have, or one of another type."""
+
+    def __init__(self, role: str, topic: str, choices: Iterable[str], why: str = "is not in the recording") -> None:
+        self.role, self.topic, self.choices = role, topic, list(choices)
+        listed = ", ".join(self.choices) or "none"
+        super().__init__(f"topics.{role}: {topic} {why}; the recording has: {listed}")
+
+
+class MissingInput(QuadlogError):
+    """A stage needs something that neither the recording nor the configuration gives."""
+
+    def __init__(self, stage: str, needed: str, remedy: str) -> None:
+        self.stage, self.needed, self.remedy = stage, needed, remedy
+        super().__init__(f"{stage}: {needed}; {remedy}")
+
+
+class ClocksDiffer(QuadlogError):
+    """Header stamps and log times of one recording lie more than an hour apart and would be mixed."""
+
+    def __init__(self, path: Path | str, offset_s: float, with_header: str, without_header: str) -> None:
+        self.path, self.offset_s = path, offset_s
+        self.with_header, self.without_header = with_header, without_header
+        super().__init__(
+            f"{path}: header stamps of {with_header} lie {offset_s:.0f} s from the log time that "
+            f"{without_header} must use (it has no header); use  --stamp log  to take log times for all"
+        )
+
+
+class UnknownConfigKey(QuadlogError):
+    """A key that no section has; the nearest valid one is named."""
+
+    def __init__(self, key: str, nearest: str | None, source: str) -> None:
+        self.key, self.nearest, self.source = key, nearest, source
+        hint = f"; did you mean {nearest}?" if nearest else ""
+        super().__init__(f"{source}: unknown key {key}{hint}")
+
+
+class InvalidConfigValue(QuadlogError):
+    """A key whose value has the wrong type or lies outside its bounds."""
+
+    def __init__(self, key: str, reason: str, source: str) -> None:
+        self.key, self.reason, self.source = key, reason, source
+        super().__init__(f"{source}: {key}: {reason}")
+
+
+class UnreadableConfig(QuadlogError):
+    """A config file that is not there, or is not TOML."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
+
+
+class UnknownName(QuadlogError):
+    """A planner, method, scenario or format that quadlog does not have; lists those it has."""
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
+        self.kind, self.name, self.choices = kind, name, sorted(choices)
+        super().__init__(f"unknown {kind} {name!r}; choose one of: {', '.join(self.choices)}")
+
+
+class AlreadyExists(QuadlogError):
+    """An output that would be overwritten."""
+
+    def __init__(self, path: Path | str, flags: str = "--force") -> None:
+        self.path = path
+        super().__init__(f"{path} exists; {flags} allows it")
+
+
+class NotARun(QuadlogError):
+    """A folder that is no finished run, or one with a damaged or missing file."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
+
+
+class TooLarge(QuadlogError):
+    """A size from an untrusted input exceeds what quadlog is willing to allocate."""
+
+    def __init__(self, what: str, size: int, limit: int) -> None:
+        self.what, self.size, self.limit = what, size, limit
+        super().__init__(f"{what}: {size} exceeds the limit of {limit}")

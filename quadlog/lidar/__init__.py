@@ -1,0 +1,1 @@
+"""A scan is split into outliers, ground and obstacles."""

@@ -1,0 +1,1 @@
+"""Obstacle points become an occupancy grid around the robot."""

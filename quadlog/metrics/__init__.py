@@ -1,0 +1,1 @@
+"""Saved results become numbers fit to publish."""

@@ -1,0 +1,1 @@
+"""A grid, a start and a goal become a path."""

@@ -1,0 +1,1 @@
+"""UWB ranges become fixes, fixes become a track."""

@@ -1,0 +1,1 @@
+"""Any log becomes a stream of typed messages."""

@@ -1,0 +1,78 @@
+"""What every container reader offers: channels, raw messages as a stream, and an honest list of losses."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic with one type.
+
+    type_name is normalised to ROS 2 spelling (``sensor_msgs/msg/PointCloud2``);
+    protobuf and JSON schema names stay as they are (``foxglove.PointCloud``).
+    message_encoding is ``ros1``, ``cdr``, ``protobuf`` or ``json``;
+    schema_encoding ``ros1msg``, ``ros2msg``, ``ros2idl``, ``protobuf``, ``jsonschema`` or ``""``.
+    count is what the container's own index says, None where it says nothing.
+    """
+
+    topic: str
+    type_name: str
+    message_encoding: str
+    schema_encoding: str
+    schema: bytes
+    count: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """One message before decoding; payload is bytes-like and valid as long as it is referenced."""
+
+    channel: Channel
+    log_time_ns: int
+    payload: bytes | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Something that was in the recording, or should have been, and could not be had. Exit code 3.
+
+    cause is a stable word (``truncated``, ``crc``, ``missing-split``, ``count``, ``decode``, ...);
+    detail one line for people: what was lost, from when to when.
+    """
+
+    cause: str
+    detail: str
+    topic: str | None = None
+    count: int | None = None
+
+
+class Container(Protocol):
+    """One recording, open for reading. `losses` and `warnings` grow while it is read."""
+
+    path: Path
+    losses: list[Loss]
+    warnings: list[str]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every topic and type, known without reading the messages where the format allows it."""
+        ...
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message, None when there is none or no index tells."""
+        ...
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
+        ...
+
+    def close(self) -> None:
+        """Release the file. Reading again afterwards is an error of the caller."""
+        ...

@@ -1,0 +1,1 @@
+"""The world a log is re-simulated in."""
