@@ -135,7 +135,7 @@ class Ground(Section):
     distance_m: float = Field(0.1, gt=0, le=5, description="points nearer to the plane belong to it")
     confidence: float = Field(0.99, gt=0, lt=1, description="p of N = log(1-p)/log(1-w^3)")
     inlier_share: float = Field(0.3, gt=0, lt=1, description="w of N = log(1-p)/log(1-w^3)")
-    min_points: int = Field(100, ge=3, description="with fewer points no ground is looked for")
+    min_points: int = Field(100, ge=3, description="with fewer points, or fewer on the plane, there is no ground")
 
 
 class Grid(Section):

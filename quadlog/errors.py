@@ -148,3 +148,32 @@ class TooLarge(QuadlogError):
     def __init__(self, what: str, size: int, limit: int) -> None:
         self.what, self.size, self.limit = what, size, limit
         super().__init__(f"{what}: {size} exceeds the limit of {limit}")
+
+
+class CannotWrite(QuadlogError):
+    """An output that could not be written: a full disk, a missing permission, a folder in the way."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: cannot be written: {reason}")
+
+
+class UnreadableFile(QuadlogError):
+    """A file that the user named, a trajectory or a map, and that is not what its format says."""
+
+    def __init__(self, path: Path | str, reason: str, line: int | None = None) -> None:
+        self.path, self.reason, self.line = path, reason, line
+        where = f"{path}, line {line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: {reason}")
+
+
+class AnchorsCollinear(QuadlogError):
+    """UWB anchors on one line: every fix has a mirror image that fits as well."""
+
+    def __init__(self, anchors: Iterable[int], off_line_m: float) -> None:
+        self.anchors, self.off_line_m = list(anchors), off_line_m
+        listed = ", ".join(str(anchor) for anchor in self.anchors)
+        super().__init__(
+            f"UWB anchors {listed} lie within {off_line_m:.2f} m of one line, so every fix has a mirror image "
+            f"that fits as well; add an anchor off the line, or check [[uwb.anchors]]"
+        )

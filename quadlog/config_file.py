@@ -1,0 +1,218 @@
+"""Where a configuration comes from: defaults < preset < file < environment < --set; and how it is written."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from quadlog.config import Config
+from quadlog.errors import InvalidConfigValue, QuadlogError, TooLarge, UnknownConfigKey, UnknownName, UnreadableConfig
+
+ENVIRONMENT_PREFIX = "QUADLOG_"
+MAX_FILE_BYTES = 1 << 20
+MAX_DEPTH = 4
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {
+        "uwb": {"method": "gauss_newton"},
+        "lidar": {"method": "paper"},
+        "planner": {"name": "ia_star"},
+    }
+}
+"""What the papers did, where quadlog's own default may differ."""
+
+
+class Layer(NamedTuple):
+    """One source of values: its name, for messages, and a nested table."""
+
+    source: str
+    table: dict[str, Any]
+
+
+def load_config(
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+    environ: Mapping[str, str] = os.environ,
+    preset: str | None = None,
+) -> Config:
+    """The effective configuration.
+
+    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them.
+    Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source.
+    """
+    layers = []
+    if preset is not None:
+        if preset not in PRESETS:
+            raise UnknownName("preset", preset, PRESETS)
+        layers.append(Layer(f"--preset {preset}", PRESETS[preset]))
+    if path is not None:
+        layers.append(Layer(str(path), _read_toml(path)))
+    layers.extend(_environment_layers(environ))
+    layers.extend(_override_layer(override) for override in overrides)
+
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        _merge(merged, layer.table)
+    try:
+        return Config.model_validate(merged)
+    except ValidationError as error:
+        raise _explain(error, layers) from None
+
+
+def effective_toml(config: Config) -> str:
+    """The configuration as TOML; `load_config` of it gives the same configuration."""
+    return tomli_w.dumps(config.model_dump(exclude_none=True))
+
+
+def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
+    """The configuration with each key's meaning, as `quadlog init` writes it.
+
+    notes: further comment lines, by dotted key or section name.
+    """
+    notes = notes or {}
+    lines = ["# quadlog.toml: SI units; every key may be left out, the values here are what is used then.", ""]
+    for name in type(config).model_fields:
+        lines.extend(_section_lines(name, getattr(config, name), notes))
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _section_lines(name: str, section: BaseModel, notes: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """A table: plain keys first, then the tables inside it, as TOML wants them."""
+    yield f"[{name}]"
+    if section.__doc__ is not None:
+        yield f"# {section.__doc__.splitlines()[0]}"
+    yield from (f"# {note}" for note in notes.get(name, ()))
+    tables, lists = [], []
+    for key, field in type(section).model_fields.items():
+        value = getattr(section, key)
+        if isinstance(value, BaseModel):
+            tables.append((key, value))
+            continue
+        if field.description:
+            yield f"# {key}: {field.description}"
+        yield from (f"# {note}" for note in notes.get(f"{name}.{key}", ()))
+        if isinstance(value, list) and value and isinstance(value[0], BaseModel):
+            lists.append((key, value))
+        elif value is None:
+            yield f"# {key} ="
+        elif value != [] or not key.endswith(("anchors", "tags", "range_topics")):
+            yield tomli_w.dumps({key: value}).rstrip()
+    yield ""
+    for key, rows in lists:
+        for row in rows:
+            yield f"[[{name}.{key}]]"
+            yield tomli_w.dumps(row.model_dump(exclude_none=True)).rstrip()
+            yield ""
+    for key, table in tables:
+        yield from _section_lines(f"{name}.{key}", table, notes)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise TooLarge(f"{path}: config file in bytes", size, MAX_FILE_BYTES)
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UnreadableConfig(path, error.strerror or "cannot be read") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UnreadableConfig(path, f"not TOML: {error}") from None
+
+
+def _environment_layers(environ: Mapping[str, str]) -> list[Layer]:
+    """QUADLOG_SECTION__KEY; names without two underscores (QUADLOG_DATASETS) are not ours to read."""
+    layers = []
+    for name in sorted(environ):
+        if name.startswith(ENVIRONMENT_PREFIX) and "__" in name:
+            keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
+            layers.append(Layer(name, _nest(keys, _parse_value(environ[name]), name)))
+    return layers
+
+
+def _override_layer(override: str) -> Layer:
+    key, equals, text = override.partition("=")
+    source = f"--set {override}"
+    if not equals or not key.strip():
+        raise InvalidConfigValue(override, "expected section.key=value", "--set")
+    return Layer(source, _nest(key.strip().split("."), _parse_value(text.strip()), source))
+
+
+def _nest(keys: Sequence[str], value: Any, source: str) -> dict[str, Any]:
+    if len(keys) > MAX_DEPTH:
+        raise UnknownConfigKey(".".join(keys), None, source)
+    nested = value
+    for key in reversed(keys):
+        nested = {key: nested}
+    return dict(nested)
+
+
+def _parse_value(text: str) -> Any:
+    """A TOML value where the text is one, else the text itself: topic names need no quotes."""
+    if "\n" in text:
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+
+
+def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
+    for key, value in table.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        elif isinstance(value, Mapping):
+            into[key] = {}
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
+    first = error.errors()[0]
+    loc = [str(part) for part in first["loc"]]
+    key = ".".join(loc) or "the file"
+    source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
+    if first["type"] == "extra_forbidden":
+        matches = difflib.get_close_matches(key, _valid_keys(loc), n=1, cutoff=0.0)
+        return UnknownConfigKey(key, matches[0] if matches else None, source)
+    reason = first["msg"].removeprefix("Value error, ")
+    given = first.get("input")
+    if isinstance(given, str | int | float | bool):
+        reason += f" (got {str(given)[:80]!r})"
+    return InvalidConfigValue(key, reason[0].lower() + reason[1:], source)
+
+
+def _has(table: Any, loc: Sequence[str]) -> bool:
+    """Whether a layer sets this key, or the list or table that holds it."""
+    for part in loc:
+        if isinstance(table, list):
+            return True
+        if not isinstance(table, Mapping) or part not in table:
+            return False
+        table = table[part]
+    return True
+
+
+def _valid_keys(loc: Sequence[str]) -> list[str]:
+    """Every dotted key of the model, with list positions as in loc."""
+    position = next((part for part in loc if part.isdigit()), "0")
+    return sorted(_keys_of(Config, "", position))
+
+
+def _keys_of(model: type[BaseModel], prefix: str, position: str) -> Iterator[str]:
+    for key, field in model.model_fields.items():
+        dotted = f"{prefix}{key}"
+        yield dotted
+        inner = field.annotation
+        arguments = getattr(inner, "__args__", ())
+        if isinstance(inner, type) and not arguments and issubclass(inner, BaseModel):
+            yield from _keys_of(inner, f"{dotted}.", position)
+        elif arguments and isinstance(arguments[0], type) and issubclass(arguments[0], BaseModel):
+            yield from _keys_of(arguments[0], f"{dotted}.{position}.", position)
