@@ -1,0 +1,160 @@
+"""The records of a ROS 1 bag (format 2.0, wiki.ros.org/Bags/Format/2.0), from bytes to plain values."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from quadlog.recordings.bounded import Cursor, Damaged, read_at
+from quadlog.recordings.compression import decompress
+from quadlog.recordings.pieces import Entry
+from quadlog.recordings.words import ros2_type_name
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+_MAX_HEADER_BYTES = 1 << 20
+_U32 = struct.Struct("<I")
+_TIME = struct.Struct("<II")
+
+Fields = dict[bytes, memoryview]
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """One publisher of a topic, with the message definition it used; number is its id in the bag."""
+
+    number: int
+    topic: str
+    type_name: str
+    definition: bytes
+    md5sum: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A record's header fields and where its data lies in the file."""
+
+    op: int
+    fields: Fields
+    data_offset: int
+    data_length: int
+
+    @property
+    def end(self) -> int:
+        return self.data_offset + self.data_length
+
+
+def read_frame(file: BinaryIO, position: int, size: int) -> Frame:
+    """The record at position, without its data. Raises Damaged where there is none."""
+    (length,) = _U32.unpack(read_at(file, position, 4))
+    fields = read_fields(memoryview(read_at(file, position + 4, length, _MAX_HEADER_BYTES)))
+    data_offset = position + 8 + length
+    (data_length,) = _U32.unpack(read_at(file, data_offset - 4, 4))
+    if data_offset + data_length > size:
+        raise Damaged("a record reaches beyond the end of the file")
+    return Frame(u8(fields, b"op"), fields, data_offset, data_length)
+
+
+def records(data: memoryview) -> Iterator[tuple[Fields, int, int]]:
+    """Header fields and the range of the data of each record in a buffer of whole records. Raises Damaged."""
+    cursor = Cursor(data)
+    while cursor:
+        fields = read_fields(cursor.take(cursor.u32()))
+        length = cursor.u32()
+        begin = cursor.position
+        cursor.take(length)
+        yield fields, begin, begin + length
+
+
+def read_fields(header: memoryview) -> Fields:
+    """`name=value` pairs. Raises Damaged."""
+    fields = {}
+    position, size = 0, len(header)
+    while position < size:
+        if position + 4 > size:
+            raise Damaged("a header field is cut short")
+        (length,) = _U32.unpack_from(header, position)
+        begin = position + 4
+        position = begin + length
+        if position > size:
+            raise Damaged("a header field reaches beyond its record")
+        name, separator, _ = bytes(header[begin : min(position, begin + 64)]).partition(b"=")
+        if not separator:
+            raise Damaged("a header field has no name")
+        fields[name] = header[begin + len(name) + 1 : position]
+    return fields
+
+
+def u8(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 1)
+
+
+def u32(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 4)
+
+
+def u64(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 8)
+
+
+def time_ns(fields: Fields, name: bytes) -> int:
+    seconds, nanoseconds = _TIME.unpack(_value(fields, name, 8))
+    return seconds * 10**9 + nanoseconds
+
+
+def text(fields: Fields, name: bytes) -> str:
+    try:
+        return bytes(_value(fields, name)).decode()
+    except UnicodeDecodeError:
+        raise Damaged(f"the field {name.decode()} is not UTF-8") from None
+
+
+def read_connection(header: Fields, data: memoryview) -> Connection:
+    fields = read_fields(data)
+    definition = bytes(_value(fields, b"message_definition"))
+    type_name = ros2_type_name(text(fields, b"type"))
+    return Connection(
+        u32(header, b"conn"), text(header, b"topic"), type_name, definition, bytes(_value(fields, b"md5sum"))
+    )
+
+
+def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
+    """Offset, start and end (ns), and messages for each connection of a chunk."""
+    if u32(header, b"ver") != 1:
+        raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
+    cursor, counts = Cursor(data), {}
+    for _ in range(u32(header, b"count")):
+        number = cursor.u32()
+        counts[number] = cursor.u32()
+    return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
+
+
+def read_chunk(file: BinaryIO, position: int, size: int) -> tuple[memoryview, int]:
+    """A chunk's decompressed records and the offset behind it. Raises Damaged."""
+    frame = read_frame(file, position, size)
+    if frame.op != CHUNK:
+        raise Damaged("where the index has a chunk there is none")
+    data = memoryview(read_at(file, frame.data_offset, frame.data_length))
+    return decompress(text(frame.fields, b"compression"), data, u32(frame.fields, b"size")), frame.end
+
+
+def message_entries(body: memoryview) -> list[Entry]:
+    """Every message among a buffer of whole records, in file order. Raises Damaged."""
+    entries = []
+    for fields, begin, end in records(body):
+        if u8(fields, b"op") == MESSAGE:
+            entries.append(Entry(time_ns(fields, b"time"), begin, end, u32(fields, b"conn")))
+    return entries
+
+
+def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:
+    value = fields.get(name)
+    if value is None or (length is not None and len(value) != length):
+        raise Damaged(f"a record lacks its field {name.decode()}")
+    return value
+
+
+def _number(fields: Fields, name: bytes, length: int) -> int:
+    return int.from_bytes(_value(fields, name, length), "little")

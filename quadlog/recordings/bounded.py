@@ -1,0 +1,79 @@
+"""Reading bytes that nobody vouches for: every length is checked before it is believed."""
+
+from __future__ import annotations
+
+import os
+import struct
+from typing import BinaryIO
+
+# Far above what recorders write (chunks of 1 to 16 MB), far below what hurts.
+MAX_CHUNK_BYTES = 1 << 29
+MAX_INDEX_BYTES = 1 << 28
+MAX_TIME_NS = 2**63 - 1
+
+_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
+
+
+class Damaged(Exception):
+    """Bytes that do not mean what their format says. Readers turn it into a Loss; it never leaves this package.
+
+    cause is the Loss's stable word, reason one phrase for people.
+    """
+
+    def __init__(self, reason: str, cause: str = "damaged") -> None:
+        self.reason, self.cause = reason, cause
+        super().__init__(reason)
+
+
+def read_at(file: BinaryIO, offset: int, length: int, limit: int = MAX_CHUNK_BYTES) -> bytes:
+    """Exactly length bytes from offset on, or Damaged; nothing is allocated above the limit."""
+    if length > limit:
+        raise Damaged(f"{length} bytes at offset {offset} exceed the limit of {limit}", "too-large")
+    if offset < 0 or length < 0 or offset > MAX_TIME_NS:
+        raise Damaged(f"an offset of {offset} and a length of {length} point nowhere")
+    try:
+        # Without a file position, so that threads can read ahead.
+        data = os.pread(file.fileno(), length, offset)
+        while 0 < len(data) < length and (more := os.pread(file.fileno(), length - len(data), offset + len(data))):
+            data += more
+    except OSError as error:
+        raise Damaged(f"the disk does not give what lies at offset {offset} ({error.strerror})") from None
+    if len(data) != length:
+        raise Damaged(f"the file ends {length - len(data)} bytes too early for what starts at offset {offset}")
+    return data
+
+
+class Cursor:
+    """Little-endian fields, one after the other, out of one buffer; raises Damaged where the buffer ends."""
+
+    def __init__(self, data: bytes | memoryview) -> None:
+        self.data = memoryview(data)
+        self.position = 0
+
+    def __bool__(self) -> bool:
+        return self.position < len(self.data)
+
+    def take(self, length: int) -> memoryview:
+        end = self.position + length
+        if end > len(self.data):
+            raise Damaged(f"a field of {length} bytes does not fit into the {len(self.data)} bytes of its record")
+        taken = self.data[self.position : end]
+        self.position = end
+        return taken
+
+    def u16(self) -> int:
+        return _U16.unpack(self.take(2))[0]
+
+    def u32(self) -> int:
+        return _U32.unpack(self.take(4))[0]
+
+    def u64(self) -> int:
+        return _U64.unpack(self.take(8))[0]
+
+    def text(self) -> str:
+        """A string with a 32-bit length before it."""
+        raw = bytes(self.take(self.u32()))
+        try:
+            return raw.decode()
+        except UnicodeDecodeError:
+            raise Damaged("a name is not UTF-8") from None

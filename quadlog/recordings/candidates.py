@@ -1,0 +1,137 @@
+"""Which topics could play a role, and how well: by type first, then by a look at the first messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.messages import PointCloud
+from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part
+from quadlog.recordings.recording import Recording
+
+CLOUD_TYPES = frozenset(
+    {
+        "sensor_msgs/msg/PointCloud2",
+        "livox_ros_driver/msg/CustomMsg",
+        "livox_ros_driver2/msg/CustomMsg",
+        "foxglove.PointCloud",
+    }
+)
+ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
+IMU_TYPES = frozenset({"sensor_msgs/msg/Imu"})
+POSE_TYPES = frozenset(
+    {
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "geometry_msgs/msg/TransformStamped",
+        "foxglove.PoseInFrame",
+    }
+)
+TF_TYPES = frozenset({"tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"})
+RANGE_TYPE = "sensor_msgs/msg/Range"
+SINGLE_RANGE_TYPES = frozenset({"gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange"})
+
+TRUTH_WORDS = ("mocap", "vicon", "optitrack", "vrpn", "qualisys", "ground_truth", "groundtruth", "truth")
+TARGET_NAMES = ("goal", "target", "person", "leader", "initialpose")
+DRIVER_PACKAGES = (
+    "velodyne_msgs",
+    "nebula_msgs",
+    "robosense_msgs",
+    "rslidar_msg",
+    "rslidar_msgs",
+    "pandar_msgs",
+    "hesai_ros_driver",
+    "ouster_msgs",
+    "ouster_ros",
+    "ouster_sensor_msgs",
+    "innovusion_msgs",
+    "seyond_msgs",
+)
+
+SAMPLED_SCANS = 5
+FEW_POINTS = 100  # a spinning lidar gives thousands, a radar tens
+FLAT_M = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Topics that could play a role together. rank: 0 unfit, then the higher the better."""
+
+    topics: tuple[str, ...]
+    rank: int
+    why: str
+
+
+def refusal(type_name: str) -> str | None:
+    """Why a type that looks like a sensor's cannot be used, or None."""
+    if last_part(type_name) in REFUSED:
+        return REFUSED[last_part(type_name)]
+    package, last = type_name.partition("/")[0], last_part(type_name)
+    if package in DRIVER_PACKAGES and ("Packet" in last or "Scan" in last):
+        return (
+            f"holds driver packets ({type_name}), which are not point clouds; "
+            "let the lidar's driver turn them into PointCloud2 and record that"
+        )
+    return None
+
+
+def nearest_role(type_name: str) -> str | None:
+    """The role that topics of a type look fit for, usable or not."""
+    if type_name in CLOUD_TYPES or type_name.partition("/")[0] in DRIVER_PACKAGES:
+        return "lidar"
+    if is_uwb_type(type_name) or last_part(type_name) in REFUSED:
+        return "uwb"
+    kinds = (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES), ("reference", POSE_TYPES), ("tf", TF_TYPES))
+    return next((role for role, types in kinds if type_name in types), None)
+
+
+def is_target_name(topic: str) -> bool:
+    """Whether a pose topic's name speaks of something to go to rather than of the robot."""
+    return any(word in topic.lower() for word in TARGET_NAMES)
+
+
+def is_uwb_type(type_name: str) -> bool:
+    """Whether messages of this type can carry UWB ranges."""
+    return type_name in SINGLE_RANGE_TYPES or type_name == RANGE_TYPE or last_part(type_name) in LINKTRACK
+
+
+def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[str, str]) -> list[Candidate]:
+    """One candidate per kind of range message, with all its topics; range topics without ends go to unused."""
+    kinds: dict[str, list[str]] = {}
+    for topic, name in free.items():
+        if name == RANGE_TYPE and recording.ends_of(topic) is None:
+            unused[topic] = "is a Range whose ends nothing tells; map them in [[uwb.range_topics]] if it is UWB"
+        elif is_uwb_type(name):
+            kinds.setdefault(last_part(name), []).append(topic)
+    return [
+        Candidate(tuple(topics), 1, f"{len(topics)} topics of {kind}" if len(topics) > 1 else f"the only {kind}")
+        for kind, topics in kinds.items()
+    ]
+
+
+def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidate]:
+    """How well each cloud topic serves as the lidar, judged by its first scans."""
+    return [_judge(topic, recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
+
+
+def _judge(topic: str, samples: Sequence[object]) -> Candidate:
+    """Rank 3 a 3-D scan, 2 a flat one, 1 a radar or a handful of points, 0 nothing to see."""
+    clouds = [_valid_points(cloud) for cloud in samples if isinstance(cloud, PointCloud)]
+    if not clouds:
+        return Candidate((topic,), 0, "its first messages cannot be decoded")
+    points = max(clouds, key=len)
+    described = f"{len(points)} points per scan"
+    if len(points) == 0:
+        return Candidate((topic,), 0, "its first scans are empty")
+    if "radar" in topic.lower() or len(points) < FEW_POINTS:
+        return Candidate((topic,), 1, f"only {described}: a radar rather than a lidar")
+    if np.ptp(points[:, 2]) < FLAT_M:
+        return Candidate((topic,), 2, f"{described}, but flat: a 2-D scan, in which no ground can be found")
+    return Candidate((topic,), 3, f"{described} in 3-D")
+
+
+def _valid_points(cloud: PointCloud) -> np.ndarray:
+    finite = np.isfinite(cloud.xyz_m).all(axis=1)
+    return cloud.xyz_m[finite & cloud.xyz_m.any(axis=1)]

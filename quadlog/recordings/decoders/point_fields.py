@@ -1,0 +1,122 @@
+"""Named number columns inside a block of packed points: how PointCloud2 and its relatives become arrays.
+
+A layout says where each field lies in a point; `cloud_from_block` copies the
+coordinates out of the payload in one strided read, without a Python loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.errors import DecodeError
+from quadlog.messages import PointCloud
+from quadlog.recordings.decoders.point_times import TIME_FIELDS, time_offsets_ns
+from quadlog.recordings.payload_reader import Payload
+
+# Names that drivers give the beam index.
+RING_FIELDS = ("ring", "channel", "line", "laser_id", "laserid", "beam", "ring_id", "row")
+
+
+class Column(NamedTuple):
+    """One field of a point: byte offset and scalar type (first element where count > 1)."""
+
+    offset: int
+    dtype: np.dtype
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Points in a payload: rows x columns of them from byte `begin` on, strides in bytes."""
+
+    payload: Payload
+    begin: int
+    rows: int
+    columns: int
+    row_step: int
+    point_step: int
+
+    def column(self, column: Column) -> NDArray:
+        """(N,) view or copy of one field of all points, row by row."""
+        values = np.ndarray(
+            (self.rows, self.columns),
+            column.dtype,
+            self.payload,  # type: ignore[arg-type]
+            self.begin + column.offset,
+            (self.row_step, self.point_step),
+        )
+        return values.reshape(-1)
+
+    def triple(self, first: Column) -> NDArray:
+        """(N, 3) copy of three neighbouring fields of one type.
+
+        Copied as opaque lumps: on unaligned points numpy moves those twice as fast as numbers.
+        """
+        lumps = self.column(Column(first.offset, np.dtype(f"V{3 * first.dtype.itemsize}")))
+        return lumps.copy().view(first.dtype).reshape(-1, 3)
+
+
+def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column]) -> None:
+    """Raise DecodeError unless all points lie in `size` bytes of data, and the fields quadlog reads in a point."""
+    if block.rows == 0 or block.columns == 0:
+        return
+    if block.point_step == 0 or (block.rows > 1 and block.row_step < block.columns * block.point_step):
+        raise DecodeError(
+            topic, f"point_step {block.point_step} and row_step {block.row_step} do not fit {block.columns} columns"
+        )
+    needed = (block.rows - 1) * block.row_step + block.columns * block.point_step
+    if needed > size:
+        raise DecodeError(
+            topic,
+            f"{block.rows} x {block.columns} points of {block.point_step} bytes need {needed} bytes, data has {size}",
+        )
+    for name, column in fields.items():
+        read = name in ("x", "y", "z", *RING_FIELDS, *TIME_FIELDS)
+        if read and column.offset + column.dtype.itemsize > block.point_step:
+            raise DecodeError(topic, f"field {name} lies outside the point ({block.point_step} bytes)")
+
+
+def cloud_from_block(
+    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
+) -> PointCloud:
+    """The PointCloud of a checked block; ring and offset_ns only where a field gives plausible ones."""
+    count = block.rows * block.columns
+    if count == 0:
+        return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
+    missing = [name for name in "xyz" if name not in fields]
+    if missing:
+        listed = ", ".join(fields) or "none"
+        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
+    ring_name = next((name for name in fields if name in RING_FIELDS), None)
+    time_name = next((name for name in fields if name in TIME_FIELDS), None)
+    return PointCloud(
+        stamp_ns,
+        frame_id,
+        _coordinates(block, fields),
+        _rings(block.column(fields[ring_name])) if ring_name else None,
+        time_offsets_ns(block.column(fields[time_name]), stamp_ns) if time_name else None,
+    )
+
+
+def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
+    x, y, z = (fields[name] for name in "xyz")
+    size = x.dtype.itemsize
+    xyz_m = np.empty((block.rows * block.columns, 3), np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no valid point
+        if x.dtype == y.dtype == z.dtype and (y.offset - x.offset, z.offset - y.offset) == (size, size):
+            return block.triple(x).astype(np.float32, copy=False)
+        for axis, column in enumerate((x, y, z)):
+            xyz_m[:, axis] = block.column(column)
+    return xyz_m
+
+
+def _rings(values: NDArray) -> NDArray[np.uint16] | None:
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        return None
+    if values.dtype != np.uint8 and values.dtype != np.uint16 and (values.min() < 0 or values.max() > 0xFFFF):
+        return None
+    return values.astype(np.uint16)

@@ -1,0 +1,130 @@
+"""Which decoder reads which message type: a new sensor is one new file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from quadlog.errors import DecodeError
+from quadlog.messages import Message
+from quadlog.recordings.container import Channel
+from quadlog.recordings.decoders import (
+    foxglove,
+    gtec_ranging,
+    imu,
+    linktrack,
+    odometry,
+    pose,
+    range_message,
+    tf,
+    uwb_range,
+)
+from quadlog.recordings.decoders.livox import livox_decoder
+from quadlog.recordings.decoders.point_cloud2 import point_cloud2_decoder
+from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.protobuf_messages import protobuf_deserialiser
+from quadlog.recordings.ros_messages import Definitions
+
+Result = TypeVar("Result")
+
+# One payload can hold the ranges of several tags, so a decoder gives a tuple.
+Decoder = Callable[[Payload], tuple[Message, ...]]
+
+# Bodies too large for a generic decoder: read by hand.
+BY_HAND: dict[str, Callable[[str, str], Callable[[Payload], Message]]] = {
+    "sensor_msgs/msg/PointCloud2": point_cloud2_decoder,
+    "livox_ros_driver/msg/CustomMsg": livox_decoder,
+    "livox_ros_driver2/msg/CustomMsg": livox_decoder,
+}
+
+# Deserialised by definition, then turned into quadlog's own: (message, topic) -> Message.
+ROS: dict[str, Callable[[Any, str], Message]] = {
+    "geometry_msgs/msg/PoseStamped": pose.decode_pose_stamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": pose.decode_pose_with_covariance,
+    "geometry_msgs/msg/TransformStamped": pose.decode_transform,
+    "gtec_msgs/msg/Ranging": gtec_ranging.decode_ranging,
+    "nav_msgs/msg/Odometry": odometry.decode_odometry,
+    "sensor_msgs/msg/Imu": imu.decode_imu,
+    "sensor_msgs/msg/Range": range_message.decode_range,
+    "tf/msg/tfMessage": tf.decode_tf,
+    "tf2_msgs/msg/TFMessage": tf.decode_tf,
+    "uwb_driver/msg/UwbRange": uwb_range.decode_uwb_range,
+}
+
+# LinkTrack packages have many names: matched by the last part of the type.
+LINKTRACK: dict[str, Callable[[Any, str], tuple[Message, ...]]] = {
+    "LinktrackAnchorframe0": linktrack.decode_anchorframe0,
+    "LinktrackNodeframe2": linktrack.decode_nodeframe,
+    "LinktrackNodeframe3": linktrack.decode_nodeframe,
+    "LinktrackNodeframe4": linktrack.decode_nodeframe4,
+    "LinktrackNodeframe5": linktrack.decode_nodeframe,
+    "LinktrackTagframe0": linktrack.decode_tagframe0,
+}
+
+FOXGLOVE_PROTOBUF: dict[str, Callable[[Any, str], Message]] = {
+    "foxglove.PointCloud": foxglove.decode_point_cloud,
+    "foxglove.PoseInFrame": foxglove.decode_pose_in_frame,
+}
+
+FOXGLOVE_JSON: dict[str, Callable[[str], Callable[[Payload], Message]]] = {
+    "foxglove.PointCloud": foxglove.json_point_cloud_decoder,
+    "foxglove.PoseInFrame": foxglove.json_pose_decoder,
+}
+
+# Types that look as if they held what quadlog wants, and why they do not.
+REFUSED = {
+    "LinktrackNodeframe0": "carries raw bytes of other nodes, no ranges",
+    "LinktrackNodeframe1": "carries solved positions, no ranges",
+    "LinktrackNodeframe6": "carries raw bytes of other nodes, no ranges",
+}
+
+ENCODINGS = ("ros1", "cdr", "protobuf", "json")
+
+
+def last_part(type_name: str) -> str:
+    """`LinktrackTagframe0` of `any_package/msg/LinktrackTagframe0`."""
+    return type_name.rpartition("/")[2]
+
+
+def is_decodable(channel: Channel) -> bool:
+    """Whether quadlog has a decoder for the channel's type, whatever its payloads turn out to be."""
+    name, encoding = channel.type_name, channel.message_encoding
+    if encoding == "protobuf":
+        return name in FOXGLOVE_PROTOBUF
+    if encoding == "json":
+        return name in FOXGLOVE_JSON
+    return name in BY_HAND or name in ROS or last_part(name) in LINKTRACK
+
+
+def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Decoder | None:
+    """The channel's decoder, or None for a type that quadlog has no use for.
+
+    Raises DecodeError where the type is known but its encoding or its
+    definition is not; the decoder raises it for single payloads.
+    """
+    if not is_decodable(channel):
+        return None
+    name, topic, encoding = channel.type_name, channel.topic, channel.message_encoding
+    if encoding not in ENCODINGS:
+        known = ", ".join(ENCODINGS)
+        raise DecodeError(topic, f"its message encoding {encoding[:40]!r} is not one quadlog reads ({known})")
+    if encoding == "json":
+        return _single(FOXGLOVE_JSON[name](topic))
+    if encoding == "protobuf":
+        return _single(_chain(protobuf_deserialiser(channel), FOXGLOVE_PROTOBUF[name], topic))
+    if name in BY_HAND:
+        return _single(BY_HAND[name](topic, encoding))
+    deserialise = (definitions or Definitions()).deserialiser(channel)
+    if name in ROS:
+        return _single(_chain(deserialise, ROS[name], topic))
+    return _chain(deserialise, LINKTRACK[last_part(name)], topic)
+
+
+def _single(decode: Callable[[Payload], Message]) -> Decoder:
+    return lambda payload: (decode(payload),)
+
+
+def _chain(
+    deserialise: Callable[[Payload], Any], interpret: Callable[[Any, str], Result], topic: str
+) -> Callable[[Payload], Result]:
+    return lambda payload: interpret(deserialise(payload), topic)

@@ -1,0 +1,139 @@
+"""MCAP files (mcap.dev/spec): read through their summary when it is whole, recovered by a scan when it is not.
+
+Records are cut by hand instead of through the mcap library's reader, because
+that one ends at the first damaged chunk, and because payloads stay views of
+the chunk that holds them.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+from quadlog.errors import NothingReadable
+from quadlog.recordings import mcap_records as mcap
+from quadlog.recordings.bounded import MAX_TIME_NS, Damaged, read_at
+from quadlog.recordings.chunked_reader import ChunkedReader
+from quadlog.recordings.compression import SUPPORTED
+from quadlog.recordings.container import Channel, Loss
+from quadlog.recordings.mcap_records import McapChannel, Schema
+from quadlog.recordings.mcap_scan import McapScan, message_index_counts
+from quadlog.recordings.mcap_summary import Summary, read_summary
+from quadlog.recordings.piece_losses import losses_of
+from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.words import ros2_type_name, several
+
+_ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
+
+
+def open_mcap(path: Path) -> ChunkedReader:
+    """Opens an MCAP file. Raises NothingReadable when it is damaged and holds no message that can be had."""
+    file = path.open("rb")
+    try:
+        contents = _contents(file, path.stat().st_size)
+        _refuse_if_nothing_is_left(path, contents)
+    except BaseException:
+        file.close()
+        raise
+    return ChunkedReader(path, contents, McapFormat(file), file.close)
+
+
+class McapFormat:
+    """How a piece of an MCAP file is read (PieceFormat)."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def load(self, piece: Piece) -> memoryview:
+        record = memoryview(read_at(self._file, piece.offset, piece.length))
+        if piece.loose:
+            return record
+        if len(record) < mcap.FRAME.size:
+            raise Damaged("the index gives it no room")
+        if mcap.FRAME.unpack_from(record) != (mcap.CHUNK, len(record) - mcap.FRAME.size):
+            raise Damaged("where the index has a chunk there is none")
+        return mcap.read_chunk(record[mcap.FRAME.size :])[2]
+
+    def entries(self, body: memoryview) -> list[Entry]:
+        return mcap.message_entries(body)
+
+    def counts(self, piece: Piece) -> Mapping[int, int] | None:
+        behind = piece.offset + piece.length
+        return message_index_counts(self._file, behind, self._file.seek(0, 2))
+
+
+def _contents(file: BinaryIO, size: int) -> Contents:
+    summary, losses = read_summary(file, size)
+    warnings: list[str] = []
+    if summary is not None and not summary.is_complete():
+        warnings.append("the summary is not complete enough to search by; the whole file was read to open it")
+    indexed = summary is not None and summary.is_complete()
+    scan = McapScan(file, size, summary.chunks if summary is not None and indexed else [])
+    losses += losses_of(scan.lost) + scan.losses
+    if read_at(file, 0, len(mcap.MAGIC)) != mcap.MAGIC:
+        losses.append(Loss("damaged", "the file's first 8 bytes are not MCAP's magic, the last 8 are"))
+    losses += _check_loose_messages(file, scan)
+    statistics = summary.statistics if summary is not None else None
+    told = statistics.channel_counts if statistics is not None and (indexed or statistics.channel_counts) else None
+    if summary is not None and indexed and statistics is not None and statistics.messages:
+        span: tuple[int, int] | None = (min(statistics.start_ns, MAX_TIME_NS), min(statistics.end_ns, MAX_TIME_NS))
+    else:
+        held = [piece for piece in scan.pieces if not piece.is_empty]
+        span = (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
+    declared = told if told is not None else dict(scan.counts)
+    channel_of = _channels(summary or Summary(), scan, declared, warnings)
+    return Contents(scan.pieces, channel_of, declared, span, losses, warnings)
+
+
+def _channels(summary: Summary, scan: McapScan, declared: Mapping[int, int], warnings: list[str]) -> dict[int, Channel]:
+    """Channel ids of the file to Channels; ids that differ in nothing share one."""
+    schemas = {**summary.schemas, **scan.schemas}
+    found = {**summary.channels, **scan.channels}
+    alike: dict[tuple[str, str, str, str, bytes], list[int]] = {}
+    for number, channel in sorted(found.items()):
+        schema = schemas.get(channel.schema)
+        if schema is None and channel.schema:
+            warnings.append(f"{channel.topic}: its message definition (schema {channel.schema}) is not in the file")
+        alike.setdefault(_identity(channel, schema), []).append(number)
+    merged = {}
+    for identity, numbers in alike.items():
+        shared = Channel(*identity, count=sum(declared.get(number, 0) for number in numbers))
+        merged.update(dict.fromkeys(numbers, shared))
+    return merged
+
+
+def _identity(channel: McapChannel, schema: Schema | None) -> tuple[str, str, str, str, bytes]:
+    if schema is None:
+        return channel.topic, "", channel.message_encoding, "", b""
+    type_name = ros2_type_name(schema.name) if schema.encoding in _ROS_SCHEMAS else schema.name
+    return channel.topic, type_name, channel.message_encoding, schema.encoding, schema.data
+
+
+def _check_loose_messages(file: BinaryIO, scan: McapScan) -> list[Loss]:
+    """Messages outside chunks have no checksum but the data section's, so that one is computed for them."""
+    loose = [piece for piece in scan.pieces if piece.loose]
+    if not loose or scan.ended_at is None or not scan.data_crc:
+        return []
+    crc, position = 0, 0
+    while position < scan.ended_at:
+        block = read_at(file, position, min(1 << 20, scan.ended_at - position))
+        crc = zlib.crc32(block, crc)
+        position += len(block)
+    if crc == scan.data_crc:
+        return []
+    at_risk = sum(sum((piece.counts or {}).values()) for piece in loose)
+    detail = f"the data section's checksum (CRC) does not match; any of {several(at_risk, 'message')} outside chunks"
+    return [Loss("crc", f"{detail} may be wrong, which one cannot be told")]
+
+
+def _refuse_if_nothing_is_left(path: Path, contents: Contents) -> None:
+    held = [piece for piece in contents.pieces if not piece.is_empty]
+    unknown = sorted({piece.compression for piece in held} - set(SUPPORTED))
+    if held and unknown and all(piece.compression in unknown for piece in held):
+        names = ", ".join(map(repr, unknown))
+        raise NothingReadable(path, f"compressed with {names}, which quadlog does not read (zstd, lz4 or none)")
+    serious = [loss for loss in contents.losses if loss.cause != "summary"]
+    if not held and serious:
+        raise NothingReadable(path, serious[-1].detail)

@@ -1,0 +1,145 @@
+"""The records of an MCAP file (mcap.dev/spec), from bytes to plain values."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged
+from quadlog.recordings.compression import decompress
+from quadlog.recordings.pieces import Entry
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
+FRAME = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """A message definition; number is its id in the file."""
+
+    number: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class McapChannel:
+    """A topic; schema is 0 where it has none."""
+
+    number: int
+    schema: int
+    topic: str
+    message_encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkIndex:
+    """Where a chunk lies and what it spans. channels is empty where no message index was written."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    length: int
+    channels: frozenset[int]
+    message_index_length: int
+    compression: str
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """How much there is, as the writer counted it."""
+
+    messages: int
+    schemas: int
+    channels: int
+    chunks: int
+    start_ns: int
+    end_ns: int
+    channel_counts: dict[int, int]
+
+
+def records(data: bytes | memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of each record in a buffer of whole records. Raises Damaged."""
+    cursor = Cursor(data)
+    while cursor:
+        opcode, length = FRAME.unpack(cursor.take(FRAME.size))
+        yield opcode, cursor.take(length)
+
+
+def read_schema(content: memoryview) -> Schema:
+    cursor = Cursor(content)
+    return Schema(cursor.u16(), cursor.text(), cursor.text(), bytes(cursor.take(cursor.u32())))
+
+
+def read_channel(content: memoryview) -> McapChannel:
+    cursor = Cursor(content)
+    return McapChannel(cursor.u16(), cursor.u16(), cursor.text(), cursor.text())
+
+
+def read_chunk_index(content: memoryview) -> ChunkIndex:
+    cursor = Cursor(content)
+    start_ns, end_ns, offset, length = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u64()
+    channels = frozenset(_map_u16_u64(cursor))
+    return ChunkIndex(start_ns, end_ns, offset, length, channels, cursor.u64(), cursor.text())
+
+
+def read_statistics(content: memoryview) -> Statistics:
+    cursor = Cursor(content)
+    messages, schemas, channels = cursor.u64(), cursor.u16(), cursor.u32()
+    cursor.take(8)  # attachments and metadata: nothing quadlog reads
+    chunks, start_ns, end_ns = cursor.u32(), cursor.u64(), cursor.u64()
+    return Statistics(messages, schemas, channels, chunks, start_ns, end_ns, _map_u16_u64(cursor))
+
+
+def read_message_index(content: memoryview) -> tuple[int, int]:
+    """Channel id, and how many messages of it the chunk holds."""
+    cursor = Cursor(content)
+    return cursor.u16(), cursor.u32() // 16
+
+
+def read_chunk(content: memoryview) -> tuple[int, int, memoryview]:
+    """Start and end (ns) and the decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum."""
+    cursor = Cursor(content)
+    start_ns, end_ns, size, crc = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u32()
+    compression = cursor.text()
+    body = decompress(compression, cursor.take(cursor.u64()), size)
+    if crc and zlib.crc32(body) != crc:
+        raise Damaged("its checksum (CRC) does not match", "crc")
+    return start_ns, end_ns, body
+
+
+def message_entries(body: memoryview) -> list[Entry]:
+    """Every message among a buffer of whole records, in file order. Raises Damaged."""
+    entries = []
+    position, size = 0, len(body)
+    while position < size:
+        if position + FRAME.size > size:
+            raise Damaged("a record is cut short")
+        opcode, length = FRAME.unpack_from(body, position)
+        begin = position + FRAME.size
+        position = begin + length
+        if position > size:
+            raise Damaged("a record reaches beyond its chunk")
+        if opcode == MESSAGE:
+            if length < MESSAGE_HEAD.size:
+                raise Damaged("a message is cut short")
+            number, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(body, begin)
+            if log_time_ns > MAX_TIME_NS:
+                raise Damaged(f"a log time of {log_time_ns} ns does not fit into 63 bits")
+            entries.append(Entry(log_time_ns, begin + MESSAGE_HEAD.size, position, number))
+    return entries
+
+
+def _map_u16_u64(cursor: Cursor) -> dict[int, int]:
+    fields = Cursor(cursor.take(cursor.u32()))
+    pairs = {}
+    while fields:
+        number = fields.u16()
+        pairs[number] = fields.u64()
+    return pairs

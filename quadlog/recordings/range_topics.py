@@ -1,0 +1,41 @@
+"""Which tag and which anchor a topic of single ranges measures between."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+UWB_WORDS = ("uwb", "anchor", "dwm", "decawave", "linktrack", "tof")
+LARGEST_ID = 0xFFFF
+
+
+class Ends(NamedTuple):
+    """The two ends of a range, by id."""
+
+    tag: int
+    anchor: int
+
+
+def ends_of_topic(
+    topic: str, mapped: Mapping[str, tuple[int, int]] | None = None, anchor_ids: Collection[int] = ()
+) -> Ends | None:
+    """Tag and anchor of a topic, or None where nothing tells them.
+
+    mapped (``[[uwb.range_topics]]``) decides. Otherwise two numbers in the name
+    (``/uwb/tof/n_3/n_7/distance``) are tag and anchor, in this order unless
+    only the first is a known anchor; one number in a name that speaks of UWB is
+    the anchor of tag 0.
+    """
+    if mapped and topic in mapped:
+        return Ends(*mapped[topic])
+    numbers = [int(text) for text in re.findall(r"[0-9]+", topic) if len(text) <= 5]
+    numbers = [number for number in numbers if number <= LARGEST_ID]
+    if len(numbers) == 2:
+        first, second = numbers
+        if first in anchor_ids and second not in anchor_ids:
+            return Ends(second, first)
+        return Ends(first, second)
+    if len(numbers) == 1 and any(word in topic.lower() for word in UWB_WORDS):
+        return Ends(0, numbers[0])
+    return None

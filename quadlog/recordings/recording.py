@@ -1,0 +1,249 @@
+"""A recording as typed messages on one clock, whatever its container and message types."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from quadlog.errors import DecodeError
+from quadlog.messages import Message, Timed, Transforms, UwbRanges
+from quadlog.recordings.clock import Clock, Stamp
+from quadlog.recordings.container import Channel, Container, Loss, RawMessage
+from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
+from quadlog.recordings.range_topics import Ends, ends_of_topic
+from quadlog.recordings.ros_messages import Definitions
+
+# How far header stamps may drift from log time beyond what is seen at both ends of the recording.
+DRIFT_NS = 10_000_000_000
+ENDS_NS = 5_000_000_000
+
+
+def open_recording(
+    path: Path,
+    *,
+    stamp: Stamp = "header",
+    msg_path: Sequence[Path] = (),
+    range_topics: Mapping[str, tuple[int, int]] | None = None,
+    anchor_ids: Collection[int] = (),
+) -> Recording:
+    """Open any recording quadlog reads. Use it as a context manager.
+
+    msg_path: folders of .msg files for types the recording does not define;
+    range_topics: topic -> (tag, anchor) for topics of single ranges.
+    Raises RecordingNotFound, NotARecording or NothingReadable.
+    """
+    from quadlog.recordings.open_container import open_container
+
+    return Recording(
+        open_container(Path(path)),
+        stamp=stamp,
+        definitions=Definitions(msg_path),
+        range_topics=range_topics or {},
+        anchor_ids=anchor_ids,
+    )
+
+
+class Recording:
+    """Decoded messages of one recording; `losses` and `warnings` grow while it is read."""
+
+    def __init__(
+        self,
+        container: Container,
+        *,
+        stamp: Stamp = "header",
+        definitions: Definitions | None = None,
+        range_topics: Mapping[str, tuple[int, int]] | None = None,
+        anchor_ids: Collection[int] = (),
+    ) -> None:
+        self.container, self.stamp = container, stamp
+        self._definitions = definitions or Definitions()
+        self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
+        self._clock = Clock(container.path, stamp)
+        self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
+        self._undecodable: dict[str, str] = {}
+        self._failures: dict[str, tuple[int, str]] = {}
+        self._tagless: set[str] = set()
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+        return self.container.path
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every topic and type."""
+        return self.container.channels
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message, None when no index tells."""
+        return self.container.span_ns
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What was in the recording and could not be had, each once."""
+        own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in self._undecodable.items()]
+        own += [
+            Loss("decode", f"{count} messages could not be decoded; the first: {why}", topic, count)
+            for topic, (count, why) in self._failures.items()
+        ]
+        return list(dict.fromkeys([*self.container.losses, *own]))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know about the recording, each once."""
+        tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
+        return list(dict.fromkeys([*self.container.warnings, *self._clock.warnings(), *tagless]))
+
+    def types_of(self, topic: str) -> list[str]:
+        """The types of the messages on a topic; a sound recording has one per topic."""
+        return list(dict.fromkeys(channel.type_name for channel in self.channels if channel.topic == topic))
+
+    def messages(
+        self, topics: Collection[str], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Timed]:
+        """Decoded messages with start_ns <= t_ns < end_ns, in the order they were logged, one at a time.
+
+        Topics of types that quadlog does not use yield nothing. A message that
+        cannot be decoded is counted as a loss and skipped, as is a topic with
+        two types. Raises ClocksDiffer where the times of these topics cannot be compared.
+        """
+        wanted = self._sound_topics(topics)
+        log_start_ns, log_end_ns = self._log_window(wanted, start_ns, end_ns)
+        failed: dict[str, int] = {}
+        for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
+            for message in self._decode_or_count(raw, failed):
+                t_ns = self._time_ns(raw, message)
+                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
+                    yield Timed(t_ns, raw.channel.topic, message)
+
+    def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
+        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
+        failed: dict[str, int] = {}
+        for raw in self.container.messages():
+            yield raw, self._decode_or_count(raw, failed) if is_decodable(raw.channel) else ()
+
+    def sample(self, topic: str, count: int) -> list[Message]:
+        """The first few messages of a topic that can be decoded, for a look at their content."""
+        found: list[Message] = []
+        for raw in islice(self.container.messages([topic]), count):
+            try:
+                found += self._decode(raw)
+            except DecodeError:
+                continue
+        return found
+
+    def why_undecodable(self, topic: str) -> str | None:
+        """Why no message of a known type can be decoded, or None where some may be."""
+        for channel in self.channels:
+            if channel.topic == topic and is_decodable(channel):
+                self._decoder(channel)
+        return self._undecodable.get(topic)
+
+    def ends_of(self, topic: str) -> Ends | None:
+        """Tag and anchor of a topic of single ranges."""
+        return ends_of_topic(topic, self._range_topics, self._anchor_ids)
+
+    def close(self) -> None:
+        """Release the file."""
+        self.container.close()
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _sound_topics(self, topics: Collection[str]) -> list[str]:
+        """Those of the topics that have messages quadlog decodes, all of one type."""
+        useful = {channel.topic for channel in self.channels if is_decodable(channel)}
+        sound = []
+        for topic in dict.fromkeys(topics):
+            types = self.types_of(topic)
+            if topic in useful and len(types) > 1:
+                self._undecodable[topic] = f"the topic carries several types ({', '.join(types)})"
+            elif topic in useful:
+                sound.append(topic)
+        return sound
+
+    def _log_window(
+        self, topics: Collection[str], start_ns: int | None, end_ns: int | None
+    ) -> tuple[int | None, int | None]:
+        """Log times between which all messages of the wanted window must lie, so that an index can find them."""
+        if self.stamp == "log" or (start_ns is None and end_ns is None):
+            return start_ns, end_ns
+        span = self.span_ns
+        if span is None:
+            return None, None
+        first = self.container.messages(topics, span[0], span[0] + ENDS_NS)
+        last = self.container.messages(topics, span[1] - ENDS_NS, span[1] + 1)
+        lags = [lag for raws in (first, last) for lag in self._lags_ns(raws)]
+        if not lags:
+            return None, None
+        low, high = min(lags) - DRIFT_NS, max(lags) + DRIFT_NS
+        return None if start_ns is None else start_ns + low, None if end_ns is None else end_ns + high
+
+    def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int]:
+        for raw in raws:
+            try:
+                decoded = self._decode(raw)
+            except DecodeError:
+                continue
+            yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else 0 for message in decoded)
+
+    def _time_ns(self, raw: RawMessage, message: Message) -> int:
+        if isinstance(message, Transforms) and (message.static or not message.transforms):
+            # Static transforms hold at all times, whatever their stamp.
+            return raw.log_time_ns if self.stamp == "log" or not message.stamp_ns else message.stamp_ns
+        return self._clock.time_ns(raw.channel.topic, message.stamp_ns, raw.log_time_ns)
+
+    def _decode_or_count(self, raw: RawMessage, failed: dict[str, int]) -> tuple[Message, ...]:
+        """What a message decodes to. failed counts this pass; of several passes the one with most failures is told."""
+        try:
+            return self._decode(raw)
+        except DecodeError as error:
+            topic = raw.channel.topic
+            failed[topic] = failed.get(topic, 0) + 1
+            most, why = self._failures.get(topic, (0, error.reason))
+            self._failures[topic] = max(most, failed[topic]), why
+            return ()
+
+    def _decode(self, raw: RawMessage) -> tuple[Message, ...]:
+        known = self._decoders.get(id(raw.channel))
+        decoder = known[1] if known else self._decoder(raw.channel)
+        if decoder is None:
+            reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
+            raise DecodeError(raw.channel.topic, reason)
+        decoded = decoder(raw.payload)
+        if isinstance(decoded[0] if decoded else None, UwbRanges):
+            return tuple(self._named(raw.channel.topic, each) for each in decoded if isinstance(each, UwbRanges))
+        return decoded
+
+    def _decoder(self, channel: Channel) -> Decoder | None:
+        if id(channel) not in self._decoders:
+            decoder = None
+            try:
+                decoder = decoder_for(channel, self._definitions)
+            except DecodeError as error:
+                self._undecodable[channel.topic] = error.reason
+            self._decoders[id(channel)] = (channel, decoder)  # the channel is kept, so its id stays its own
+        return self._decoders[id(channel)][1]
+
+    def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:
+        """Ranges whose ends only the topic tells, with their ids."""
+        if ranges.tag is not None:
+            return ranges
+        if len(ranges.anchor) and ranges.anchor[0] >= 0:
+            self._tagless.add(topic)
+            return replace(ranges, tag=0)
+        ends = self.ends_of(topic)
+        if ends is None:
+            return ranges
+        return replace(ranges, tag=ends.tag, anchor=np.full(len(ranges.anchor), ends.anchor, np.int64))

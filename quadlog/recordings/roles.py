@@ -1,0 +1,206 @@
+"""Which topic plays which role, by type and content, and why; nothing is chosen that could as well be another."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+from quadlog.config import Topics
+from quadlog.errors import AmbiguousTopic, UnknownTopic
+from quadlog.recordings.candidates import (
+    CLOUD_TYPES,
+    IMU_TYPES,
+    ODOMETRY_TYPES,
+    POSE_TYPES,
+    TF_TYPES,
+    TRUTH_WORDS,
+    Candidate,
+    is_target_name,
+    is_uwb_type,
+    look_at_clouds,
+    nearest_role,
+    refusal,
+    uwb_candidates,
+)
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.words import several
+
+ROLES = ("lidar", "uwb", "odometry", "imu", "reference", "target", "tf")
+TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
+KINDS = {
+    "lidar": (CLOUD_TYPES, "a point cloud"),
+    "odometry": (ODOMETRY_TYPES | POSE_TYPES, "odometry"),
+    "imu": (IMU_TYPES, "an IMU"),
+    "reference": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
+    "target": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """The topics that play a role, and why they do, in one line."""
+
+    name: str
+    topics: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Roles:
+    """What `detect_roles` found.
+
+    ambiguous: role -> the topics that could play it equally well.
+    unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
+    targets: pose topics whose name speaks of something followed.
+    """
+
+    found: Mapping[str, Role]
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unused: Mapping[str, str] = field(default_factory=dict)
+    near: Mapping[str, str] = field(default_factory=dict)
+    targets: tuple[str, ...] = ()
+
+    def topics(self, role: str) -> tuple[str, ...]:
+        """The topics of a role, none where nobody plays it. Raises AmbiguousTopic where a choice is needed."""
+        if role in self.ambiguous:
+            raise AmbiguousTopic(role, self.ambiguous[role])
+        return self.found[role].topics if role in self.found else ()
+
+    def topic(self, role: str) -> str | None:
+        """The one topic of a role, or None. Raises AmbiguousTopic where a choice is needed."""
+        return next(iter(self.topics(role)), None)
+
+    def of_topic(self, topic: str) -> tuple[str | None, str]:
+        """The role a topic plays, and why it does or does not."""
+        for role in self.found.values():
+            if topic in role.topics:
+                return role.name, role.why
+        for name, topics in self.ambiguous.items():
+            if topic in topics:
+                return None, f"one of {len(topics)} that could be the {name}: --set topics.{name}={topic}"
+        return None, self.unused.get(topic, "")
+
+    def why_none(self, role: str) -> str:
+        """What to tell a user who needs a role that nobody plays."""
+        looked_fit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
+        return f"no topic is fit to be the {role}" + "".join(f"; {each}" for each in looked_fit)
+
+
+def detect_roles(recording: Recording, topics: Topics) -> Roles:
+    """The roles of a recording's topics; what the configuration names is taken, the rest is detected.
+
+    Raises UnknownTopic for a configured topic that is not there or of another
+    kind. Ambiguity is data here: it is raised by whoever needs the role.
+    """
+    usable, unused = _usable(recording)
+    found: dict[str, Role] = {}
+    ambiguous: dict[str, tuple[str, ...]] = {}
+    for role, chosen in _configured(recording, topics).items():
+        found[role] = Role(role, chosen, "chosen in the configuration")
+    taken = {topic for role in found.values() for topic in role.topics}
+    free = {topic: name for topic, name in usable.items() if topic not in taken}
+
+    if "lidar" not in found:
+        clouds = [topic for topic, name in free.items() if name in CLOUD_TYPES]
+        _settle("lidar", look_at_clouds(recording, clouds), found, ambiguous, unused)
+    if "uwb" not in found:
+        families = uwb_candidates(recording, free, unused)
+        if len(families) == 1:
+            found["uwb"] = Role("uwb", families[0].topics, families[0].why)
+        elif families:
+            ambiguous["uwb"] = tuple(topic for family in families for topic in family.topics)
+    for role, types in (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES), ("reference", POSE_TYPES)):
+        if role not in found:
+            _settle(role, _by_type(role, types, free), found, ambiguous, unused)
+    transforms = tuple(topic for topic, name in usable.items() if name in TF_TYPES)
+    if transforms:
+        found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
+    targets = tuple(topic for topic, name in free.items() if name in POSE_TYPES and is_target_name(topic))
+    near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
+    return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
+
+
+def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
+    """Topic -> type of those with messages of one type; topic -> why of the others that look fit."""
+    usable: dict[str, str] = {}
+    unused: dict[str, str] = {}
+    for topic in sorted({channel.topic for channel in recording.channels}):
+        types = recording.types_of(topic)
+        counts = [channel.count for channel in recording.channels if channel.topic == topic]
+        why: str | None = f"carries several types ({', '.join(types)})"
+        if len(types) == 1:
+            why = refusal(types[0])
+        if why is None and all(count == 0 for count in counts):
+            why = "has no messages"
+        if why is None:
+            why = recording.why_undecodable(topic)
+        if why is None:
+            usable[topic] = types[0]
+        else:
+            unused[topic] = why
+    return usable, unused
+
+
+def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
+    """Role -> topics, for the roles that the configuration settles."""
+    chosen: dict[str, tuple[str, ...]] = {}
+    for role in ("lidar", "odometry", "imu", "reference"):
+        if topic := getattr(topics, role):
+            chosen[role] = (topic,)
+    if topics.uwb:
+        chosen["uwb"] = tuple(topics.uwb)
+    if topics.target not in TARGET_WORDS:
+        chosen["target"] = (topics.target,)
+    for role, names in chosen.items():
+        for topic in names:
+            _check_configured(recording, role, topic)
+    return chosen
+
+
+def _check_configured(recording: Recording, role: str, topic: str) -> None:
+    types = {channel.topic: channel.type_name for channel in recording.channels}
+    fits, kind = KINDS.get(role, (frozenset(), "UWB ranges"))
+    choices = [name for name, type_name in types.items() if _fits(role, type_name, fits)]
+    if topic not in types:
+        raise UnknownTopic(role, topic, choices or sorted(types))
+    if len(mixed := recording.types_of(topic)) > 1:
+        raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(mixed)})")
+    if not _fits(role, types[topic], fits):
+        raise UnknownTopic(role, topic, choices, f"is {types[topic]}, not {kind}")
+
+
+def _fits(role: str, type_name: str, types: Collection[str]) -> bool:
+    return is_uwb_type(type_name) if role == "uwb" else type_name in types
+
+
+def _by_type(role: str, types: Collection[str], free: Mapping[str, str]) -> list[Candidate]:
+    """Topics of the types; a name that speaks of truth makes a reference, of whatever type, and no odometry."""
+    candidates = []
+    for topic, name in free.items():
+        truth = any(word in topic.lower() for word in TRUTH_WORDS)
+        if role == "reference" and truth and name in POSE_TYPES | ODOMETRY_TYPES:
+            candidates.append(Candidate((topic,), 2, f"{name}, and its name speaks of truth"))
+        elif (
+            name in types and not (role == "odometry" and truth) and not (role == "reference" and is_target_name(topic))
+        ):
+            candidates.append(Candidate((topic,), 1, f"the only {name}"))
+    return candidates
+
+
+def _settle(
+    role: str,
+    candidates: list[Candidate],
+    found: dict[str, Role],
+    ambiguous: dict[str, tuple[str, ...]],
+    unused: dict[str, str],
+) -> None:
+    """The best candidate plays the role, if there is one best; the others are told why not."""
+    best = max((each.rank for each in candidates), default=0)
+    top = [each for each in candidates if each.rank == best]
+    if best > 0 and len(top) == 1:
+        found[role] = Role(role, top[0].topics, top[0].why)
+    elif best > 0:
+        ambiguous[role] = tuple(topic for each in top for topic in each.topics)
+    for each in candidates:
+        if each.rank < best or best == 0:
+            unused.update(dict.fromkeys(each.topics, each.why))

@@ -1,0 +1,165 @@
+"""From ROS payloads to objects with the message's fields, by whatever definition there is.
+
+Order: the definition embedded in the recording; then folders given with
+``--msg-path``; then the standard messages; then quadlog's bundled ones.
+Where a recording embeds none and several versions of a message exist, the
+first that fits a payload to its last byte is the one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from quadlog.errors import DecodeError
+from quadlog.recordings.container import Channel
+from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.type_definitions import BadDefinition, Types, needed_types, parse_definition
+
+BUNDLED = Path(__file__).parent / "definitions"
+HEADER_FIELD = "std_msgs/Header header\n"
+
+Deserialise = Callable[[Payload], Any]
+
+
+class Definitions:
+    """Where definitions are looked up. msg_path: folders of .msg files."""
+
+    def __init__(self, msg_path: Sequence[Path] = ()) -> None:
+        self.folders = [Path(folder) for folder in msg_path]
+
+    def deserialiser(self, channel: Channel) -> Deserialise:
+        """A function from payload to message object; raises DecodeError, here or per payload, with the reason."""
+        if channel.message_encoding not in ("ros1", "cdr"):
+            raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
+        method = "deserialize_ros1" if channel.message_encoding == "ros1" else "deserialize_cdr"
+        stores = self._stores(channel)
+        return _Deserialiser(channel, [getattr(store, method) for store in stores])
+
+    def _stores(self, channel: Channel) -> list[Typestore]:
+        try:
+            if channel.schema.strip(b"\0 \n"):
+                types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
+                return [_typestore(types, channel, self._standard(channel))]
+            found = [_typestore(types, channel, lookup) for types, lookup in self._unembedded(channel)]
+        except BadDefinition as error:
+            raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
+        if not found:
+            raise DecodeError(
+                channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
+            )
+        return found
+
+    def _unembedded(self, channel: Channel) -> Iterator[tuple[Types, Callable[[str], Types]]]:
+        name, standard = channel.type_name, self._standard(channel)
+        for folder in self.folders:
+            path = _msg_file(folder, name)
+            if path is not None:
+                yield _read_msg(path, name), partial(_from_folder, folder, standard)
+        versions = _standard_versions(channel.message_encoding, name)
+        for types in versions:
+            yield types, standard
+        if not versions:
+            yield from self._bundled(name, channel.message_encoding)
+
+    def _bundled(self, name: str, encoding: str) -> Iterator[tuple[Types, Callable[[str], Types]]]:
+        path = _bundled_file(name)
+        if path is None:
+            return
+        package = name.rpartition("/")[0]
+        text = path.read_text(encoding="utf-8")
+        # ROS 2 ports of header-less messages put a header before them.
+        texts = [text] if "Header header" in text else [HEADER_FIELD + text, text]
+
+        def lookup(other: str) -> Types:
+            beside = path.parent / f"{other.rpartition('/')[2]}.msg"
+            if other.rpartition("/")[0] == package and beside.is_file():
+                return _read_msg(beside, other)
+            return standard_types(encoding, other)
+
+        for each in reversed(texts) if encoding == "ros1" else texts:
+            yield parse_definition(each, name, "ros2msg"), lookup
+
+    def _standard(self, channel: Channel) -> Callable[[str], Types]:
+        return lambda name: standard_types(channel.message_encoding, name)
+
+
+class _Deserialiser:
+    """Tries each candidate on the first payload and keeps the one that fits it exactly."""
+
+    def __init__(self, channel: Channel, candidates: list[Callable[..., Any]]) -> None:
+        self.channel, self.candidates = channel, candidates
+
+    def __call__(self, payload: Payload) -> Any:
+        reason: Exception | None = None
+        for candidate in self.candidates:
+            try:
+                message = candidate(payload, self.channel.type_name)
+            except Exception as error:  # generated code on a stranger's bytes: any failure is this message's
+                reason = reason or error
+                continue
+            self.candidates = [candidate]
+            return message
+        raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
+
+
+def _typestore(types: Types, channel: Channel, elsewhere: Callable[[str], Types]) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    needed = needed_types(types, channel.type_name, elsewhere)
+    try:
+        store.register(needed)
+        store.get_msgdef(channel.type_name)
+    except Exception as error:  # rosbags compiles the definition; what it cannot is refused
+        raise BadDefinition(f"its definition cannot be compiled ({error})") from error
+    return store
+
+
+@cache
+def _standard_stores(encoding: str) -> tuple[Typestore, ...]:
+    names = [Stores.ROS1_NOETIC] if encoding == "ros1" else [Stores.ROS2_HUMBLE, Stores.LATEST]
+    return tuple(get_typestore(name) for name in names)
+
+
+def _standard_versions(encoding: str, name: str) -> list[Types]:
+    """Tables of each distinct version of a standard message."""
+    versions: list[Types] = []
+    for store in _standard_stores(encoding):
+        if name in store.fielddefs and all(each[name][1] != store.fielddefs[name][1] for each in versions):
+            versions.append(dict(store.fielddefs))  # type: ignore[arg-type]
+    return versions
+
+
+def standard_types(encoding: str, name: str) -> Types:
+    """The table that holds a standard ROS type (in its older version, where there are two), or an empty one."""
+    return next(iter(_standard_versions(encoding, name)), {})
+
+
+def _bundled_file(name: str) -> Path | None:
+    """The bundled definition of the same package, or else of the same last part (LinkTrack ports rename it)."""
+    package, _, last = name.partition("/")[0], "", name.rpartition("/")[2]
+    exact = BUNDLED / package / "msg" / f"{last}.msg"
+    if exact.is_file():
+        return exact
+    port = BUNDLED / "nlink_parser" / "msg" / f"{last}.msg"
+    return port if last.startswith("Linktrack") and port.is_file() else None
+
+
+def _msg_file(folder: Path, name: str) -> Path | None:
+    """PACKAGE/msg/NAME.msg, PACKAGE/NAME.msg or NAME.msg under a folder."""
+    package, last = name.partition("/")[0], name.rpartition("/")[2]
+    choices = (folder / package / "msg" / f"{last}.msg", folder / package / f"{last}.msg", folder / f"{last}.msg")
+    return next((path for path in choices if path.is_file()), None)
+
+
+def _from_folder(folder: Path, standard: Callable[[str], Types], name: str) -> Types:
+    path = _msg_file(folder, name)
+    return standard(name) if path is None else _read_msg(path, name)
+
+
+def _read_msg(path: Path, name: str) -> Types:
+    return parse_definition(path.read_text(encoding="utf-8", errors="replace"), name, "ros2msg")

@@ -1,0 +1,111 @@
+"""Opening an SQLite file that must be read whole and beside which nothing may be written.
+
+A database in WAL mode cannot be opened where it lies: SQLite would write a
+`-shm` beside it, and without that it ignores what stands in the `-wal` only.
+So a database with pending changes is copied, changes and all, and opened there;
+so is one that was cut off in the middle of a page.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+from quadlog.errors import NotARecording, TooLarge
+from quadlog.recordings.bounded import MAX_CHUNK_BYTES
+
+MAGIC = b"SQLite format 3\0"
+_PENDING = ("-wal", "-journal")
+
+
+@dataclass
+class OpenDatabase:
+    """A connection, the folder of its copy if there is one, and what a user should know about it."""
+
+    connection: sqlite3.Connection
+    folder: tempfile.TemporaryDirectory | None
+    warnings: list[str]
+    missing_bytes: int
+
+    def close(self) -> None:
+        self.connection.close()
+        if self.folder is not None:
+            self.folder.cleanup()
+
+
+def open_database(path: Path) -> OpenDatabase:
+    """Opens a database for reading. Raises NotARecording, or TooLarge when a copy is needed and there is no room.
+
+    missing_bytes says how much shorter the file is than its header declares.
+    """
+    pending = [suffix for suffix in _PENDING if _has_bytes(path.with_name(path.name + suffix))]
+    page_bytes, missing_bytes = _measure(path)
+    torn = missing_bytes > 0 and path.stat().st_size % page_bytes != 0
+    if not pending and not torn:
+        # Immutable: no locks, no -shm, and nobody else's changes, because there are none.
+        return OpenDatabase(_connect(path, "mode=ro&immutable=1"), None, [], missing_bytes)
+    folder = _copy(path, pending)
+    copy = Path(folder.name) / "copy.db3"
+    warnings = []
+    if pending:
+        names = " and ".join(path.name + suffix for suffix in pending)
+        warnings = [f"{names} holds changes that {path.name} does not have yet; both were copied and read together"]
+    else:
+        # SQLite would fill the torn page with zeros and give those out as data.
+        os.truncate(copy, copy.stat().st_size // page_bytes * page_bytes)
+    try:
+        return OpenDatabase(_connect(copy, "mode=rw"), folder, warnings, 0 if pending else missing_bytes)
+    except BaseException:
+        folder.cleanup()
+        raise
+
+
+def _has_bytes(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size > 0
+
+
+def _copy(path: Path, pending: list[str]) -> tempfile.TemporaryDirectory:
+    sources = {suffix: path.with_name(path.name + suffix) for suffix in ["", *pending]}
+    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
+    try:
+        needed = sum(source.stat().st_size for source in sources.values())
+        free = shutil.disk_usage(folder.name).free
+        with_pending = "".join(f" with its {suffix}" for suffix in pending)
+        if needed > free:
+            raise TooLarge(f"{path}: copying it{with_pending} to {tempfile.gettempdir()}", needed, free)
+        for suffix, source in sources.items():
+            shutil.copyfile(source, Path(folder.name) / f"copy.db3{suffix}")
+    except BaseException:
+        folder.cleanup()
+        raise
+    return folder
+
+
+def _connect(path: Path, parameters: str) -> sqlite3.Connection:
+    try:
+        connection = sqlite3.connect(f"file:{quote(str(path.resolve()))}?{parameters}", uri=True)
+        connection.text_factory = lambda raw: raw.decode("utf-8", "replace")
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+        # Whoever wrote the file wrote its schema too: no functions, no views' tricks.
+        connection.execute("PRAGMA trusted_schema=OFF")
+        connection.execute("PRAGMA cell_size_check=ON")
+        # Lets SQLite read what is left of a file that was cut off; the file itself is open for reading only.
+        connection.execute("PRAGMA writable_schema=ON")
+        connection.execute("PRAGMA query_only=ON")
+    except sqlite3.Error as error:
+        raise NotARecording(path, f"SQLite cannot open it ({error})") from None
+    return connection
+
+
+def _measure(path: Path) -> tuple[int, int]:
+    """The size of a page, and how many bytes the file is shorter than its header declares."""
+    with path.open("rb") as file:
+        header = file.read(100)
+    page_bytes = int.from_bytes(header[16:18], "big")
+    page_bytes = 65536 if page_bytes == 1 else max(page_bytes, 512)
+    return page_bytes, max(0, page_bytes * int.from_bytes(header[28:32], "big") - path.stat().st_size)

@@ -1,0 +1,201 @@
+"""The small topics of a recording, gathered in one pass into columns; the clouds are left to be streamed."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quadlog.messages import (
+    Float,
+    Imu,
+    ImuSeries,
+    Int,
+    Message,
+    Odometry,
+    Pose,
+    PoseSeries,
+    RangeSeries,
+    Transforms,
+    UwbRanges,
+)
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.tf_tree import TransformTree
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """What `gather` found; None for a role without topic or without a single message.
+
+    range_gap_db: (N,) receiver minus first-path power beside ranges, NaN where a message has none.
+    odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
+    """
+
+    ranges: RangeSeries | None
+    range_gap_db: Float | None
+    odometry: PoseSeries | None
+    odometry_linear_mps: Float | None
+    odometry_angular_radps: Float | None
+    imu: ImuSeries | None
+    reference: PoseSeries | None
+    target: PoseSeries | None
+    tf: TransformTree
+    warnings: list[str]
+
+
+def gather(
+    recording: Recording,
+    *,
+    uwb: Sequence[str] = (),
+    odometry: str | None = None,
+    imu: str | None = None,
+    reference: str | None = None,
+    target: str | None = None,
+    tf: Sequence[str] = (),
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> Streams:
+    """Read the named topics once (static transforms apart: they count from before start_ns too).
+
+    Times of each series increase strictly: a message whose stamp does not is
+    dropped and counted in warnings. Ranges are sorted instead. Raises ClocksDiffer.
+    """
+    sinks = _Sinks(uwb, odometry, imu, reference, target)
+    static = [topic for topic in tf if topic.rsplit("/", 1)[-1] == "tf_static"]
+    for timed in recording.messages(static) if static else ():
+        sinks.take(timed.t_ns, timed.topic, timed.message, recording.stamp)
+    moving = [*uwb, *(topic for topic in (odometry, imu, reference, target) if topic), *tf]
+    moving = [topic for topic in dict.fromkeys(moving) if topic not in static]
+    for timed in recording.messages(moving, start_ns, end_ns) if moving else ():
+        sinks.take(timed.t_ns, timed.topic, timed.message, recording.stamp)
+    return sinks.streams()
+
+
+@dataclass
+class _Columns:
+    """Rows of numbers as they come: a time and `width` values each."""
+
+    width: int
+    t_ns: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    frame_id: str = ""
+    child_frame_id: str = ""
+
+    def arrays(self) -> tuple[Int, Float]:
+        return np.array(self.t_ns, np.int64), np.array(self.values, np.float64).reshape(-1, self.width)
+
+    def increasing(self, topic: str, warnings: list[str]) -> tuple[Int, Float]:
+        """Both columns without the rows whose time is not after all before it."""
+        t_ns, values = self.arrays()
+        if len(t_ns) == 0:
+            return t_ns, values
+        fresh = np.concatenate([[True], t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]])
+        dropped = int(len(t_ns) - fresh.sum())
+        if dropped:
+            warnings.append(f"{topic}: {dropped} of {len(t_ns)} stamps do not increase; those messages are dropped")
+        return t_ns[fresh], values[fresh]
+
+
+class _Sinks:
+    """Where each topic's messages go."""
+
+    def __init__(
+        self, uwb: Sequence[str], odometry: str | None, imu: str | None, reference: str | None, target: str | None
+    ) -> None:
+        self.uwb, self.imu_topic = set(uwb), imu
+        self.pose_topics = {"odometry": odometry, "reference": reference, "target": target}
+        self.ranges = _Columns(4)
+        self.nameless: dict[str, int] = {}
+        self.poses = {role: _Columns(13) for role in self.pose_topics}
+        self.imu = _Columns(7)
+        self.tree = TransformTree()
+        self.warnings: list[str] = []
+
+    def take(self, t_ns: int, topic: str, message: Message, stamp: str) -> None:
+        """File one message under every role its topic has."""
+        if isinstance(message, Transforms):
+            for pose in message.transforms:
+                own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
+                self.tree.add(own_ns, pose, static=message.static)
+        elif isinstance(message, UwbRanges):
+            if topic in self.uwb:
+                self._take_ranges(t_ns, topic, message)
+        elif isinstance(message, Imu):
+            quaternion = np.full(4, np.nan) if message.quat_xyzw is None else message.quat_xyzw
+            self.imu.t_ns.append(t_ns)
+            self.imu.values.extend((*message.angular_radps.tolist(), *quaternion.tolist()))
+        elif isinstance(message, Pose | Odometry):
+            self._take_pose(t_ns, topic, message)
+
+    def _take_ranges(self, t_ns: int, topic: str, message: UwbRanges) -> None:
+        if message.tag is None:
+            self.nameless[topic] = self.nameless.get(topic, 0) + len(message.range_m)
+            return
+        gaps = message.first_path_gap_db
+        gaps = np.full(len(message.range_m), np.nan) if gaps is None else gaps
+        for anchor, range_m, gap in zip(message.anchor.tolist(), message.range_m.tolist(), gaps.tolist(), strict=True):
+            self.ranges.t_ns.append(t_ns)
+            self.ranges.values.extend((message.tag, anchor, range_m, gap))
+
+    def _take_pose(self, t_ns: int, topic: str, message: Pose | Odometry) -> None:
+        twist = [0.0] * 6
+        if isinstance(message, Odometry):
+            twist = [*message.linear_mps.tolist(), *message.angular_radps.tolist()]
+        for role, wanted in self.pose_topics.items():
+            if wanted == topic:
+                column = self.poses[role]
+                column.t_ns.append(t_ns)
+                column.values.extend((*message.position_m.tolist(), *message.quat_xyzw.tolist(), *twist))
+                column.frame_id, column.child_frame_id = message.frame_id, message.child_frame_id
+
+    def streams(self) -> Streams:
+        """Everything taken so far, as series."""
+        for topic, count in sorted(self.nameless.items()):
+            self.warnings.append(
+                f"{topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+            )
+        odometry, twist = self._pose_series("odometry")
+        reference, _ = self._pose_series("reference")
+        target, _ = self._pose_series("target")
+        ranges, gap_db = self._range_series()
+        return Streams(
+            ranges=ranges,
+            range_gap_db=gap_db,
+            odometry=odometry,
+            odometry_linear_mps=None if odometry is None else twist[:, :3],
+            odometry_angular_radps=None if odometry is None else twist[:, 3:],
+            imu=self._imu_series(),
+            reference=reference,
+            target=target,
+            tf=self.tree,
+            warnings=self.warnings,
+        )
+
+    def _range_series(self) -> tuple[RangeSeries | None, Float | None]:
+        t_ns, values = self.ranges.arrays()
+        if len(t_ns) == 0:
+            return None, None
+        order = np.argsort(t_ns, kind="stable")
+        t_ns, values = t_ns[order], values[order]
+        tag, anchor = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
+        return RangeSeries(t_ns, tag, anchor, values[:, 2].copy()), values[:, 3].copy()
+
+    def _pose_series(self, role: str) -> tuple[PoseSeries | None, Float]:
+        column = self.poses[role]
+        t_ns, values = column.increasing(str(self.pose_topics[role]), self.warnings)
+        if len(t_ns) == 0:
+            return None, values[:, 7:]
+        series = PoseSeries(t_ns, values[:, :3].copy(), values[:, 3:7].copy(), column.frame_id, column.child_frame_id)
+        return series, values[:, 7:].copy()
+
+    def _imu_series(self) -> ImuSeries | None:
+        t_ns, values = self.imu.increasing(str(self.imu_topic), self.warnings)
+        if len(t_ns) == 0:
+            return None
+        quaternions = values[:, 3:].copy()
+        oriented = bool(np.isfinite(quaternions).all())
+        if not oriented and np.isfinite(quaternions).any():
+            self.warnings.append(f"{self.imu_topic}: not every message has an orientation; none is used")
+        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None)

@@ -1,0 +1,183 @@
+"""One pass over a whole recording: how many messages per topic, how regularly, on which clock, and who ranges whom."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from statistics import median
+
+from quadlog.messages import Message, UwbRanges
+from quadlog.recordings.container import Channel
+from quadlog.recordings.headers import stamp_reader
+from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.recording import Recording
+
+RATE_INTERVALS = 10
+GAP_MEDIANS = 3
+OFFSETS_KEPT = 1000
+BINS_PER_OCTAVE = 50  # an interval's bin is 1.4 % wide
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSurvey:
+    """One topic with one type.
+
+    first_ns, last_ns: log times. hz_min, hz_max: the slowest and the fastest of
+    all runs of ten successive intervals (of all intervals together where there
+    are fewer), None below two messages. gaps: intervals longer than three
+    times the median one. clock_offset_s: median of header stamp minus log time
+    over the first thousand messages, None without header.
+    """
+
+    name: str
+    type: str
+    messages: int
+    first_ns: int | None
+    last_ns: int | None
+    hz_min: float | None
+    hz_max: float | None
+    gaps: int
+    longest_gap_s: float | None
+    clock_offset_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The ranges between one tag and one anchor."""
+
+    tag: int
+    anchor: int
+    messages: int
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Every topic by name, and every pair of UWB radios that ranged, with first and last log time."""
+
+    topics: tuple[TopicSurvey, ...]
+    links: dict[str, tuple[Link, ...]]
+    messages: int
+    start_ns: int | None
+    end_ns: int | None
+
+
+def survey(recording: Recording) -> Survey:
+    """Read everything once. Memory does not grow with the recording; decoding failures become its losses."""
+    pulses = {id(channel): _Pulse(channel) for channel in recording.channels}
+    links: dict[str, dict[tuple[int, int], _Reach]] = {}
+    for raw, decoded in recording.everything():
+        pulse = pulses.get(id(raw.channel))
+        if pulse is None:
+            pulse = pulses[id(raw.channel)] = _Pulse(raw.channel)
+        pulse.take(raw.log_time_ns, raw.payload, decoded)
+        for message in decoded:
+            if isinstance(message, UwbRanges):
+                _take_ranges(links.setdefault(raw.channel.topic, {}), message)
+    topics = tuple(sorted((each.survey() for each in pulses.values()), key=lambda each: (each.name, each.type)))
+    starts = [each.first_ns for each in topics if each.first_ns is not None]
+    ends = [each.last_ns for each in topics if each.last_ns is not None]
+    return Survey(
+        topics,
+        {topic: tuple(_link(*pair, reach) for pair, reach in sorted(links[topic].items())) for topic in sorted(links)},
+        sum(each.messages for each in topics),
+        min(starts, default=None),
+        max(ends, default=None),
+    )
+
+
+@dataclass
+class _Reach:
+    messages: int = 0
+    low_m: float = math.inf
+    high_m: float = -math.inf
+
+
+def _take_ranges(reaches: dict[tuple[int, int], _Reach], message: UwbRanges) -> None:
+    for anchor, range_m in zip(message.anchor.tolist(), message.range_m.tolist(), strict=True):
+        if message.tag is not None:
+            reach = reaches.setdefault((message.tag, anchor), _Reach())
+            reach.messages += 1
+            reach.low_m, reach.high_m = min(reach.low_m, range_m), max(reach.high_m, range_m)
+
+
+def _link(tag: int, anchor: int, reach: _Reach) -> Link:
+    return Link(tag, anchor, reach.messages, reach.low_m, reach.high_m)
+
+
+@dataclass
+class _Pulse:
+    """The times of one channel as they pass: counters, a window of the last few, and a histogram of intervals."""
+
+    channel: Channel
+    messages: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+    hz_min: float = math.inf
+    hz_max: float = 0.0
+    longest_ns: int = 0
+    previous_ns: int | None = None
+    recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_INTERVALS + 1))
+    intervals: Counter[int] = field(default_factory=Counter)
+    offsets_ns: array[int] = field(default_factory=lambda: array("q"))
+    read_stamp: Callable[[Payload], int | None] | None = None
+
+    def __post_init__(self) -> None:
+        self.read_stamp = stamp_reader(self.channel)
+
+    def take(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
+        """One message more."""
+        self.messages += 1
+        self.first_ns = t_ns if self.first_ns is None else min(self.first_ns, t_ns)
+        self.last_ns = t_ns if self.last_ns is None else max(self.last_ns, t_ns)
+        if self.previous_ns is not None and t_ns > self.previous_ns:
+            self._take_interval(t_ns - self.previous_ns)
+        self.previous_ns = t_ns
+        self.recent_ns.append(t_ns)
+        span_ns = t_ns - self.recent_ns[0]
+        if len(self.recent_ns) == RATE_INTERVALS + 1 and span_ns > 0:
+            hz = RATE_INTERVALS * 1e9 / span_ns
+            self.hz_min, self.hz_max = min(self.hz_min, hz), max(self.hz_max, hz)
+        if len(self.offsets_ns) < OFFSETS_KEPT:
+            self._take_stamp(t_ns, payload, decoded)
+
+    def _take_interval(self, interval_ns: int) -> None:
+        self.longest_ns = max(self.longest_ns, interval_ns)
+        self.intervals[int(math.log2(interval_ns) * BINS_PER_OCTAVE)] += 1
+
+    def _take_stamp(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
+        stamp_ns = decoded[0].stamp_ns if decoded else self.read_stamp(payload) if self.read_stamp else None
+        if stamp_ns:
+            self.offsets_ns.append(stamp_ns - t_ns)
+
+    def survey(self) -> TopicSurvey:
+        """The sum of it."""
+        hz_min, hz_max = self.hz_min, self.hz_max
+        if hz_max == 0.0 and self.first_ns is not None and self.last_ns is not None and self.last_ns > self.first_ns:
+            hz_min = hz_max = (self.messages - 1) * 1e9 / (self.last_ns - self.first_ns)
+        return TopicSurvey(
+            self.channel.topic,
+            self.channel.type_name,
+            self.messages,
+            self.first_ns,
+            self.last_ns,
+            hz_min if hz_max else None,
+            hz_max or None,
+            self._gaps(),
+            self.longest_ns * 1e-9 if self.longest_ns else None,
+            median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
+        )
+
+    def _gaps(self) -> int:
+        """Intervals of more than three medians, to the width of a bin."""
+        below, half = 0, sum(self.intervals.values()) / 2
+        for interval, count in sorted(self.intervals.items()):
+            below += count
+            if below >= half:
+                limit = interval + math.log2(GAP_MEDIANS) * BINS_PER_OCTAVE
+                return sum(count for each, count in self.intervals.items() if each > limit)
+        return 0

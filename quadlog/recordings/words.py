@@ -1,0 +1,27 @@
+"""How instants, counts and type names are spelled, the same for every container."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+# Below this a clock counts from its own start (simulation time), not from 1970.
+_FIRST_CALENDAR_NS = 10**17
+
+
+def instant(t_ns: int) -> str:
+    """`2024-05-01T10:00:00.250Z`, or `47.600 s` for clocks that start near zero."""
+    if t_ns < _FIRST_CALENDAR_NS:
+        return f"{t_ns / 1e9:.3f} s"
+    whole = datetime.fromtimestamp(t_ns // 10**9, UTC)
+    return f"{whole:%Y-%m-%dT%H:%M:%S}.{t_ns % 10**9 // 10**6:03d}Z"
+
+
+def several(count: int, thing: str) -> str:
+    """`1 message`, `2 messages`."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def ros2_type_name(name: str) -> str:
+    """`sensor_msgs/PointCloud2` and `sensor_msgs::msg::PointCloud2` as `sensor_msgs/msg/PointCloud2`."""
+    parts = name.replace("::", "/").split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else "/".join(parts)

@@ -1,0 +1,212 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from quadlog.errors import DecodeError
+from quadlog.recordings.decoders.point_cloud2 import DATATYPES, decode_point_cloud2, point_cloud2_decoder
+
+T_NS = 1_700_000_000_123_456_789
+CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+
+def cloud_message(ros: Any, points: np.ndarray, *, rows: int = 1, padding: int = 0, big: bool = False) -> Any:
+    """A PointCloud2 of a structured array, with `padding` bytes after each row."""
+    field_type = ros.type("sensor_msgs/msg/PointField")
+    fields = []
+    for name in points.dtype.names:
+        dtype, offset = points.dtype.fields[name][:2]
+        base, shape = dtype.subdtype or (dtype, ())
+        fields.append(field_type(name, offset, CODES[base.str[1:]], int(np.prod(shape, dtype=int))))
+    step = points.dtype.itemsize
+    columns = len(points) // rows
+    table = np.zeros((rows, columns * step + padding), np.uint8)
+    table[:, : columns * step] = points.view(np.uint8).reshape(rows, columns * step)
+    return ros.type("sensor_msgs/msg/PointCloud2")(
+        ros.header(T_NS), rows, columns, fields, big, step, table.shape[1], table.reshape(-1), True
+    )
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> dict[str, Any]:
+    """Any order, types, byte order, element counts, gaps between fields, rows and row padding."""
+    order = draw(st.sampled_from("<>"))
+    coordinates = draw(st.sampled_from(DATATYPES))
+    names = draw(st.permutations(["x", "y", "z", "ring", "intensity", "extra"]))
+    offsets, formats, at = [], [], draw(st.integers(0, 3))
+    for name in names:
+        base = coordinates if name in "xyz" else draw(st.sampled_from(DATATYPES))
+        if name == "ring":
+            base = draw(st.sampled_from(["u1", "u2", "u4", "i4", "f4"]))
+        count = draw(st.integers(1, 3)) if name == "extra" else 1
+        dtype = np.dtype((order + base, (count,))) if count > 1 else np.dtype(order + base)
+        offsets.append(at)
+        formats.append(dtype)
+        at += dtype.itemsize + draw(st.integers(0, 3))
+    rows, columns = draw(st.integers(1, 3)), draw(st.integers(0, 7))
+    spec = {"names": list(names), "formats": formats, "offsets": offsets, "itemsize": at + draw(st.integers(0, 3))}
+    return {
+        "dtype": np.dtype(spec),
+        "rows": rows,
+        "count": rows * columns,
+        "padding": draw(st.integers(0, 5)),
+        "big": order == ">",
+        "big_cdr": draw(st.booleans()),
+        "seed": draw(st.integers(0, 2**32 - 1)),
+    }
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(layout=layouts(), encoding=st.sampled_from(["ros1", "cdr"]))
+def test_any_layout_is_read_like_a_structured_array(
+    both_ros: SimpleNamespace, layout: dict[str, Any], encoding: str
+) -> None:
+    ros = getattr(both_ros, encoding)
+    random = np.random.default_rng(layout["seed"])
+    points = np.zeros(layout["count"], layout["dtype"])
+    for name in points.dtype.names or ():
+        points[name] = random.integers(0, 100, points[name].shape)
+    message = cloud_message(ros, points, rows=layout["rows"], padding=layout["padding"], big=layout["big"])
+    payload = ros.serialise(message, big_endian=layout["big_cdr"])
+
+    cloud = decode_point_cloud2(memoryview(payload), encoding, "/points")
+
+    assert cloud.stamp_ns == T_NS
+    assert cloud.frame_id == "lidar"
+    assert cloud.xyz_m.dtype == np.float32
+    assert cloud.xyz_m.flags.c_contiguous
+    np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([points[axis].astype(np.float32) for axis in "xyz"]))
+    if layout["count"]:
+        assert cloud.ring is not None
+        np.testing.assert_array_equal(cloud.ring, points["ring"].astype(np.uint16))
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_payloads_raise_decode_errors_only(both_ros: SimpleNamespace, data: st.DataObject) -> None:
+    encoding = data.draw(st.sampled_from(["ros1", "cdr"]))
+    ros = getattr(both_ros, encoding)
+    points = np.zeros(4, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")])
+    payload = bytearray(ros.serialise(cloud_message(ros, points)))
+    for at in data.draw(st.lists(st.integers(0, len(payload) - 1), max_size=4)):
+        payload[at] = data.draw(st.integers(0, 255))
+    cut = payload[: data.draw(st.integers(0, len(payload)))]
+    try:
+        cloud = decode_point_cloud2(bytes(cut), encoding, "/points")
+    except DecodeError:
+        return
+    assert len(cloud.xyz_m) * 4 <= len(payload)
+
+
+def test_one_decoder_follows_a_topic_that_changes_its_fields(ros: Any) -> None:
+    decode = point_cloud2_decoder("/points", ros.encoding)
+    for names in ("xyz", "xyz", "zyx", "xyzt", "yxz"):
+        points = np.zeros(2, [(name, "<f4") for name in names])
+        for i, name in enumerate("xyz"):
+            points[name] = [i, i + 10]
+        for payload in (
+            ros.serialise(cloud_message(ros, points)),
+            memoryview(ros.serialise(cloud_message(ros, points))),
+        ):
+            np.testing.assert_array_equal(decode(payload).xyz_m, [[0, 1, 2], [10, 11, 12]])
+
+
+def test_sizes_are_refused_before_anything_is_allocated(ros: Any) -> None:
+    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
+    message.width, message.height = 0xFFFFFFFF, 0xFFFFFFFF
+    with pytest.raises(DecodeError, match=r"do not fit|need"):
+        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+
+
+def test_data_that_ends_before_the_last_row_is_refused(ros: Any) -> None:
+    message = cloud_message(ros, np.zeros(4, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]), rows=2)
+    message.data = message.data[:-1]
+    with pytest.raises(DecodeError, match="need 48 bytes, data has 47"):
+        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+
+
+def test_rows_that_would_overlap_are_refused(ros: Any) -> None:
+    message = cloud_message(ros, np.zeros(4, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]), rows=2)
+    message.row_step = 0
+    with pytest.raises(DecodeError, match="row_step 0"):
+        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+
+
+def test_a_single_row_needs_no_row_step(ros: Any) -> None:
+    message = cloud_message(ros, np.ones(3, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
+    message.row_step = 0
+    assert len(decode_point_cloud2(ros.serialise(message), ros.encoding, "/points").xyz_m) == 3
+
+
+def test_missing_coordinates_name_the_fields_there_are(ros: Any) -> None:
+    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("range", "<f4")]))
+    with pytest.raises(DecodeError, match="without y, z; its fields: x, range"):
+        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+
+
+def test_a_field_outside_its_point_is_refused(ros: Any) -> None:
+    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
+    message.fields[2].offset = 10
+    with pytest.raises(DecodeError, match="field z lies outside"):
+        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+
+
+def test_non_finite_and_float64_points_are_kept_as_they_are(ros: Any) -> None:
+    points = np.zeros(3, [("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
+    points["x"] = [np.nan, np.inf, 1e300]
+    xyz_m = decode_point_cloud2(ros.serialise(cloud_message(ros, points)), ros.encoding, "/points").xyz_m
+    np.testing.assert_array_equal(xyz_m[:, 0], np.array([np.nan, np.inf, np.inf], np.float32))
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype", "values", "expected_ns"),
+    [
+        ("time", "<f4", [0.0, 0.05], [0, 50_000_000]),  # Velodyne: seconds after the stamp
+        ("time", "<f4", [-0.1, 0.0], [-100_000_000, 0]),
+        ("t", "<u4", [0, 99_000_000], [0, 99_000_000]),  # Ouster: nanoseconds after the stamp
+        ("timestamp", "<f8", [T_NS * 1e-9, T_NS * 1e-9 + 0.1], [0, 100_000_000]),  # RoboSense, Hesai: seconds of 1970
+        ("timestamp", "<f8", [float(T_NS), float(T_NS) + 1e8], [0, 100_000_000]),  # Livox: nanoseconds of 1970
+        ("time", "<f4", [40.0, 90.0], None),  # no unit makes it plausible
+        ("t", "<u4", [1_483_724_884, 1_483_724_884], None),
+        ("timestamp", "<f8", [np.nan, np.nan], None),
+    ],
+)
+def test_point_times(ros: Any, name: str, dtype: str, values: list[float], expected_ns: list[int] | None) -> None:
+    points = np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, dtype)])
+    points[name] = values
+    offset_ns = decode_point_cloud2(ros.serialise(cloud_message(ros, points)), ros.encoding, "/points").offset_ns
+    if expected_ns is None:
+        assert offset_ns is None
+    else:
+        assert offset_ns is not None
+        np.testing.assert_allclose(offset_ns, expected_ns, atol=300)  # what a 1970-based double can tell
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+@pytest.mark.parametrize(("file", "first_count"), [("vlp16.mcap", 14673), ("helios16p.mcap", 15258)])
+def test_real_scans_agree_with_another_reader(both_ros: SimpleNamespace, file: str, first_count: int) -> None:
+    from mcap.reader import make_reader
+
+    path = Path(os.environ["QUADLOG_DATASETS"]) / "lidar_16beam" / file
+    with path.open("rb") as stream:
+        payloads = [message.data for _, _, message in make_reader(stream).iter_messages()]
+    for payload in payloads:
+        cloud = decode_point_cloud2(payload, "cdr", "/points")
+        other = both_ros.cdr.store.deserialize_cdr(payload, "sensor_msgs/msg/PointCloud2")
+        at = {field.name: field.offset for field in other.fields}
+        table = other.data.reshape(-1, other.point_step)
+        for axis, name in enumerate("xyz"):
+            raw = table[:, at[name] : at[name] + 4].copy().view("<f4").ravel()
+            np.testing.assert_array_equal(cloud.xyz_m[:, axis], raw)
+        assert cloud.ring is not None
+        np.testing.assert_array_equal(cloud.ring, table[:, at["ring"] : at["ring"] + 2].copy().view("<u2").ravel())
+        assert len(np.unique(cloud.ring)) >= 15
+        assert cloud.ring.max() == 15
+    assert len(decode_point_cloud2(payloads[0], "cdr", "/points").xyz_m) == first_count

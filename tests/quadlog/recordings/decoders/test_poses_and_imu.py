@@ -1,0 +1,104 @@
+"""The small standard messages: odometry, poses, transforms, IMU."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadlog.errors import DecodeError
+from quadlog.messages import Imu, Odometry, Pose, Transforms
+from quadlog.recordings.decoding import decoder_for
+
+T_NS = 1_700_000_000_000_000_005
+TURN = (0.0, 0.0, 0.6, 0.8)
+
+
+def decode(ros: Any, message: Any, topic: str = "/topic") -> Any:
+    (decoded,) = decoder_for(ros.channel(topic, message.__msgtype__))(ros.serialise(message))  # type: ignore[misc]
+    return decoded
+
+
+def test_pose_stamped(ros: Any) -> None:
+    message = ros.type("geometry_msgs/msg/PoseStamped")(ros.header(T_NS, "/map"), ros.pose((1.0, 2.0, 3.0), TURN))
+    pose = decode(ros, message)
+    assert isinstance(pose, Pose)
+    assert (pose.stamp_ns, pose.frame_id, pose.child_frame_id) == (T_NS, "map", "")
+    assert pose.position_m.tolist() == [1, 2, 3]
+    assert pose.quat_xyzw.tolist() == list(TURN)
+
+
+def test_pose_with_covariance(ros: Any) -> None:
+    inner = ros.type("geometry_msgs/msg/PoseWithCovariance")(ros.pose((1.0, 2.0, 3.0), TURN), np.zeros(36))
+    pose = decode(ros, ros.type("geometry_msgs/msg/PoseWithCovarianceStamped")(ros.header(T_NS), inner))
+    assert pose.position_m.tolist() == [1, 2, 3]
+
+
+def test_a_zero_quaternion_is_no_rotation_and_a_long_one_is_shortened(ros: Any) -> None:
+    kind = ros.type("geometry_msgs/msg/PoseStamped")
+    zero = decode(ros, kind(ros.header(T_NS), ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))))
+    assert zero.quat_xyzw.tolist() == [0, 0, 0, 1]
+    long = decode(ros, kind(ros.header(T_NS), ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0))))
+    assert long.quat_xyzw.tolist() == [0, 0, 0, 1]
+    with pytest.raises(DecodeError, match="not finite"):
+        decode(ros, kind(ros.header(T_NS), ros.pose((0.0, 0.0, 0.0), (np.nan, 0.0, 0.0, 1.0))))
+
+
+def transform(ros: Any, parent: str, child: str, t_ns: int = T_NS) -> Any:
+    quaternion = ros.type("geometry_msgs/msg/Quaternion")(*TURN)
+    inner = ros.type("geometry_msgs/msg/Transform")(ros.vector(1.0, 2.0, 3.0), quaternion)
+    return ros.type("geometry_msgs/msg/TransformStamped")(ros.header(t_ns, parent), child, inner)
+
+
+def test_transform_stamped(ros: Any) -> None:
+    pose = decode(ros, transform(ros, "odom", "/base"))
+    assert (pose.frame_id, pose.child_frame_id) == ("odom", "base")
+    assert pose.position_m.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("topic", "static"), [("/tf", False), ("/tf_static", True), ("/robot/tf_static", True)])
+def test_tf(both_ros: Any, topic: str, static: bool) -> None:
+    ros = both_ros.cdr
+    kind = ros.type("tf2_msgs/msg/TFMessage")
+    message = kind([transform(ros, "map", "odom", 5), transform(ros, "odom", "base", 7)])
+    decoded = decode(ros, message, topic)
+    assert isinstance(decoded, Transforms)
+    assert decoded.static is static
+    assert decoded.stamp_ns == 5
+    assert [each.child_frame_id for each in decoded.transforms] == ["odom", "base"]
+    assert decode(ros, kind([]), topic).stamp_ns is None
+
+
+def test_odometry(ros: Any) -> None:
+    pose = ros.type("geometry_msgs/msg/PoseWithCovariance")(ros.pose((1.0, 2.0, 3.0), TURN), np.zeros(36))
+    velocity = ros.type("geometry_msgs/msg/Twist")(ros.vector(0.5, 0.1, 0.0), ros.vector(0.0, 0.0, 0.2))
+    twist = ros.type("geometry_msgs/msg/TwistWithCovariance")(velocity, np.zeros(36))
+    odometry = decode(ros, ros.type("nav_msgs/msg/Odometry")(ros.header(T_NS, "odom"), "base", pose, twist))
+    assert isinstance(odometry, Odometry)
+    assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base")
+    assert odometry.position_m.tolist() == [1, 2, 3]
+    assert odometry.linear_mps.tolist() == [0.5, 0.1, 0]
+    assert odometry.angular_radps.tolist() == [0, 0, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "first_covariance", "oriented"),
+    [(TURN, 0.01, True), (TURN, -1.0, False), ((0.0, 0.0, 0.0, 0.0), 0.0, False)],
+)
+def test_imu(ros: Any, quaternion: tuple[float, ...], first_covariance: float, oriented: bool) -> None:
+    covariance = np.array([first_covariance, *np.zeros(8)])
+    message = ros.type("sensor_msgs/msg/Imu")(
+        ros.header(T_NS, "imu"),
+        ros.type("geometry_msgs/msg/Quaternion")(*quaternion),
+        covariance,
+        ros.vector(0.1, 0.2, 0.3),
+        np.zeros(9),
+        ros.vector(0.0, 0.0, 9.81),
+        np.zeros(9),
+    )
+    imu = decode(ros, message)
+    assert isinstance(imu, Imu)
+    assert (imu.quat_xyzw is not None) is oriented
+    assert imu.angular_radps.tolist() == [0.1, 0.2, 0.3]
+    assert imu.linear_mps2.tolist() == [0, 0, 9.81]

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.streams import gather
+
+S = 10**9
+T0 = 1_700_000_000 * S
+
+
+def test_series_of_each_role(log: Any) -> None:
+    for i in range(5):
+        log.add("/odom", T0 + i * S, log.ros.odometry(T0 + i * S, float(i)))
+        log.add("/uwb/n_0/n_2", T0 + i * S, log.ros.range(T0 + i * S + 5, 1.0 + i))
+    streams = gather(Recording(log.container), odometry="/odom", uwb=["/uwb/n_0/n_2"])
+    assert streams.odometry is not None
+    assert streams.odometry.t_ns.tolist() == [T0 + i * S for i in range(5)]
+    assert streams.odometry.position_m[:, 0].tolist() == [0, 1, 2, 3, 4]
+    assert (streams.odometry.frame_id, streams.odometry.child_frame_id) == ("odom", "base_link")
+    assert streams.odometry_linear_mps is not None
+    assert streams.odometry_linear_mps.tolist() == [[0.5, 0, 0]] * 5
+    assert streams.odometry_angular_radps is not None
+    assert streams.odometry_angular_radps[:, 2].tolist() == [0.25] * 5
+    assert streams.ranges is not None
+    assert streams.ranges.tag.tolist() == [0] * 5
+    assert streams.ranges.anchor.tolist() == [2] * 5
+    assert streams.ranges.range_m.tolist() == [1, 2, 3, 4, 5]
+    assert streams.reference is None
+    assert streams.imu is None
+    assert streams.warnings == []
+
+
+def test_stamps_that_do_not_increase_are_dropped_and_counted(log: Any) -> None:
+    for i, stamp in enumerate([1, 3, 2, 3, 4]):
+        log.add("/odom", T0 + i, log.ros.odometry(T0 + stamp, float(i)))
+    streams = gather(Recording(log.container), odometry="/odom")
+    assert streams.odometry is not None
+    assert (streams.odometry.t_ns - T0).tolist() == [1, 3, 4]
+    assert streams.odometry.position_m[:, 0].tolist() == [0, 1, 4]
+    assert streams.warnings == ["/odom: 2 of 5 stamps do not increase; those messages are dropped"]
+
+
+def test_ranges_are_sorted_by_time(log: Any) -> None:
+    for i, stamp in enumerate([2, 1, 3]):
+        log.add("/uwb/n_0/n_2", T0 + i, log.ros.range(T0 + stamp, float(stamp)))
+    streams = gather(Recording(log.container), uwb=["/uwb/n_0/n_2"])
+    assert streams.ranges is not None
+    assert streams.ranges.range_m.tolist() == [1, 2, 3]
+
+
+def test_ranges_without_ids_are_left_out_and_counted(log: Any) -> None:
+    log.add("/sonar", T0, log.ros.range(T0, 1.0))
+    streams = gather(Recording(log.container), uwb=["/sonar"])
+    assert streams.ranges is None
+    assert "uwb.range_topics" in streams.warnings[0]
+
+
+def test_static_transforms_count_from_before_the_window(log: Any) -> None:
+    still = (0.0, 0.0, 0.0, 1.0)
+    log.add("/tf_static", T0, log.ros.tf(log.ros.transform(T0, "base_link", "lidar", (0.0, 0.0, 0.4), still)))
+    for i in range(10):
+        log.add("/tf", T0 + i * S, log.ros.tf(log.ros.transform(T0 + i * S, "map", "base_link", (i, 0.0, 0.0), still)))
+    topics = ["/tf", "/tf_static"]
+    streams = gather(Recording(log.container), tf=topics, start_ns=T0 + 5 * S, end_ns=T0 + 8 * S)
+    transform = streams.tf.static_transform("lidar", "base_link")
+    assert transform is not None
+    assert transform[2, 3] == pytest.approx(0.4)
+    series = streams.tf.pose_series("lidar", "map")
+    assert series is not None
+    assert series.position_m[:, 0].tolist() == [5, 6, 7]
+    np.testing.assert_allclose(series.position_m[:, 2], 0.4)

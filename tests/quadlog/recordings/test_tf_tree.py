@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.geometry import invert_transform, transform_from_quat
+from quadlog.messages import Float, Pose
+from quadlog.recordings.tf_tree import TransformTree
+
+
+def pose(parent: str, child: str, xyz: tuple[float, ...], yaw_rad: float = 0.0) -> Pose:
+    quaternion = np.array([0, 0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
+    return Pose(0, parent, child, np.array(xyz, float), quaternion)
+
+
+def matrix(each: Pose) -> Float:
+    return transform_from_quat(each.position_m, each.quat_xyzw)
+
+
+def test_static_chains_compose_both_ways() -> None:
+    mast = pose("base_link", "mast", (0.2, 0.0, 0.5), 0.3)
+    lidar = pose("mast", "lidar", (0.0, 0.1, 0.2), -1.0)
+    tree = TransformTree()
+    tree.add(0, mast, static=True)
+    tree.add(0, lidar, static=True)
+    expected = matrix(mast) @ matrix(lidar)
+    np.testing.assert_allclose(tree.static_transform("lidar", "base_link"), expected, atol=1e-12)  # type: ignore[arg-type]
+    np.testing.assert_allclose(tree.static_transform("base_link", "lidar"), invert_transform(expected), atol=1e-12)  # type: ignore[arg-type]
+    assert tree.base_frame() == "base_link"
+    assert tree.base_frame("lidar") == "lidar"
+    assert tree.base_frame("nothing") is None
+
+
+def test_frames_that_do_not_connect_have_no_transform() -> None:
+    tree = TransformTree()
+    tree.add(0, pose("base_link", "imu", (0, 0, 0)), static=True)
+    tree.add(0, pose("other", "lidar", (0, 0, 0)), static=True)
+    tree.add(5, pose("base_link", "other", (0, 0, 0)), static=False)
+    assert tree.static_transform("lidar", "base_link") is None
+    assert tree.static_transform("lidar", "unknown") is None
+    assert tree.pose_series("imu", "map") is None
+
+
+def test_moving_chain_at_the_times_of_its_busiest_part() -> None:
+    """map->odom at 1 Hz, odom->base at 10 Hz, base->body static: compared with matrices, interpolated by hand."""
+    tree = TransformTree()
+    for i in range(4):
+        tree.add(i * 10**9, pose("map", "odom", (float(i), 0.0, 0.0), 0.1 * i), static=False)
+    for i in range(25):
+        tree.add(i * 10**8, pose("odom", "base", (0.0, 0.1 * i, 0.0), 0.02 * i), static=False)
+    mount = pose("base", "body", (0.0, 0.0, 0.3), 0.5)
+    tree.add(0, mount, static=True)
+    series = tree.pose_series("body", "map")
+    assert series is not None
+    assert series.t_ns.tolist() == [i * 10**8 for i in range(25)]
+    assert (series.frame_id, series.child_frame_id) == ("map", "body")
+    for i in range(25):
+        to_map = matrix(pose("map", "odom", (0.1 * i, 0.0, 0.0), 0.01 * i))
+        expected = to_map @ matrix(pose("odom", "base", (0.0, 0.1 * i, 0.0), 0.02 * i)) @ matrix(mount)
+        np.testing.assert_allclose(series.position_m[i], expected[:3, 3], atol=1e-9)
+        turn = Rotation.from_quat(series.quat_xyzw[i]).as_matrix()
+        np.testing.assert_allclose(turn, expected[:3, :3], atol=1e-9)
+
+
+def test_the_inverse_direction() -> None:
+    tree = TransformTree()
+    tree.add(7, pose("map", "base", (1.0, 2.0, 0.0), 0.5), static=False)
+    series = tree.pose_series("map", "base")
+    assert series is not None
+    expected = invert_transform(matrix(pose("map", "base", (1.0, 2.0, 0.0), 0.5)))
+    np.testing.assert_allclose(series.position_m[0], expected[:3, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("stamps", [[3, 1, 2, 2], [1, 2, 3, 3]])
+def test_times_increase_strictly(stamps: list[int]) -> None:
+    tree = TransformTree()
+    for t_ns in stamps:
+        tree.add(t_ns, pose("map", "base", (float(t_ns), 0.0, 0.0)), static=False)
+    series = tree.pose_series("base", "map")
+    assert series is not None
+    assert series.t_ns.tolist() == [1, 2, 3]
+    assert series.position_m[:, 0].tolist() == [1, 2, 3]
