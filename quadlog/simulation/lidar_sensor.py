@@ -1,0 +1,150 @@
+"""A spinning 16-beam lidar: one sweep of ray casts, each ray from where the robot is at that ray's own instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.geometry import seconds_since
+from quadlog.messages import Float, Int, PointCloud
+from quadlog.simulation.pedestrian import part_centres, ray_ranges
+from quadlog.simulation.scene import GROUND, NOTHING, RayCaster
+from quadlog.simulation.walk import Walk
+
+
+class PointClass(IntEnum):
+    """What a point really is."""
+
+    GROUND = 0
+    OBSTACLE = 1
+    PERSON = 2
+    PASSER_BY = 3
+    FALSE = 4
+
+
+REFLECTIVITY = {
+    PointClass.GROUND: 18.0,
+    PointClass.OBSTACLE: 60.0,
+    PointClass.PERSON: 35.0,
+    PointClass.PASSER_BY: 30.0,
+    PointClass.FALSE: 2.0,
+}
+"""Intensity of a return, 0 to 255; a false point is weak."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lidar:
+    """Beams from -15 to +15 degrees, 10 Hz, clockwise from the back [Following, Fig. 4]; the rest as in a VLP-16."""
+
+    azimuth_steps: int = 1875
+    beams: int = 16
+    half_view_rad: float = float(np.deg2rad(15.0))
+    sweep_ns: int = 100_000_000
+    min_range_m: float = 0.3
+    max_range_m: float = 100.0
+    resolution_m: float = 0.002
+    range_std_m: float = 0.02
+    dropout_share: float = 0.01
+    false_share: float = 0.007
+    false_range_m: float = 30.0
+
+    def directions(self) -> Float:
+        """(steps * beams, 3) unit vectors in lidar, in firing order: all beams of a step, lowest first."""
+        azimuth_rad = np.repeat(np.pi - 2 * np.pi * np.arange(self.azimuth_steps) / self.azimuth_steps, self.beams)
+        elevation_rad = np.tile(np.linspace(-self.half_view_rad, self.half_view_rad, self.beams), self.azimuth_steps)
+        flat = np.cos(elevation_rad)
+        return np.column_stack([flat * np.cos(azimuth_rad), flat * np.sin(azimuth_rad), np.sin(elevation_rad)])
+
+    def step_offsets_ns(self) -> Int:
+        """(steps,) firing times relative to the sweep's start."""
+        return np.arange(self.azimuth_steps, dtype=np.int64) * self.sweep_ns // self.azimuth_steps
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One sweep as it is recorded, and what each of its N points really is.
+
+    cloud: see PointCloud, in lidar at each point's own instant; intensity: (N,) float32.
+    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points.
+    """
+
+    cloud: PointCloud
+    intensity: NDArray[np.float32]
+    point_class: NDArray[np.uint8]
+    range_m: Float
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What a sweep meets: what stands, who carries the sensor, who walks in front of it."""
+
+    caster: RayCaster
+    robot: Walk
+    person: Walk
+    passer_by: Walk
+    transform_lidar_to_base: Float
+
+
+def sweep(lidar: Lidar, world: World, start_ns: int, stamp_ns: int, rng: np.random.Generator) -> Scan:
+    """The sweep that starts at stamp_ns, in a world whose walks start at start_ns.
+
+    Rays without a return are left out, as drivers do.
+    """
+    offset_ns = lidar.step_offsets_ns()
+    t_s = seconds_since(stamp_ns + offset_ns, start_ns)
+    directions = lidar.directions()
+    range_m, point_class = _true_returns(lidar, world, t_s, directions)
+    measured_m = range_m + rng.normal(0.0, lidar.range_std_m, len(range_m))
+    lost = rng.random(len(range_m)) < lidar.dropout_share
+    false = rng.random(len(range_m)) < lidar.false_share
+    false_m = rng.uniform(lidar.min_range_m, lidar.false_range_m, len(range_m))
+    measured_m = np.where(false, false_m, measured_m)
+    measured_m = np.round(measured_m / lidar.resolution_m) * lidar.resolution_m
+
+    kept = np.isfinite(range_m) & ~lost & (measured_m >= lidar.min_range_m) & (measured_m <= lidar.max_range_m)
+    point_class = np.where(false, np.uint8(PointClass.FALSE), point_class)[kept]
+    intensity = np.array([REFLECTIVITY[each] for each in PointClass], dtype=np.float32)[point_class]
+    ring = np.tile(np.arange(lidar.beams, dtype=np.uint16), lidar.azimuth_steps)
+    cloud = PointCloud(
+        stamp_ns=stamp_ns,
+        frame_id="lidar",
+        xyz_m=(directions[kept] * measured_m[kept, None]).astype(np.float32),
+        ring=ring[kept],
+        offset_ns=np.repeat(offset_ns, lidar.beams)[kept],
+    )
+    return Scan(cloud, intensity, point_class, np.where(false, np.nan, range_m)[kept])
+
+
+def _true_returns(lidar: Lidar, world: World, t_s: Float, directions: Float) -> tuple[Float, NDArray[np.uint8]]:
+    """Range (rays,), inf without a return, and class (rays,) of every ray of a sweep without noise."""
+    origins_m, directions_map = _rays_in_map(world, t_s, directions, lidar.beams)
+    hits = world.caster.cast(origins_m, directions_map)
+    range_m = np.where(hits.what == NOTHING, np.inf, hits.range_m)
+    point_class = np.where(hits.what == GROUND, PointClass.GROUND, PointClass.OBSTACLE).astype(np.uint8)
+    for walk, own_class in ((world.person, PointClass.PERSON), (world.passer_by, PointClass.PASSER_BY)):
+        centres_m = np.repeat(part_centres(walk, t_s), lidar.beams, axis=0)
+        body_m = ray_ranges(origins_m, directions_map, centres_m)
+        point_class[body_m < range_m] = own_class
+        range_m = np.minimum(range_m, body_m)
+    return np.where(range_m <= lidar.max_range_m, range_m, np.inf), point_class
+
+
+def _rays_in_map(world: World, t_s: Float, directions: Float, beams: int) -> tuple[Float, Float]:
+    """Origins and directions (rays, 3) in map; the beams of a step share its instant."""
+    motion = world.robot.at(t_s)
+    in_base = directions @ world.transform_lidar_to_base[:3, :3].T
+    mount_m = world.transform_lidar_to_base[:3, 3]
+    cos, sin = np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)
+    origins_m = np.column_stack(
+        [
+            motion.position_m[:, 0] + cos * mount_m[0] - sin * mount_m[1],
+            motion.position_m[:, 1] + sin * mount_m[0] + cos * mount_m[1],
+            np.full(len(t_s), mount_m[2]),
+        ]
+    )
+    cos, sin = np.repeat(cos, beams), np.repeat(sin, beams)
+    turned = [cos * in_base[:, 0] - sin * in_base[:, 1], sin * in_base[:, 0] + cos * in_base[:, 1], in_base[:, 2]]
+    return np.repeat(origins_m, beams, axis=0), np.column_stack(turned)

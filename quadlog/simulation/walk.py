@@ -1,0 +1,96 @@
+"""Walks: a smooth closed route through a site, and somebody going along it at a gently changing speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from quadlog.geometry import wrap_angle
+from quadlog.messages import Float
+
+_TABLE_STEP_M = 0.01
+
+
+class Motion(NamedTuple):
+    """N instants: position_m (N, 2) and yaw (N,) in map; speed and acceleration (N,) along it, yaw rate (N,)."""
+
+    position_m: Float
+    yaw_rad: Float
+    speed_mps: Float
+    acceleration_mps2: Float
+    yaw_rate_radps: Float
+
+
+class Walk(Protocol):
+    """Anything whose motion is known at every instant."""
+
+    def at(self, t_s: Float) -> Motion:
+        """The motion at t_s (N,), seconds since the recording's start."""
+        ...
+
+
+class Route:
+    """A closed curve with continuous curvature through waypoints (K, 2), parametrised by distance walked."""
+
+    def __init__(self, waypoints_m: Float) -> None:
+        closed_m = np.concatenate([waypoints_m, waypoints_m[:1]])
+        chord_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed_m, axis=0), axis=1))])
+        self._curve = CubicSpline(chord_m, closed_m, bc_type="periodic")
+        parameter = np.linspace(0.0, chord_m[-1], int(np.ceil(chord_m[-1] / _TABLE_STEP_M)) + 1)
+        middle = (parameter[1:] + parameter[:-1]) / 2
+        pace = [np.linalg.norm(self._curve(u, 1), axis=1) for u in (parameter[:-1], middle, parameter[1:])]
+        # Simpson's rule on every step of the table.
+        steps_m = np.diff(parameter) * (pace[0] + 4 * pace[1] + pace[2]) / 6
+        distance_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        self.length_m = float(distance_m[-1])
+        self._parameter = CubicSpline(distance_m, parameter)
+
+    def at(self, distance_m: Float) -> tuple[Float, Float, Float]:
+        """Position (N, 2), heading (N,) and curvature (N,) in 1/m, left positive, after distance_m (N,)."""
+        parameter = self._parameter(np.asarray(distance_m) % self.length_m)
+        first, second = self._curve(parameter, 1), self._curve(parameter, 2)
+        curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / np.linalg.norm(first, axis=1) ** 3
+        return self._curve(parameter), np.arctan2(first[:, 1], first[:, 0]), curvature
+
+
+@dataclass(frozen=True, slots=True)
+class RouteWalk:
+    """Along a route from start_m at mean speed; the distance sways by sway_m about the even walk every period_s."""
+
+    route: Route
+    start_m: float
+    speed_mps: float
+    sway_m: float
+    period_s: float
+
+    def at(self, t_s: Float) -> Motion:
+        """See Walk."""
+        rate = 2 * np.pi / self.period_s
+        distance_m = self.start_m + self.speed_mps * t_s + self.sway_m * np.sin(rate * t_s)
+        speed_mps = self.speed_mps + self.sway_m * rate * np.cos(rate * t_s)
+        position_m, yaw_rad, curvature = self.route.at(distance_m)
+        acceleration_mps2 = -self.sway_m * rate**2 * np.sin(rate * t_s)
+        return Motion(position_m, wrap_angle(yaw_rad), speed_mps, acceleration_mps2, curvature * speed_mps)
+
+
+@dataclass(frozen=True, slots=True)
+class PacingWalk:
+    """Up and down a straight line between two points of map, once in period_s, always facing the second."""
+
+    from_m: tuple[float, float]
+    to_m: tuple[float, float]
+    period_s: float
+
+    def at(self, t_s: Float) -> Motion:
+        """See Walk."""
+        rate = 2 * np.pi / self.period_s
+        ends_m = np.array([self.from_m, self.to_m])
+        along_m = ends_m[1] - ends_m[0]
+        half_m = float(np.linalg.norm(along_m)) / 2
+        position_m = ends_m.mean(axis=0) - np.cos(rate * t_s)[:, None] * along_m / 2
+        yaw_rad = np.full(len(t_s), np.arctan2(along_m[1], along_m[0]))
+        speed_mps = half_m * rate * np.sin(rate * t_s)
+        return Motion(position_m, yaw_rad, speed_mps, half_m * rate**2 * np.cos(rate * t_s), np.zeros(len(t_s)))

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from quadlog.cli.main import run
+from quadlog.cli.synthesize import command
+from quadlog.simulation.recording_writer import WRITERS
+
+SMALL = ["--duration", "0.2", "--azimuth-steps", "16"]
+
+
+def test_writes_a_recording_and_says_what_is_in_it(tmp_path, capsys):
+    path = tmp_path / "walk.mcap"
+    assert run(["synthesize", "follow", "-o", str(path), *SMALL]) == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].startswith(f"{path}: ")
+    assert "/lidar/points  2" in out
+    assert path.exists()
+
+
+def test_refuses_to_overwrite_in_one_line(tmp_path, capsys):
+    path = tmp_path / "walk.mcap"
+    path.touch()
+    assert run(["synthesize", "follow", "-o", str(path), *SMALL]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--force" in error
+    assert run(["synthesize", "follow", "-o", str(path), *SMALL, "--force"]) == 0
+
+
+def test_usage_errors_exit_with_2(tmp_path, capsys):
+    path = str(tmp_path / "walk.mcap")
+    assert run(["synthesize", "moon", "-o", path]) == 2
+    assert run(["synthesize", "follow"]) == 2
+    assert run(["synthesize", "follow", "-o", path, "--duration", "-1"]) == 2
+    assert run(["synthesize", "follow", "-o", path, "--azimuth-steps", "999999"]) == 2
+    assert run(["synthesize", "follow", "-o", str(tmp_path / "walk.txt"), *SMALL]) == 2
+    assert run(["synthesize", "follow", "-o", path, "--format", "bag", *SMALL]) == 2
+    capsys.readouterr()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_formats_offered_are_those_there_are():
+    (formats,) = [each.type.choices for each in command.params if each.name == "container"]
+    assert list(formats) == list(WRITERS)
+
+
+def test_help_imports_nothing_heavy():
+    program = (
+        "import sys, quadlog.cli.synthesize\n"
+        "heavy = {'numpy', 'scipy', 'open3d', 'mcap', 'rosbags', 'pydantic'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)

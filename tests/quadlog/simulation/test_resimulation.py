@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from quadlog.errors import TooLarge
+from quadlog.mapping.window import window_around
+from quadlog.planning.registry import make_planner
+from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+
+START_NS = 1_700_000_000_000_000_000
+CONTROL_COLUMNS = {
+    "t_ns", "x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps",
+    "ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "lookahead_m", "k_v", "k_w",
+    "cmd_v_mps", "cmd_yaw_rate_radps", "fallen",
+}  # fmt: skip
+
+
+def instants(count, period_s=0.1, centre=(0.0, 0.0), wall=False, size=200):
+    for i in range(count):
+        window = window_around(np.array(centre, dtype=float), 0.1, size)
+        occupied = np.zeros(window.shape, dtype=bool)
+        if wall:
+            col, row = window.cell_of(np.array([2.0, 0.0]))
+            occupied[row - 10 : row + 10, col] = True
+        yield MapInstant(START_NS + round(i * period_s * 1e9), window, occupied)
+
+
+def fixed(x, y):
+    return lambda t_ns: np.tile([x, y], (len(t_ns), 1)).astype(float)
+
+
+def run(maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, **settings):
+    replanner = Replanner(make_planner(planner), ReplanSettings(stop_short_m=stop_short_m))
+    return resimulate(maps, target, np.array(pose), replanner, PursuitSettings(**settings))
+
+
+@pytest.mark.parametrize("planner", ["astar", "ia_star"])
+def test_walks_to_a_metre_from_a_standing_person(planner):
+    walk = run(instants(100), fixed(4.0, 1.0), planner)
+    control = walk.control
+    assert set(control) == CONTROL_COLUMNS
+    assert {len(column) for column in control.values()} == {496}
+    assert control["t_ns"][0] == START_NS
+    assert control["t_ns"][-1] == START_NS + 9_900_000_000
+    assert (np.diff(control["t_ns"]) == 20_000_000).all()
+    assert walk.target_distance_m[0] == pytest.approx(np.hypot(4, 1))
+    assert walk.target_distance_m[-1] == pytest.approx(1.0, abs=0.07)
+    assert walk.target_distance_m.min() > 0.9
+    assert len(walk.plans) == 100
+    assert [plan.t_ns for plan in walk.plans[:2]] == [START_NS, START_NS + 100_000_000]
+    assert walk.outside_ticks == walk.outside_replans == 0
+
+
+def test_plans_start_where_the_simulated_robot_is():
+    walk = run(instants(40), fixed(4.0, 1.0))
+    at_replans = slice(0, None, 5)
+    np.testing.assert_allclose([p.start_x_m for p in walk.plans], walk.control["x_m"][at_replans])
+    np.testing.assert_allclose([p.start_y_m for p in walk.plans], walk.control["y_m"][at_replans])
+    np.testing.assert_allclose(walk.control["error_m"][at_replans], 0.0, atol=1e-9)
+
+
+def test_speed_and_yaw_rate_are_those_of_the_walked_track():
+    walk = run(instants(30), fixed(3.0, 3.0))
+    control = walk.control
+    step_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
+    np.testing.assert_allclose(step_m, control["vx_mps"][:-1] * 0.02, rtol=1e-3, atol=1e-9)
+    turned = np.diff(np.unwrap(control["yaw_rad"]))
+    np.testing.assert_allclose(turned, control["yaw_rate_radps"][:-1] * 0.02, atol=1e-9)
+
+
+def test_errors_are_what_they_say():
+    """One plan only, so that the reference is a known line and the robot starts across it."""
+    walk = run(instants(1), fixed(5.0, 0.0), stop_short_m=0.0)
+    assert len(walk.control["t_ns"]) == 1
+    long = [next(instants(1)), dataclasses.replace(next(instants(1)), t_ns=START_NS + 4_000_000_000)]
+    walk = run(long, fixed(5.0, 0.0), pose=(0.0, 0.0, 1.0), stop_short_m=0.0)
+    control, before = walk.control, slice(0, 200)
+    (first, _) = walk.paths
+    line_m = first.smooth_xy_m
+    for k in (0, 50, 150):
+        here = np.array([control["x_m"][k], control["y_m"][k]])
+        dense = np.concatenate([a + np.linspace(0, 1, 500)[:, None] * (b - a) for a, b in pairwise(line_m)])
+        nearest = np.hypot(*(dense - here).T)
+        assert control["error_m"][k] == pytest.approx(nearest.min(), abs=1e-3)
+        np.testing.assert_allclose([control["ref_x_m"][k], control["ref_y_m"][k]], dense[nearest.argmin()], atol=1e-3)
+        walked = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(dense, axis=0).T))])
+        reference = dense[np.searchsorted(walked, 0.6 * 0.02 * k)]
+        assert control["time_error_m"][k] == pytest.approx(np.hypot(*(reference - here)), abs=2e-3)
+    # It sets out to the left of the line, and looks left of it.
+    assert (control["cross_track_m"][5:50] > 0).all()
+    assert control["heading_error_rad"][0] == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_array_equal(np.abs(control["cross_track_m"][before]), control["error_m"][before])
+
+
+def test_walks_round_a_wall_with_clearance():
+    walk = run(instants(150, wall=True), fixed(5.0, 0.0), lookahead_m=0.5)
+    assert walk.target_distance_m[-1] < 1.2
+    assert walk.clearance_m.min() > 0.0
+    assert walk.clearance_m.min() < 0.3
+    assert np.abs(walk.control["y_m"]).max() > 1.0
+
+
+def test_outside_the_window_it_holds_its_last_plan_and_counts():
+    """The recorded window stays where it was while the robot walks on towards a far target."""
+    near = list(instants(60, size=30))
+    walk = run(near, fixed(30.0, 0.0))
+    inside = list(instants(60, size=31, centre=(50.0, 0.0)))
+    jumped = [near[0], *inside[1:]]
+    held = run(jumped, fixed(30.0, 0.0))
+    assert walk.outside_ticks == 0
+    assert len(held.plans) == 1
+    assert held.outside_replans == 59
+    assert held.outside_ticks == len(held.control["t_ns"]) - 5
+    assert np.isnan(held.clearance_m[5:]).all()
+    # Its one plan ends on the first window's margin.
+    assert held.control["x_m"][-1] == pytest.approx(1.45, abs=0.1)
+
+
+def test_without_any_target_it_stands_and_has_no_error():
+    walk = run(instants(10), fixed(np.nan, np.nan))
+    assert walk.plans == []
+    assert (walk.control["x_m"] == 0).all()
+    assert np.isnan(walk.control["error_m"]).all()
+    assert np.isnan(walk.control["ref_x_m"]).all()
+
+
+def test_walled_in_it_stands_and_the_replan_failed():
+    maps = list(instants(5))
+    for each in maps:
+        each.occupied[:] = True
+    walk = run(maps, fixed(4.0, 0.0))
+    assert [plan.found for plan in walk.plans] == [False] * 5
+    assert walk.paths == []
+    assert (walk.control["cmd_v_mps"] == 0).all()
+
+
+def test_uneven_and_equal_instants_lose_no_tick():
+    maps = list(instants(6))
+    times_s = [0.0, 0.013, 0.013, 0.05, 0.051, 0.3]
+    maps = [dataclasses.replace(m, t_ns=START_NS + round(t * 1e9)) for m, t in zip(maps, times_s, strict=True)]
+    walk = run(maps, fixed(4.0, 0.0), rate_hz=30.0)
+    assert len(walk.plans) == 6
+    np.testing.assert_array_equal(walk.control["t_ns"] - START_NS, np.rint(np.arange(10) * 1e9 / 30))
+
+
+def test_the_same_input_gives_the_same_walk():
+    first, second = (run(instants(30, wall=True), fixed(4.0, 1.0)) for _ in range(2))
+    for name, column in first.control.items():
+        np.testing.assert_array_equal(column, second.control[name])
+    for ours, theirs in zip(first.plans, second.plans, strict=True):
+        assert dataclasses.replace(ours, us=0.0) == dataclasses.replace(theirs, us=0.0)
+
+
+def test_no_maps_no_walk():
+    walk = run([], fixed(4.0, 0.0))
+    assert len(walk.control["t_ns"]) == 0
+    assert walk.plans == []
+
+
+def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
+    (first,) = instants(1)
+    with pytest.raises(TooLarge, match="ticks"):
+        run([first, dataclasses.replace(first, t_ns=START_NS + 10**18)], fixed(4.0, 0.0))
+    with pytest.raises(ValueError, match="order"):
+        run([first, dataclasses.replace(first, t_ns=START_NS - 1), first], fixed(4.0, 0.0))
