@@ -1,0 +1,97 @@
+"""A scan with the class of every point: what every method returns, and the steps all of them share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from quadlog.lidar.ground import Ground
+from quadlog.lidar.points import PointClass, in_field_of_view, valid_points
+from quadlog.messages import Float
+
+
+@dataclass(frozen=True, slots=True)
+class ClassifiedScan:
+    """Every point of a scan in base, with its class.
+
+    xyz_base_m: (N, 3) float64, NaN where the point is invalid.
+    label: (N,) uint8 of PointClass.
+    ground: the plane found, its inliers counted over all N points, or None.
+    """
+
+    xyz_base_m: Float
+    label: NDArray[np.uint8]
+    ground: Ground | None
+
+    @property
+    def n_raw(self) -> int:
+        """Points as they came."""
+        return len(self.label)
+
+    @property
+    def n_valid(self) -> int:
+        """Points that are finite, not (0, 0, 0) and in range, cropped ones included."""
+        return self.n_raw - self._count(PointClass.INVALID)
+
+    @property
+    def n_outlier(self) -> int:
+        """Points without neighbours."""
+        return self._count(PointClass.OUTLIER)
+
+    @property
+    def n_ground(self) -> int:
+        """Points on the ground."""
+        return self._count(PointClass.GROUND)
+
+    @property
+    def n_obstacle(self) -> int:
+        """Points that are left."""
+        return self._count(PointClass.OBSTACLE)
+
+    def of_class(self, wanted: PointClass) -> Float:
+        """The points (M, 3) of one class, in base."""
+        points: Float = self.xyz_base_m[self.label == wanted]
+        return points
+
+    def _count(self, wanted: PointClass) -> int:
+        return int(np.count_nonzero(self.label == wanted))
+
+
+def cropped_to_base(
+    xyz_lidar_m: Float,
+    transform_lidar_to_base: Float,
+    min_range_m: float,
+    max_range_m: float,
+    field_of_view_deg: float,
+) -> tuple[Float, NDArray[np.uint8]]:
+    """Points (N, 3) moved to base, NaN where invalid, and (N,) labels INVALID, CROPPED, or OBSTACLE for the rest.
+
+    OBSTACLE is what a point is until a filter says otherwise: whatever no
+    filter explains must end in the map.
+    """
+    valid = valid_points(xyz_lidar_m, min_range_m, max_range_m)
+    xyz_base_m = _transformed(xyz_lidar_m, valid, np.asarray(transform_lidar_to_base, dtype=np.float64))
+    label = np.full(len(xyz_lidar_m), PointClass.OBSTACLE, dtype=np.uint8)
+    # An invalid point's azimuth is NaN and lies in no field of view: it is labelled last.
+    label[~in_field_of_view(xyz_base_m, field_of_view_deg)] = PointClass.CROPPED
+    label[~valid] = PointClass.INVALID
+    return xyz_base_m, label
+
+
+@njit(cache=True)
+def _transformed(xyz_m: Float, wanted: NDArray[np.bool_], transform: Float) -> Float:
+    # Compiled, because picking rows out, moving them and putting them back costs ten times as much in numpy.
+    moved = np.full((len(xyz_m), 3), np.nan)
+    for i in range(len(xyz_m)):
+        if wanted[i]:
+            for row in range(3):
+                moved[i, row] = (
+                    transform[row, 0] * xyz_m[i, 0]
+                    + transform[row, 1] * xyz_m[i, 1]
+                    + transform[row, 2] * xyz_m[i, 2]
+                    + transform[row, 3]
+                )
+    return moved

@@ -1,0 +1,132 @@
+"""The cell to plan to when the goal itself cannot be planned to. [Planning]"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from quadlog.mapping.occupancy import Grid
+from quadlog.mapping.window import Window
+from quadlog.messages import Float, Int
+
+Cell = tuple[int, int]
+
+
+class Projection(NamedTuple):
+    """The cell (col, row) to plan to, and whether it is another one than the goal's own."""
+
+    cell: Cell
+    projected: bool
+
+
+def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
+    """The cell that stands for the goal (2,) in map, always one the robot can get to. [Planning, section 1.2]
+
+    - A goal in the window, on a cell that can be reached, is its own cell.
+    - Beyond the window, the line from the robot to the goal crosses its margin
+      in a cell; from there the margin is walked both ways to the nearest cell
+      that can be reached.
+    - Else, and where no cell of the margin can be reached, it is the
+      reachable cell nearest to the goal's, or to that of the crossing.
+    Ties go to the counter-clockwise side of the margin, else to the lower row, then column.
+    None when the start lies outside the window or is blocked, or the goal is not finite.
+    """
+    if not np.isfinite(goal_xy_m).all() or not window.contains(np.array(start_cell)):
+        return None
+    if blocked[start_cell[1], start_cell[0]]:
+        return None
+    reachable = reachable_cells(blocked, start_cell)
+    goal_cell = _as_cell(window.cell_of(goal_xy_m))
+    if window.contains(np.array(goal_cell)):
+        if reachable[goal_cell[1], goal_cell[0]]:
+            return Projection(goal_cell, projected=False)
+        return Projection(_nearest(reachable, goal_cell), projected=True)
+    crossing = _crossing(window, start_cell, goal_xy_m)
+    on_margin = _nearest_on_margin(reachable, crossing)
+    return Projection(on_margin or _nearest(reachable, crossing), projected=True)
+
+
+def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
+    """Free cells (rows, cols) bool connected to the start, which must be free.
+
+    A diagonal step needs both cells beside it free, so two straight steps do
+    as well: 8-connected without cutting corners reaches what 4-connected does.
+    """
+    return _flood(blocked, start_cell[0], start_cell[1])
+
+
+@njit(cache=True)
+def _flood(blocked: Grid, start_col: int, start_row: int) -> Grid:
+    rows, cols = blocked.shape
+    reached = np.zeros((rows, cols), dtype=np.bool_)
+    waiting = np.empty(rows * cols, dtype=np.int64)
+    waiting[0] = start_row * cols + start_col
+    reached[start_row, start_col] = True
+    n_waiting = 1
+    while n_waiting > 0:
+        n_waiting -= 1
+        row, col = divmod(waiting[n_waiting], cols)
+        for drow, dcol in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            r, c = row + drow, col + dcol
+            if 0 <= r < rows and 0 <= c < cols and not blocked[r, c] and not reached[r, c]:
+                reached[r, c] = True
+                waiting[n_waiting] = r * cols + c
+                n_waiting += 1
+    return reached
+
+
+def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:
+    """The cell of the margin where the line from the start's centre to a goal outside leaves the window."""
+    rows, cols = window.shape
+    start = np.array(start_cell) + 0.5
+    goal = np.asarray(goal_xy_m, dtype=np.float64) / window.cell_m - np.array([window.col0, window.row0])
+    # The line's parameter, 0 at the start and 1 at the goal, at the side it meets first.
+    leaving = 1.0
+    for axis, size in enumerate((cols, rows)):
+        if goal[axis] < 0:
+            leaving = min(leaving, start[axis] / (start[axis] - goal[axis]))
+        elif goal[axis] >= size:
+            leaving = min(leaving, (size - start[axis]) / (goal[axis] - start[axis]))
+    point = start + leaving * (goal - start)
+    return _as_cell(np.clip(np.floor(point), 0, [cols - 1, rows - 1]))
+
+
+def _nearest_on_margin(reachable: Grid, crossing: Cell) -> Cell | None:
+    """The reachable cell of the margin with the fewest steps along it to the crossing, or None."""
+    margin = _margin(reachable.shape)
+    at = int(np.flatnonzero((margin == np.array(crossing)).all(axis=1))[0])
+    candidates = np.flatnonzero(reachable[margin[:, 1], margin[:, 0]])
+    if len(candidates) == 0:
+        return None
+    ahead = (candidates - at) % len(margin)
+    steps = np.minimum(2 * ahead, 2 * (len(margin) - ahead) + 1)  # odd when clockwise: loses ties
+    return _as_cell(margin[candidates[np.argmin(steps)]])
+
+
+def _margin(shape: tuple[int, ...]) -> Int:
+    """The window's outermost cells (M, 2), each once, counter-clockwise from (0, 0)."""
+    rows, cols = shape
+    if rows == 1 or cols == 1:
+        return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+    right, up = np.arange(cols - 1), np.arange(rows - 1)
+    sides = [
+        np.stack([right, np.zeros_like(right)], axis=1),
+        np.stack([np.full_like(up, cols - 1), up], axis=1),
+        np.stack([cols - 1 - right, np.full_like(right, rows - 1)], axis=1),
+        np.stack([np.zeros_like(up), rows - 1 - up], axis=1),
+    ]
+    return np.concatenate(sides)
+
+
+def _nearest(reachable: Grid, cell: Cell) -> Cell:
+    """The reachable cell with its centre nearest to another's; there is always one, the start."""
+    rows, cols = np.nonzero(reachable)
+    nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
+    return int(cols[nearest]), int(rows[nearest])
+
+
+def _as_cell(pair: NDArray) -> Cell:
+    return int(pair[0]), int(pair[1])

@@ -1,0 +1,75 @@
+"""Where a grid lies: a rectangle of cells on one lattice that is fixed in map.
+
+Every grid quadlog makes is a window of the same infinite lattice, whose cell
+(0, 0) has its lower-left corner at map's origin. So windows slide in whole
+cells, and what one map knew is moved to the next without resampling.
+Arrays are indexed [row, col]: row grows with y, col with x. Cells are
+written (col, row), like (x, y).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.messages import Float, Int
+
+# Cells beyond this are farther than float64 can tell neighbours apart.
+FARTHEST_CELL = 2.0**50
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """`shape` (rows, cols) cells of edge cell_m, the lower-left one being (col0, row0) of the lattice."""
+
+    col0: int
+    row0: int
+    cell_m: float
+    shape: tuple[int, int]
+
+    @property
+    def origin_m(self) -> Float:
+        """The lower-left corner (2,) in map."""
+        return np.array([self.col0, self.row0]) * self.cell_m
+
+    def cell_of(self, xy_m: Float) -> Int:
+        """The cells (..., 2) as (col, row) in this window that hold points (..., 2) of map; may lie outside.
+
+        Raises ValueError for a point that is not finite.
+        """
+        return _lattice_cell_of(xy_m, self.cell_m) - np.array([self.col0, self.row0])
+
+    def centre_of(self, cells: NDArray[np.integer[Any]]) -> Float:
+        """The centres (..., 2) in map of cells (..., 2) of this window."""
+        centres: Float = (np.asarray(cells) + np.array([self.col0, self.row0]) + 0.5) * self.cell_m
+        return centres
+
+    def contains(self, cells: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Which of the cells (..., 2) lie in this window: (...) bool."""
+        cells = np.asarray(cells)
+        return np.asarray(((cells >= 0) & (cells < np.array([self.shape[1], self.shape[0]]))).all(axis=-1))
+
+    def shift_to(self, other: Window) -> tuple[int, int]:
+        """How far (dcol, drow) `other` lies from this window: cell c of this one is cell c - shift of the other.
+
+        Raises ValueError when the cells differ in size: then no whole number of cells lies between.
+        """
+        if other.cell_m != self.cell_m:
+            raise ValueError(f"windows with cells of {self.cell_m} m and {other.cell_m} m share no lattice")
+        return other.col0 - self.col0, other.row0 - self.row0
+
+
+def window_around(xy_m: Float, cell_m: float, size_cells: int) -> Window:
+    """The square window of size_cells whose middle cell holds the point (2,): it moves in whole cells. [Following]"""
+    col, row = (int(index) for index in _lattice_cell_of(xy_m, cell_m))
+    return Window(col - size_cells // 2, row - size_cells // 2, cell_m, (size_cells, size_cells))
+
+
+def _lattice_cell_of(xy_m: Float, cell_m: float) -> Int:
+    xy_m = np.asarray(xy_m, dtype=np.float64)
+    if not np.isfinite(xy_m).all():
+        raise ValueError("a position that is not finite lies in no cell")
+    return np.clip(np.floor(xy_m / cell_m), -FARTHEST_CELL, FARTHEST_CELL).astype(np.int64)

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.lidar import ground as ground_module
+from quadlog.lidar.ground import fit_ground, ransac_iterations
+from quadlog.open3d_import import import_open3d
+
+
+@pytest.mark.parametrize(
+    ("confidence", "inlier_share", "iterations"),
+    [(0.99, 0.3, 169), (0.99, 0.5, 35), (0.99, 0.8, 7), (0.999, 0.9, 6), (0.5, 0.999999, 1)],
+)
+def test_iterations_by_the_formula(confidence: float, inlier_share: float, iterations: int) -> None:
+    assert ransac_iterations(confidence, inlier_share) == iterations
+
+
+def test_iterations_are_bounded() -> None:
+    assert ransac_iterations(0.99, 1e-200) == ransac_iterations(0.99, 0.001) == ground_module.MOST_ITERATIONS
+    assert ransac_iterations(0.99, 1.0) == 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.floats(-40, 40), st.floats(-40, 40), st.floats(-2, 2), st.floats(0.35, 0.9))
+def test_planted_plane_is_found(
+    seed: int, roll_deg: float, pitch_deg: float, height_m: float, inlier_share: float
+) -> None:
+    random = np.random.default_rng(seed)
+    normal = np.array([np.tan(np.deg2rad(pitch_deg)), np.tan(np.deg2rad(roll_deg)), 1.0])
+    normal /= np.linalg.norm(normal)
+    n_plane = int(1000 * inlier_share)
+    xy_m = random.uniform(-10, 10, (n_plane, 2))
+    z_m = (height_m - xy_m @ normal[:2]) / normal[2] + random.normal(0, 0.01, n_plane)
+    clutter = random.uniform(-10, 10, (1000 - n_plane, 3))
+    cloud = np.concatenate([np.column_stack([xy_m, z_m]), clutter])
+
+    found = fit_ground(cloud, 0.1, 0.999999, 0.3, 100, seed=1)
+
+    assert found is not None
+    assert found.normal[2] > 0
+    assert np.linalg.norm(found.normal) == pytest.approx(1.0)
+    assert np.rad2deg(np.arccos(min(found.normal @ normal, 1.0))) < 0.5
+    assert -found.d_m == pytest.approx(height_m, abs=0.03)
+    assert found.inliers[:n_plane].mean() > 0.99
+    assert (np.abs(cloud @ found.normal + found.d_m) <= 0.1).tolist() == found.inliers.tolist()
+
+
+def test_ring_scan_agrees_with_open3d(ring_scan) -> None:
+    xyz_m, kinds = ring_scan
+    open3d = import_open3d()
+    open3d.utility.random.seed(0)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz_m))
+    plane, inliers = cloud.segment_plane(0.1, 3, 1000)
+
+    found = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=0)
+
+    assert found is not None
+    assert np.abs(found.normal) @ np.abs(plane[:3]) == pytest.approx(1.0, abs=1e-4)
+    assert abs(found.d_m) == pytest.approx(abs(plane[3]), abs=0.02)
+    theirs = np.isin(np.arange(len(xyz_m)), inliers)
+    assert (found.inliers & theirs).sum() / (found.inliers | theirs).sum() > 0.97
+    assert found.inliers[kinds["floor"]].mean() > 0.98
+
+
+def test_least_squares_plane_is_no_worse_than_open3ds_on_its_own_inliers(ring_scan) -> None:
+    xyz_m, _ = ring_scan
+    found = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=3)
+    assert found is not None
+    normal, d_m = ground_module._least_squares_plane(xyz_m[found.inliers])
+    centred = xyz_m[found.inliers] - xyz_m[found.inliers].mean(axis=0)
+    smallest = np.linalg.svd(centred, compute_uv=False)[-1]
+    assert np.linalg.norm(xyz_m[found.inliers] @ normal + d_m) == pytest.approx(smallest, rel=1e-9)
+
+
+def test_same_seed_same_plane_in_another_process(ring_scan, tmp_path) -> None:
+    xyz_m, _ = ring_scan
+    np.save(tmp_path / "scan.npy", xyz_m)
+    here = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
+    again = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
+    script = (
+        "import numpy as np, sys; from quadlog.lidar.ground import fit_ground\n"
+        "g = fit_ground(np.load(sys.argv[1]), 0.1, 0.99, 0.3, 100, seed=7)\n"
+        "print(g.normal.tobytes().hex(), g.d_m.hex(), int(g.inliers.sum()))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "scan.npy")], capture_output=True, text=True, check=True
+    )
+    assert here is not None and again is not None  # noqa: PT018
+    expected = f"{here.normal.tobytes().hex()} {here.d_m.hex()} {int(here.inliers.sum())}"
+    assert done.stdout.strip() == expected
+    assert again.normal.tobytes() == here.normal.tobytes()
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [
+        np.empty((0, 3)),
+        np.ones((1, 3)),
+        np.ones((500, 3)),
+        np.outer(np.linspace(0, 9, 500), [1.0, 2.0, 3.0]),
+        np.random.default_rng(0).normal(0, 1, (99, 3)),
+    ],
+    ids=["empty", "one point", "one place", "one line", "fewer than min_points"],
+)
+def test_no_plane_is_none(cloud: np.ndarray) -> None:
+    assert fit_ground(cloud, 0.1, 0.99, 0.3, 100, seed=0) is None
+
+
+def test_a_plane_that_few_points_support_is_none() -> None:
+    scattered = np.random.default_rng(0).uniform(-50, 50, (1000, 3))
+    assert fit_ground(scattered, 0.01, 0.99, 0.3, 100, seed=0) is None
+
+
+def test_three_points_of_a_draw_differ() -> None:
+    triples = ground_module._distinct_triples(4, 2000, seed=0)
+    assert all(len(set(row)) == 3 for row in triples.tolist())
+    assert {tuple(sorted(row)) for row in triples.tolist()} == {(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)}
+    assert (triples >= 0).all()
+    assert (triples < 4).all()

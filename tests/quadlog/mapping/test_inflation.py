@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
+
+from quadlog.mapping.inflation import inflate
+
+grids = arrays(np.bool_, st.tuples(st.integers(1, 30), st.integers(1, 30)))
+
+
+def by_distance(occupied: np.ndarray, radius_cells: float) -> np.ndarray:
+    if not occupied.any():
+        return occupied
+    return ndimage.distance_transform_edt(~occupied) <= radius_cells + 1e-9
+
+
+@settings(deadline=None)
+@given(grids, st.one_of(st.floats(0, 12), st.integers(0, 12).map(float)))
+def test_euclidean_agrees_with_scipy(occupied: np.ndarray, radius_cells: float) -> None:
+    before = occupied.copy()
+    assert (inflate(occupied, radius_cells) == by_distance(occupied, radius_cells)).all()
+    assert (occupied == before).all()
+
+
+def test_blobs_with_enclosed_cells_agree_with_scipy() -> None:
+    random = np.random.default_rng(0)
+    occupied = ndimage.binary_dilation(random.random((200, 200)) < 0.004, iterations=4)
+    assert (inflate(occupied, 3.7) == by_distance(occupied, 3.7)).all()
+
+
+def test_a_radius_in_metres_reaches_the_cells_it_names() -> None:
+    occupied = np.zeros((9, 9), dtype=np.bool_)
+    occupied[4, 4] = True
+    grown = inflate(occupied, 0.3 / 0.1)  # a little less than 3
+    assert grown[4].tolist() == grown[:, 4].tolist() == [False, True, True, True, True, True, True, True, False]
+
+
+def test_a_radius_larger_than_the_grid_fills_it() -> None:
+    occupied = np.zeros((5, 4), dtype=np.bool_)
+    occupied[0, 0] = True
+    assert inflate(occupied, 1e12).all()
+
+
+@pytest.mark.parametrize("radius", [-1.0, float("nan")])
+def test_negative_radius_is_refused(radius: float) -> None:
+    with pytest.raises(ValueError, match="cannot grow"):
+        inflate(np.zeros((3, 3), dtype=np.bool_), radius)
