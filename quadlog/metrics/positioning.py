@@ -1,0 +1,114 @@
+"""How far fixes and trajectories are from the truth; ATE and RPE are those that evo gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadlog.messages import Float, Int
+from quadlog.metrics.metric import Metric, Metrics, add_rmse
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """N poses in map: t_ns (N,) rising, position_m (N, 3), quat_xyzw (N, 4)."""
+
+    t_ns: Int
+    position_m: Float
+    quat_xyzw: Float
+
+
+def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) -> Metrics:
+    """uwb_rmse_m and uwb_bias_m from error_xy_m (N, 2), fix less truth, None without a truth; and uwb_residual_m.
+
+    uwb_bias_m is the length of the mean error: what averaging would not remove.
+    uwb_residual_m is the rms over all single ranges, of M fixes with residual_rms_m (M,) over n_ranges (M,) each.
+    """
+    metrics: Metrics = {}
+    if error_xy_m is not None:
+        known = error_xy_m[np.isfinite(error_xy_m).all(axis=1)]
+        if len(known):
+            add_rmse(metrics, "uwb_rmse_m", np.hypot(known[:, 0], known[:, 1]), "m")
+            metrics["uwb_bias_m"] = Metric(float(np.hypot(*known.mean(axis=0))), len(known), "m")
+    fixed = np.isfinite(residual_rms_m) & (n_ranges > 0)
+    ranges = int(np.sum(n_ranges[fixed]))
+    if ranges:
+        mean_square = float(np.sum(residual_rms_m[fixed] ** 2 * n_ranges[fixed])) / ranges
+        metrics["uwb_residual_m"] = Metric(mean_square**0.5, ranges, "m")
+    return metrics
+
+
+def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_difference_s: float = 0.01) -> Metrics:
+    """ate_rmse_m and rpe_rmse_m (consecutive pairs), translation part, without alignment: both are in map already.
+
+    Absent when no, or for rpe_rmse_m only one, pair of poses lies within max_difference_s.
+    """
+    metrics: Metrics = {}
+    in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s)
+    true_m, ours_m = reference.position_m[in_reference], estimate.position_m[in_estimate]
+    add_rmse(metrics, "ate_rmse_m", np.linalg.norm(ours_m - true_m, axis=1), "m")
+    if len(in_reference) > 1:
+        true_step = _steps(true_m, reference.quat_xyzw[in_reference])
+        our_step = _steps(ours_m, estimate.quat_xyzw[in_estimate])
+        # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
+        add_rmse(metrics, "rpe_rmse_m", np.linalg.norm(our_step - true_step, axis=1), "m")
+    return metrics
+
+
+def positions_at(t_ns: Int, trajectory: Trajectory, max_gap_ns: int) -> Float:
+    """Positions (N, 3) at t_ns (N,), on the straight line between the poses around each.
+
+    NaN before the first pose, after the last one, and where those around lie farther apart than max_gap_ns.
+    """
+    known_ns = trajectory.t_ns
+    positions_m = np.full((len(t_ns), 3), np.nan)
+    if len(known_ns) == 0:
+        return positions_m
+    after = np.clip(np.searchsorted(known_ns, t_ns), 0, len(known_ns) - 1)
+    before = np.where(known_ns[after] == t_ns, after, np.maximum(after - 1, 0))
+    gap_ns = known_ns[after] - known_ns[before]
+    inside = (t_ns >= known_ns[before]) & (t_ns <= known_ns[after]) & (gap_ns <= max_gap_ns)
+    share = (t_ns - known_ns[before]) / np.maximum(gap_ns, 1)
+    line_m = trajectory.position_m[before] + share[:, None] * (
+        trajectory.position_m[after] - trajectory.position_m[before]
+    )
+    positions_m[inside] = line_m[inside]
+    return positions_m
+
+
+def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float) -> tuple[Int, Int]:
+    """Indices (M,) into two rising time series of the pairs nearest in time, as evo pairs them.
+
+    Each of the shorter series (the second, when equal) takes its nearest of the longer one,
+    the earlier of two as near, if within max_difference_s; one of the longer may be taken twice.
+    """
+    if len(other_t_ns) > len(t_ns):
+        return _nearest_pairs(_as_evo_reads(t_ns), _as_evo_reads(other_t_ns), max_difference_s)
+    in_other, in_first = _nearest_pairs(_as_evo_reads(other_t_ns), _as_evo_reads(t_ns), max_difference_s)
+    return in_first, in_other
+
+
+def _as_evo_reads(t_ns: Int) -> Float:
+    """Float seconds, as from a TUM file: so pairs exactly max_difference_s apart fall on the same side as evo's."""
+    # Python divides integers to the nearest float, as reading the decimal does; numpy rounds t_ns first.
+    return np.array([t / 1_000_000_000 for t in t_ns.tolist()], dtype=np.float64)
+
+
+def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:
+    if len(short_s) == 0 or len(long_s) == 0:
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    after = np.searchsorted(long_s, short_s, side="right")
+    before = np.maximum(after - 1, 0)
+    after = np.minimum(after, len(long_s) - 1)
+    later = np.abs(long_s[after] - short_s) < np.abs(short_s - long_s[before])
+    nearest = np.where(later, after, before)
+    paired = np.flatnonzero(np.abs(long_s[nearest] - short_s) <= max_difference_s)
+    return paired, nearest[paired]
+
+
+def _steps(position_m: Float, quat_xyzw: Float) -> Float:
+    """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
+    steps: Float = Rotation.from_quat(quat_xyzw[:-1]).inv().apply(np.diff(position_m, axis=0))
+    return steps

@@ -1,0 +1,223 @@
+"""The walk again, closed loop: a simulated robot among the recorded maps, towards the recorded target.
+
+At every recorded map a plan starts where the simulated robot is; between maps
+it follows that plan by pure pursuit. Where there is no new plan, because the
+robot left the recorded window or is walled in, it holds its last one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from quadlog.errors import TooLarge
+from quadlog.geometry import seconds_since, wrap_angle
+from quadlog.mapping.window import Window
+from quadlog.messages import Float, Int
+from quadlog.planning.protocol import Bool
+from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
+from quadlog.simulation.clearance import occupied_centres
+from quadlog.simulation.pursuit_ticks import TICK_COLUMNS, advance
+
+# A day at 50 Hz; a clock that jumps must not become an allocation.
+MAX_TICKS = 5_000_000
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class MapInstant:
+    """One recorded map: occupied (rows, cols) bool of a window, undilated, at t_ns."""
+
+    t_ns: int
+    window: Window
+    occupied: Bool
+
+
+@dataclass(frozen=True, slots=True)
+class PursuitSettings:
+    """The kinematic robot: how it follows, and how large it is."""
+
+    lookahead_m: float = 2.0
+    speed_mps: float = 0.6
+    max_yaw_rate_radps: float = 1.5
+    rate_hz: float = 50.0
+    body_length_m: float = 0.62
+    body_width_m: float = 0.26
+
+
+@dataclass(frozen=True, slots=True)
+class Resimulation:
+    """A re-simulated walk of T ticks.
+
+    control: the columns of control.parquet, (T,) each, without torques and forces. z_m, roll_rad and pitch_rad
+    are NaN, for a kinematic robot has none; so are k_v and k_w, for the look-ahead is fixed, and the errors
+    and the reference before there is a plan.
+    clearance_m: (T,) see body_clearance; NaN outside the recorded window. target_distance_m: (T,).
+    plans, paths: of the simulated robot, one record for each map that it was inside of.
+    outside_ticks: ticks outside the window recorded last; outside_replans: maps that could not be planned on.
+    """
+
+    control: dict[str, Float | Int | Bool]
+    clearance_m: Float
+    target_distance_m: Float
+    plans: list[PlanRecord]
+    paths: list[PlannedPath]
+    outside_ticks: int
+    outside_replans: int
+
+
+@dataclass(slots=True)
+class _State:
+    """What the robot carries from one map to the next."""
+
+    pose: Float
+    path_m: Float = field(default_factory=lambda: np.empty((0, 2)))
+    planned_at_ns: int = 0
+    plans: list[PlanRecord] = field(default_factory=list)
+    paths: list[PlannedPath] = field(default_factory=list)
+    outside_ticks: int = 0
+    outside_replans: int = 0
+
+
+def resimulate(
+    instants: Iterable[MapInstant],
+    target_xy_at: Callable[[Int], Float],
+    start_pose: Float,
+    replanner: Replanner,
+    settings: PursuitSettings,
+) -> Resimulation:
+    """Walks from start_pose (x_m, y_m, yaw_rad) at the first map's instant until the last one's.
+
+    instants: in time order; only two are held at a time.
+    target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
+    replanner: plans between the maps; see ReplanSettings for stopping short.
+    Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
+    """
+    walk = _State(np.array(start_pose, dtype=np.float64))
+    ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
+    rows: list[Float] = [np.empty((0, len(TICK_COLUMNS)))]
+    first_ns, tick = None, 0
+    for instant, next_ns in _with_next(instants):
+        first_ns = instant.t_ns if first_ns is None else first_ns
+        _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0])
+        # Ticks up to the next map's instant, which itself belongs to that map's plan.
+        until = _ticks_before(next_ns - first_ns, settings.rate_hz)
+        if until > MAX_TICKS:
+            raise TooLarge("ticks of the re-simulated walk", until, MAX_TICKS)
+        t_ns = first_ns + _tick_times_ns(tick, until, settings.rate_hz)
+        tick = until
+        ticks_ns.append(t_ns)
+        rows.append(_follow(walk, instant, t_ns, settings))
+    return _gathered(walk, np.concatenate(ticks_ns), np.concatenate(rows), target_xy_at, settings)
+
+
+def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int]]:
+    """Every instant with the time of the one after it; the last lasts for the tick at its own time."""
+    last = None
+    for instant, following in pairwise(_and_none(instants)):
+        if instant is None:
+            break
+        if last is not None and instant.t_ns < last:
+            raise ValueError(f"maps are not in time order: {instant.t_ns} after {last}")
+        last = instant.t_ns
+        yield instant, instant.t_ns + 1 if following is None else following.t_ns
+
+
+def _and_none(instants: Iterable[MapInstant]) -> Iterator[MapInstant | None]:
+    yield from instants
+    yield None
+
+
+def _ticks_before(duration_ns: int, rate_hz: float) -> int:
+    """How many ticks, the first at 0, lie before duration_ns."""
+    return max(math.ceil(duration_ns * rate_hz / NS), 0)
+
+
+def _tick_times_ns(first: int, until: int, rate_hz: float) -> Int:
+    """Nanoseconds (until - first,) of the ticks since tick 0."""
+    return np.rint(np.arange(first, until) * (NS / rate_hz)).astype(np.int64)
+
+
+def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float) -> None:
+    here = walk.pose[:2]
+    if not np.isfinite(target_m).all():
+        return
+    if not instant.window.contains(instant.window.cell_of(here)):
+        walk.outside_replans += 1
+        return
+    replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, here.copy(), target_m)
+    walk.plans.append(replan.record)
+    if replan.path is not None:
+        walk.paths.append(replan.path)
+        walk.path_m, walk.planned_at_ns = replan.path.smooth_xy_m, instant.t_ns
+
+
+def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSettings) -> Float:
+    """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS))."""
+    rows = np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
+    since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
+    centres_m = occupied_centres(instant.occupied, instant.window)
+    low_m = instant.window.origin_m
+    high_m = low_m + np.array(instant.window.shape[::-1]) * instant.window.cell_m
+    body = (settings.body_length_m, settings.body_width_m)
+    pursuit = (settings.lookahead_m, settings.speed_mps, settings.max_yaw_rate_radps)
+    walk.outside_ticks += advance(
+        walk.pose,
+        walk.path_m,
+        since_plan_s,
+        1 / settings.rate_hz,
+        pursuit,
+        body,
+        centres_m,
+        instant.window.cell_m,
+        low_m,
+        high_m,
+        rows,
+    )
+    return rows
+
+
+def _gathered(
+    walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float], settings: PursuitSettings
+) -> Resimulation:
+    ticks = dict(zip(TICK_COLUMNS, rows.T, strict=True))
+    unknown = np.full(len(t_ns), np.nan)
+    control: dict[str, Float | Int | Bool] = {
+        "t_ns": t_ns,
+        "x_m": ticks["x_m"],
+        "y_m": ticks["y_m"],
+        "z_m": unknown,
+        "roll_rad": unknown,
+        "pitch_rad": unknown,
+        "yaw_rad": ticks["yaw_rad"],
+        "vx_mps": ticks["cmd_v_mps"],
+        "vy_mps": np.zeros(len(t_ns)),
+        "yaw_rate_radps": ticks["cmd_yaw_rate_radps"],
+        "ref_x_m": ticks["ref_x_m"],
+        "ref_y_m": ticks["ref_y_m"],
+        "error_m": np.abs(ticks["cross_track_m"]),
+        "cross_track_m": ticks["cross_track_m"],
+        "time_error_m": ticks["time_error_m"],
+        "heading_error_rad": wrap_angle(ticks["heading_error_rad"]),
+        "lookahead_m": np.full(len(t_ns), settings.lookahead_m),
+        "k_v": unknown,
+        "k_w": unknown,
+        "cmd_v_mps": ticks["cmd_v_mps"],
+        "cmd_yaw_rate_radps": ticks["cmd_yaw_rate_radps"],
+        "fallen": np.zeros(len(t_ns), dtype=bool),
+    }
+    target_m = target_xy_at(t_ns)
+    target_distance_m = np.hypot(target_m[:, 0] - ticks["x_m"], target_m[:, 1] - ticks["y_m"])
+    return Resimulation(
+        control,
+        ticks["clearance_m"],
+        target_distance_m,
+        walk.plans,
+        walk.paths,
+        walk.outside_ticks,
+        walk.outside_replans,
+    )

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from evo.core import metrics as evo_metrics
+from evo.core import sync
+from evo.core.trajectory import PoseTrajectory3D
+from scipy.spatial.transform import Rotation
+
+from quadlog.metrics.positioning import Trajectory, associate, positions_at, trajectory_metrics, uwb_metrics
+
+
+def trajectory(rng, t_ns):
+    n = len(t_ns)
+    return Trajectory(t_ns, rng.normal(size=(n, 3)).cumsum(axis=0), Rotation.random(n, rng=rng).as_quat())
+
+
+def as_evo(ours):
+    stamps_s = np.array([float(f"{t // 10**9}.{t % 10**9:09d}") for t in ours.t_ns.tolist()])  # as in a TUM file
+    return PoseTrajectory3D(ours.position_m, np.roll(ours.quat_xyzw, 1, axis=1), stamps_s)
+
+
+@pytest.mark.parametrize("start_ns", [0, 1_700_000_000_000_000_000])
+@pytest.mark.parametrize("counts", [(300, 100), (100, 300), (200, 200)])
+@pytest.mark.parametrize("seed", range(3))
+def test_equal_to_evo(seed, counts, start_ns):
+    rng = np.random.default_rng(seed)
+    times_ns = [np.sort(rng.choice(3000, n, replace=False)) * 1_000_000 + start_ns for n in counts]
+    reference, estimate = (trajectory(rng, t_ns) for t_ns in times_ns)
+    ours = trajectory_metrics(reference, estimate)
+    paired = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01)
+    ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
+    ape.process_data(paired)
+    rpe = evo_metrics.RPE(evo_metrics.PoseRelation.translation_part, delta=1, delta_unit=evo_metrics.Unit.frames)
+    rpe.process_data(paired)
+    assert ours["ate_rmse_m"].n == paired[0].num_poses
+    assert ours["ate_rmse_m"].value == pytest.approx(ape.get_statistic(evo_metrics.StatisticsType.rmse), abs=1e-9)
+    assert ours["rpe_rmse_m"].value == pytest.approx(rpe.get_statistic(evo_metrics.StatisticsType.rmse), abs=1e-9)
+
+
+def test_association_takes_the_earlier_of_equals_and_none_too_far():
+    t_ns = np.array([0, 20, 40, 60]) * 1_000_000
+    other_ns = np.array([-30, 9, 30, 71]) * 1_000_000
+    assert [each.tolist() for each in associate(t_ns, other_ns, 0.01)] == [[0, 1], [1, 2]]
+    assert [each.tolist() for each in associate(t_ns, other_ns[:3], 0.01)] == [[0, 1], [1, 2]]
+    empty = np.empty(0, dtype=np.int64)
+    assert [len(each) for each in associate(t_ns, empty, 0.01)] == [0, 0]
+    assert [len(each) for each in associate(empty, empty, 0.01)] == [0, 0]
+
+
+def test_trajectories_without_common_time_have_no_metrics():
+    rng = np.random.default_rng(0)
+    early, late = trajectory(rng, np.arange(5) * 10**8), trajectory(rng, np.arange(5) * 10**8 + 10**12)
+    assert trajectory_metrics(early, late) == {}
+    one = trajectory_metrics(early, trajectory(rng, np.array([10**8])))
+    assert set(one) == {"ate_rmse_m"}
+
+
+def test_uwb_by_hand():
+    error_m = np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]])
+    metrics = uwb_metrics(error_m, np.array([0.1, 0.2, np.nan]), np.array([3, 1, 4]))
+    assert (metrics["uwb_rmse_m"].value, metrics["uwb_rmse_m"].n) == (5.0, 2)
+    assert metrics["uwb_bias_m"].value == 3.0
+    assert metrics["uwb_residual_m"].value == pytest.approx(np.sqrt((3 * 0.01 + 0.04) / 4))
+    assert metrics["uwb_residual_m"].n == 4
+    without_truth = uwb_metrics(None, np.array([0.1]), np.array([3]))
+    assert set(without_truth) == {"uwb_residual_m"}
+    assert uwb_metrics(np.empty((0, 2)), np.empty(0), np.empty(0, dtype=int)) == {}
+
+
+def test_positions_between_poses():
+    known = Trajectory(
+        np.array([0, 100, 1000]), np.array([[0.0, 0, 0], [1, 2, 3], [9, 9, 9]]), np.tile([0.0, 0, 0, 1], (3, 1))
+    )
+    found = positions_at(np.array([-1, 0, 50, 100, 500, 1000, 1001]), known, max_gap_ns=200)
+    np.testing.assert_allclose(found[1:4], [[0, 0, 0], [0.5, 1, 1.5], [1, 2, 3]])
+    np.testing.assert_allclose(found[5], [9, 9, 9])
+    assert np.isnan(found[[0, 4, 6]]).all()
+    nobody = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
+    assert np.isnan(positions_at(np.array([3]), nobody, 10)).all()

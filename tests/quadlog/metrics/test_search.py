@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.metrics.search import Replans, search_metrics
+
+
+def replans(**columns):
+    defaults = {
+        "found": np.array([True, True, False, True, True]),
+        "expanded": np.array([100, 10, 500, 20, 1]),
+        "generated": np.array([150, 20, 500, 40, 1]),
+        "cost": np.array([100.0, 110.0, np.nan, 130.0, 0.0]),
+        "optimal_cost": np.array([100.0, 100.0, np.nan, 104.0, 0.0]),
+        "from_scratch": np.array([True, False, False, True, False]),
+    }
+    return Replans(**(defaults | columns))
+
+
+def test_by_hand():
+    metrics = search_metrics(replans(), incremental=True)
+    assert metrics["expanded_total"].value == 631
+    assert metrics["generated_total"].value == 711
+    assert metrics["expanded_mean"].value == pytest.approx(126.2)
+    assert metrics["success_rate"].value == pytest.approx(0.8)
+    # The first replan is always from scratch and is left out.
+    assert (metrics["fallback_share"].value, metrics["fallback_share"].n) == (0.25, 4)
+    # Neither the failed replan nor the robot at its goal can be compared.
+    assert metrics["suboptimality_mean"].n == 3
+    assert metrics["suboptimality_mean"].value == pytest.approx((0 + 0.1 + 0.25) / 3)
+    assert "ratio_to_astar" not in metrics
+
+
+def test_ratio_only_with_counts_and_share_only_for_incremental_planners():
+    metrics = search_metrics(replans(astar_expanded=np.full(5, 631)), incremental=False)
+    assert metrics["ratio_to_astar"].value == pytest.approx(5.0)
+    assert "fallback_share" not in metrics
+
+
+def test_nothing_from_nothing():
+    empty = replans(
+        **{name: np.empty(0) for name in ("found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")}
+    )
+    assert search_metrics(empty, incremental=True) == {}
+    failed = replans(found=np.zeros(5, dtype=bool), optimal_cost=np.full(5, np.nan), expanded=np.zeros(5))
+    metrics = search_metrics(failed, incremental=True)
+    assert metrics["success_rate"].value == 0.0
+    assert "suboptimality_mean" not in metrics

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import statistics
+
+import numpy as np
+import pytest
+
+from quadlog.metrics.tracking import TrackedWalk, count_collisions, tracking_metrics
+
+
+def walk(n=50, **columns):
+    rng = np.random.default_rng(0)
+    signed = rng.normal(0, 0.1, n)
+    defaults = {
+        "t_ns": np.arange(n) * 20_000_000,
+        "error_m": np.abs(signed),
+        "cross_track_m": signed,
+        "time_error_m": rng.uniform(0, 1, n),
+        "heading_error_rad": rng.normal(0, 0.2, n),
+    }
+    return TrackedWalk(**(defaults | columns))
+
+
+def test_mean_and_sample_deviation_against_the_standard_library():
+    tracked = walk()
+    metrics = tracking_metrics(tracked)
+    for mean, deviation, column in (
+        ("eta_m", "sigma_m", tracked.error_m),
+        ("eta_time_m", "sigma_time_m", tracked.time_error_m),
+    ):
+        assert metrics[mean].value == pytest.approx(statistics.fmean(column))
+        assert metrics[deviation].value == pytest.approx(statistics.stdev(column))
+        assert (metrics[mean].n, metrics[mean].unit) == (50, "m")
+    # The printed form of eq. 47, N being N_e.
+    eta, n = metrics["eta_m"].value, 50
+    printed = np.sqrt((np.sum(tracked.error_m**2) - eta**2 * n) / (n - 1))
+    assert metrics["sigma_m"].value == pytest.approx(printed)
+    assert metrics["cross_track_rmse_m"].value == pytest.approx(np.sqrt(np.mean(tracked.cross_track_m**2)))
+    assert metrics["heading_rmse_rad"].unit == "rad"
+    assert metrics["max_error_m"].value == tracked.error_m.max()
+
+
+def test_what_does_not_apply_is_absent():
+    metrics = tracking_metrics(walk())
+    absent = {"completion_time_s", "fallen", "clearance_min_m", "collisions", "following_distance_mean_m"}
+    assert not absent & set(metrics)
+    nothing = np.full(4, np.nan)
+    empty = tracking_metrics(
+        walk(4, error_m=nothing, cross_track_m=nothing, time_error_m=nothing, heading_error_rad=nothing)
+    )
+    assert empty == {}
+    single = tracking_metrics(walk(1))
+    assert "eta_m" in single
+    assert "sigma_m" not in single
+
+
+def test_ticks_without_a_plan_do_not_count():
+    error_m = np.array([np.nan, 0.2, 0.4, np.nan])
+    metrics = tracking_metrics(walk(4, error_m=error_m))
+    assert (metrics["eta_m"].value, metrics["eta_m"].n) == (pytest.approx(0.3), 2)
+
+
+def test_completion_falls_distance():
+    tracked = walk(3, fallen=np.array([False, True, True]), target_distance_m=np.array([1.0, np.nan, 2.0]))
+    metrics = tracking_metrics(tracked, completed_ns=1_500_000_000)
+    assert metrics["completion_time_s"].value == 1.5
+    assert metrics["fallen"].value == 1.0
+    assert (metrics["following_distance_mean_m"].value, metrics["following_distance_mean_m"].n) == (1.5, 2)
+
+
+def test_a_collision_is_counted_once_while_it_lasts():
+    clearance_m = np.array([-0.1, 0.2, 0.0, -0.2, 0.3, np.inf, np.nan, -0.1])
+    assert count_collisions(clearance_m) == 3
+    metrics = tracking_metrics(walk(8, clearance_m=clearance_m))
+    assert metrics["clearance_min_m"].value == -0.2
+    assert (metrics["collisions"].value, metrics["collisions"].n) == (3, 7)
+
+
+def test_no_obstacle_at_all_is_no_collision_and_no_distance():
+    metrics = tracking_metrics(walk(2, clearance_m=np.array([np.inf, np.inf])))
+    assert metrics["collisions"].value == 0
+    assert "clearance_min_m" not in metrics
+    assert "collisions" not in tracking_metrics(walk(2, clearance_m=np.array([np.nan, np.nan])))
