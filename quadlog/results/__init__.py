@@ -1,1 +1,30 @@
-"""The run folder: what is written, read back, drawn and exported."""
+"""The run folder: what is written, read back, drawn and exported.
+
+For users' scripts: `load_maps(run)`, `read_table(run, name)`, `read_run_json(run)`, `read_metrics(run)`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from quadlog.results.maps import load_maps as load_maps
+    from quadlog.results.run_folder import read_metrics as read_metrics
+    from quadlog.results.run_folder import read_run_json as read_run_json
+    from quadlog.results.tables import read_table as read_table
+
+_HOMES = {
+    "load_maps": "quadlog.results.maps",
+    "read_metrics": "quadlog.results.run_folder",
+    "read_run_json": "quadlog.results.run_folder",
+    "read_table": "quadlog.results.tables",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imported when first asked for: numpy and pyarrow cost more than `quadlog --help`."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_HOMES[name]), name)

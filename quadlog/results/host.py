@@ -1,0 +1,35 @@
+"""The machine and the packages a run was made with."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib import metadata
+from typing import Any
+
+_PACKAGES = (
+    *("foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support", "mcap-ros1-support", "mcap-ros2-support"),
+    *("numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "rosbags", "scipy"),
+)
+
+
+def describe_host() -> dict[str, Any]:
+    """Name, system, machine, Python and number of processors: what a timing depends on."""
+    return {
+        "name": platform.node(),
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "python": platform.python_version(),
+        "processors": os.cpu_count() or 1,
+    }
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of the packages that results depend on; those not installed are left out."""
+    versions = {}
+    for name in _PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions

@@ -1,0 +1,77 @@
+"""HTML pages that are safe to open: everything escaped, nothing fetched, only our own style and script allowed."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+_TEMPLATES = "quadlog.results", "templates"
+
+
+def render_page(template: str, script: str | None = None, **values: Any) -> bytes:
+    """The page made from templates/TEMPLATE, in UTF-8, with report.css and, when asked for, a script inside.
+
+    Recordings choose topic names, and those end up here: besides escaping, the
+    page's Content-Security-Policy admits the style and script by their hashes
+    alone, pictures from the page itself, and no request to anywhere.
+    """
+    css = _own_file("report.css")
+    code = _own_file(script) if script else None
+    scripts = f"'sha256-{_digest(code)}'" if code else "'none'"
+    policy = (
+        f"default-src 'none'; img-src data:; style-src 'sha256-{_digest(css)}'; script-src {scripts}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    # `css` and `script` are files of this package, the only text that goes in unescaped.
+    page = _environment().get_template(template)
+    text = page.render(policy=policy, css=Markup(css), script=Markup(code or ""), **values)  # noqa: S704
+    # JSON can carry halves of characters that no encoding has.
+    return text.encode("utf-8", "replace")
+
+
+def format_number(value: float) -> str:
+    """Four significant digits; whole numbers in full, with thin spaces between thousands."""
+    if float(value).is_integer() and abs(value) < 1e15:
+        return f"{int(value):,}".replace(",", "\u2009").replace("-", "\u2212")
+    return f"{value:.4g}".replace("-", "\u2212")
+
+
+def format_bytes(size: int) -> str:
+    """A file's size in decimal units."""
+    value = float(size)
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if value < 1000:
+            return f"{value:.3g} {unit}"
+        value /= 1000
+    return f"{value:.3g} TB"
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_own_file),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["number"] = format_number
+    environment.filters["bytes"] = format_bytes
+    return environment
+
+
+@cache
+def _own_file(name: str) -> str:
+    package, folder = _TEMPLATES
+    return (resources.files(package) / folder / name).read_text(encoding="utf-8")
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

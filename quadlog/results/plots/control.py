@@ -1,0 +1,87 @@
+"""What the controller decided: look-ahead, commands and joint torques."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.results.plots import style
+from quadlog.results.plots.run_data import RunData, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LEGS, JOINTS = 4, 3
+
+
+def draw_lookahead(run: RunData) -> Figure | None:
+    """Look-ahead distance l, and the fuzzy gains k_v and k_w where a controller has them [Tracking, eq. 17]."""
+    control = run.table("control")
+    if control is None or not _has(control, "lookahead_m"):
+        return None
+    gains = [name for name in ("k_v", "k_w") if _has(control, name)]
+    figure = style.new_figure(2.6 + 2.0 * bool(gains))
+    panels = figure.subplots(2 if gains else 1, 1, squeeze=False, sharex=True)[:, 0]
+    _draw_lines(run, panels[0], control, [("lookahead_m", "l", style.ROBOT)], "look-ahead (m)")
+    panels[0].set_ylim(bottom=0)
+    if gains:
+        colors = {"k_v": style.PLAN, "k_w": style.TARGET}
+        _draw_lines(run, panels[1], control, [(name, name, colors[name]) for name in gains], "fuzzy gain (1)")
+    panels[-1].set_xlabel("time (s)")
+    figure.align_ylabels()
+    return figure
+
+
+def draw_commands(run: RunData) -> Figure | None:
+    """Commanded and reached speed and yaw rate."""
+    control = run.table("control")
+    if control is None or not _has(control, "cmd_v_mps"):
+        return None
+    figure = style.new_figure(4.8)
+    panels = figure.subplots(2, 1, sharex=True)
+    speed = [("vx_mps", "reached", style.RESIM), ("cmd_v_mps", "commanded", style.ROBOT)]
+    turn = [("yaw_rate_radps", "reached", style.RESIM), ("cmd_yaw_rate_radps", "commanded", style.ROBOT)]
+    _draw_lines(run, panels[0], control, speed, "forward speed (m/s)")
+    _draw_lines(run, panels[1], control, turn, "yaw rate (rad/s)")
+    panels[1].set_xlabel("time (s)")
+    figure.align_ylabels()
+    return figure
+
+
+def draw_torques(run: RunData) -> Figure | None:
+    """Joint torques, a row of panels per leg; only for controllers that have joints."""
+    control = run.table("control")
+    names = [[f"tau_{leg * JOINTS + joint:02d}_nm" for joint in range(JOINTS)] for leg in range(LEGS)]
+    if control is None or not any(_has(control, name) for leg in names for name in leg):
+        return None
+    figure = style.new_figure(7.0)
+    panels = figure.subplots(LEGS, JOINTS, sharex=True, sharey=True)
+    for leg, row in enumerate(panels):
+        for name, panel in zip(names[leg], row, strict=True):
+            keep = style.thin_line(control[name])
+            panel.plot(run.seconds(control["t_ns"])[keep], control[name][keep], color=style.ROBOT, linewidth=0.7)
+            panel.set_title(f"τ{name[4:6]}", pad=3)
+        row[0].set_ylabel(f"leg {leg}\ntorque (N·m)")
+    for panel in panels[-1]:
+        panel.set_xlabel("time (s)")
+    return figure
+
+
+def _has(control: Table, name: str) -> bool:
+    return name in control and bool(np.isfinite(control[name]).any())
+
+
+def _draw_lines(run: RunData, panel: Axes, control: Table, lines: list[tuple[str, str, str]], ylabel: str) -> None:
+    seconds = run.seconds(control["t_ns"])
+    for (name, label, color), width in zip(lines, (2.4, 1.0), strict=False):
+        if not _has(control, name):
+            continue
+        keep = style.thin_line(control[name])
+        # The first line is drawn broad, so that a second one on top of it does not hide it.
+        panel.plot(
+            seconds[keep], control[name][keep], color=color, linewidth=width if len(lines) == 2 else 1.4, label=label
+        )
+    panel.set_ylabel(ylabel)
+    style.legend_above(panel)

@@ -1,0 +1,140 @@
+"""Every figure of a run, in the order of the report: file name, heading, caption, and who draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from quadlog.results.plots import style
+from quadlog.results.plots.control import draw_commands, draw_lookahead, draw_torques
+from quadlog.results.plots.expanded import draw_expanded
+from quadlog.results.plots.grid import draw_grid
+from quadlog.results.plots.ranges import draw_ranges
+from quadlog.results.plots.residuals import draw_residuals
+from quadlog.results.plots.run_data import RunData
+from quadlog.results.plots.scans import draw_scan, draw_scans
+from quadlog.results.plots.terrain import draw_terrain
+from quadlog.results.plots.tracking import draw_tracking_error
+from quadlog.results.plots.trajectory import draw_trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """name: the file's stem; alt: what a reader who cannot see the picture should know; caption: how to read it."""
+
+    name: str
+    title: str
+    alt: str
+    caption: str
+    draw: Callable[[RunData], Figure | None]
+
+
+PLOTS = (
+    Plot(
+        "trajectory",
+        "Trajectory over the map",
+        "Paths of robot, target and re-simulated walk drawn over the occupancy map, from above.",
+        "Where robot and target walked (● start, ■ end), with UWB fixes, some of the planned paths and the "
+        "re-simulated walk where the run has them. The darker a cell, the more of the maps that covered it had it "
+        "occupied: walls are dark, what moved is pale.",
+        draw_trajectory,
+    ),
+    Plot(
+        "ranges",
+        "UWB ranges",
+        "Range to every anchor over time for each tag, and below it the residual of each anchor over time.",
+        "Measured ranges, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton trilateration "
+        "[Following]) at the smoothed track. Orange crosses: weight below ½, most likely without line of sight.",
+        draw_ranges,
+    ),
+    Plot(
+        "residuals",
+        "Range residuals per anchor",
+        "Histogram of range residuals for each anchor, with its median, spread and share of down-weighted ranges.",
+        "How the residuals of each anchor are spread [Following, Figs 9–10]. A shifted median is a bias that "
+        "calibration did not take out; a tail to the right is NLOS. Spread is the interquartile range / 1.349; "
+        "the outermost bins hold everything beyond them.",
+        draw_residuals,
+    ),
+    Plot(
+        "scan",
+        "One scan, by class",
+        "Points of one lidar scan from above and from the side, coloured as ground, obstacle, outlier or left out.",
+        "What the filter made of one scan: statistical outliers (D_i > μ + nσ), RANSAC ground and obstacles "
+        "[Following]. Grey points were out of range or out of the field of view.",
+        draw_scan,
+    ),
+    Plot(
+        "scans",
+        "Points per scan",
+        "Number of ground, obstacle and outlier points in each scan over time.",
+        "How many points of each scan the filter called what [Following]. Between the coloured area and the black line "
+        "lie the points outside the field of view.",
+        draw_scans,
+    ),
+    Plot(
+        "terrain",
+        "Terrain",
+        "Height map of the ground, seen from above.",
+        "Mean height of the points that the ground filter [Following] gave to the ground, in the frame of the map.",
+        draw_terrain,
+    ),
+    Plot(
+        "grid",
+        "One map and its plan",
+        "Occupancy grid at one instant with robot, target and planned path.",
+        "The occupancy grid at one instant, before dilation, as the planner got it [Following], with the path in cells "
+        "and smoothed by the quadratic B-spline [Planning, eq. 14].",
+        draw_grid,
+    ),
+    Plot(
+        "expanded",
+        "Cells expanded per replan",
+        "Cells expanded and generated at each replan over time.",
+        "What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, generated "
+        "cells ever opened. Circles mark replans that could not reuse the last path.",
+        draw_expanded,
+    ),
+    Plot(
+        "tracking_error",
+        "Tracking error",
+        "Distance of the re-simulated robot to its plan over time, as nearest, signed and timed distance.",
+        "How far the re-simulated robot was from the plan active at each tick: to its nearest point, the same with a "
+        "sign, and to where the plan was due at that instant [Tracking, eq. 45]. Dashed: the mean η (eq. 46); grey: "
+        "± σ (eq. 47).",
+        draw_tracking_error,
+    ),
+    Plot(
+        "lookahead",
+        "Look-ahead",
+        "Look-ahead distance of the pure pursuit over time, with its fuzzy gains where there are any.",
+        "The look-ahead distance l = l₀ + λ_v k_v v² + λ_w k_w v [Tracking, eq. 17]; constant without fuzzy "
+        "adaptation.",
+        draw_lookahead,
+    ),
+    Plot(
+        "commands",
+        "Commands",
+        "Commanded and reached forward speed and yaw rate over time.",
+        "What pure pursuit asked for [Tracking, eqs 15–16] and what the re-simulated robot did.",
+        draw_commands,
+    ),
+    Plot(
+        "torques",
+        "Joint torques",
+        "Joint torques of the four legs over time.",
+        "Torque of every joint [Tracking, eqs 43–44].",
+        draw_torques,
+    ),
+)
+
+
+def render_plots(run: RunData) -> dict[str, bytes]:
+    """The PNG of every figure whose data is there: name -> bytes, in the order of PLOTS."""
+    rendered = {plot.name: style.render_png(partial(plot.draw, run)) for plot in PLOTS}
+    return {name: png for name, png in rendered.items() if png is not None}

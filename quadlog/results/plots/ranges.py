@@ -1,0 +1,102 @@
+"""UWB ranges over time and how far each lies from what the smoothed track predicts, per tag and anchor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.messages import Float
+from quadlog.results.plots import style
+from quadlog.results.plots.run_data import RunData, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# The robust estimator halves what it believes to be NLOS; below this weight a range is drawn and counted as such.
+NLOS_WEIGHT = 0.5
+MAX_TAGS, MAX_ANCHORS = 4, 12  # more would be too small to read; the title says how many are left out
+POINTS_PER_SERIES = 3000
+
+
+def draw_ranges(run: RunData) -> Figure | None:
+    """Per tag: ranges to every anchor over time, and below them one panel of residuals per anchor."""
+    ranges = run.table("ranges")
+    if ranges is None:
+        return None
+    all_tags = np.unique(ranges["tag"])
+    tags = all_tags[:MAX_TAGS]
+    per_tag = [_rows(ranges, ranges["tag"] == tag) for tag in tags]
+    grid_rows = [_panel_rows(len(np.unique(rows["anchor"]))) for rows in per_tag]
+    figure = style.new_figure(sum(2.3 + 1.5 * rows for rows in grid_rows))
+    parts = figure.subfigures(len(tags), 1, height_ratios=[2.3 + 1.5 * rows for rows in grid_rows], squeeze=False)
+    for tag, rows, part in zip(tags, per_tag, parts[:, 0], strict=True):
+        _draw_tag(
+            run, part, int(tag), rows, f" ({len(all_tags)} tags, {len(tags)} shown)" * (len(all_tags) > len(tags))
+        )
+    return figure
+
+
+def shown_anchors(anchor: NDArray[Any]) -> tuple[list[int], str]:
+    """The anchors that get a panel, and a note on those that do not."""
+    anchors = [int(a) for a in np.unique(anchor)]
+    left_out = len(anchors) - MAX_ANCHORS
+    return anchors[:MAX_ANCHORS], f"{left_out} more anchors not shown" if left_out > 0 else ""
+
+
+def residual_limit_m(residual_m: Float) -> float:
+    """Half height of residual axes: nearly all residuals, but never so close that noise looks like trouble."""
+    finite = np.abs(residual_m[np.isfinite(residual_m)])
+    return max(0.3, 1.15 * float(np.percentile(finite, 99))) if len(finite) else 0.3
+
+
+def _panel_rows(anchors: int) -> int:
+    return -(-min(anchors, MAX_ANCHORS) // 4)
+
+
+def _rows(table: Table, which: NDArray[Any]) -> Table:
+    return {name: column[which] for name, column in table.items()}
+
+
+def _draw_tag(run: RunData, part: Any, tag: int, rows: Table, note: str) -> None:
+    anchors, left_out = shown_anchors(rows["anchor"])
+    columns = min(4, len(anchors))
+    panel_rows = _panel_rows(len(anchors))
+    grid = part.add_gridspec(1 + panel_rows, columns, height_ratios=[1.6] + [1.5] * panel_rows)
+    top = part.add_subplot(grid[0, :])
+    limit_m = residual_limit_m(rows["range_m"] - rows["predicted_m"])
+    share_with: Axes | None = None
+    for index, anchor in enumerate(anchors):
+        series = _rows(rows, rows["anchor"] == anchor)
+        color = style.SERIES[index % len(style.SERIES)]
+        keep = style.thin_points(len(series["t_ns"]), POINTS_PER_SERIES)
+        seconds = run.seconds(series["t_ns"])[keep]
+        top.plot(seconds, series["range_m"][keep], ".", color=color, label=f"anchor {anchor}", rasterized=True)
+        panel = part.add_subplot(grid[1 + index // columns, index % columns], sharex=top, sharey=share_with)
+        share_with = share_with or panel
+        _draw_residuals(panel, seconds, _rows(series, keep), anchor, limit_m)
+        panel.tick_params(labelleft=index % columns == 0)
+        panel.locator_params(axis="x", nbins=4)
+        if index % columns == 0:
+            panel.set_ylabel("residual (m)")
+        if index // columns == panel_rows - 1:
+            panel.set_xlabel("time (s)")
+    top.set_ylabel("range (m)")
+    top.set_ylim(bottom=0)
+    style.legend_above(top, columns=6)
+    part.suptitle(
+        f"tag {tag}{note}{' · ' * bool(left_out)}{left_out}", x=0.01, ha="left", fontsize=11, fontweight="bold"
+    )
+
+
+def _draw_residuals(panel: Axes, seconds: Float, series: Table, anchor: int, limit_m: float) -> None:
+    residual_m = series["range_m"] - series["predicted_m"]
+    nlos = series["weight"] < NLOS_WEIGHT
+    beyond = int(np.sum(np.abs(residual_m) > limit_m))
+    panel.axhline(0, color=style.GREY, linewidth=0.8)
+    panel.plot(seconds[~nlos], residual_m[~nlos], ".", color=style.ROBOT, markersize=2)
+    panel.plot(seconds[nlos], residual_m[nlos], "x", color=style.NOTE, markersize=3, markeredgewidth=0.8)
+    panel.set_ylim(-limit_m, limit_m)
+    panel.set_title(f"anchor {anchor}" + (f", {beyond} beyond" if beyond else ""), fontsize=9)

@@ -1,0 +1,99 @@
+"""What figures see of a run: its saved files, each read when first asked for, None where it is not there."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from quadlog.errors import NotARun
+from quadlog.geometry import seconds_since
+from quadlog.messages import Float, Int
+from quadlog.results.maps import MapSequence, load_maps
+from quadlog.results.record import RunRecord
+from quadlog.results.run_folder import read_metrics, read_run_json
+from quadlog.results.samples import CloudSample, GroundMap, read_cloud_samples, read_ground
+from quadlog.results.tables import has_table, read_table
+
+Table = dict[str, NDArray[Any]]
+
+# Their earliest instant is 0 s, so that all figures share one time axis.
+_TIMED = ("ranges", "fixes", "poses", "target", "scans", "plans", "control")
+
+
+class RunData:
+    """A run folder, read lazily. Missing files are None or empty; damaged ones raise NotARun.
+
+    record is for a run whose run.json is not yet written; without it the file is read.
+    """
+
+    def __init__(self, path: Path, record: RunRecord | None = None) -> None:
+        self.path = path
+        self.record = _read_record(path) if record is None else record
+        self._tables: dict[str, Table | None] = {}
+
+    def table(self, name: str) -> Table | None:
+        """The columns (N,) of NAME.parquet, or None when the file is missing or has no row."""
+        if name not in self._tables:
+            table = read_table(self.path, name) if has_table(self.path, name) else None
+            self._tables[name] = table if table and len(next(iter(table.values()))) else None
+        return self._tables[name]
+
+    @cached_property
+    def maps(self) -> MapSequence | None:
+        """The map sequence, or None when there is no map."""
+        maps = load_maps(self.path) if (self.path / "maps.npz").is_file() else None
+        return maps if maps is not None and len(maps) else None
+
+    @cached_property
+    def cloud_samples(self) -> tuple[list[CloudSample], list[str]]:
+        """Sample scans, and the name of each label."""
+        return read_cloud_samples(self.path) if (self.path / "cloud_samples.npz").is_file() else ([], [])
+
+    @cached_property
+    def ground(self) -> GroundMap | None:
+        """The ground's height map, or None."""
+        return read_ground(self.path) if (self.path / "ground.npz").is_file() else None
+
+    @cached_property
+    def metrics(self) -> dict[str, dict[str, Any]]:
+        """metrics.json: name: {value, n, unit}."""
+        return read_metrics(self.path) if (self.path / "metrics.json").is_file() else {}
+
+    def metric(self, name: str) -> float | None:
+        """The value of a saved metric, or None."""
+        return float(self.metrics[name]["value"]) if name in self.metrics else None
+
+    def anchors(self) -> list[tuple[int, float, float]]:
+        """(id, x_m, y_m) of the anchors in the run's config."""
+        try:
+            anchors = self.record.config.get("uwb", {}).get("anchors", [])
+            return [(int(anchor["id"]), float(anchor["x_m"]), float(anchor["y_m"])) for anchor in anchors]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise NotARun(self.path / "run.json", f"is damaged: config.uwb.anchors: {error}") from error
+
+    @cached_property
+    def start_ns(self) -> int:
+        """The earliest instant of all tables and maps; 0 s of every time axis."""
+        starts = [int(table["t_ns"].min()) for name in _TIMED if (table := self.table(name)) is not None]
+        if self.maps is not None:
+            starts.append(int(self.maps.t_ns.min()))
+        return min(starts, default=0)
+
+    def seconds(self, t_ns: Int) -> Float:
+        """Instants (N,) as seconds since the start of the run."""
+        return seconds_since(t_ns, self.start_ns)
+
+
+def _read_record(path: Path) -> RunRecord:
+    """run.json with every field there and of its type; a file of a stranger's making must not end in a traceback."""
+    content = read_run_json(path)
+    try:
+        return TypeAdapter(RunRecord).validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise NotARun(path / "run.json", f"is damaged: {where}: {first['msg']}") from error

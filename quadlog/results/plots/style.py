@@ -1,0 +1,152 @@
+"""The one look of all figures: size, fonts, colours that colour-blind readers tell apart, and reproducible PNG bytes.
+
+Figures are made through the object-oriented interface and the Agg canvas, so
+drawing needs no display and leaves no global state behind.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+# Okabe & Ito's palette. One meaning per colour in all figures.
+BLACK, GREY, LIGHT = "#1a1a1a", "#6e6e6e", "#d9d9d9"
+ROBOT = "#0072B2"  # blue: the logged robot
+TARGET = "#D55E00"  # vermillion: what is followed
+PLAN = "#009E73"  # green: planned paths
+RESIM = "#CC79A7"  # pink: the re-simulated walk
+FIX = "#56B4E9"  # sky: raw measurements
+NOTE = "#E69F00"  # orange: what deserves a second look
+SERIES = (ROBOT, TARGET, PLAN, RESIM, NOTE, FIX, BLACK, "#8a7a00")
+
+WIDTH_IN = 8.0
+DPI = 150  # 1200 px wide: sharp on dense screens, and text is still 13 px when shown 800 px wide
+MAX_HEIGHT_IN = 12.0  # a page
+ABOVE_GRID = 0.7  # zorder of images: over the grid lines, under everything else
+
+_STYLE = {
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
+    "font.size": 10.0,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.0,
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.7,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "xtick.color": BLACK,
+    "ytick.color": BLACK,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "image.interpolation": "nearest",
+    "lines.linewidth": 1.4,
+    "lines.markersize": 3.0,
+    "path.simplify": True,
+    "agg.path.chunksize": 20000,
+}
+
+
+def new_figure(height_in: float) -> Figure:
+    """An empty figure of the common width; constrained layout keeps labels apart."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, min(height_in, MAX_HEIGHT_IN)), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def render_png(draw: Callable[[], Figure | None]) -> bytes | None:
+    """The PNG that `draw` makes, or None. The user's own matplotlibrc has no say, and no date or version is inside."""
+    import matplotlib.style
+
+    with matplotlib.style.context(["default", _STYLE]):
+        figure = draw()
+        if figure is None:
+            return None
+        png = io.BytesIO()
+        figure.savefig(png, format="png", metadata={"Software": None})
+        return png.getvalue()
+
+
+def thin_points(count: int, limit: int) -> Int:
+    """Indices (<= limit,) spread evenly over count points."""
+    if count <= limit:
+        return np.arange(count, dtype=np.int64)
+    return np.linspace(0, count - 1, limit).astype(np.int64)
+
+
+def thin_line(values: Float, limit: int = 4000) -> Int:
+    """Indices of a line's points to draw: the extremes of limit/2 equal stretches, so that no peak is lost."""
+    values = np.asarray(values, dtype=np.float64)
+    count = len(values)
+    if count <= limit:
+        return np.arange(count, dtype=np.int64)
+    edges = np.linspace(0, count, limit // 2 + 1).astype(np.int64)[:-1]
+    # A stretch's lowest and highest value, found through a sort within stretches; NaN counts as neither.
+    stretch = np.searchsorted(edges, np.arange(count), side="right") - 1
+    low = np.lexsort((np.where(np.isfinite(values), values, np.inf), stretch))[edges]
+    high = np.lexsort((-np.where(np.isfinite(values), values, -np.inf), stretch))[edges]
+    return np.unique(np.concatenate([low, high, [0, count - 1]]))
+
+
+def legend_above(axes: Axes, columns: int = 4) -> None:
+    """A legend over the axes' upper edge, where it hides no data; nothing when there is nothing to name."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            handles,
+            labels,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=columns,
+            borderaxespad=0.2,
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+        enlarge_dots(axes.get_legend())
+
+
+def enlarge_dots(legend: Legend | None) -> None:
+    """Points of two pixels are enough for data, but nobody can tell their colour in a legend."""
+    from matplotlib.lines import Line2D
+
+    for handle in legend.legend_handles if legend is not None else ():
+        if isinstance(handle, Line2D) and handle.get_marker() == ".":
+            handle.set_markersize(9)
+            handle.set_alpha(1)
+
+
+def signed(value_m: float, digits: int = 3) -> str:
+    """A number with its sign, as typeset: a true minus."""
+    return f"{value_m:+.{digits}f}".replace("-", "−")
+
+
+def count(number: int) -> str:
+    """A whole number with thin spaces between its thousands."""
+    return f"{number:,}".replace(",", "\u2009")
+
+
+def percent(share: float) -> str:
+    """A share as a readable percentage."""
+    return f"{100 * share:.1f} %"

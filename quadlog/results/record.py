@@ -1,0 +1,116 @@
+"""What `run.json` says: how a run came about, from what, and what was lost on the way."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from quadlog.errors import RecordingNotFound
+from quadlog.results.host import describe_host, package_versions
+
+
+@dataclass(frozen=True, slots=True)
+class InputRecord:
+    """The recording: its path as given, bytes, and the SHA-256 of its content (see `describe_input`)."""
+
+    path: str
+    size_bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class TopicRecord:
+    """A topic that was used: the role it played, its type, its messages, and why it was chosen."""
+
+    role: str
+    topic: str
+    type: str
+    messages: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class LossRecord:
+    """Something of the recording that could not be had: a stable cause, and a line for people."""
+
+    cause: str
+    detail: str
+    topic: str | None = None
+    count: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StageRecord:
+    """A stage that ran: wall seconds, and the process's peak memory when it ended."""
+
+    name: str
+    seconds: float
+    peak_memory_mb: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """The content of `run.json`.
+
+    quadlog_version; command: the arguments, the program first; config: the
+    effective config; options: what else decides the result (seed, stamp,
+    start_s, duration_s, until, preset), compared by `--resume`; input; seed;
+    recorded_s: length of what was replayed; topics, counts (name: number),
+    losses, warnings; stages; startup_s: imports and compilation, apart from
+    the stages. host and packages are filled in by themselves. `run.json` adds
+    realtime_factor = recorded_s / seconds in the stages; it is absent when
+    there is nothing to divide.
+    """
+
+    quadlog_version: str
+    command: Sequence[str]
+    config: Mapping[str, Any]
+    options: Mapping[str, Any]
+    input: InputRecord
+    seed: int
+    recorded_s: float
+    topics: Sequence[TopicRecord] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    losses: Sequence[LossRecord] = ()
+    warnings: Sequence[str] = ()
+    stages: Sequence[StageRecord] = ()
+    startup_s: float = 0.0
+    host: Mapping[str, Any] = field(default_factory=describe_host)
+    packages: Mapping[str, str] = field(default_factory=package_versions)
+
+    @property
+    def realtime_factor(self) -> float | None:
+        """Recorded seconds per second spent in the stages, the report apart: drawing does not grow with the log."""
+        seconds = sum(stage.seconds for stage in self.stages if stage.name != "report")
+        return self.recorded_s / seconds if seconds > 0 and self.recorded_s > 0 else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object; keys are the fields' names."""
+        content = asdict(self)
+        if self.realtime_factor is not None:
+            content["realtime_factor"] = self.realtime_factor
+        return content
+
+
+def describe_input(path: Path) -> InputRecord:
+    """Size and SHA-256 of a recording; of a folder, the hash over its files' names, sizes and contents in order.
+
+    Raises RecordingNotFound when it is not there or cannot be read.
+    """
+    files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+    digest, size = hashlib.sha256(), 0
+    try:
+        for each in files:
+            length = each.stat().st_size
+            if path.is_dir():
+                digest.update(f"{each.relative_to(path).as_posix()}\0{length}\0".encode("utf-8", "surrogateescape"))
+            with each.open("rb") as file:
+                while chunk := file.read(1 << 20):
+                    digest.update(chunk)
+            size += length
+    except OSError as error:
+        raise RecordingNotFound(path, error.strerror or str(error)) from error
+    return InputRecord(str(path), size, digest.hexdigest())

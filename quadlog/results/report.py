@@ -1,0 +1,111 @@
+"""plots/*.png and report.html of one run, from its saved results only."""
+
+from __future__ import annotations
+
+import base64
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from quadlog.errors import CannotWrite
+from quadlog.results.files import write_whole
+from quadlog.results.folder_report import write_folder_report
+from quadlog.results.page import render_page
+from quadlog.results.plots.figures import PLOTS, render_plots
+from quadlog.results.plots.run_data import RunData
+from quadlog.results.record import RunRecord
+from quadlog.results.schemas import METRIC_NAMES
+from quadlog.stages import STAGES
+
+__all__ = ["write_folder_report", "write_report"]
+
+_MAX_CONFIG_CHARS = 1_000_000
+
+
+def write_report(run: Path, record: RunRecord | None = None) -> Path:
+    """Draw every figure whose data the run has, write plots/ and report.html, and return the latter's path.
+
+    record is that of a run which is not yet finished, because run.json comes
+    last; without it the file is read. Pictures
+    of an earlier report whose data is gone are removed. The same files give the
+    same bytes.
+
+    Raises NotARun for an unfinished or damaged run, CannotWrite.
+    """
+    data = RunData(run, record)
+    pictures = render_plots(data)
+    _write_plots(run / "plots", pictures)
+    report = run / "report.html"
+    write_whole(report, _render(data, pictures))
+    return report
+
+
+def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
+    if folder.is_symlink():
+        raise CannotWrite(folder, "is a link; pictures are not written through it")
+    try:
+        folder.mkdir(exist_ok=True)
+        for plot in PLOTS:
+            if plot.name not in pictures:
+                (folder / f"{plot.name}.png").unlink(missing_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, error.strerror or str(error)) from error
+    for name, png in pictures.items():
+        write_whole(folder / f"{name}.png", png)
+
+
+def _render(data: RunData, pictures: Mapping[str, bytes]) -> bytes:
+    record = data.record
+    done = {stage.name for stage in record.stages} | {"report"}
+    return render_page(
+        "report.html.jinja",
+        title=_title(record, data.path),
+        record=record,
+        stages=[{"name": name, "done": name in done} for name in STAGES],
+        total_s=sum(stage.seconds for stage in record.stages),
+        metrics=_metrics(data),
+        plots=[
+            _picture(plot.name, plot.title, plot.alt, plot.caption, pictures[plot.name])
+            for plot in PLOTS
+            if plot.name in pictures
+        ],
+        command=shlex.join(str(word) for word in record.command),
+        config=_config_text(data.path),
+    )
+
+
+def _title(record: RunRecord, run: Path) -> str:
+    """The recording's name, whatever system its path came from."""
+    return record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or run.name
+
+
+def _metrics(data: RunData) -> list[dict[str, Any]]:
+    """Rows in the order of the contract; any other metric after them, by name."""
+    rank = {name: place for place, name in enumerate(METRIC_NAMES)}
+    names = sorted(data.metrics, key=lambda name: (rank.get(name, len(rank)), name))
+    rows = ((name, data.metrics[name]) for name in names)
+    return [{"name": name, "value": row["value"], "n": row.get("n"), "unit": row.get("unit", "")} for name, row in rows]
+
+
+def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:
+    """What the template needs to show a PNG, whose header holds width and height at bytes 16 to 24."""
+    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    encoded = base64.b64encode(png).decode()
+    return {
+        "name": name,
+        "title": title,
+        "alt": alt,
+        "caption": caption,
+        "png": encoded,
+        "width": width,
+        "height": height,
+    }
+
+
+def _config_text(run: Path) -> str:
+    path = run / "config.toml"
+    if not path.is_file():
+        return ""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(_MAX_CONFIG_CHARS)

@@ -1,0 +1,174 @@
+"""One run's folder: created without harming what is there, filled file by file, finished by `run.json`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import tomli_w
+
+from quadlog.errors import AlreadyExists, CannotWrite, NotARun
+from quadlog.results.files import is_part, remove_stale_parts, write_whole
+from quadlog.results.names import OWN_FILES
+from quadlog.results.record import RunRecord
+
+_CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
+_MAX_JSON_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """A folder that is, or becomes, a run. `path / name` is where a stage writes its file."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, force: bool = False, resume: bool = False) -> Self:
+        """The folder `path`, made or taken over.
+
+        An existing run needs `force` (quadlog's own files are removed, all
+        others stay) or `resume` (everything stays). Call it only when the run
+        is sure to start: with `force` the old results are gone afterwards.
+
+        Raises AlreadyExists for a run without either flag; CannotWrite when the
+        folder holds other things and is no run, is a link to be emptied, or
+        cannot be made.
+        """
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            names = {entry.name for entry in path.iterdir()}
+        except OSError as error:
+            raise CannotWrite(path, error.strerror or str(error)) from error
+        if all(is_part(name) for name in names):
+            remove_stale_parts(path)
+            return cls(path)
+        if not _is_ours(path):
+            raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
+        if not (force or resume):
+            raise AlreadyExists(path, "--force (start again) or --resume (complete it)")
+        if force and path.is_symlink():
+            raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
+        if force:
+            _remove_own_files(path)
+        remove_stale_parts(path)
+        return cls(path)
+
+    def write_config(self, config: Mapping[str, Any]) -> None:
+        """`config.toml`, first of all files: it marks the folder as quadlog's. Keys without a value are left out."""
+        write_whole(self.path / "config.toml", (_CONFIG_HEADER + tomli_w.dumps(_without_none(config))).encode())
+
+    def write_metrics(self, metrics: Mapping[str, Mapping[str, Any]]) -> None:
+        """`metrics.json`: name: {value, n, unit}. A metric without a finite value does not apply and is left out."""
+        kept = {
+            name: {"value": _plain(metric["value"]), "n": int(metric["n"]), "unit": str(metric["unit"])}
+            for name, metric in metrics.items()
+            if metric["value"] is not None and math.isfinite(metric["value"])
+        }
+        write_whole(self.path / "metrics.json", to_json(kept))
+
+    def write_run_json(self, record: RunRecord) -> None:
+        """`run.json`, last of all files: it marks the run as finished."""
+        write_whole(self.path / "run.json", to_json(record.to_dict()))
+
+    def is_finished(
+        self, input_sha256: str, config: Mapping[str, Any], version: str, options: Mapping[str, Any] | None = None
+    ) -> bool:
+        """Whether this run was finished with this very input, config, version and options (see RunRecord)."""
+        try:
+            record = read_run_json(self.path)
+        except NotARun:
+            return False
+        wanted = json.loads(to_json({"config": config, "options": options or {}}))
+        recording = record.get("input")
+        return (
+            isinstance(recording, dict)
+            and recording.get("sha256") == input_sha256
+            and record.get("quadlog_version") == version
+            and record.get("config") == wanted["config"]
+            and record.get("options") == wanted["options"]
+        )
+
+
+def read_run_json(run: Path) -> dict[str, Any]:
+    """The record of a finished run, as RunRecord describes it. Raises NotARun for anything else."""
+    return _read_object(run, "run.json", "is no finished run: it has no run.json")
+
+
+def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
+    """`metrics.json` of a run: name: {value, n, unit}. Raises NotARun."""
+    metrics = _read_object(run, "metrics.json", "has no metrics.json")
+    for name, metric in metrics.items():
+        value = metric.get("value") if isinstance(metric, dict) else None
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise NotARun(run / "metrics.json", f"is damaged: {name} has no value")
+    return metrics
+
+
+def to_json(content: Any) -> bytes:
+    """JSON for people and programs: keys sorted, no NaN, one trailing newline."""
+    return (json.dumps(content, indent=2, sort_keys=True, allow_nan=False, default=_plain) + "\n").encode()
+
+
+def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
+    path = run / name
+    if not path.is_file():
+        raise NotARun(run, missing)
+    try:
+        if path.stat().st_size > _MAX_JSON_BYTES:
+            raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")
+        content = json.loads(path.read_bytes())
+    except (ValueError, OSError, RecursionError) as error:
+        raise NotARun(path, f"is damaged: {error}") from error
+    if not isinstance(content, dict):
+        raise NotARun(path, "is damaged: no JSON object")
+    return content
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether quadlog made this folder: by what its files say, since others have a config.toml too."""
+    config = path / "config.toml"
+    try:
+        if config.is_file():
+            with config.open("rb") as file:
+                if file.read(len(_CONFIG_HEADER)) == _CONFIG_HEADER.encode():
+                    return True
+        return "quadlog_version" in read_run_json(path)
+    except (NotARun, OSError):
+        return False
+
+
+def _remove_own_files(path: Path) -> None:
+    """`run.json` first, so that what remains after a kill is no finished run. Links are removed, never followed."""
+    plots = path / "plots"
+    pictures: list[Path] = []
+    if plots.is_dir() and not plots.is_symlink():
+        remove_stale_parts(plots)
+        pictures = sorted(plots.glob("*.png"))
+    try:
+        for own in [path / "run.json", *pictures, *(path / name for name in sorted(OWN_FILES))]:
+            if own.is_symlink() or own.is_file():
+                own.unlink()
+        if plots.is_symlink():
+            plots.unlink()
+        elif plots.is_dir() and not any(plots.iterdir()):
+            plots.rmdir()
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no null: a key without a value is left out, which means the default."""
+    if isinstance(value, Mapping):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    return [_without_none(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _plain(value: Any) -> Any:
+    """Scalars of numpy as Python's, and paths as text."""
+    if isinstance(value, Path):
+        return str(value)
+    return value.item() if hasattr(value, "item") else value

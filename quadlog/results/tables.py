@@ -1,0 +1,186 @@
+"""Parquet tables of a run folder: written as a stream, read back as numpy columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from quadlog.errors import NotARun, TooLarge, UnknownName
+from quadlog.results.files import whole_file
+from quadlog.results.schemas import OPTIONAL, TABLES
+
+# Rows are cut into groups of this many whatever the size of the batches they
+# came in, so that the file depends on the data alone and memory stays flat.
+_GROUP_ROWS = 16384
+# 2 GB in memory: thirty hours of control at 50 Hz.
+_MAX_VALUES = 250_000_000
+
+
+class TableWriter:
+    """A table that grows batch by batch and appears, whole, when its `with` block ends without an error.
+
+    Columns are checked by name and type against the schema; ValueError or
+    TypeError names the one that is wrong. CannotWrite when the disk is full.
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema) -> None:
+        self.path, self.schema = path, schema
+        self._batches: list[pa.RecordBatch] = []
+        self._rows: list[Mapping[str, Any]] = []
+        self._pending = 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            part = stack.enter_context(whole_file(self.path))
+            self._parquet = stack.enter_context(_open_parquet(part, self.schema))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._stack:
+            if error is not None:
+                raise error
+            self._gather_rows()
+            self._write_groups(smallest=1)
+
+    def append(self, columns: Mapping[str, Any]) -> None:
+        """Rows from columns of equal length; a single value stands for the whole column."""
+        self._gather_rows()
+        batch = _batch(self.schema, columns)
+        self._batches.append(batch)
+        self._pending += batch.num_rows
+        self._write_groups(smallest=_GROUP_ROWS)
+
+    def add_row(self, row: Mapping[str, Any]) -> None:
+        """One row; a column that the row leaves out must be optional, and None is no value."""
+        missing = [name for name in self.schema.names if name not in row and name not in OPTIONAL]
+        if missing:
+            raise ValueError(f"columns missing: {missing}")
+        self._rows.append(row)
+        if len(self._rows) >= 1024:
+            self._gather_rows()
+            self._write_groups(smallest=_GROUP_ROWS)
+
+    def _gather_rows(self) -> None:
+        rows, self._rows = self._rows, []
+        if not rows:
+            return
+        names = sorted(set().union(*rows))
+        batch = _batch(self.schema, {name: [row.get(name) for row in rows] for name in names})
+        self._batches.append(batch)
+        self._pending += batch.num_rows
+
+    def _write_groups(self, smallest: int) -> None:
+        if self._pending < smallest:
+            return
+        table = pa.Table.from_batches(self._batches, self.schema).combine_chunks()
+        written = 0
+        while table.num_rows - written >= smallest:
+            group = table.slice(written, _GROUP_ROWS)
+            self._parquet.write_table(group, row_group_size=_GROUP_ROWS)
+            written += group.num_rows
+        self._batches = table.slice(written).to_batches()
+        self._pending = table.num_rows - written
+
+
+def write_table(path: Path, schema: pa.Schema, columns: Mapping[str, Any]) -> None:
+    """A whole table at once. Raises as TableWriter does."""
+    with TableWriter(path, schema) as table:
+        table.append(columns)
+
+
+def has_table(run: Path, name: str) -> bool:
+    """Whether the run folder `run` has the table `name`; it may still be damaged."""
+    return (run / f"{name}.parquet").is_file()
+
+
+def read_table(run: Path, name: str, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The table `name` (`fixes`, `poses`, ...) of a run folder as numpy columns (N,), all or those asked for.
+
+    int64, float64 (NaN where there is no value), bool, or str objects.
+
+    Raises NotARun for a missing, damaged or foreign file, TooLarge for one that
+    would not fit in memory, UnknownName for a table or column the contract does not have.
+    """
+    if name not in TABLES:
+        raise UnknownName("table", name, TABLES)
+    schema = TABLES[name]
+    wanted = list(schema.names if columns is None else columns)
+    for column in wanted:
+        if column not in schema.names:
+            raise UnknownName(f"column of {name}", column, schema.names)
+    path = run / f"{name}.parquet"
+    if not path.is_file():
+        raise NotARun(run, f"has no {name}.parquet")
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as parquet:
+            _check_file(path, parquet, schema, wanted)
+            table = parquet.read(columns=wanted)
+    except (pa.ArrowException, OSError, ValueError, KeyError, NotImplementedError) as error:
+        raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
+    return {column: _to_numpy(path, column, table.column(column)) for column in wanted}
+
+
+def _open_parquet(part: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    texts = [field.name for field in schema if field.type == pa.string()]
+    return pq.ParquetWriter(part, schema, compression="zstd", use_dictionary=texts, write_page_checksum=True)
+
+
+def _batch(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.RecordBatch:
+    unknown = sorted(set(columns) - set(schema.names))
+    missing = [name for name in schema.names if name not in columns and name not in OPTIONAL]
+    if unknown or missing:
+        raise ValueError(f"columns missing: {missing}, unknown: {unknown}")
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    lengths = {len(array) for array in arrays.values() if array.ndim == 1}
+    wrong = [name for name, array in arrays.items() if array.ndim > 1]
+    if len(lengths) != 1 or wrong:
+        shapes = {name: array.shape for name, array in arrays.items() if array.ndim}
+        raise ValueError(f"columns must be one-dimensional and of one length, not {shapes}")
+    rows = lengths.pop()
+    return pa.record_batch([_to_arrow(field, arrays.get(field.name), rows) for field in schema], schema=schema)
+
+
+def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Array:
+    """One column; never an int from a float, which would have lost nanoseconds on the way."""
+    if values is None:
+        return pa.nulls(rows, field.type)
+    values = np.broadcast_to(values, rows)
+    allowed = {pa.int64(): "iu", pa.float64(): "fiuO", pa.bool_(): "b", pa.string(): "UO"}[field.type]
+    if rows and (values.dtype.kind not in allowed or (field.type == pa.int64() and values.dtype == np.uint64)):
+        raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
+    if field.type == pa.string():
+        # File names may hold bytes that are no text; the table must not fail for it.
+        return pa.array([text.encode("utf-8", "replace").decode() for text in values.tolist()], pa.string())
+    kind = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}[field.type]
+    return pa.array(np.ascontiguousarray(values, kind), field.type, from_pandas=True)
+
+
+def _check_file(path: Path, parquet: pq.ParquetFile, schema: pa.Schema, wanted: Sequence[str]) -> None:
+    found = parquet.schema_arrow
+    for column in wanted:
+        if column not in found.names or found.field(column).type != schema.field(column).type:
+            raise NotARun(path, f"has no column {column} of type {schema.field(column).type}")
+    values = parquet.metadata.num_rows * len(wanted)
+    if values > _MAX_VALUES:
+        raise TooLarge(f"{path}: values", values, _MAX_VALUES)
+
+
+def _to_numpy(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
+    if values.null_count and values.type != pa.float64():
+        raise NotARun(path, f"column {column} has missing values")
+    return np.array(values.to_numpy())  # a copy: arrow's own memory is read-only
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]

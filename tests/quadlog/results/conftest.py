@@ -1,0 +1,155 @@
+"""A complete, tiny run folder: four seconds of a robot that follows a person along a quarter circle."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadlog.results.derived_mcap import write_derived
+from quadlog.results.layout import write_layout
+from quadlog.results.maps import MapsWriter
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.rosmap import write_rosmap
+from quadlog.results.run_folder import RunFolder
+from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import write_table
+from quadlog.results.tum import write_tum
+
+START_NS = 1_700_000_000_123_456_789
+CONFIG: dict[str, Any] = {
+    "uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0, "height_m": None}]},
+    "planner": {"name": "ia_star"},
+}
+ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
+
+
+@pytest.fixture(scope="session")
+def tiny_record() -> RunRecord:
+    """The record of `tiny_run`."""
+    return RunRecord(
+        quadlog_version="0.1.0",
+        command=["quadlog", "replay", "walk.mcap"],
+        config=CONFIG,
+        options={"seed": 0, "stamp": "header", "until": "report"},
+        input=InputRecord("walk.mcap", 1234, "ab" * 32),
+        seed=0,
+        recorded_s=4.0,
+        topics=[TopicRecord("lidar", "/points", "sensor_msgs/msg/PointCloud2", 40, "the only point cloud")],
+        counts={"scans": 40, "scans_without_pose": 0},
+        losses=[LossRecord("crc", "one chunk is damaged, from 1.0 s to 1.5 s", "/points", 5)],
+        warnings=["no heading source: yaw is the course"],
+        stages=[StageRecord("ingest", 0.5, 120.0), StageRecord("position", 0.3, 130.0)],
+    )
+
+
+@pytest.fixture(scope="session")
+def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
+    """Writes the tiny run into a folder, the same bytes every time."""
+
+    def write(path: Path) -> Path:
+        folder = RunFolder.create(path)
+        folder.write_config(CONFIG)
+        t_ns = START_NS + np.arange(40, dtype=np.int64) * 100_000_000
+        yaw_rad = np.linspace(0, np.pi / 2, 40)
+        robot_m = 3 * np.column_stack([np.sin(yaw_rad), 1 - np.cos(yaw_rad)])
+        _write_positions(path, t_ns, robot_m, yaw_rad)
+        _write_scans(path, t_ns, robot_m)
+        _write_plans(path, t_ns, robot_m)
+        _write_control(path, t_ns, robot_m, yaw_rad)
+        folder.write_metrics(
+            {
+                "eta_m": {"value": np.float64(0.123), "n": 200, "unit": "m"},
+                "fallen": {"value": 0, "n": 1, "unit": ""},
+                "ate_rmse_m": {"value": float("nan"), "n": 0, "unit": "m"},
+            }
+        )
+        write_derived(path)
+        write_layout(path)
+        folder.write_run_json(tiny_record)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def tiny_original(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny run, written once; not to be changed."""
+    return write_run(tmp_path_factory.mktemp("original") / "walk")
+
+
+@pytest.fixture
+def tiny_run(tiny_original: Path, tmp_path: Path) -> Path:
+    """A complete run folder of the test's own."""
+    return shutil.copytree(tiny_original, tmp_path / "walk")
+
+
+def _table(path: Path, name: str, **columns: Any) -> None:
+    write_table(path / f"{name}.parquet", TABLES[name], columns)
+
+
+def _write_positions(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
+    rng = np.random.default_rng(1)
+    fix_m = robot_m + rng.normal(0, 0.05, robot_m.shape)
+    fixes: dict[str, Any] = {"t_ns": np.repeat(t_ns, 2), "tag": np.tile([0, 1], 40)}
+    fixes |= {"x_m": np.repeat(fix_m[:, 0], 2) + np.tile([0, 2.0], 40), "y_m": np.repeat(fix_m[:, 1], 2), "z_m": 0.6}
+    fixes |= {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "n_ranges": 3, "residual_rms_m": 0.05}
+    fixes["x_m"][7] = np.nan  # an epoch without a fix
+    _table(path, "fixes", **fixes, outlier=np.arange(80) % 20 == 3)
+    true_m = np.linalg.norm(robot_m[:, None] - ANCHORS_M, axis=2).ravel()
+    ranges = {"range_m": true_m + rng.normal(0, 0.1, 120), "predicted_m": true_m, "weight": 1.0}
+    _table(path, "ranges", t_ns=np.repeat(t_ns, 3), tag=0, anchor=np.tile([0, 1, 2], 40), **ranges)
+    _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb")
+    _table(path, "target", t_ns=t_ns, x_m=robot_m[:, 0] + 2, y_m=robot_m[:, 1], source="uwb")
+    write_tum(path / "trajectory.tum", t_ns, robot_m[:, 0], robot_m[:, 1], yaw_rad)
+
+
+def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
+    rng = np.random.default_rng(2)
+    counts = {"n_raw": 5000, "n_valid": 4800, "n_outlier": 100, "n_ground": 3000, "n_obstacle": 1700}
+    plane = {"ground_nx": 0.0, "ground_ny": 0.0, "ground_nz": 1.0, "ground_d_m": 0.0}
+    _table(path, "scans", t_ns=t_ns, **counts, **plane, ground_found=True, ms=12.5)
+    with MapsWriter(path / "maps.npz", 0.1, (60, 50)) as maps:
+        for t, xy in zip(t_ns, robot_m, strict=True):
+            maps.append(t, np.floor(xy * 10) / 10 - 2.5, rng.random((60, 50)) < 0.1)
+    cells = rng.choice(np.array([-1, 0, 100], np.int8), (60, 50))
+    write_rosmap(path, cells, np.array([-2.5, -2.5]), 0.1)
+    cloud = rng.normal(0, 3, (300, 3)).astype(np.float32)
+    label = rng.integers(0, 5, 300).astype(np.uint8)
+    sample = CloudSample(int(t_ns[0]), cloud, label, 0.0, 0.0, 0.0)
+    write_cloud_samples(path, [sample, sample], ["invalid", "cropped", "outlier", "ground", "obstacle"])
+    height_m = np.where(rng.random((20, 30)) < 0.5, np.nan, 0.01)
+    write_ground(path, GroundMap(np.array([-1.0, -2.0]), 0.2, height_m, np.isfinite(height_m).astype(np.int64)))
+
+
+def _write_plans(path: Path, t_ns: Any, robot_m: Any) -> None:
+    line = np.linspace(0, 2, 10)
+    found = np.arange(40) != 5
+    for prefix in ("", "resim_"):
+        plans: dict[str, Any] = {"t_ns": t_ns, "planner": "ia_star", "found": found, "expanded": np.arange(40) + 20}
+        plans |= {"generated": np.arange(40) + 60, "cost": np.where(found, 200.0, np.nan), "length_m": 2.0}
+        plans |= {"from_scratch": np.arange(40) % 10 == 0, "reused_cells": 5, "goal_projected": False, "us": 40.0}
+        plans |= {"start_x_m": robot_m[:, 0], "start_y_m": robot_m[:, 1]}
+        plans |= {"goal_x_m": robot_m[:, 0] + 2, "goal_y_m": robot_m[:, 1]}
+        _table(path, f"{prefix}plans", **plans)
+        paths: dict[str, Any] = {"t_ns": np.repeat(t_ns, 10), "i": np.tile(np.arange(10), 40)}
+        paths |= {"x_m": (robot_m[:, :1] + line).ravel(), "y_m": np.repeat(robot_m[:, 1], 10)}
+        smooth_m = np.where(paths["i"] < 8, paths["x_m"], np.nan)  # a smooth path of fewer points
+        _table(path, f"{prefix}paths", **paths, smooth_x_m=smooth_m, smooth_y_m=paths["y_m"])
+
+
+def _write_control(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
+    tick_ns = START_NS + np.arange(200, dtype=np.int64) * 20_000_000
+    x_m, y_m = (np.interp(tick_ns - START_NS, t_ns - START_NS, robot_m[:, k]) for k in (0, 1))
+    error_m = 0.1 * np.abs(np.sin(np.arange(200) / 20))
+    control: dict[str, Any] = {"t_ns": tick_ns, "x_m": x_m, "y_m": y_m, "z_m": np.nan, "roll_rad": np.nan}
+    control |= {"pitch_rad": np.nan, "yaw_rad": np.interp(tick_ns - START_NS, t_ns - START_NS, yaw_rad)}
+    control |= {"vx_mps": 0.6, "vy_mps": 0.0, "yaw_rate_radps": 0.2, "ref_x_m": x_m, "ref_y_m": y_m + error_m}
+    control |= {"error_m": error_m, "cross_track_m": -error_m, "time_error_m": 2 * error_m, "heading_error_rad": 0.0}
+    control |= {"lookahead_m": 2.0, "cmd_v_mps": 0.6, "cmd_yaw_rate_radps": 0.2, "fallen": False}
+    _table(path, "control", **control)

@@ -1,0 +1,187 @@
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from quadlog.errors import NotARun
+from quadlog.results.plots.figures import PLOTS, render_plots
+from quadlog.results.plots.run_data import RunData
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import read_table, write_table
+
+# What each figure cannot be drawn without.
+NEEDS = {
+    "trajectory": ["poses", "target", "control", "fixes"],
+    "ranges": ["ranges"],
+    "residuals": ["ranges"],
+    "scan": ["cloud_samples"],
+    "scans": ["scans"],
+    "terrain": ["ground"],
+    "grid": ["maps"],
+    "expanded": ["plans", "resim_plans"],
+    "tracking_error": ["control"],
+    "lookahead": ["control"],
+    "commands": ["control"],
+    "torques": ["control"],
+}
+DRAW = {plot.name: plot.draw for plot in PLOTS}
+
+
+def _change(run: Path, name: str, **columns: Any) -> None:
+    table = read_table(run, name) | columns
+    write_table(run / f"{name}.parquet", TABLES[name], table)
+
+
+def _remove(run: Path, name: str) -> None:
+    for path in (run / f"{name}.parquet", run / f"{name}.npz"):
+        path.unlink(missing_ok=True)
+
+
+def _with_torques(run: Path) -> None:
+    ticks = np.arange(200)
+    _change(run, "control", **{f"tau_{joint:02d}_nm": np.sin(ticks + joint) for joint in range(12)}, k_v=0.1, k_w=0.2)
+
+
+def test_every_figure_is_drawn_from_a_complete_run(tiny_run: Path) -> None:
+    _with_torques(tiny_run)
+    pictures = render_plots(RunData(tiny_run))
+    assert list(pictures) == [plot.name for plot in PLOTS] == list(NEEDS)
+    for png in pictures.values():
+        image = Image.open(io.BytesIO(png))
+        image.load()
+        assert image.width == 1200
+        assert image.height <= 1800
+        assert len(image.convert("RGB").getcolors(1 << 24) or []) > 10  # not an empty sheet
+
+
+@pytest.mark.parametrize("name", NEEDS)
+def test_a_figure_without_its_data_is_left_out(tiny_run: Path, name: str) -> None:
+    for needed in NEEDS[name]:
+        _remove(tiny_run, needed)
+    assert DRAW[name](RunData(tiny_run)) is None
+
+
+@pytest.mark.parametrize("name", NEEDS)
+def test_every_axis_says_its_unit(tiny_run: Path, name: str) -> None:
+    _with_torques(tiny_run)
+    figure = DRAW[name](RunData(tiny_run))
+    assert figure is not None
+    horizontal = [axes.get_xlabel() for axes in figure.axes] + [figure.get_supxlabel()]
+    vertical = [axes.get_ylabel() for axes in figure.axes] + [figure.get_supylabel()]
+    for labels in (horizontal, vertical):
+        said = [label for label in labels if label]
+        assert said
+        assert all("(" in label and ")" in label for label in said), said
+
+
+def test_torques_and_gains_are_drawn_only_where_a_controller_has_them(tiny_run: Path) -> None:
+    assert DRAW["torques"](RunData(tiny_run)) is None
+    plain = DRAW["lookahead"](RunData(tiny_run))
+    _with_torques(tiny_run)
+    fuzzy = DRAW["lookahead"](RunData(tiny_run))
+    assert plain is not None
+    assert fuzzy is not None
+    assert (len(plain.axes), len(fuzzy.axes)) == (1, 2)
+
+
+def test_the_tracking_error_shows_the_saved_mean_and_deviation(tiny_run: Path) -> None:
+    (tiny_run / "metrics.json").write_text(
+        '{"eta_m": {"value": 0.0345, "n": 9, "unit": "m"}, "sigma_m": {"value": 0.043, "n": 9, "unit": "m"}}'
+    )
+    figure = DRAW["tracking_error"](RunData(tiny_run))
+    assert figure is not None
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert "η ± σ = 0.0345 ± 0.0430 m" in labels
+
+
+def test_the_trajectory_shows_every_path_where_it_was(tiny_original: Path) -> None:
+    figure = DRAW["trajectory"](RunData(tiny_original))
+    assert figure is not None
+    lines = {str(line.get_label()): line for line in figure.axes[0].get_lines()}
+    poses = read_table(tiny_original, "poses")
+    np.testing.assert_array_equal(lines["robot"].get_xdata(), poses["x_m"])
+    np.testing.assert_array_equal(lines["robot"].get_ydata(), poses["y_m"])
+    assert {"target", "re-simulated walk", "some plans", "UWB fixes", "UWB anchors"} <= set(lines)
+    assert figure.axes[0].get_aspect() == 1.0
+
+
+def test_residual_notes_say_bias_and_nlos_share(tiny_run: Path) -> None:
+    ranges = read_table(tiny_run, "ranges")
+    second = ranges["anchor"] == 1
+    range_m = np.where(second, ranges["predicted_m"] - 0.25, ranges["predicted_m"])
+    weight = np.where(second & (np.cumsum(second) <= 10), 0.1, 1.0)
+    _change(tiny_run, "ranges", range_m=range_m, weight=weight)
+    figure = DRAW["residuals"](RunData(tiny_run))
+    assert figure is not None
+    notes = [axes.texts[0].get_text() for axes in figure.axes]
+    assert "bias −0.250 m" in notes[1]
+    assert "NLOS 25.0 % of 40" in notes[1]
+    assert "bias +0.000 m" in notes[0]
+    assert "NLOS 0.0 %" in notes[0]
+
+
+def test_columns_without_a_single_value_do_not_stop_the_report(tiny_run: Path) -> None:
+    nothing = np.full(200, np.nan)
+    names = ("x_m", "y_m", "error_m", "cross_track_m", "time_error_m", "lookahead_m", "cmd_v_mps")
+    _change(tiny_run, "control", **dict.fromkeys(names, nothing))
+    _change(tiny_run, "fixes", x_m=np.full(80, np.nan), y_m=np.full(80, np.nan))
+    _change(tiny_run, "ranges", range_m=np.full(120, np.nan))
+    drawn = render_plots(RunData(tiny_run))
+    assert {"trajectory", "ranges", "residuals"} <= set(drawn)
+    assert not {"tracking_error", "lookahead", "commands"} & set(drawn)
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_tables_of_no_row_and_of_one_row_are_no_trouble(tiny_run: Path, rows: int) -> None:
+    for name in TABLES:
+        if (tiny_run / f"{name}.parquet").is_file():
+            table = {column: values[:rows] for column, values in read_table(tiny_run, name).items()}
+            write_table(tiny_run / f"{name}.parquet", TABLES[name], table)
+    drawn = render_plots(RunData(tiny_run))
+    assert ("expanded" in drawn) == (rows == 1)
+    assert "grid" in drawn
+
+
+def test_many_tags_and_anchors_are_drawn_in_part_and_that_is_said(tiny_run: Path) -> None:
+    anchor, tag = (grid.ravel() for grid in np.meshgrid(np.arange(30), np.arange(6)))
+    many = {"t_ns": np.arange(180), "tag": tag, "anchor": anchor}
+    write_table(
+        tiny_run / "ranges.parquet", TABLES["ranges"], many | {"range_m": 1.0, "predicted_m": 1.0, "weight": 1.0}
+    )
+    figure = DRAW["ranges"](RunData(tiny_run))
+    assert figure is not None
+    assert len(figure.axes) == 4 * (1 + 12)
+    words = " ".join(part.get_suptitle() for part in figure.subfigs)
+    assert "6 tags, 4 shown" in words
+    assert "18 more anchors not shown" in words
+
+
+def test_a_long_recording_makes_small_pictures(tiny_run: Path) -> None:
+    count = 100_000
+    t_ns = 1_700_000_000_123_456_789 + np.arange(count) * 20_000_000
+    noise = np.random.default_rng(5).normal(0, 0.1, count)
+    control = {name: values[np.arange(count) % 200] for name, values in read_table(tiny_run, "control").items()}
+    control |= {"t_ns": t_ns, "error_m": np.abs(noise), "cross_track_m": noise, "cmd_yaw_rate_radps": noise}
+    write_table(tiny_run / "control.parquet", TABLES["control"], control)
+    ranges = {name: values[np.arange(count) % 120] for name, values in read_table(tiny_run, "ranges").items()}
+    ranges |= {"t_ns": t_ns, "range_m": ranges["predicted_m"] + noise}
+    write_table(tiny_run / "ranges.parquet", TABLES["ranges"], ranges)
+    assert sum(len(png) for png in render_plots(RunData(tiny_run)).values()) < 4_000_000
+
+
+def test_all_time_axes_start_with_the_first_instant_of_the_run(tiny_original: Path) -> None:
+    run = RunData(tiny_original)
+    assert run.start_ns == 1_700_000_000_123_456_789
+    np.testing.assert_allclose(run.seconds(np.array([run.start_ns + 1_500_000_001])), [1.500000001], rtol=0, atol=1e-15)
+
+
+def test_damaged_files_are_named(tiny_run: Path) -> None:
+    (tiny_run / "plans.parquet").write_bytes(b"PAR1 no table")
+    with pytest.raises(NotARun, match=r"plans\.parquet"):
+        render_plots(RunData(tiny_run))
+    (tiny_run / "run.json").write_text('{"quadlog_version": "0.1.0"}')
+    with pytest.raises(NotARun, match=r"run\.json: is damaged: command"):
+        RunData(tiny_run)

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
+from quadlog.results.export import EXPORTERS, export_run
+from quadlog.results.rosmap import read_rosmap
+from quadlog.results.schemas import TABLES
+
+
+def test_the_formats_are_the_contracts() -> None:
+    assert set(EXPORTERS) == {"tum", "csv", "rosmap", "mcap"}
+
+
+@pytest.mark.parametrize(("to", "original"), [("tum", "trajectory.tum"), ("mcap", "derived.mcap")])
+def test_a_file_is_what_the_run_holds(tiny_run: Path, tmp_path: Path, to: str, original: str) -> None:
+    before = sorted([each.name for each in tiny_run.iterdir()])
+    assert export_run(tiny_run, to, tmp_path / "new" / "out") == [tmp_path / "new" / "out"]
+    assert (tmp_path / "new" / "out").read_bytes() == (tiny_run / original).read_bytes()
+    assert sorted([each.name for each in tiny_run.iterdir()]) == before
+
+
+def test_csv_keeps_every_digit(tiny_run: Path, tmp_path: Path) -> None:
+    written = export_run(tiny_run, "csv", tmp_path / "csv")
+    assert {path.name for path in written} == {f"{name}.csv" for name in TABLES if name != "summary"}
+    for name in ("poses", "plans", "control", "fixes"):
+        csv = pd.read_csv(tmp_path / "csv" / f"{name}.csv")
+        parquet = pd.read_parquet(tiny_run / f"{name}.parquet")
+        assert list(csv) == TABLES[name].names
+        pd.testing.assert_frame_equal(csv, parquet, check_dtype=False, check_exact=True)
+    assert csv["t_ns"].dtype == np.int64
+    assert b"\r" not in (tmp_path / "csv" / "poses.csv").read_bytes()
+
+
+def test_a_rosmap_is_a_pair_of_files(tiny_run: Path, tmp_path: Path) -> None:
+    export_run(tiny_run, "rosmap", tmp_path / "map")
+    assert sorted([each.name for each in (tmp_path / "map").iterdir()]) == ["map.pgm", "map.yaml"]
+    np.testing.assert_array_equal(
+        read_rosmap(tmp_path / "map" / "map.yaml").cells, read_rosmap(tiny_run / "map.yaml").cells
+    )
+
+
+@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
+def test_nothing_is_overwritten_without_force(tiny_run: Path, tmp_path: Path, to: str) -> None:
+    written = export_run(tiny_run, to, tmp_path / "out")
+    written[-1].write_bytes(b"precious")
+    with pytest.raises(AlreadyExists, match="--force"):
+        export_run(tiny_run, to, tmp_path / "out")
+    assert written[-1].read_bytes() == b"precious"
+    export_run(tiny_run, to, tmp_path / "out", force=True)
+    assert written[-1].read_bytes() != b"precious"
+
+
+@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
+def test_a_run_without_the_result_says_so(tmp_path: Path, to: str) -> None:
+    (tmp_path / "run").mkdir()
+    with pytest.raises(NotARun, match="has no"):
+        export_run(tmp_path / "run", to, tmp_path / "out")
+    assert [each.name for each in tmp_path.iterdir()] == ["run"]
+
+
+def test_unknown_formats_and_impossible_places(tiny_run: Path, tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match="choose one of: csv, mcap, rosmap, tum"):
+        export_run(tiny_run, "kml", tmp_path / "out")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(CannotWrite):
+        export_run(tiny_run, "tum", tmp_path / "file" / "out")

@@ -1,0 +1,48 @@
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.results.page import format_bytes, format_number, render_page
+
+
+def _folder(title: str) -> str:
+    return render_page("folder.html.jinja", script="sort.js", title=title, rows=[], metrics=[], tiles=[]).decode()
+
+
+def test_style_and_script_are_the_only_ones_the_policy_admits() -> None:
+    page = _folder("runs")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    words = policy[1].replace("&#39;", "'").split("; ")
+    assert "default-src 'none'" in words
+    assert "base-uri 'none'" in words
+    assert "form-action 'none'" in words
+    assert not any("unsafe" in word or "http" in word or "*" in word for word in words)
+    assert " style=" not in page  # a hash admits no style attribute
+
+
+@given(st.text())
+def test_any_text_in_a_title_stays_text(title: str) -> None:
+    tags = re.compile(r"<[^>]*>")
+    assert len(tags.findall(_folder(title))) == len(tags.findall(_folder("runs")))
+
+
+def test_half_a_character_does_not_stop_a_page() -> None:
+    assert "runs ?" in _folder("runs \ud800")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.0345678, "0.03457"), (-0.5, "−0.5"), (123456, "123\u2009456"), (2.0, "2"), (0, "0"), (-1200, "−1\u2009200")],
+)
+def test_numbers_have_four_digits_or_are_whole(value: float, shown: str) -> None:
+    assert format_number(value) == shown
+
+
+@pytest.mark.parametrize(
+    ("size", "shown"), [(0, "0 bytes"), (184_223_101, "184 MB"), (1500, "1.5 kB"), (2**50, "1.13e+03 TB")]
+)
+def test_sizes_have_a_unit(size: int, shown: str) -> None:
+    assert format_bytes(size) == shown

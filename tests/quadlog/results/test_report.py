@@ -1,0 +1,228 @@
+import base64
+import dataclasses
+import itertools
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadlog.errors import CannotWrite, NotARun
+from quadlog.results.plots.figures import PLOTS
+from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.report import STAGES, write_report
+from quadlog.results.run_folder import RunFolder
+
+HOSTILE = "/</script><script>alert(1)</script>\"><img src=x onerror=alert(2)>'{{ 7 * 7 }}&amp;"
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, and the text outside style and script."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.words: list[str] = []
+        self._open: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, {name: value or "" for name, value in attrs}))
+        if tag not in {"meta", "img", "input"}:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not {"style", "script"} & set(self._open):
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def _bare(path: Path, record: RunRecord) -> Path:
+    """A run that stopped before anything could be drawn."""
+    folder = RunFolder.create(path)
+    folder.write_config(record.config)
+    folder.write_metrics({})
+    folder.write_run_json(record)
+    return path
+
+
+@pytest.fixture(scope="module")
+def reported(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny run with its report; not to be changed."""
+    run = write_run(tmp_path_factory.mktemp("reported") / "walk")
+    assert write_report(run) == run / "report.html"
+    return run
+
+
+def test_the_page_holds_everything_a_reader_looks_for(reported: Path, tiny_record: RunRecord) -> None:
+    page = Page(reported / "report.html")
+    assert page.all("title")
+    for words in (
+        "walk.mcap",
+        "recorded 4 s",
+        "real-time factor 5 ×",
+        "done, with loss",
+        "Lost from the recording (exit code 3)",
+        "crc on /points , 5 ×: one chunk is damaged, from 1.0 s to 1.5 s",
+        "no heading source: yaw is the course",
+        "eta_m 0.123 m 200",
+        "lidar /points sensor_msgs/msg/PointCloud2 40 the only point cloud",
+        "scans_without_pose 0",
+        "ingest 0.50 62 % 120",
+        "quadlog replay walk.mcap",
+        "ab" * 32,
+        'name = "ia_star"',
+        f"numpy {tiny_record.packages['numpy']}",
+    ):
+        assert words in page.text, words
+
+
+def test_every_picture_is_inside_and_beside_the_page(reported: Path) -> None:
+    page = Page(reported / "report.html")
+    images = page.all("img")
+    expected = [plot for plot in PLOTS if plot.name != "torques"]
+    assert [image["alt"] for image in images] == [plot.alt for plot in expected]
+    for image, plot in zip(images, expected, strict=True):
+        kind, content = image["src"].split(",", 1)
+        assert kind == "data:image/png;base64"
+        png = base64.b64decode(content, validate=True)
+        assert png == (reported / "plots" / f"{plot.name}.png").read_bytes()
+        assert image["width"] == str(int.from_bytes(png[16:20], "big")) == "1200"
+        assert plot.caption in page.text
+
+
+def test_the_page_asks_for_nothing_from_outside(reported: Path) -> None:
+    page = Page(reported / "report.html")
+    assert not {"script", "link", "iframe", "object", "embed", "base", "form"} & {tag for tag, _ in page.elements}
+    for tag, attributes in page.elements:
+        for name, value in attributes.items():
+            if name in {"src", "href", "srcset", "data", "action", "poster"}:
+                assert value.startswith(("data:image/png;base64,", "#")), (tag, name, value[:60])
+            assert not name.startswith("on")
+    css = re.search(r"<style>(.*?)</style>", (reported / "report.html").read_text(), re.DOTALL)
+    assert css is not None
+    assert "url(" not in css[1]
+    assert "@import" not in css[1]
+
+
+def test_headings_are_in_order_and_links_lead_somewhere(reported: Path) -> None:
+    page = Page(reported / "report.html")
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert {link["href"][1:] for link in page.all("a")} <= set(ids)
+    assert page.all("html")[0]["lang"] == "en"
+
+
+def test_the_same_run_gives_the_same_bytes(reported: Path) -> None:
+    def everything() -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in [reported / "report.html", *(reported / "plots").iterdir()]}
+
+    before = everything()
+    write_report(reported)
+    assert everything() == before
+
+
+def test_hostile_names_change_no_tag(tmp_path: Path, tiny_record: RunRecord) -> None:
+    def record(name: str) -> RunRecord:
+        return dataclasses.replace(
+            tiny_record,
+            command=["quadlog", "replay", name],
+            config={"topics": {"lidar": name}},
+            input=dataclasses.replace(tiny_record.input, path=f"/logs/{name.replace('/', '')}.mcap", sha256=name),
+            topics=[TopicRecord(name, name, name, 4, name)],
+            counts={name: 3},
+            losses=[LossRecord(name, name, name, 5)],
+            warnings=[name],
+            stages=[StageRecord(name, 0.5, 120.0)],
+            host={name: name},
+            packages={name: name},
+        )
+
+    def shape(run: Path) -> list[tuple[str, list[str]]]:
+        write_report(run)
+        return [(tag, sorted(attributes)) for tag, attributes in Page(run / "report.html").elements]
+
+    hostile, harmless = _bare(tmp_path / "a", record(HOSTILE)), _bare(tmp_path / "b", record("/points"))
+    assert shape(hostile) == shape(harmless)
+    assert Page(hostile / "report.html").text.count("<script>alert(1)</script>") >= 8
+    assert Page(hostile / "report.html").text.count("{{ 7 * 7 }}&amp;") >= 8
+
+
+def test_a_run_that_stopped_early_shows_what_there_is(tmp_path: Path, tiny_record: RunRecord) -> None:
+    stages = [StageRecord("ingest", 0.0, 100.0)]
+    record = dataclasses.replace(
+        tiny_record, stages=stages, losses=[], warnings=[], topics=[], counts={}, recorded_s=0.0
+    )
+    run = _bare(tmp_path / "walk", record)
+    write_report(run)
+    page = Page(run / "report.html")
+    assert "2 of 7" in page.text
+    for stage in STAGES:
+        done = stage in {"ingest", "report"}
+        assert (f"✓ {stage}" in page.text) == done
+        assert (f"– {stage} (not run)" in page.text) != done
+    for words in ("real-time factor –", "nothing to draw", "give no metrics", "Nothing was lost", "state done"):
+        assert words in page.text, words
+    assert not page.all("img")
+
+
+def test_a_run_that_is_not_finished_yet_brings_its_record(tmp_path: Path, tiny_record: RunRecord) -> None:
+    run = _bare(tmp_path / "walk", tiny_record)
+    finished = write_report(run).read_bytes()
+    (run / "run.json").unlink()
+    with pytest.raises(NotARun, match=r"no run\.json"):
+        write_report(run)
+    assert write_report(run, tiny_record).read_bytes() == finished
+
+
+def test_pictures_of_an_earlier_report_vanish_with_their_data(tmp_path: Path, tiny_record: RunRecord) -> None:
+    run = _bare(tmp_path / "walk", tiny_record)
+    (run / "plots").mkdir()
+    (run / "plots" / "terrain.png").write_bytes(b"old")
+    (run / "plots" / "mine.png").write_bytes(b"the user's own")
+    write_report(run)
+    assert [path.name for path in (run / "plots").iterdir()] == ["mine.png"]
+
+
+def test_pictures_are_not_written_through_a_link(tmp_path: Path, tiny_record: RunRecord) -> None:
+    run = _bare(tmp_path / "walk", tiny_record)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "terrain.png").write_bytes(b"not ours")
+    (run / "plots").symlink_to(elsewhere)
+    with pytest.raises(CannotWrite, match="link"):
+        write_report(run)
+    assert (elsewhere / "terrain.png").read_bytes() == b"not ours"
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"stages": [{"name": "map", "seconds": "long", "peak_memory_mb": 1}]}, r"stages\.0\.seconds"),
+        ({"losses": [{"cause": "crc"}]}, r"losses\.0\.detail"),
+        ({"input": None}, "input"),
+        ({"config": {"uwb": {"anchors": [{"id": 0}]}}}, r"config\.uwb\.anchors"),
+    ],
+)
+def test_a_record_of_another_making_is_refused_in_one_line(tiny_run: Path, change: dict[str, Any], where: str) -> None:
+    path = tiny_run / "run.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(NotARun, match=rf"run\.json: is damaged: {where}") as caught:
+        write_report(tiny_run)
+    assert "\n" not in str(caught.value)
