@@ -1,0 +1,26 @@
+"""`quadlog export`: a run's results in the formats of other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+SUFFIX = {"tum": "trajectory.tum", "mcap": "derived.mcap", "csv": "csv", "rosmap": "rosmap"}
+
+
+@click.command(name="export")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--to", type=click.Choice(sorted(SUFFIX)), required=True, help="The format.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="A file (tum, mcap) or a folder (csv, rosmap).")
+@click.option("--force", is_flag=True, help="Replace what is there.")
+def command(run: Path, to: str, output: Path | None, force: bool) -> int:
+    """Write the results of the run folder RUN for evo (tum), pandas (csv), ROS map_server (rosmap) or Foxglove (mcap).
+
+    Without -o the output goes to the current folder and bears the run's name.
+    """
+    from quadlog.results.export import export_run
+
+    for path in export_run(run, to, output or Path(f"{run.resolve().name}-{SUFFIX[to]}"), force):
+        click.echo(path)
+    return 0

@@ -1,0 +1,127 @@
+"""`quadlog info`: what is in a recording."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+WITH_LOSS = 3
+COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
+RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "NLOS"}
+
+
+@click.command(name="info")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
+@click.option("--msg-path", type=click.Path(path_type=Path), multiple=True, help="Folder of further .msg definitions.")
+@click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
+def command(
+    recording: Path, config_path: Path | None, overrides: tuple[str, ...], msg_path: tuple[Path, ...], as_json: bool
+) -> int:
+    """Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost."""
+    from quadlog.config_file import load_config
+    from quadlog.pipelines.info import describe_recording
+
+    info = describe_recording(recording, load_config(config_path, overrides), msg_path)
+    for line in info["warnings"]:
+        click.echo(f"warning: {printable(line)}", err=True)
+    for loss in info["losses"]:
+        topic = f"{loss['topic']}: " if loss["topic"] else ""
+        click.echo(f"lost: {printable(topic + loss['detail'])}", err=True)
+    if as_json:
+        click.echo(json.dumps(info, indent=2, allow_nan=False))
+    else:
+        print_info(info)
+    return WITH_LOSS if info["losses"] else 0
+
+
+def printable(text: object) -> str:
+    """Text from a recording without control characters, which a terminal would obey."""
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in str(text))
+
+
+def print_info(info: dict[str, Any]) -> None:
+    """The object of `info --json` for people."""
+    click.echo(f"{printable(info['path'])}: {info['messages']} messages{_span(info)}")
+    rows = [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]]
+    if rows:
+        _print_table(COLUMNS, rows)
+    for role, topics in info["ambiguous"].items():
+        flags = "  or  ".join(f"--set topics.{role}={printable(topic)}" for topic in topics)
+        click.echo(f"{role}: {len(topics)} topics could be it; choose with  {flags}")
+    if info["links"]:
+        click.echo(f"UWB: tags {_ids(info['links'], 'tag')}; anchors {_ids(info['links'], 'anchor')}")
+    if info["uwb"]:
+        _print_uwb(info["uwb"])
+
+
+def _print_uwb(rows: Sequence[dict[str, Any]]) -> None:
+    """Residual, bias and NLOS share of every link, which only a log with known anchors has."""
+    cells = []
+    for row in rows:
+        bias = "" if row["bias_m"] is None else f"{row['bias_m']:+.3f} +- {row['bias_std_m']:.3f}"
+        applied = "applied" if row["bias_applied"] else ""
+        link = [str(row["tag"]), str(row["anchor"]), str(row["n"])]
+        cells.append([*link, f"{row['residual_m']:.3f}", bias, applied, f"{100 * row['nlos_share']:.1f} %"])
+    click.echo("")
+    _print_table(("tag", "anchor", "ranges", "residual m", "bias m", "", "NLOS"), cells)
+
+
+def _span(info: dict[str, Any]) -> str:
+    if info["start_ns"] is None:
+        return ""
+    from quadlog.recordings.words import instant
+
+    seconds = (info["end_ns"] - info["start_ns"]) * 1e-9
+    return f" in {seconds:.1f} s, {instant(info['start_ns'])} to {instant(info['end_ns'])}"
+
+
+def _cells(topic: dict[str, Any]) -> list[str]:
+    offset = topic["clock_offset_s"]
+    return [
+        topic["name"],
+        topic["type"],
+        str(topic["messages"]),
+        "" if topic["hz_min"] is None else f"{topic['hz_min']:.4g}..{topic['hz_max']:.4g}",
+        str(topic["gaps"] or ""),
+        "" if offset is None else f"{offset:+.3f} s",
+        topic["role"] or "",
+        topic["why"],
+    ]
+
+
+def _ids(links: Sequence[dict[str, Any]], end: str) -> str:
+    return ", ".join(str(each) for each in sorted({link[end] for link in links}))
+
+
+def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
+        _print_rich(columns, rows)
+        return
+    widths = [max(len(row[i]) for row in (columns, *rows)) for i in range(len(columns))]
+    for row in (columns, *rows):
+        cells = [
+            cell.rjust(width) if column in RIGHT else cell.ljust(width)
+            for column, cell, width in zip(columns, row, widths, strict=True)
+        ]
+        click.echo("  ".join(cells).rstrip())
+
+
+def _print_rich(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, header_style="bold")
+    for column in columns:
+        table.add_column(column, justify="right" if column in RIGHT else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    Console().print(table)

@@ -1,0 +1,65 @@
+"""The `quadlog` command: finds subcommands when they are asked for, turns errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import click
+
+from quadlog.errors import QuadlogError
+from quadlog.version import __version__
+
+COMMANDS = ("info", "init", "replay", "report", "export", "synthesize")
+FAILED = 1
+
+
+class LazyGroup(click.Group):
+    """A group whose commands live one per file and are imported when named, so that help stays instant."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Every command, in the order a user meets them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command object of cli/<name>.py, None for an unknown name."""
+        if name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"quadlog.cli.{name}").command
+        return command
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="quadlog")
+def cli() -> None:
+    """Replay what a quadruped logged through every algorithm worth comparing.
+
+    Results go to stdout, talk to stderr. Exit codes: 0 done, 1 failed, 2 usage, 3 done with loss, 4 a check failed.
+    """
+
+
+def main() -> None:
+    """Entry point: a known error is one line on stderr, an unknown one a traceback, which is a bug in quadlog."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line and return its exit code."""
+    try:
+        exit_code = cli.main(arguments, prog_name="quadlog", standalone_mode=False)
+        sys.stdout.flush()
+        return exit_code or 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except QuadlogError as error:
+        click.echo(f"quadlog: {' '.join(str(error).split())}", err=True)
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("quadlog: interrupted; nothing half-written was left", err=True)
+        return FAILED
+    except BrokenPipeError:
+        # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED

@@ -1,0 +1,109 @@
+"""`quadlog replay`: from recordings to run folders."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from quadlog.errors import UsageError
+from quadlog.stages import STAGES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from quadlog.pipelines.batch import Planned
+    from quadlog.pipelines.replay import ReplayOutcome
+
+
+@click.command(name="replay")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("runs"), help="Where run folders go.")
+@click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
+@click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S."
+)
+@click.option("--preset", help="paper: the methods the papers used.")
+@click.option("--planner", help="Short for --set planner.name=NAME.")
+@click.option("--controller", help="Short for --set simulation.controller=NAME.")
+@click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Recordings at a time; default: the number of cores.")
+@click.option("--resume", is_flag=True, help="Keep finished runs, complete the others.")
+@click.option("--force", is_flag=True, help="Replace existing runs.")
+@click.option("--stamp", type=click.Choice(["header", "log"]), default="header", help="Whose clock counts.")
+@click.option("--msg-path", type=click.Path(path_type=Path), multiple=True, help="Folder of further .msg definitions.")
+@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, help="Of every random draw.")
+@click.option("--dry-run", is_flag=True, help="Say what would run, run nothing.")
+@click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")
+def command(
+    recordings: tuple[str, ...],
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    output: Path,
+    start_s: float | None,
+    duration_s: float | None,
+    preset: str | None,
+    planner: str | None,
+    controller: str | None,
+    until: str,
+    jobs: int | None,
+    resume: bool,
+    force: bool,
+    stamp: Literal["header", "log"],
+    msg_path: tuple[Path, ...],
+    seed: int,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Replay recordings through every stage, one run folder each.
+
+    A RECORDING is a .mcap, .bag or .db3 file, a ROS 2 bag folder, a folder of recordings, or @list.txt.
+    """
+    if resume and force:
+        raise UsageError("--resume and --force exclude each other")
+
+    from quadlog.cli.progress import open_progress
+    from quadlog.config_file import load_config
+    from quadlog.pipelines.batch import plan_batch, replay_batch
+    from quadlog.pipelines.replay import Existing, ReplayOptions
+
+    shorthands = [("planner.name", planner), ("simulation.controller", controller)]
+    settings = [*overrides, *(f"{key}={value}" for key, value in shorthands if value is not None)]
+    config = load_config(config_path, settings, preset=preset)
+    options = ReplayOptions(stamp, start_s, duration_s, until, seed, msg_path)
+    existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
+
+    batch = plan_batch(recordings, output, config, options, existing, ("quadlog", *sys.argv[1:]))
+    if dry_run:
+        _print_plan(batch, as_json)
+        return 0
+    with open_progress() as progress:
+        outcome = replay_batch(batch, jobs, progress)
+    _print_outcomes(outcome.runs, as_json)
+    return outcome.exit_code
+
+
+def _print_plan(batch: Sequence[Planned], as_json: bool) -> None:
+    rows = [each.to_dict() for each in batch]
+    if as_json:
+        click.echo(json.dumps(rows, indent=2))
+        return
+    for row in rows:
+        click.echo(f"{row['action']:<7} {row['recording']} ({row['size_bytes'] / 1e6:.1f} MB) -> {row['run']}")
+
+
+def _print_outcomes(outcomes: Sequence[ReplayOutcome], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps([each.to_dict() for each in outcomes], indent=2, allow_nan=False))
+        return
+    for each in outcomes:
+        click.echo(f"{each.recording}: {each.reason}" if each.failed else f"{each.run}")
+        for name, metric in each.metrics.items():
+            click.echo(f"  {name:<26} {metric['value']:>14.6g} {metric['unit']:<8} n={metric['n']}")
+        if not each.failed:
+            click.echo(f"  report: {each.run / 'report.html'}")

@@ -1,0 +1,88 @@
+"""What is in a recording: the story of `quadlog info`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from quadlog.config import Config
+from quadlog.pipelines.opening import open_configured
+from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.survey import Survey, TopicSurvey, survey
+from quadlog.recordings.words import several
+
+FAR_APART_S = 3600.0
+
+
+def describe_recording(path: Path, config: Config, msg_path: Sequence[Path] = ()) -> dict[str, Any]:
+    """Everything `info --json` prints, as one object; reads the whole recording once.
+
+    Raises the errors of open_recording and UnknownTopic.
+    """
+    with open_configured(path, config, msg_path) as recording:
+        roles = detect_roles(recording, config.topics)
+        seen = survey(recording)
+        rows, why_not = uwb_diagnostics(recording, roles, config)
+        info = _describe(recording, roles, seen)
+        return info | {"uwb": rows, "warnings": [*info["warnings"], *why_not]}
+
+
+def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
+    return {
+        "path": str(recording.path),
+        "messages": seen.messages,
+        "start_ns": seen.start_ns,
+        "end_ns": seen.end_ns,
+        "losses": [
+            {"cause": loss.cause, "detail": loss.detail, "topic": loss.topic, "count": loss.count}
+            for loss in recording.losses
+        ],
+        "warnings": [*recording.warnings, *_clock_warnings(seen)],
+        "topics": [_topic_row(each, roles) for each in seen.topics],
+        "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
+        "ambiguous": {role: list(topics) for role, topics in roles.ambiguous.items()},
+        "target_candidates": list(roles.targets),
+        "links": [
+            {
+                "topic": topic,
+                "tag": link.tag,
+                "anchor": link.anchor,
+                "n": link.messages,
+                "range_min_m": link.range_min_m,
+                "range_max_m": link.range_max_m,
+            }
+            for topic, links in seen.links.items()
+            for link in links
+        ],
+    }
+
+
+def _clock_warnings(seen: Survey) -> list[str]:
+    """Header stamps more than an hour from log time: what would be mixed, and how to avoid it."""
+    far = [each for each in seen.topics if each.clock_offset_s is not None and abs(each.clock_offset_s) > FAR_APART_S]
+    if not far:
+        return []
+    unstamped = [each.name for each in seen.topics if each.messages and each.clock_offset_s is None]
+    line = f"header stamps of {several(len(far), 'topic')} lie {far[0].clock_offset_s:.0f} s from log time"
+    if unstamped:
+        line += f", which {several(len(unstamped), 'topic')} without stamps must use; take log times with  --stamp log"
+    return [line]
+
+
+def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
+    role, why = roles.of_topic(topic.name)
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "messages": topic.messages,
+        "hz_min": topic.hz_min,
+        "hz_max": topic.hz_max,
+        "gaps": topic.gaps,
+        "longest_gap_s": topic.longest_gap_s,
+        "role": role,
+        "why": why,
+        "clock_offset_s": topic.clock_offset_s,
+    }

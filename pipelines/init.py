@@ -1,0 +1,100 @@
+"""A first configuration from what a recording holds: the story of `quadlog init`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadlog.config import Config
+from quadlog.config_file import commented_toml
+from quadlog.errors import AlreadyExists
+from quadlog.messages import Float
+from quadlog.pipelines.opening import lidar_in_base, open_configured
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.streams import gather
+from quadlog.recordings.survey import Survey, survey
+from quadlog.results.files import write_whole
+
+SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
+
+
+def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> str:
+    """The text of a quadlog.toml: detected topics and lidar mount filled in, anchors and tags left to be placed."""
+    with open_configured(path, Config(), msg_path) as recording:
+        roles = detect_roles(recording, Config().topics)
+        seen = survey(recording)
+        mount = _lidar_mount(recording, roles)
+    topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}
+    if "uwb" in roles.found:
+        topics["uwb"] = list(roles.found["uwb"].topics)
+    filled = {"topics": topics} if mount is None else {"topics": topics, "lidar": {"mount": mount}}
+    text = commented_toml(Config.model_validate(filled), _notes(roles, mount))
+    return text + _radio_skeleton(seen)
+
+
+def write_new(path: Path, text: str, *, force: bool) -> None:
+    """Write a file whole. Raises AlreadyExists unless forced, CannotWrite."""
+    if path.exists() and not force:
+        raise AlreadyExists(path)
+    write_whole(path, text.encode())
+
+
+def _notes(roles: Roles, mount: dict[str, float] | None) -> dict[str, list[str]]:
+    """Comment lines beside the keys: why this topic, or which ones to choose from."""
+    notes: dict[str, list[str]] = {}
+    for name in (*SINGLE_TOPICS, "uwb"):
+        if name in roles.found:
+            notes[f"topics.{name}"] = [f"here: {_one_line(roles.found[name].why)}"]
+        elif name in roles.ambiguous:
+            choices = ", ".join(_one_line(topic) for topic in roles.ambiguous[name])
+            notes[f"topics.{name}"] = [f"several could be it: {choices}"]
+    if roles.targets:
+        notes["topics.target"] = [f"in this log: {', '.join(_one_line(topic) for topic in roles.targets)}"]
+    notes["lidar.mount"] = [
+        "not in the log's tf: to be measured" if mount is None else "from the static transforms of the log"
+    ]
+    return notes
+
+
+def _lidar_mount(recording: Recording, roles: Roles) -> dict[str, float] | None:
+    """[lidar.mount] from the static transforms, None where they do not lead from the lidar to the base."""
+    if "lidar" not in roles.found or "tf" not in roles.found:
+        return None
+    tree = gather(recording, tf=roles.found["tf"].topics).tf
+    transform = lidar_in_base(recording, roles.found["lidar"].topics[0], tree)
+    return None if transform is None else mount_of(transform)
+
+
+def mount_of(transform_lidar_to_base: Float) -> dict[str, float]:
+    """The keys of [lidar.mount] for a (4, 4) transform, rounded to 0.1 mm and 0.001 degree."""
+    x_m, y_m, z_m = (round(float(value), 4) for value in transform_lidar_to_base[:3, 3])
+    angles = Rotation.from_matrix(transform_lidar_to_base[:3, :3]).as_euler("ZYX", degrees=True)
+    yaw, pitch, roll = (round(float(value), 3) + 0.0 for value in np.asarray(angles))
+    return {"x_m": x_m, "y_m": y_m, "z_m": z_m, "roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
+
+
+def _radio_skeleton(seen: Survey) -> str:
+    """Commented tables for every tag and anchor that ranged in the log, ready to be filled in."""
+    links = [link for topic in seen.links.values() for link in topic if link.anchor >= 0]
+    if not links:
+        return ""
+    lines = ["", "# The radios that ranged in this log. Give the anchors their places in map and uncomment them."]
+    for anchor in sorted({link.anchor for link in links}):
+        reach = [link for link in links if link.anchor == anchor]
+        count = sum(link.messages for link in reach)
+        far_m = max(link.range_max_m for link in reach)
+        lines += ["#", f"# {count} ranges of up to {far_m:.1f} m", "# [[uwb.anchors]]", f"# id = {anchor}"]
+        lines += ["# x_m = ", "# y_m = ", "# z_m = "]
+    for tag in sorted({link.tag for link in links}):
+        count = sum(link.messages for link in links if link.tag == tag)
+        lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", '# role = "robot"']
+    return "\n".join(lines) + "\n"
+
+
+def _one_line(text: str) -> str:
+    return "".join(each if each.isprintable() else " " for each in text)

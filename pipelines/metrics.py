@@ -1,0 +1,105 @@
+"""Every metric of a run, from its saved tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.geometry import quat_from_yaw, yaw_from_quat
+from quadlog.messages import Float, PoseSeries
+from quadlog.metrics.metric import Metrics
+from quadlog.metrics.positioning import Trajectory, positions_at, trajectory_metrics, uwb_metrics
+from quadlog.metrics.search import Replans, search_metrics
+from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
+from quadlog.planning.registry import PLANNERS
+from quadlog.positioning.lever_arm import base_to_tag
+from quadlog.results.tables import has_table, read_table
+from quadlog.results.tum import read_tum
+
+REFERENCE_GAP_NS = 100_000_000
+
+
+def positioning_metrics(run: Path, config: Config, robot_tag: int | None) -> Metrics:
+    """UWB residuals; with reference.tum also the fixes' and the poses' error against it.
+
+    The reference is a pose of base; a fix is compared with where the tag, at
+    its place in base, must have been.
+    """
+    reference = _read_reference(run)
+    metrics: Metrics = {}
+    if robot_tag is not None and has_table(run, "fixes"):
+        fixes = read_table(run, "fixes")
+        own = fixes["tag"] == robot_tag
+        error_m = None
+        if reference is not None:
+            truth_m = _tag_truth(fixes["t_ns"][own], reference, config, robot_tag)
+            error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
+        metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
+    if reference is not None and has_table(run, "poses"):
+        poses = read_table(run, "poses")
+        if len(poses["t_ns"]) and poses["source"][0] != "fixed":
+            position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
+            estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
+            metrics |= trajectory_metrics(_trajectory(reference), estimate)
+    return metrics
+
+
+def planning_metrics(run: Path, astar_expanded: Sequence[int]) -> Metrics:
+    """Cells, success and excess cost of the logged walk's replans."""
+    if not has_table(run, "plans"):
+        return {}
+    plans = read_table(run, "plans")
+    if len(plans["t_ns"]) == 0:
+        return {}
+    replans = Replans(
+        found=plans["found"],
+        expanded=plans["expanded"],
+        generated=plans["generated"],
+        cost=plans["cost"],
+        optimal_cost=plans["optimal_cost"],
+        from_scratch=plans["from_scratch"],
+        astar_expanded=np.array(astar_expanded, dtype=np.int64) if len(astar_expanded) else None,
+    )
+    return search_metrics(replans, incremental=PLANNERS[str(plans["planner"][0])].incremental)
+
+
+def control_metrics(run: Path, clearance_m: Float | None, target_distance_m: Float | None) -> Metrics:
+    """Tracking error, clearance and distance kept, of the re-simulated walk."""
+    if not has_table(run, "control"):
+        return {}
+    control = read_table(run, "control")
+    walk = TrackedWalk(
+        t_ns=control["t_ns"],
+        error_m=control["error_m"],
+        cross_track_m=control["cross_track_m"],
+        time_error_m=control["time_error_m"],
+        heading_error_rad=control["heading_error_rad"],
+        clearance_m=clearance_m,
+        target_distance_m=target_distance_m,
+    )
+    return tracking_metrics(walk)
+
+
+def _read_reference(run: Path) -> PoseSeries | None:
+    path = run / "reference.tum"
+    return read_tum(path) if path.is_file() else None
+
+
+def _trajectory(poses: PoseSeries) -> Trajectory:
+    """A reference in the plane, as the robot's poses are."""
+    position_m = poses.position_m * np.array([1.0, 1.0, 0.0])
+    return Trajectory(poses.t_ns, position_m, quat_from_yaw(yaw_from_quat(poses.quat_xyzw)))
+
+
+def _tag_truth(t_ns: np.ndarray, reference: PoseSeries, config: Config, tag: int) -> Float:
+    """Where a tag was in map (N, 2) by the reference, NaN where it is silent."""
+    lever = next((each for each in config.uwb.tags if each.id == tag), None)
+    x_m, y_m = (lever.x_m, lever.y_m) if lever is not None else (0.0, 0.0)
+    yaw_rad = yaw_from_quat(reference.quat_xyzw)
+    tag_m = base_to_tag(reference.position_m[:, :2], yaw_rad, x_m, y_m)
+    at_tag = Trajectory(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)
+    truth_m: Float = positions_at(t_ns, at_tag, REFERENCE_GAP_NS)[:, :2]
+    return truth_m

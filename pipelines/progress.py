@@ -1,0 +1,83 @@
+"""How a replay says where it is; silent unless somebody looks."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
+
+Item = TypeVar("Item")
+
+
+class Progress(Protocol):
+    """What the command line shows while a recording is replayed."""
+
+    def begin(self, stage: str, total: int | None) -> None:
+        """A stage starts; total is the number of its steps, None when unknown."""
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        """One step of the current stage is done; recorded_s is how far into the recording it reached."""
+
+    def say(self, text: str) -> None:
+        """A choice or a warning, one line."""
+
+
+class Silent:
+    """The progress of a batch worker, a pipe or a test."""
+
+    def begin(self, stage: str, total: int | None) -> None:
+        """Nothing to show."""
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        """Nothing to show."""
+
+    def say(self, text: str) -> None:
+        """Nothing to show."""
+
+
+class StageClock:
+    """Seconds spent in each stage and the process's peak memory when it ended.
+
+    Stages may interleave: a scan is filtered, then mapped, then the next one
+    is filtered; each stage gets its own share of the time.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.peak_memory_mb: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time of the block towards a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            self.peak_memory_mb[name] = peak_memory_mb()
+
+    def drawn(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
+        """The items, with the time it takes to produce each counted towards a stage."""
+        iterator = iter(items)
+        while True:
+            with self.stage(name):
+                try:
+                    item = next(iterator)
+                except StopIteration:
+                    return
+            yield item
+
+    @property
+    def total_s(self) -> float:
+        """Seconds in all stages together."""
+        return sum(self.seconds.values())
+
+
+def peak_memory_mb() -> float:
+    """The largest resident size this process has had, in MB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    bytes_per_unit = 1 if sys.platform == "darwin" else 1024
+    return peak * bytes_per_unit / 1e6

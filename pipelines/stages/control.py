@@ -1,0 +1,50 @@
+"""Stage `control`: the walk again, closed loop, on the recorded maps and towards the recorded target."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadlog.pipelines.stages.plan import PlanTables, recorded_maps, replan_settings
+from quadlog.pipelines.stages.walk import Walk
+from quadlog.planning.registry import make_planner
+from quadlog.planning.replan import Replanner
+from quadlog.results.maps import load_maps
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import write_table
+from quadlog.simulation.resimulation import PursuitSettings, resimulate
+
+
+def resimulate_walk(walk: Walk) -> None:
+    """control.parquet, resim_plans.parquet and resim_paths.parquet; nothing without a target or a controller."""
+    config = walk.config
+    maps = load_maps(walk.run.path)
+    if walk.target is None or config.simulation.controller == "none" or len(maps) == 0:
+        return
+    walk.progress.begin("control", None)
+    with walk.clock.stage("control"):
+        start = walk.robot_pose_at(int(maps.t_ns.min()))
+        assert start is not None, "a map is only made where there is a pose"
+        replanner = Replanner(make_planner(config.planner.name, config.planner.corner_cutting), replan_settings(walk))
+        resim = resimulate(recorded_maps(walk.run.path), walk.targets_at, start, replanner, _settings(walk))
+        write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
+        with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
+            paths = {path.t_ns: path for path in resim.paths}
+            for record in resim.plans:
+                tables.add(record, paths.get(record.t_ns))
+    walk.clearance_m, walk.target_distance_m = resim.clearance_m, resim.target_distance_m
+    walk.counts["ticks"] = len(np.atleast_1d(resim.control["t_ns"]))
+    if resim.outside_ticks:
+        walk.counts["ticks_outside_window"] = resim.outside_ticks
+        walk.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+
+
+def _settings(walk: Walk) -> PursuitSettings:
+    pursuit, robot = walk.config.pursuit, walk.config.robot
+    return PursuitSettings(
+        lookahead_m=pursuit.lookahead_m,
+        speed_mps=pursuit.speed_mps,
+        max_yaw_rate_radps=pursuit.max_yaw_rate_radps,
+        rate_hz=pursuit.rate_hz,
+        body_length_m=robot.length_m,
+        body_width_m=robot.width_m,
+    )

@@ -1,0 +1,178 @@
+"""Stages `filter` and `map`: every scan is classified, then laid on the grid around the robot, one at a time.
+
+They share one pass over the recording, so that no more than one scan is ever
+held; each is timed on its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.paper import PaperSettings, classify_scan_paper
+from quadlog.lidar.points import PointClass
+from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.ground_height import GroundHeight
+from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, to_map
+from quadlog.mapping.occupancy import occupancy
+from quadlog.mapping.window import window_around
+from quadlog.messages import Float
+from quadlog.pipelines.stages.sampling import EvenSample
+from quadlog.pipelines.stages.walk import Walk
+from quadlog.results.maps import MapsWriter
+from quadlog.results.rosmap import write_rosmap
+from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import TableWriter
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A classified scan at its instant, with the robot's pose (3,) x, y, yaw in map, or None where none is near."""
+
+    t_ns: int
+    points: ClassifiedScan
+    pose_base_in_map: Float | None
+
+
+def filter_scans(walk: Walk) -> None:
+    """Stage `filter` alone: scans.parquet and the cloud samples; needs no pose."""
+    for _ in _filtered(walk):
+        pass
+
+
+def filter_and_map(walk: Walk) -> None:
+    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
+    grid = walk.config.grid
+    built = _Built(AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m))
+    shape = (grid.size_cells, grid.size_cells)
+    with ExitStack() as stack:
+        with walk.clock.stage("map"):
+            maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
+        for scan in _filtered(walk):
+            with walk.clock.stage("map"):
+                _map_scan(walk, scan, maps, built)
+    with walk.clock.stage("map"):
+        _write_built(walk, built)
+
+
+@dataclass(frozen=True, slots=True)
+class _Built:
+    """What grows over the whole run."""
+
+    whole: AccumulatedMap
+    ground: GroundHeight
+
+
+def _filtered(walk: Walk) -> Iterator[Scan]:
+    """Classify scan after scan and keep a row of each; the clouds themselves are gone with the next one."""
+    config = walk.config
+    settings = _paper_settings(config)
+    transform_lidar_to_base = walk.transform_lidar_to_base
+    samples: EvenSample[CloudSample] = EvenSample(config.results.cloud_samples)
+    walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
+    with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
+        for t_ns, cloud in walk.clock.drawn("filter", walk.clouds()):
+            with walk.clock.stage("filter"):
+                started = time.perf_counter()
+                points = classify_scan_paper(cloud.xyz_m, transform_lidar_to_base, settings, walk.seed)
+                table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
+                scan = Scan(t_ns, points, walk.robot_pose_at(t_ns))
+                samples.offer(partial(_sample, scan))
+            yield scan
+            walk.progress.advance((t_ns - walk.first_ns) * 1e-9)
+    with walk.clock.stage("filter"):
+        write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
+
+
+def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
+    if scan.pose_base_in_map is None:
+        walk.count("scans_without_pose")
+        return
+    grid = walk.config.grid
+    pose = scan.pose_base_in_map
+    window = window_around(pose[:2], grid.cell_m, grid.size_cells)
+    target_xy_m = walk.target_at(scan.t_ns)
+    blocking = obstacle_points(scan.points, pose, target_xy_m, _obstacle_settings(walk.config))
+    occupied = occupancy(blocking, window, grid.min_points)
+    maps.append(scan.t_ns, window.origin_m, occupied)
+    floor = scan.points.of_class(PointClass.GROUND)
+    floor_xy_m = to_map(floor[:, :2], pose)
+    built.whole.add(window, occupied, pose[:2], seen_free=occupancy(floor_xy_m, window, 1))
+    built.ground.add(floor_xy_m, floor[:, 2])
+
+
+def _write_built(walk: Walk, built: _Built) -> None:
+    whole = built.whole.to_cells()
+    if whole is not None:
+        cells, window = whole
+        write_rosmap(walk.run.path, cells, window.origin_m, window.cell_m)
+    ground = built.ground.to_map()
+    if ground is not None:
+        write_ground(
+            walk.run.path, GroundMap(ground.origin_m, ground.cell_m, ground.height_m, ground.count.astype(np.int64))
+        )
+    for name, skipped in (("map.pgm", built.whole.skipped), ("ground.npz", built.ground.skipped)):
+        if skipped:
+            walk.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
+    lost = walk.counts.get("scans_without_pose", 0)
+    if lost:
+        walk.warn(f"{lost} scans are not in the map: no pose within {walk.config.lidar.pose_gap_s} s of them")
+
+
+def _row(t_ns: int, points: ClassifiedScan, ms: float) -> dict[str, float | int | bool]:
+    ground = points.ground
+    normal = (np.nan, np.nan, np.nan) if ground is None else ground.normal
+    return {
+        "t_ns": t_ns,
+        "n_raw": points.n_raw,
+        "n_valid": points.n_valid,
+        "n_outlier": points.n_outlier,
+        "n_ground": points.n_ground,
+        "n_obstacle": points.n_obstacle,
+        "ground_nx": float(normal[0]),
+        "ground_ny": float(normal[1]),
+        "ground_nz": float(normal[2]),
+        "ground_d_m": np.nan if ground is None else ground.d_m,
+        "ground_found": ground is not None,
+        "ms": ms,
+    }
+
+
+def _sample(scan: Scan) -> CloudSample:
+    x_m, y_m, yaw_rad = (np.nan, np.nan, np.nan) if scan.pose_base_in_map is None else scan.pose_base_in_map
+    valid = scan.points.label != PointClass.INVALID
+    xyz_m = scan.points.xyz_base_m[valid].astype(np.float32)
+    return CloudSample(scan.t_ns, xyz_m, scan.points.label[valid], float(x_m), float(y_m), float(yaw_rad))
+
+
+def _paper_settings(config: Config) -> PaperSettings:
+    lidar, ground = config.lidar, config.ground
+    return PaperSettings(
+        min_range_m=lidar.min_range_m,
+        max_range_m=lidar.max_range_m,
+        field_of_view_deg=lidar.field_of_view_deg,
+        outlier_neighbours=lidar.outlier_neighbours,
+        outlier_std_ratio=lidar.outlier_std_ratio,
+        ground_distance_m=ground.distance_m,
+        ground_confidence=ground.confidence,
+        ground_inlier_share=ground.inlier_share,
+        ground_min_points=ground.min_points,
+    )
+
+
+def _obstacle_settings(config: Config) -> ObstacleSettings:
+    return ObstacleSettings(
+        min_height_m=config.grid.min_height_m,
+        max_height_m=config.grid.max_height_m,
+        target_radius_m=config.grid.target_radius_m,
+        body_length_m=config.robot.length_m,
+        body_width_m=config.robot.width_m,
+    )

@@ -1,0 +1,103 @@
+"""Stage `plan`: at every map of the logged walk, from where the robot was to where the target was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.mapping.window import Window
+from quadlog.messages import Float
+from quadlog.pipelines.stages.walk import Walk
+from quadlog.planning.registry import make_planner
+from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
+from quadlog.results.maps import MapSequence, load_maps
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import TableWriter
+from quadlog.simulation.resimulation import MapInstant
+
+
+def replan_walk(walk: Walk) -> None:
+    """plans.parquet and paths.parquet, from the saved maps; nothing when nothing is followed, which is said."""
+    if walk.target is None:
+        walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
+        return
+    config = walk.config
+    replanner = Replanner(make_planner(config.planner.name, config.planner.corner_cutting), replan_settings(walk))
+    walk.progress.begin("plan", len(load_maps(walk.run.path)))
+    with walk.clock.stage("plan"), PlanTables(walk.run.path, "plans", "paths") as tables:
+        for instant in recorded_maps(walk.run.path):
+            pose = walk.robot_pose_at(instant.t_ns)
+            target_m = walk.targets_at(np.array([instant.t_ns]))[0]
+            if pose is None or not np.isfinite(target_m).all():
+                walk.count("maps_without_target")
+                continue
+            replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
+            tables.add(replan.record, replan.path)
+            walk.astar_expanded.append(replan.record.astar_expanded)
+            walk.progress.advance((instant.t_ns - walk.first_ns) * 1e-9)
+    lost = walk.counts.get("maps_without_target", 0)
+    if lost:
+        walk.warn(f"{lost} maps are not planned on: no target was seen within a second of them")
+
+
+class PlanTables:
+    """A table of replans and one of their paths, written side by side."""
+
+    def __init__(self, run: Path, plans: str, paths: str) -> None:
+        self._run, self._names = run, (plans, paths)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> PlanTables:
+        with ExitStack() as stack:
+            self._plans, self._paths = (
+                stack.enter_context(TableWriter(self._run / f"{name}.parquet", TABLES[name])) for name in self._names
+            )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.__exit__(*error)  # type: ignore[arg-type]
+
+    def add(self, record: PlanRecord, path: PlannedPath | None) -> None:
+        """One replan, and its path where one was found."""
+        names = TABLES[self._names[0]].names
+        row = {name: getattr(record, name) for name in names}
+        costs = {name: np.nan if row[name] is None else float(row[name]) for name in ("cost", "optimal_cost")}
+        self._plans.add_row(row | costs)
+        if path is not None:
+            x_m, y_m = path.raw_xy_m.T
+            smooth_x_m, smooth_y_m = path.smooth_xy_m.T
+            columns = {"x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
+            self._paths.append({"t_ns": path.t_ns, "i": np.arange(len(x_m))} | columns)
+
+
+def recorded_maps(run: Path) -> Iterator[MapInstant]:
+    """The saved map sequence as windows of map's lattice, in time order."""
+    maps = load_maps(run)
+    for index in np.argsort(maps.t_ns, kind="stable"):
+        yield MapInstant(int(maps.t_ns[index]), _window_of(maps.origin_m[index], maps), maps.occupied(int(index)))
+
+
+def _window_of(origin_m: Float, maps: MapSequence) -> Window:
+    """The window whose lower-left corner is origin_m (2,)."""
+    cell_m, (rows, columns) = float(maps.cell_m), maps.shape
+    col0, row0 = (int(index) for index in np.rint(np.asarray(origin_m) / cell_m))
+    return Window(col0, row0, cell_m, (int(rows), int(columns)))
+
+
+def replan_settings(walk: Walk) -> ReplanSettings:
+    """The sections grid, planner and smoothing as the algorithms take them."""
+    config: Config = walk.config
+    keeps_away = walk.target is not None and walk.target.has_body
+    return ReplanSettings(
+        dilation_m=config.grid.dilation_m,
+        stop_short_m=config.planner.stop_short_m if keeps_away else 0.0,
+        corner_cutting=config.planner.corner_cutting,
+        smooth=config.smoothing.enabled,
+        merge_m=config.smoothing.merge_m,
+        spacing_m=config.smoothing.spacing_m,
+    )

@@ -1,0 +1,172 @@
+"""Stage `position`: where the robot and the target were, from the best source the recording has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import MissingInput
+from quadlog.geometry import yaw_from_quat
+from quadlog.messages import PoseSeries
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
+from quadlog.pipelines.stages.uwb import UwbPositions, locate_tags, write_uwb
+from quadlog.pipelines.stages.walk import Walk
+from quadlog.positioning.heading import align_yaw, course_heading
+from quadlog.positioning.lever_arm import tag_to_base
+from quadlog.positioning.locate import TagResult
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import write_table
+from quadlog.results.tum import read_tum, write_tum
+
+AUTO_ORDER = ("uwb", "tf", "odometry", "fixed")
+COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
+UNCERTAIN_HEADING_RAD = np.radians(5.0)
+
+
+def locate_walk(walk: Walk) -> None:
+    """Fills walk.robot and walk.target; writes poses, target, and with UWB fixes and ranges, and trajectory.tum.
+
+    Raises MissingInput where the chosen source is not in the recording.
+    """
+    walk.progress.begin("position", None)
+    with walk.clock.stage("position"):
+        uwb = locate_tags(walk)
+        if uwb is not None:
+            write_uwb(walk, uwb)
+        walk.robot = _robot(walk, uwb)
+        walk.target = _target(walk, uwb, walk.robot)
+        _write_tracks(walk)
+    walk.progress.say(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
+
+
+def _robot(walk: Walk, uwb: UwbPositions | None) -> RobotTrack:
+    """The track of the configured source, or of the first of AUTO_ORDER that there is."""
+    wanted = walk.config.topics.position
+    sources: dict[str, Callable[[], RobotTrack | None]] = {
+        "uwb": lambda: _from_uwb(walk, uwb),
+        "tf": lambda: _from_tf(walk),
+        "odometry": lambda: _from_poses(walk, walk.streams.odometry, "odometry"),
+        "fixed": lambda: _fixed(walk),
+    }
+    if wanted == "auto":
+        track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
+        if track.source == "fixed":
+            walk.warn("no pose source in the recording: everything is mapped from a fixed pose at the origin")
+        return track
+    if wanted in sources:
+        chosen = sources[wanted]()
+    elif wanted in {channel.topic for channel in walk.recording.channels}:
+        chosen = _from_poses(walk, walk.streams.odometry, wanted)
+    else:
+        chosen = _from_poses(walk, read_tum(Path(wanted)), "file")
+    if chosen is None:
+        raise MissingInput(
+            "position", f"topics.position = {wanted!r}, but {_why_not(walk, wanted)}", "see  quadlog info"
+        )
+    return chosen
+
+
+def _why_not(walk: Walk, source: str) -> str:
+    if source == "uwb" and not walk.config.uwb.anchors:
+        return "no [[uwb.anchors]] are configured"
+    return "the recording gives no such poses"
+
+
+def _from_uwb(walk: Walk, uwb: UwbPositions | None) -> RobotTrack | None:
+    if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
+        return None
+    track = uwb.robot.track
+    yaw_rad = _heading(walk, uwb.robot)
+    lever = next((tag for tag in walk.config.uwb.tags if tag.id == uwb.robot.tag), None)
+    x_m, y_m = (lever.x_m, lever.y_m) if lever else (0.0, 0.0)
+    return RobotTrack(track.t_ns, tag_to_base(track.position_m, yaw_rad, x_m, y_m), yaw_rad, "uwb")
+
+
+def _heading(walk: Walk, robot: TagResult) -> np.ndarray:
+    """Yaw of base at the track's instants: the IMU's or the odometry's turned onto the course, else the course."""
+    imu, odometry = walk.streams.imu, walk.streams.odometry
+    if imu is not None and imu.quat_xyzw is not None:
+        name, t_ns, quat_xyzw = "imu", imu.t_ns, imu.quat_xyzw
+    elif odometry is not None:
+        name, t_ns, quat_xyzw = "odometry", odometry.t_ns, odometry.quat_xyzw
+    else:
+        walk.warn(f"no IMU orientation and no odometry: {COURSE_ONLY}")
+        return course_heading(robot.track)
+    aligned = align_yaw(robot.track, t_ns, yaw_from_quat(quat_xyzw))
+    if not np.isfinite(aligned.std_rad):
+        walk.warn(
+            f"the robot never moved while {name} gave yaw: heading is the course walked; 1 degree is 17 cm at 10 m"
+        )
+        return course_heading(robot.track)
+    walk.used["heading"] = name
+    std_deg = np.degrees(aligned.std_rad)
+    if aligned.std_rad > UNCERTAIN_HEADING_RAD:
+        walk.warn(f"heading is known to {std_deg:.1f} degrees only; 1 degree is 17 cm at 10 m")
+    walk.progress.say(f"heading from {name}, turned by {np.degrees(aligned.offset_rad):.1f} +- {std_deg:.1f} degrees")
+    return aligned.yaw_rad
+
+
+def _from_tf(walk: Walk) -> RobotTrack | None:
+    topics = walk.config.topics
+    base = walk.streams.tf.base_frame(topics.base_frame)
+    series = None if base is None else walk.streams.tf.pose_series(base, topics.map_frame)
+    return None if series is None else _from_poses(walk, series, "tf")
+
+
+def _from_poses(walk: Walk, poses: PoseSeries | None, source: str) -> RobotTrack | None:
+    if poses is None or len(poses) == 0:
+        return None
+    walk.used["position"] = source
+    return RobotTrack(poses.t_ns, poses.position_m[:, :2], yaw_from_quat(poses.quat_xyzw), source)
+
+
+def _fixed(walk: Walk) -> RobotTrack:
+    t_ns = np.unique(np.array([walk.first_ns, walk.last_ns], dtype=np.int64))
+    return RobotTrack(t_ns, np.zeros((len(t_ns), 2)), np.zeros(len(t_ns)), "fixed")
+
+
+def _target(walk: Walk, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTrack | None:
+    """What is followed: the person's tag, a pose topic, a fixed point, or the robot itself so much later."""
+    topics = walk.config.topics
+    person = None if uwb is None else uwb.person
+    if topics.target == "fixed":
+        point = np.array([[topics.target_x_m, topics.target_y_m]])
+        return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
+    if topics.target in ("auto", "uwb") and person is not None and len(person.track):
+        return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
+    if topics.target == "uwb":
+        raise MissingInput("position", "topics.target = 'uwb', but no second tag was located", "see  quadlog info")
+    if topics.target in ("auto", "ahead"):
+        return None if robot.source == "fixed" else _ahead(robot, topics.ahead_s)
+    if walk.streams.target is None:
+        raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")
+    series = walk.streams.target
+    return TargetTrack(series.t_ns, series.position_m[:, :2], topics.target)
+
+
+def _ahead(robot: RobotTrack, ahead_s: float) -> TargetTrack:
+    """Where the robot itself is ahead_s later; at the end of the recording, where it stops."""
+    later_ns = np.minimum(robot.t_ns + round(ahead_s * 1e9), robot.t_ns[-1])
+    xy_m = robot.poses_at(later_ns, np.inf)[:, :2]
+    return TargetTrack(robot.t_ns, xy_m, "ahead")
+
+
+def _target_words(target: TargetTrack | None) -> str:
+    return "nothing is followed" if target is None else f"target from {target.source}"
+
+
+def _write_tracks(walk: Walk) -> None:
+    folder, robot, target, reference = walk.run.path, walk.robot, walk.target, walk.streams.reference
+    assert robot is not None
+    x_m, y_m = robot.xy_m.T
+    columns = {"t_ns": robot.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": robot.yaw_rad, "source": robot.source}
+    write_table(folder / "poses.parquet", TABLES["poses"], columns)
+    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad)
+    if target is not None:
+        columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
+        write_table(folder / "target.parquet", TABLES["target"], columns)
+    if reference is not None:
+        x_m, y_m, _ = reference.position_m.T
+        write_tum(folder / "reference.tum", reference.t_ns, x_m, y_m, yaw_from_quat(reference.quat_xyzw))

@@ -1,0 +1,117 @@
+"""What a replay knows while it goes: the open recording, the run folder, and what the stages found so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.messages import Float, PointCloud
+from quadlog.pipelines.progress import Progress, StageClock
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
+from quadlog.recordings.container import Loss
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams
+from quadlog.results.record import InputRecord
+from quadlog.results.run_folder import RunFolder
+
+
+@dataclass
+class Walk:
+    """One replay under way; stages read what earlier ones put here and add their own.
+
+    start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
+    first_ns, last_ns: what was really seen of it.
+    astar_expanded (per replan), clearance_m and target_distance_m (per tick):
+    what metrics need beyond the tables of the contract.
+    """
+
+    config: Config
+    seed: int
+    run: RunFolder
+    input: InputRecord
+    recording: Recording
+    roles: Roles
+    streams: Streams
+    clock: StageClock
+    progress: Progress
+    transform_lidar_to_base: Float
+    start_ns: int | None
+    end_ns: int | None
+    first_ns: int
+    last_ns: int
+    robot: RobotTrack | None = None
+    target: TargetTrack | None = None
+    used: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    astar_expanded: list[int] = field(default_factory=list)
+    clearance_m: Float | None = None
+    target_distance_m: Float | None = None
+    _warnings: list[str] = field(default_factory=list)
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What of the recording could not be had, so far."""
+        return list(self.recording.losses)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know, each once, in the order it was found."""
+        return list(dict.fromkeys([*self.recording.warnings, *self.streams.warnings, *self._warnings]))
+
+    @property
+    def recorded_s(self) -> float:
+        """Length of what was replayed."""
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    def warn(self, text: str) -> None:
+        """A line for stderr, `run.json` and the report."""
+        self._warnings.append(text)
+        self.progress.say(f"warning: {text}")
+
+    def count(self, name: str, amount: int = 1) -> None:
+        """Add to a count of `run.json`."""
+        self.counts[name] = self.counts.get(name, 0) + amount
+
+    def lidar_topic(self) -> str:
+        """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
+        from quadlog.errors import MissingInput
+
+        topic = self.roles.topic("lidar")
+        if topic is None:
+            raise MissingInput("filter", self.roles.why_none("lidar"), "stop before it with  --until position")
+        self.used["lidar"] = topic
+        return topic
+
+    def expected_messages(self, topic: str) -> int | None:
+        """How many messages the index promises on a topic; None for part of a recording, or without an index."""
+        counts = [channel.count for channel in self.recording.channels if channel.topic == topic]
+        known = [count for count in counts if count is not None]
+        return sum(known) if len(known) == len(counts) and self.start_ns is None and self.end_ns is None else None
+
+    def clouds(self) -> Iterator[tuple[int, PointCloud]]:
+        """Every cloud of the lidar in the window, one at a time."""
+        for t_ns, _, message in self.recording.messages([self.lidar_topic()], self.start_ns, self.end_ns):
+            if isinstance(message, PointCloud):
+                self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
+                yield t_ns, message
+
+    def robot_pose_at(self, t_ns: int) -> Float | None:
+        """The pose (3,) x_m, y_m, yaw_rad of base in map at an instant, None where no pose is near enough."""
+        return None if self.robot is None else self.robot.pose_at(t_ns, self.config.lidar.pose_gap_s)
+
+    def targets_at(self, t_ns: np.ndarray) -> Float:
+        """Where the target is in map at instants (N,): (N, 2), NaN where unknown."""
+        if self.target is None:
+            return np.full((len(t_ns), 2), np.nan)
+        return self.target.at(t_ns)
+
+    def target_at(self, t_ns: int) -> Float | None:
+        """Where a person or thing to keep clear of the map is (2,); None for a target that has no body."""
+        if self.target is None or not self.target.has_body:
+            return None
+        xy_m = self.target.at(np.array([t_ns]))[0]
+        return xy_m if np.isfinite(xy_m).all() else None

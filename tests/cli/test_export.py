@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from quadlog.cli.main import run
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out") / "runs"
+    arguments = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "-o", str(folder)]
+    assert run(["replay", *arguments, "--until", "map", "--duration", "0.5"]) == 0
+    return folder
+
+
+def test_every_format_is_written_where_asked_and_listed(runs, tmp_path, capsys):
+    for to, output in [("tum", "a.tum"), ("csv", "tables"), ("rosmap", "map"), ("mcap", "a.mcap")]:
+        capsys.readouterr()
+        assert run(["export", str(runs / "follow"), "--to", to, "-o", str(tmp_path / output)]) == 0
+        listed = [Path(line) for line in capsys.readouterr().out.splitlines()]
+        assert listed
+        assert all(path.is_file() for path in listed)
+    assert (tmp_path / "a.tum").read_bytes() == (runs / "follow" / "trajectory.tum").read_bytes()
+    assert len(pd.read_csv(tmp_path / "tables" / "scans.csv")) == 5
+
+
+def test_without_an_output_the_file_bears_the_runs_name(runs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(["export", str(runs / "follow"), "--to", "tum"]) == 0
+    assert (tmp_path / "follow-trajectory.tum").is_file()
+    assert run(["export", str(runs / "follow"), "--to", "tum"]) == 1
+    assert "--force" in capsys.readouterr().err
+    assert run(["export", str(runs / "follow"), "--to", "tum", "--force"]) == 0
+
+
+def test_what_is_no_run_is_refused_in_one_line(tmp_path, capsys):
+    assert run(["export", str(tmp_path), "--to", "csv", "-o", str(tmp_path / "out")]) == 1
+    assert run(["report", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+def test_report_draws_the_same_pages_again(runs, capsys):
+    page = runs / "follow" / "report.html"
+    folder_page = (runs / "report.html").read_bytes()
+    plot = next((runs / "follow" / "plots").iterdir())
+    before = plot.read_bytes()
+    plot.unlink()
+    assert run(["report", str(runs / "follow"), str(runs)]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(page), str(runs / "report.html")]
+    assert plot.read_bytes() == before
+    assert (runs / "report.html").read_bytes() == folder_page

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from quadlog.cli.main import COMMANDS, cli, run
+from quadlog.version import __version__
+
+HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "numba", "pydantic", "rich", "rosbags", "mcap", "open3d")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
+def test_help_imports_nothing_heavy(arguments):
+    code = (
+        "import sys\nfrom quadlog.cli.main import run\n"
+        f"code = run({arguments!r})\n"
+        f"assert code == 0, code\nprint([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr == "[]\n"
+    assert done.returncode == 0
+
+
+def test_version(capsys):
+    assert run(["--version"]) == 0
+    assert __version__ in capsys.readouterr().out
+
+
+def test_unknown_command_is_usage(capsys):
+    assert run(["replya"]) == 2
+    assert "replya" in capsys.readouterr().err
+
+
+def test_missing_argument_is_usage():
+    assert run(["replay"]) == 2
+
+
+def test_a_known_error_is_one_line_and_the_exit_code_is_one(tmp_path, capsys):
+    assert run(["info", str(tmp_path / "none.mcap")]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("quadlog: ")
+    assert captured.err.count("\n") == 1
+    assert "none.mcap" in captured.err
+
+
+def test_every_command_says_what_it_does():
+    for name in COMMANDS:
+        command = cli.get_command(None, name)  # type: ignore[arg-type]
+        assert command is not None
+        assert command.name == name
+        assert command.help
+
+
+def test_a_closed_pipe_ends_quietly():
+    script = f"{sys.executable} -c 'from quadlog.cli.main import main; main()' --help | head -n 1"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.startswith("Usage: quadlog")

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from quadlog.config import Config
+from quadlog.errors import QuadlogError
+from quadlog.pipelines.info import describe_recording
+
+T0 = 1_700_000_000 * 10**9
+TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()
+TAGFRAME += bytes(12 + 16 + 24)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Odometry on simulation time, header-less LinkTrack frames without definition, one of them cut short."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = store.types["geometry_msgs/msg/PointStamped"]
+    stamp = store.types["builtin_interfaces/msg/Time"](47, 0)
+    message = kind(
+        store.types["std_msgs/msg/Header"](stamp, "map"), store.types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
+    )
+    path = tmp_path / "walk.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        text = store.generate_msgdef("geometry_msgs/msg/PointStamped", ros_version=2)[0].encode()
+        points = writer.register_channel(
+            "/point", "cdr", writer.register_schema("geometry_msgs/msg/PointStamped", "ros2msg", text)
+        )
+        frames = writer.register_channel(
+            "/uwb", "cdr", writer.register_schema("nlink_parser/msg/LinktrackTagframe0", "ros2msg", b"")
+        )
+        for i in range(12):
+            t_ns = T0 + i * 10**8
+            writer.add_message(points, t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
+            writer.add_message(frames, t_ns, TAGFRAME[:-30] if i == 6 else TAGFRAME, t_ns)
+        writer.finish()
+    return path
+
+
+def test_the_whole_object(recording: Path) -> None:
+    info = describe_recording(recording, Config())
+    assert json.loads(json.dumps(info, allow_nan=False)) == info
+    assert (info["messages"], info["start_ns"], info["end_ns"]) == (24, T0, T0 + 11 * 10**8)
+    point, uwb = info["topics"]
+    assert point["name"] == "/point"
+    assert point["hz_min"] == pytest.approx(10)
+    assert point["clock_offset_s"] == pytest.approx(47 - T0 * 1e-9 - 0.55)
+    assert (uwb["role"], uwb["messages"], uwb["clock_offset_s"]) == ("uwb", 12, None)
+    assert [(each["cause"], each["topic"], each["count"]) for each in info["losses"]] == [("decode", "/uwb", 1)]
+    assert [(each["tag"], each["anchor"], each["n"]) for each in info["links"]] == [(5, 0, 11), (5, 2, 11)]
+    assert any("1 topic lie" in line and "--stamp log" in line for line in info["warnings"])
+
+
+def recordings_of_datasets() -> list[Path]:
+    folder = os.environ.get("QUADLOG_DATASETS")
+    return [] if not folder else [p for p in sorted(Path(folder).rglob("*")) if p.suffix in (".mcap", ".bag", ".db3")]
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+def test_no_real_file_makes_it_fail_in_an_unknown_way() -> None:
+    """Large files are left to the tests of their own; here every odd one must be described or refused in words."""
+    seen = 0
+    for path in recordings_of_datasets():
+        if path.stat().st_size > 3_000_000:
+            continue
+        try:
+            json.dumps(describe_recording(path, Config()), allow_nan=False)
+            seen += 1
+        except QuadlogError as error:
+            assert path.name in str(error)  # noqa: PT017
+    assert seen > 100
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+def test_packets_are_named() -> None:
+    path = Path(os.environ["QUADLOG_DATASETS"]) / "edge_cases" / "lidar_fields" / "packets_only.db3"
+    (topic,) = describe_recording(path, Config())["topics"]
+    assert topic["name"] == "/robosense_packets"
+    assert "driver packets" in topic["why"]

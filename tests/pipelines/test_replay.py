@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from evo.core import metrics as evo_metrics
+from evo.core import sync
+from evo.tools import file_interface
+
+from quadlog.config_file import load_config
+from quadlog.errors import AlreadyExists, MissingInput
+from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, finished_outcome, replay
+from quadlog.results import load_maps
+from quadlog.simulation.follow import synthesize
+from quadlog.simulation.scene import Cylinder
+
+CONTRACT_FILES = {
+    *("run.json", "config.toml", "metrics.json", "report.html", "derived.mcap", "foxglove-layout.json"),
+    *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
+    *("paths.parquet", "control.parquet", "resim_plans.parquet", "resim_paths.parquet"),
+    *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
+}
+TIMINGS = ("ms", "us")
+SHORT_S = 3.0
+
+
+def table(run, name):
+    return dict(pq.read_table(run / f"{name}.parquet").to_pandas().items())
+
+
+def same_results(one, other):
+    """Every result file byte for byte, timings apart."""
+    names = {path.name for path in one.iterdir() if path.is_file()}
+    assert names == {path.name for path in other.iterdir() if path.is_file()}
+    for name in sorted(names - {"run.json", "report.html", "metrics.json", "derived.mcap"}):
+        if name.endswith(".parquet"):
+            left, right = pq.read_table(one / name), pq.read_table(other / name)
+            kept = [column for column in left.column_names if column not in TIMINGS]
+            assert left.select(kept).equals(right.select(kept)), name
+        else:
+            assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    metrics = [json.loads((run / "metrics.json").read_text()) for run in (one, other)]
+    for each in metrics:
+        each.pop("realtime_factor")
+    assert metrics[0] == metrics[1]
+
+
+def distance_xy(obstacle, points_m):
+    """Horizontal distance of points (N, 2) to a box or cylinder, zero inside."""
+    away_m = points_m - np.array([obstacle.x_m, obstacle.y_m])
+    if isinstance(obstacle, Cylinder):
+        return np.maximum(np.hypot(*away_m.T) - obstacle.radius_m, 0)
+    c, s = np.cos(obstacle.yaw_rad), np.sin(obstacle.yaw_rad)
+    own_m = np.abs(away_m @ np.array([[c, -s], [s, c]]))
+    return np.hypot(*np.maximum(own_m - np.array([obstacle.length_m, obstacle.width_m]) / 2, 0).T)
+
+
+def test_every_file_of_the_contract_is_there_and_nothing_half_written(short_run):
+    names = {path.name for path in short_run.run.iterdir() if path.is_file()}
+    assert names == CONTRACT_FILES | {"reference.tum"}
+    assert {path.suffix for path in (short_run.run / "plots").iterdir()} == {".png"}
+    assert short_run.exit_code == 0
+
+
+def test_tables_agree_with_each_other(short_run):
+    run = short_run.run
+    scans, plans, control = table(run, "scans"), table(run, "plans"), table(run, "control")
+    maps = load_maps(run)
+    assert len(scans["t_ns"]) == round(SHORT_S * 10)
+    parts = scans["n_outlier"] + scans["n_ground"] + scans["n_obstacle"]
+    assert (parts <= scans["n_valid"]).all()
+    assert (scans["n_valid"] <= scans["n_raw"]).all()
+    assert len(maps) == len(scans["t_ns"])
+    assert set(plans["t_ns"]) <= set(maps.t_ns.tolist())
+    assert (plans["cost"] >= plans["optimal_cost"]).all()
+    assert np.allclose(control["error_m"], np.abs(control["cross_track_m"]), equal_nan=True)
+    assert np.allclose(np.diff(control["t_ns"]), 20e6, atol=1)
+    assert control["tau_00_nm"].isna().all()
+
+
+def test_run_json_tells_how_the_run_came_about(short_run, fixtures):
+    record = json.loads((short_run.run / "run.json").read_text())
+    assert record["recorded_s"] == pytest.approx(SHORT_S, abs=0.1)
+    assert [stage["name"] for stage in record["stages"]] == [
+        *("ingest", "position", "filter", "map", "plan", "control", "report")
+    ]
+    assert record["input"]["size_bytes"] == (fixtures / "follow.mcap").stat().st_size
+    assert {topic["role"] for topic in record["topics"]} >= {"lidar", "uwb", "imu", "reference"}
+    assert all(topic["why"] for topic in record["topics"])
+    assert record["realtime_factor"] > 0
+
+
+def test_the_effective_config_gives_the_same_run(short_run, tmp_path, follow_request):
+    config = load_config(short_run.run / "config.toml", environ={})
+    request = replace(follow_request(tmp_path / "again"), config=config)
+    replay(request, Silent())
+    same_results(short_run.run, tmp_path / "again")
+
+
+def test_poses_follow_the_truth_and_evo_agrees(whole_run):
+    reference = file_interface.read_tum_trajectory_file(str(whole_run.run / "reference.tum"))
+    estimate = file_interface.read_tum_trajectory_file(str(whole_run.run / "trajectory.tum"))
+    paired = sync.associate_trajectories(reference, estimate, max_diff=0.01)
+    ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
+    ape.process_data(paired)
+    rmse_m = ape.get_statistic(evo_metrics.StatisticsType.rmse)
+    assert whole_run.metrics["ate_rmse_m"]["value"] == pytest.approx(rmse_m, abs=1e-9)
+    assert rmse_m < 0.25
+
+
+def test_the_map_holds_the_obstacles_that_were_there(whole_run):
+    site = synthesize(seed=0, duration_s=0.2, azimuth_steps=8).site
+    maps = load_maps(whole_run.run)
+    hits = {}
+    for each in maps:
+        for row, col in np.argwhere(each.occupied):
+            cell = tuple(np.rint(each.origin_m / maps.cell_m).astype(int) + np.array([col, row]))
+            hits[cell] = hits.get(cell, 0) + 1
+    often = np.array([cell for cell, count in hits.items() if count >= 20]) * maps.cell_m + maps.cell_m / 2
+    assert len(often) > 50
+    distances = np.min([distance_xy(obstacle, often) for obstacle in site.obstacles], axis=0)
+    assert np.mean(distances < 0.4) > 0.9
+
+
+def test_until_stops_there_and_reports_what_there_is(tmp_path, follow_request):
+    outcome = replay(follow_request(tmp_path / "run", until="position"), Silent())
+    names = {path.name for path in outcome.run.iterdir() if path.is_file()}
+    assert {"fixes.parquet", "poses.parquet", "metrics.json", "run.json", "report.html"} <= names
+    assert not {"scans.parquet", "maps.npz", "plans.parquet", "control.parquet"} & names
+    assert "uwb_rmse_m" in outcome.metrics
+    assert "eta_m" not in outcome.metrics
+
+
+@pytest.mark.parametrize(
+    ("until", "last_file"), [("ingest", "config.toml"), ("filter", "scans.parquet"), ("map", "maps.npz")]
+)
+def test_every_stage_can_be_the_last(tmp_path, until, last_file, follow_request):
+    outcome = replay(follow_request(tmp_path / "run", until=until, duration_s=0.5), Silent())
+    assert (outcome.run / last_file).is_file()
+    assert (outcome.run / "run.json").is_file()
+    assert not (outcome.run / "control.parquet").exists()
+
+
+def test_start_and_duration_cut_the_recording(tmp_path, follow_request):
+    outcome = replay(follow_request(tmp_path / "run", start_s=2.0, duration_s=1.0, until="filter"), Silent())
+    whole_ns = 1_767_225_600_000_000_000
+    for name in ("scans", "poses", "ranges"):
+        t_s = (table(outcome.run, name)["t_ns"] - whole_ns) * 1e-9
+        assert t_s.min() >= 2.0 - 1e-6
+        assert t_s.max() < 3.0 + 1e-6
+    assert len(table(outcome.run, "scans")["t_ns"]) == 10
+
+
+def test_an_existing_run_is_refused_resumed_or_replaced(tmp_path, follow_request, fixtures):
+    request = follow_request(tmp_path / "run", until="position", duration_s=0.5)
+    first = replay(request, Silent())
+    with pytest.raises(AlreadyExists, match="--force"):
+        replay(request, Silent())
+
+    before = (first.run / "run.json").stat().st_mtime_ns
+    resumed = replay(replace(request, existing=Existing.RESUME), Silent())
+    assert resumed.metrics == first.metrics
+    assert (first.run / "run.json").stat().st_mtime_ns == before
+
+    changed = replace(request, config=load_config(fixtures / "follow.toml", ["uwb.smooth=false"], {}))
+    assert finished_outcome(changed) is None
+    replay(replace(changed, existing=Existing.RESUME), Silent())
+    assert not tomllib.loads((first.run / "config.toml").read_text())["uwb"]["smooth"]
+    replay(replace(request, existing=Existing.FORCE), Silent())
+    assert tomllib.loads((first.run / "config.toml").read_text())["uwb"]["smooth"]
+
+
+def test_a_recording_without_the_chosen_source_says_so_before_anything_is_removed(tmp_path, follow_request, fixtures):
+    request = follow_request(tmp_path / "run", duration_s=0.5)
+    config = load_config(fixtures / "follow.toml", ["topics.position=tf"], {})
+    with pytest.raises(MissingInput, match=r"topics\.position = 'tf'"):
+        replay(replace(request, config=config), Silent())
+    assert not (tmp_path / "run" / "run.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("position", "target", "source"),
+    [("odometry", "ahead", "odometry"), ("fixed", "fixed", "fixed"), ("uwb", "/truth/person/pose", "uwb")],
+)
+def test_other_sources_of_position_and_target(tmp_path, position, target, source, follow_request, fixtures):
+    overrides = [f"topics.position={position}", f"topics.target={target}", "topics.target_x_m=3.0"]
+    config = load_config(fixtures / "follow.toml", overrides, {})
+    request = replace(follow_request(tmp_path / "run", duration_s=1.0), config=config)
+    outcome = replay(request, Silent())
+    poses, targets = table(outcome.run, "poses"), table(outcome.run, "target")
+    assert set(poses["source"]) == {source}
+    assert set(targets["source"]) == {target}
+    assert table(outcome.run, "plans")["found"].any()
+
+
+def test_position_from_a_tum_file(short_run, tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", [f"topics.position={short_run.run / 'trajectory.tum'}"], {})
+    request = replace(follow_request(tmp_path / "run", until="position"), config=config)
+    outcome = replay(request, Silent())
+    assert set(table(outcome.run, "poses")["source"]) == {"file"}
+    same = np.allclose(table(outcome.run, "poses")["x_m"], table(short_run.run, "poses")["x_m"], atol=1e-6)
+    assert same
+
+
+def test_a_causal_run_differs_from_a_smoothed_one(short_run, tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", ["uwb.smooth=false"], {})
+    outcome = replay(replace(follow_request(tmp_path / "run", until="position"), config=config), Silent())
+    smoothed, causal = (table(run, "poses")["x_m"] for run in (short_run.run, outcome.run))
+    assert len(smoothed) == len(causal)
+    assert not np.allclose(smoothed, causal, atol=1e-3)
+
+
+def test_log_stamps_shift_the_scans_by_their_latency(tmp_path, follow_request):
+    header = replay(follow_request(tmp_path / "header", until="filter", duration_s=1.0), Silent())
+    log = replay(follow_request(tmp_path / "log", until="filter", duration_s=1.0, stamp="log"), Silent())
+    first = [table(each.run, "scans")["t_ns"][0] for each in (header, log)]
+    assert 0 < (first[1] - first[0]) * 1e-9 < 0.2
+
+
+def test_a_truncated_recording_is_replayed_as_far_as_it_goes(tmp_path, fixtures):
+    damaged = tmp_path / "follow.mcap"
+    damaged.write_bytes((fixtures / "follow.mcap").read_bytes()[:2_500_000])
+    request = ReplayRequest(
+        damaged, tmp_path / "run", load_config(fixtures / "follow.toml", environ={}), ReplayOptions(until="map")
+    )
+    outcome = replay(request, Silent())
+    assert outcome.exit_code == 3
+    assert "truncated" in json.loads((outcome.run / "run.json").read_text())["losses"][0]["cause"]
+    assert 5 < len(table(outcome.run, "scans")["t_ns"]) < 60
