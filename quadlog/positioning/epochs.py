@@ -1,0 +1,89 @@
+"""Ranges of one tag, gathered into epochs that one fix can be made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from quadlog.errors import TooLarge
+from quadlog.messages import Float, Int, RangeSeries
+
+MAX_CELLS = 100_000_000
+"""Largest number of epochs times anchors that is allocated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Epochs:
+    """Ranges of one tag to A anchors, gathered at E instants.
+
+    t_ns: (E,) mean time of the ranges of each epoch, in time order.
+    last_ns: (E,) time of the last of them: when the epoch was known in full.
+    range_m: (E, A), NaN where absent.
+    """
+
+    t_ns: Int
+    last_ns: Int
+    range_m: Float
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float) -> Epochs:
+    """Epochs of one tag, columns in the order of anchor_ids (A,); ranges of other tags or anchors are left out.
+
+    Ranges that share a time stamp stay together. Consecutive stamps within
+    epoch_s of the first join one epoch, until an anchor would come twice: that
+    starts the next one. So a frame with all anchors is an epoch by itself, and
+    single asynchronous ranges make a round. ranges must be in time order.
+
+    Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
+    """
+    order = np.argsort(anchor_ids, kind="stable")
+    place = np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=max(len(anchor_ids) - 1, 0))
+    mine = ranges.tag == tag
+    if len(anchor_ids):
+        column = order[place]
+        mine &= anchor_ids[column] == ranges.anchor
+    else:
+        column, mine = place, np.zeros_like(mine)
+    t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
+
+    epoch, count = _number_epochs(t_ns, column, len(anchor_ids), round(epoch_s * 1e9))
+    if count * len(anchor_ids) > MAX_CELLS:
+        raise TooLarge(f"UWB epochs times anchors of tag {tag}", count * len(anchor_ids), MAX_CELLS)
+    table = np.full((count, len(anchor_ids)), np.nan)
+    table[epoch, column] = range_m
+    first = np.searchsorted(epoch, np.arange(count))
+    last = np.searchsorted(epoch, np.arange(count), side="right") - 1
+    # The mean of the offsets, because the sum of the stamps themselves overflows.
+    offset = np.bincount(epoch, t_ns - t_ns[first][epoch], count) / np.bincount(epoch, minlength=count)
+    return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[last], table)
+
+
+@njit(cache=True)
+def _number_epochs(t_ns: Int, column: Int, n_anchors: int, epoch_ns: int) -> tuple[Int, int]:
+    """(N,) the epoch of each range, and how many there are."""
+    n = len(t_ns)
+    epoch = np.empty(n, dtype=np.int64)
+    member_of = np.full(n_anchors, -1, dtype=np.int64)  # last epoch that has the anchor
+    current, start_ns, i = -1, 0, 0
+    while i < n:
+        end = i
+        while end < n and t_ns[end] == t_ns[i]:
+            end += 1
+        fits = current >= 0 and t_ns[i] - start_ns <= epoch_ns
+        for j in range(i, end):
+            fits = fits and member_of[column[j]] != current
+        if not fits:
+            current += 1
+            start_ns = t_ns[i]
+        for j in range(i, end):
+            if member_of[column[j]] == current:  # the same anchor twice under one stamp
+                current += 1
+            member_of[column[j]] = current
+            epoch[j] = current
+        i = end
+    return epoch, current + 1

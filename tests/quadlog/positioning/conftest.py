@@ -1,0 +1,149 @@
+"""Walks, ranges and the real trolley recording that several positioning tests share."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
+
+from quadlog.messages import Float, Int, RangeSeries
+
+TRIANGLE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [4.0, 7.0, 1.2]])
+SQUARE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
+TAG_HEIGHT_M = 0.6
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A walk with known truth and the ranges along it; range_m (T, A) is what `series` holds row by row."""
+
+    t_ns: Int
+    position_m: Float
+    range_m: Float
+    series: RangeSeries
+
+    def truth_at(self, t_ns: Int) -> Float:
+        return np.stack([np.interp(t_ns, self.t_ns, self.position_m[:, i]) for i in range(2)], axis=1)
+
+
+def true_ranges(position_m: Float, anchors_m: Float, height_m: float = TAG_HEIGHT_M) -> Float:
+    xyz_m = np.column_stack([position_m, np.full(len(position_m), height_m)])
+    return np.linalg.norm(xyz_m[:, None, :] - anchors_m[None, :, :], axis=2)
+
+
+def rmse(error_m: Float) -> float:
+    return float(np.sqrt((error_m**2).sum(axis=1).mean()))
+
+
+def walk_straight(t_s: Float) -> Float:
+    """0.5 m/s past the middle of the anchors."""
+    return np.array([4.0, 3.0]) + np.array([0.4, 0.3]) * (t_s - t_s.mean())[:, None]
+
+
+def walk_figure_eight(t_s: Float) -> Float:
+    """About 0.5 m/s, all over the place."""
+    phase = 2 * np.pi * t_s / 30
+    return np.array([4.0, 3.5]) + np.stack([2.5 * np.sin(phase), 1.8 * np.sin(2 * phase)], axis=1)
+
+
+def simulate(
+    walk, anchors_m: Float, seed: int, *, duration_s=12.0, rate_hz=50.0, std_m=0.1, bias_m=0.0, bursts=False
+) -> Simulated:
+    """Gaussian ranges; bursts: every anchor spends a tenth of the 0.6 s slots behind something, late by Exp(0.5 m)."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(round(duration_s * rate_hz)) / rate_hz
+    position_m = walk(t_s)
+    range_m = true_ranges(position_m, anchors_m) + bias_m + std_m * rng.standard_normal((len(t_s), len(anchors_m)))
+    slot = round(0.6 * rate_hz)
+    if bursts:
+        for begin in range(0, len(t_s), slot):
+            late = (rng.random(len(anchors_m)) < 0.1) * rng.exponential(0.5, len(anchors_m))
+            range_m[begin : begin + slot] += late
+    t_ns = 1_700_000_000_000_000_000 + np.rint(t_s * 1e9).astype(np.int64)
+    n, a = range_m.shape
+    series = RangeSeries(
+        np.repeat(t_ns, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.reshape(-1).copy()
+    )
+    return Simulated(t_ns, position_m, range_m, series)
+
+
+@dataclass(frozen=True)
+class Trolley:
+    """uwb_lias: three tags on a trolley among eight anchors, and where motion capture saw the trolley."""
+
+    series: RangeSeries
+    anchors_m: Float
+    lever_m: Float
+    t_ns: Int
+    position_m: Float
+    rotation: Rotation
+
+    def truth_at(self, tag: int, t_ns: Int) -> Float:
+        place_m = self.position_m + self.rotation.apply(self.lever_m[tag])
+        return np.stack([np.interp(t_ns - self.t_ns[0], self.t_ns - self.t_ns[0], place_m[:, i]) for i in range(2)], 1)
+
+
+@pytest.fixture(scope="session")
+def trolley() -> Trolley:
+    if "QUADLOG_DATASETS" not in os.environ:
+        pytest.skip("QUADLOG_DATASETS is not set")
+    path = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast.mcap"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    stamps, tags, rows, poses = [], [], [], []
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for schema, _, message, decoded in reader.iter_decoded_messages():
+            if schema.name.endswith("LinktrackTagframe0"):
+                header = getattr(decoded, "header", None)
+                stamps.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else message.log_time)
+                tags.append(decoded.id)
+                rows.append(list(decoded.dis_arr))
+            else:
+                p, q, stamp = decoded.pose.position, decoded.pose.orientation, decoded.header.stamp
+                poses.append((stamp.sec * 10**9 + stamp.nanosec, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
+    n = len(rows)
+    series = RangeSeries(
+        np.repeat(np.array(stamps, dtype=np.int64), 8),
+        np.repeat(np.array(tags, dtype=np.int64), 8),
+        np.tile(np.arange(8), n),
+        np.array(rows, dtype=np.float64).reshape(-1),
+    )
+    t_ns, first = np.unique(np.array([pose[0] for pose in poses]), return_index=True)
+    anchors_m = np.array(
+        [
+            (-3.4203, 3.0053, 1.0442),
+            (0.0016, 3.0110, 1.0446),
+            (3.6056, 2.9795, 1.0463),
+            (3.6011, -0.0008, 1.0422),
+            (3.5674, -3.0087, 1.0443),
+            (-0.0072, -2.9652, 1.0444),
+            (-3.4673, -2.9587, 1.0445),
+            (-3.4858, -0.0098, 1.0457),
+        ]
+    )
+    lever_m = np.array([(-0.0689, -0.1423, 0.0011), (-0.0750, 0.1402, 0.0016), (0.2034, 0.1451, -0.0008)])
+    position_m = np.array([poses[i][1] for i in first])
+    return Trolley(series, anchors_m, lever_m, t_ns, position_m, Rotation.from_quat([poses[i][2] for i in first]))
+
+
+@pytest.fixture(scope="session")
+def lab() -> SimpleNamespace:
+    """The helpers above, for test files that cannot import this one."""
+    return SimpleNamespace(
+        TRIANGLE_M=TRIANGLE_M,
+        SQUARE_M=SQUARE_M,
+        TAG_HEIGHT_M=TAG_HEIGHT_M,
+        true_ranges=true_ranges,
+        rmse=rmse,
+        simulate=simulate,
+        walk_straight=walk_straight,
+        walk_figure_eight=walk_figure_eight,
+    )

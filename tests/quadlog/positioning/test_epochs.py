@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.errors import TooLarge
+from quadlog.messages import RangeSeries
+from quadlog.positioning import epochs as epochs_module
+from quadlog.positioning.epochs import group_epochs
+
+
+def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
+    t_ns, tag, anchor, range_m = zip(*rows, strict=True) if rows else ((), (), (), ())
+    ids = [np.array(column, dtype=np.int64) for column in (t_ns, tag, anchor)]
+    return RangeSeries(*ids, np.array(range_m, dtype=np.float64))
+
+
+def test_ranges_of_one_stamp_are_one_epoch():
+    got = group_epochs(series([(0, 0, 5, 1.0), (0, 0, 9, 2.0), (10, 0, 5, 3.0), (10, 0, 7, 4.0)]), 0, ids(5, 7, 9), 1.0)
+    np.testing.assert_array_equal(got.t_ns, [0, 10])
+    np.testing.assert_array_equal(got.range_m, [[1.0, np.nan, 2.0], [3.0, 4.0, np.nan]])
+
+
+def test_single_ranges_make_a_round_at_their_mean_time():
+    big = 1_700_000_000_000_000_000
+    rows = [(big + 0, 0, 1, 1.0), (big + 10, 0, 2, 2.0), (big + 26, 0, 3, 3.0), (big + 40, 0, 1, 1.5)]
+    got = group_epochs(series(rows), 0, ids(1, 2, 3), 1e-7)
+    np.testing.assert_array_equal(got.t_ns, [big + 12, big + 40])
+    np.testing.assert_array_equal(got.last_ns, [big + 26, big + 40])
+
+
+def test_a_round_ends_after_epoch_s():
+    got = group_epochs(series([(0, 0, 1, 1.0), (50, 0, 2, 2.0), (101, 0, 3, 3.0)]), 0, ids(1, 2, 3), 1e-7)
+    np.testing.assert_array_equal(got.last_ns, [50, 101])
+
+
+def test_a_frame_is_not_split_to_complete_the_one_before():
+    rows = [(0, 0, 1, 1.0), (0, 0, 2, 2.0), (10, 0, 3, 3.0), (10, 0, 1, 1.1), (10, 0, 2, 2.1)]
+    got = group_epochs(series(rows), 0, ids(1, 2, 3), 1.0)
+    np.testing.assert_array_equal(got.range_m, [[1.0, 2.0, np.nan], [1.1, 2.1, 3.0]])
+
+
+def test_nothing_in_nothing_out():
+    assert len(group_epochs(series([]), 0, ids(1, 2, 3), 0.1)) == 0
+    assert len(group_epochs(series([(0, 0, 1, 1.0)]), 0, ids(), 0.1)) == 0
+
+
+def test_anchor_ids_need_not_be_sorted():
+    got = group_epochs(series([(0, 0, 1, 1.0), (0, 0, 2, 2.0), (0, 0, 3, 3.0)]), 0, ids(3, 1, 2), 0.1)
+    np.testing.assert_array_equal(got.range_m, [[3.0, 1.0, 2.0]])
+
+
+def test_too_many_cells_are_refused(monkeypatch):
+    monkeypatch.setattr(epochs_module, "MAX_CELLS", 5)
+    with pytest.raises(TooLarge, match="tag 0: 6 exceeds the limit of 5"):
+        group_epochs(series([(0, 0, 1, 1.0), (0, 0, 1, 1.0)]), 0, ids(1, 2, 3), 0.1)
+
+
+row = st.tuples(st.integers(0, 400), st.integers(0, 1), st.integers(0, 4))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(row, max_size=60), st.integers(0, 100))
+def test_no_range_is_lost_or_doubled(rows, epoch_ns):
+    """Every range gets a number of its own as its value; the epochs must hold exactly those of the tag and anchors."""
+    rows = [(t, tag, anchor, float(i + 1)) for i, (t, tag, anchor) in enumerate(sorted(rows))]
+    got = group_epochs(series(rows), 1, ids(0, 1, 2, 3), epoch_ns * 1e-9)
+    expected = [value for _, tag, anchor, value in rows if tag == 1 and anchor < 4]
+    held = got.range_m[np.isfinite(got.range_m)]
+    assert sorted(held) == expected
+
+    time_of = {value: t for t, _, _, value in rows}
+    for t_ns, last_ns, ranges in zip(got.t_ns, got.last_ns, got.range_m, strict=True):
+        times = [time_of[value] for value in ranges[np.isfinite(ranges)]]
+        assert max(times) == last_ns
+        assert abs(np.mean(times) - t_ns) <= 0.5
+        assert max(times) - min(times) <= epoch_ns
+    assert (np.diff(got.last_ns) >= 0).all()
+
+
+def ids(*values: int) -> np.ndarray:
+    return np.array(values, dtype=np.int64)
