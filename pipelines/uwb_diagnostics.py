@@ -14,8 +14,8 @@ from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import gather
 
-NLOS_WEIGHT = 0.5
-"""A range whose robust weight is below this was late: its straight way was blocked."""
+NLOS_STD = 3.0
+"""A range longer than predicted by so many std was late: its straight way was blocked."""
 
 
 def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple[list[dict[str, Any]], list[str]]:
@@ -32,10 +32,11 @@ def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple
         located = locate(ranges, anchors_of(config), list(tags_of(config, ranges).values()), settings_of(config))
     except QuadlogError as error:
         return [], [f"UWB: {error}"]
-    return [row for result in located.tags for row in _rows(result, anchors_of(config).ids.tolist())], []
+    anchor_ids = [anchor.id for anchor in config.uwb.anchors]
+    return [row for result in located.tags for row in _rows(result, anchor_ids, config.uwb.range_std_m)], []
 
 
-def _rows(result: TagResult, anchor_ids: list[int]) -> list[dict[str, Any]]:
+def _rows(result: TagResult, anchor_ids: list[int], range_std_m: float) -> list[dict[str, Any]]:
     rows = []
     for index, anchor in enumerate(anchor_ids):
         mine = (result.ranges.anchor == anchor) & np.isfinite(result.ranges.predicted_m)
@@ -52,7 +53,7 @@ def _rows(result: TagResult, anchor_ids: list[int]) -> list[dict[str, Any]]:
                 "bias_m": None if bias is None else float(bias.bias_m[index]),
                 "bias_std_m": None if bias is None else float(bias.std_m[index]),
                 "bias_applied": bool(bias is not None and bias.significant[index]),
-                "nlos_share": float(np.mean(result.ranges.weight[mine] < NLOS_WEIGHT)),
+                "nlos_share": float(np.mean(residual_m > NLOS_STD * range_std_m)),
             }
         )
     return rows

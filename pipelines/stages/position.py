@@ -78,14 +78,16 @@ def _from_uwb(walk: Walk, uwb: UwbPositions | None) -> RobotTrack | None:
     if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
         return None
     track = uwb.robot.track
-    yaw_rad = _heading(walk, uwb.robot)
     lever = next((tag for tag in walk.config.uwb.tags if tag.id == uwb.robot.tag), None)
     x_m, y_m = (lever.x_m, lever.y_m) if lever else (0.0, 0.0)
+    yaw_rad = _heading(walk, uwb.robot, x_m)
     return RobotTrack(track.t_ns, tag_to_base(track.position_m, yaw_rad, x_m, y_m), yaw_rad, "uwb")
 
 
-def _heading(walk: Walk, robot: TagResult) -> np.ndarray:
+def _heading(walk: Walk, robot: TagResult, tag_ahead_m: float) -> np.ndarray:
     """Yaw of base at the track's instants: the IMU's or the odometry's turned onto the course, else the course."""
+    # What a robot could have known then: its first course lies in the future of a causal track.
+    before_motion_rad = None if walk.config.uwb.smooth else 0.0
     imu, odometry = walk.streams.imu, walk.streams.odometry
     if imu is not None and imu.quat_xyzw is not None:
         name, t_ns, quat_xyzw = "imu", imu.t_ns, imu.quat_xyzw
@@ -93,13 +95,13 @@ def _heading(walk: Walk, robot: TagResult) -> np.ndarray:
         name, t_ns, quat_xyzw = "odometry", odometry.t_ns, odometry.quat_xyzw
     else:
         walk.warn(f"no IMU orientation and no odometry: {COURSE_ONLY}")
-        return course_heading(robot.track)
-    aligned = align_yaw(robot.track, t_ns, yaw_from_quat(quat_xyzw))
+        return course_heading(robot.track, before_motion_rad=before_motion_rad)
+    aligned = align_yaw(robot.track, t_ns, yaw_from_quat(quat_xyzw), tag_ahead_m)
     if not np.isfinite(aligned.std_rad):
         walk.warn(
             f"the robot never moved while {name} gave yaw: heading is the course walked; 1 degree is 17 cm at 10 m"
         )
-        return course_heading(robot.track)
+        return course_heading(robot.track, before_motion_rad=before_motion_rad)
     walk.used["heading"] = name
     std_deg = np.degrees(aligned.std_rad)
     if aligned.std_rad > UNCERTAIN_HEADING_RAD:

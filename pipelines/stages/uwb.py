@@ -10,6 +10,7 @@ import numpy as np
 from quadlog.config import Config
 from quadlog.messages import RangeSeries
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.positioning.calibration import AnchorBias
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.positioning.screening import RangeCounts
 from quadlog.results.schemas import TABLES
@@ -131,10 +132,17 @@ def _tell(walk: Walk, located: Located) -> None:
                 f"tag {result.tag}: {result.n_too_few} epochs with fewer than three ranges and "
                 f"{result.n_degenerate} with anchors on a line give no fix"
             )
-        if result.bias is not None and result.bias.significant.any():
-            biases = zip(walk.config.uwb.anchors, result.bias.applied_m, result.bias.std_m, strict=True)
-            words = ", ".join(f"{anchor.id}: {bias:+.3f} +- {std:.3f}" for anchor, bias, std in biases)
-            walk.progress.say(f"tag {result.tag}: ranges corrected by each anchor's bias in m: {words}")
+        if result.bias is not None:
+            walk.progress.say(_bias_words(result.tag, result.bias, walk.config))
+
+
+def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
+    if not bias.significant.any():
+        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
+        return f"tag {tag}: no anchor bias is significant (known to +- {std_m:.2f} m); ranges are not corrected"
+    links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
+    words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
+    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
 
 
 def _range_warnings(counts: RangeCounts) -> list[str]:

@@ -49,13 +49,14 @@ PLOTS = (
         "UWB ranges",
         "Range to every anchor over time for each tag, and below it the residual of each anchor over time.",
         "Measured ranges, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton trilateration "
-        "[Following]) at the smoothed track. Orange crosses: weight below ½, most likely without line of sight.",
+        "[Following]) at the smoothed track. Orange crosses: late by more than three standard deviations, most likely "
+        "without line of sight.",
         draw_ranges,
     ),
     Plot(
         "residuals",
         "Range residuals per anchor",
-        "Histogram of range residuals for each anchor, with its median, spread and share of down-weighted ranges.",
+        "Histogram of range residuals for each anchor, with its median, spread and share of late ranges.",
         "How the residuals of each anchor are spread [Following, Figs 9–10]. A shifted median is a bias that "
         "calibration did not take out; a tail to the right is NLOS. Spread is the interquartile range / 1.349; "
         "the outermost bins hold everything beyond them.",

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# The robust estimator halves what it believes to be NLOS; below this weight a range is drawn and counted as such.
-NLOS_WEIGHT = 0.5
 MAX_TAGS, MAX_ANCHORS = 4, 12  # more would be too small to read; the title says how many are left out
 POINTS_PER_SERIES = 3000
 
@@ -76,7 +74,7 @@ def _draw_tag(run: RunData, part: Any, tag: int, rows: Table, note: str) -> None
         top.plot(seconds, series["range_m"][keep], ".", color=color, label=f"anchor {anchor}", rasterized=True)
         panel = part.add_subplot(grid[1 + index // columns, index % columns], sharex=top, sharey=share_with)
         share_with = share_with or panel
-        _draw_residuals(panel, seconds, _rows(series, keep), anchor, limit_m)
+        _draw_residuals(panel, seconds, _rows(series, keep), anchor, (limit_m, run.late_beyond_m()))
         panel.tick_params(labelleft=index % columns == 0)
         panel.locator_params(axis="x", nbins=4)
         if index % columns == 0:
@@ -91,9 +89,10 @@ def _draw_tag(run: RunData, part: Any, tag: int, rows: Table, note: str) -> None
     )
 
 
-def _draw_residuals(panel: Axes, seconds: Float, series: Table, anchor: int, limit_m: float) -> None:
+def _draw_residuals(panel: Axes, seconds: Float, series: Table, anchor: int, limits_m: tuple[float, float]) -> None:
+    limit_m, late_beyond_m = limits_m
     residual_m = series["range_m"] - series["predicted_m"]
-    nlos = series["weight"] < NLOS_WEIGHT
+    nlos = residual_m > late_beyond_m
     beyond = int(np.sum(np.abs(residual_m) > limit_m))
     panel.axhline(0, color=style.GREY, linewidth=0.8)
     panel.plot(seconds[~nlos], residual_m[~nlos], ".", color=style.ROBOT, markersize=2)

@@ -8,8 +8,8 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.results.plots import style
-from quadlog.results.plots.ranges import NLOS_WEIGHT, residual_limit_m, shown_anchors
-from quadlog.results.plots.run_data import RunData
+from quadlog.results.plots.ranges import residual_limit_m, shown_anchors
+from quadlog.results.plots.run_data import LATE_STD, RunData
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,12 +19,12 @@ BINS = 48
 
 
 def draw_residuals(run: RunData) -> Figure | None:
-    """One histogram per anchor, over all tags; down-weighted ranges stacked on top in another colour."""
+    """One histogram per anchor, over all tags; late ranges stacked on top in another colour."""
     ranges = run.table("ranges")
     if ranges is None:
         return None
     residual_m = ranges["range_m"] - ranges["predicted_m"]
-    nlos = ranges["weight"] < NLOS_WEIGHT
+    nlos = residual_m > run.late_beyond_m()
     anchors, left_out = shown_anchors(ranges["anchor"])
     columns = min(4, len(anchors))
     rows = -(-len(anchors) // columns)
@@ -54,7 +54,7 @@ def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> 
         bins=list(bins),
         stacked=True,
         color=[style.ROBOT, style.NOTE],
-        label=["line of sight", f"down-weighted (< {NLOS_WEIGHT:g}): NLOS"],
+        label=["line of sight", f"late by more than {LATE_STD:g} std: NLOS"],
     )
     panel.axvline(0, color=style.GREY, linewidth=0.8)
     if not len(both_m):

@@ -23,6 +23,8 @@ Table = dict[str, NDArray[Any]]
 # Their earliest instant is 0 s, so that all figures share one time axis.
 _TIMED = ("ranges", "fixes", "poses", "target", "scans", "plans", "control")
 
+LATE_STD = 3.0
+
 
 class RunData:
     """A run folder, read lazily. Missing files are None or empty; damaged ones raise NotARun.
@@ -74,6 +76,13 @@ class RunData:
             return [(int(anchor["id"]), float(anchor["x_m"]), float(anchor["y_m"])) for anchor in anchors]
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise NotARun(self.path / "run.json", f"is damaged: config.uwb.anchors: {error}") from error
+
+    def late_beyond_m(self) -> float:
+        """A range longer than predicted by more is NLOS: LATE_STD times the configured std of a range."""
+        try:
+            return LATE_STD * float(self.record.config.get("uwb", {}).get("range_std_m", 0.1))
+        except (AttributeError, TypeError, ValueError) as error:
+            raise NotARun(self.path / "run.json", f"is damaged: config.uwb.range_std_m: {error}") from error
 
     @cached_property
     def start_ns(self) -> int:
