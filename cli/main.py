@@ -8,11 +8,11 @@ import sys
 
 import click
 
-from quadlog.errors import QuadlogError
+from quadlog.errors import ExitCode, QuadlogError
+from quadlog.text import printable
 from quadlog.version import __version__
 
 COMMANDS = ("info", "init", "replay", "report", "export", "synthesize")
-FAILED = 1
 
 
 class LazyGroup(click.Group):
@@ -54,12 +54,17 @@ def run(arguments: list[str]) -> int:
         error.show()
         return error.exit_code
     except QuadlogError as error:
-        click.echo(f"quadlog: {' '.join(str(error).split())}", err=True)
+        click.echo(f"quadlog: {printable(error)}", err=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
         click.echo("quadlog: interrupted; nothing half-written was left", err=True)
-        return FAILED
+        return ExitCode.FAILED
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return ExitCode.FAILED
+    except OSError as error:
+        # A full disk, a folder without permission: a user's to mend. Anything else an OSError says just as well.
+        where = f"{error.filename}: " if error.filename else ""
+        click.echo(f"quadlog: {printable(where)}{error.strerror or error}", err=True)
+        return ExitCode.FAILED

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from quadlog.text import printable
+
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -25,7 +27,7 @@ class Spoken:
 
     def say(self, text: str) -> None:
         """One line on stderr."""
-        click.echo(text, err=True)
+        click.echo(printable(text), err=True)
 
 
 class Bars:
@@ -73,7 +75,7 @@ class Bars:
 
     def say(self, text: str) -> None:
         """One line above the bars."""
-        self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
 
 
 def open_progress() -> AbstractContextManager[Bars] | AbstractContextManager[Spoken]:

@@ -9,6 +9,7 @@ import click
 
 @click.command(name="report")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.option("--force", is_flag=True, expose_value=False, help="Taken, as by every command that writes; not needed.")
 def command(runs: tuple[Path, ...]) -> int:
     """Rebuild plots/ and report.html of run folders, or the page of a folder of runs; nothing is computed again."""
     from quadlog.results.report import write_folder_report, write_report

@@ -9,21 +9,23 @@ import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from quadlog.config import Config
-from quadlog.errors import NotARun, QuadlogError
-from quadlog.pipelines.progress import Progress, Silent
+from quadlog.errors import AlreadyExists, ExitCode, NotARun, QuadlogError
+from quadlog.pipelines.progress import Kept, Progress
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome, ReplayRequest, finished_outcome, replay
 from quadlog.recordings.find import find_recordings
 from quadlog.results.names import run_names
+from quadlog.results.record import own_files
 from quadlog.results.report import write_folder_report
 from quadlog.results.schemas import METRIC_NAMES, TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.tables import has_table, read_table, write_table
 
-DONE, FAILED, WITH_LOSS = 0, 1, 3
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +52,9 @@ class BatchOutcome:
     def exit_code(self) -> int:
         """0 all done, 1 none done, 3 anything lost or failed on the way."""
         codes = {run.exit_code for run in self.runs}
-        if codes == {FAILED}:
-            return FAILED
-        return DONE if codes <= {DONE} else WITH_LOSS
+        if codes == {ExitCode.FAILED}:
+            return ExitCode.FAILED
+        return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
 
 
 def plan_batch(
@@ -83,78 +85,121 @@ def replay_batch(batch: Sequence[Planned], jobs: int | None, progress: Progress)
     else:
         workers = min(jobs or os.cpu_count() or 1, len(requests))
         outcomes = list(_one_by_one(requests, progress) if workers == 1 else _in_processes(requests, workers, progress))
-    _summarise({request.run.parent for request in requests}, outcomes)
+    _summarise({request.run.parent for request in requests}, outcomes, progress)
     return BatchOutcome(tuple(outcomes))
 
 
 def _one_by_one(requests: Sequence[ReplayRequest], progress: Progress) -> Iterator[ReplayOutcome]:
     for request in requests:
-        outcome = _survive(request)
-        progress.say(_line(outcome))
-        yield outcome
+        yield _tell(progress, *_survive(request))
 
 
 def _in_processes(requests: Sequence[ReplayRequest], workers: int, progress: Progress) -> list[ReplayOutcome]:
-    """Fresh processes, because forked ones would inherit locks of libraries' threads; the largest recordings first."""
-    context = multiprocessing.get_context("spawn")
+    """The largest recordings first. A worker that is killed takes the pool with it; the others then go on one by one.
+
+    So only a recording that kills a worker of its own is blamed for it.
+    """
     order = sorted(range(len(requests)), key=lambda index: (-_size(requests[index].recording), index))
-    outcomes: dict[int, ReplayOutcome] = {}
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread_each) as pool:
-        try:
-            futures = {pool.submit(_survive, requests[index]): index for index in order}
-            for future in as_completed(futures):
-                index = futures[future]
-                try:
-                    outcomes[index] = future.result()
-                except BrokenProcessPool:
-                    reason = "its worker process was killed (out of memory?); --resume goes on"
-                    outcomes[index] = ReplayOutcome.of_failure(requests[index], reason)
-                progress.say(_line(outcomes[index]))
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    outcomes = _run_pool(requests, order, workers, progress)
+    for index in order:
+        if index not in outcomes:
+            outcomes |= _run_pool(requests, [index], 1, progress)
+        if index not in outcomes:
+            reason = "its worker process was killed (out of memory?); --resume goes on"
+            outcomes[index] = _tell(progress, ReplayOutcome.of_failure(requests[index], reason), ())
     return [outcomes[index] for index in range(len(requests))]
 
 
-def _one_thread_each() -> None:
-    """Workers share the cores by recordings, not by threads: set before the libraries that read it are loaded."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
+def _run_pool(
+    requests: Sequence[ReplayRequest], order: Sequence[int], workers: int, progress: Progress
+) -> dict[int, ReplayOutcome]:
+    """Outcomes by index, of those that finished before a worker was killed, if one was."""
+    outcomes: dict[int, ReplayOutcome] = {}
+    # Fresh processes, because forked ones would inherit locks of libraries' threads.
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
+        try:
+            futures = {pool.submit(_survive, requests[index]): index for index in order}
+            for future in as_completed(futures):
+                outcomes[futures[future]] = _tell(progress, *future.result())
+        except BrokenProcessPool:
+            pass
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
+    return outcomes
 
 
-def _survive(request: ReplayRequest) -> ReplayOutcome:
-    """The outcome of one recording of a batch, whatever happens to it."""
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Workers share the cores by recordings, not by threads: set here, because libraries read it when they load."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
-        return replay(request, Silent())
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _survive(request: ReplayRequest) -> tuple[ReplayOutcome, tuple[str, ...]]:
+    """The outcome of one recording of a batch, whatever happens to it, and what it had to say."""
+    kept = Kept()
+    try:
+        outcome = replay(request, kept)
+    except AlreadyExists as error:
+        outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
     except QuadlogError as error:
-        return ReplayOutcome.of_failure(request, " ".join(str(error).split()))
+        outcome = ReplayOutcome.of_failure(request, " ".join(str(error).split()))
     except Exception as error:
         traceback.print_exc(file=sys.stderr)
-        return ReplayOutcome.of_failure(request, f"a bug in quadlog: {type(error).__name__}: {error}")
+        outcome = ReplayOutcome.of_failure(request, f"a bug in quadlog: {type(error).__name__}: {error}")
+    return outcome, tuple(kept.lines)
 
 
-def _summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome]) -> None:
-    """summary.parquet and report.html of each output folder; rows of earlier commands stay."""
+def _tell(progress: Progress, outcome: ReplayOutcome, lines: Sequence[str]) -> ReplayOutcome:
+    for line in lines:
+        progress.say(f"{outcome.recording}: {line}")
+    progress.say(f"{outcome.recording}: {outcome.reason or 'done'}")
+    return outcome
+
+
+def _summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
+    """summary.parquet and report.html of each output folder; rows of earlier commands stay, and others' files too."""
     for folder in sorted(folders):
         if not folder.is_dir():
             continue
         rows = _earlier_rows(folder)
+        if rows is None:
+            progress.say(f"warning: {folder}: its summary.parquet or report.html is not quadlog's and is left alone")
+            continue
         for outcome in outcomes:
-            values = {name: metric["value"] for name, metric in outcome.metrics.items()}
-            own = {"recording": outcome.run.name, "exit_code": outcome.exit_code, "reason": outcome.reason}
-            rows[outcome.run.name] = own | {name: values.get(name, float("nan")) for name in METRIC_NAMES}
-        names = TABLES["summary"].names
-        columns = {name: [rows[run][name] for run in sorted(rows)] for name in names}
+            if not outcome.refused:
+                rows[outcome.run.name] = _row(outcome)
+        columns = {name: [rows[run][name] for run in sorted(rows)] for name in TABLES["summary"].names}
         write_table(folder / "summary.parquet", TABLES["summary"], columns)
         write_folder_report(folder)
 
 
-def _earlier_rows(folder: Path) -> dict[str, dict[str, Any]]:
-    """Rows of runs that are still there; a summary that cannot be read is written anew."""
+def _row(outcome: ReplayOutcome) -> dict[str, Any]:
+    values = {name: metric["value"] for name, metric in outcome.metrics.items()}
+    own = {"recording": outcome.run.name, "exit_code": int(outcome.exit_code), "reason": outcome.reason}
+    return own | {name: values.get(name, float("nan")) for name in METRIC_NAMES}
+
+
+def _earlier_rows(folder: Path) -> dict[str, dict[str, Any]] | None:
+    """Rows of runs that are still there; None when the folder's files of those names are somebody else's."""
+    if not has_table(folder, "summary"):
+        return None if (folder / "report.html").exists() else {}
     try:
         table = read_table(folder, "summary")
     except NotARun:
-        return {}
+        return None
     count = len(table["recording"])
     rows = ({name: column[index] for name, column in table.items()} for index in range(count))
     return {row["recording"]: row for row in rows if (folder / row["recording"]).is_dir()}
@@ -169,9 +214,4 @@ def _action(request: ReplayRequest) -> str:
 
 
 def _size(recording: Path) -> int:
-    files = recording.rglob("*") if recording.is_dir() else [recording]
-    return sum(each.stat().st_size for each in files if each.is_file())
-
-
-def _line(outcome: ReplayOutcome) -> str:
-    return f"{outcome.recording}: {outcome.reason or 'done'}"
+    return sum(each.stat().st_size for each in own_files(recording))

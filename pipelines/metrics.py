@@ -22,11 +22,12 @@ from quadlog.results.tum import read_tum
 REFERENCE_GAP_NS = 100_000_000
 
 
-def positioning_metrics(run: Path, config: Config, robot_tag: int | None) -> Metrics:
+def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_frame: bool) -> Metrics:
     """UWB residuals; with reference.tum also the fixes' and the poses' error against it.
 
     The reference is a pose of base; a fix is compared with where the tag, at
-    its place in base, must have been.
+    its place in base, must have been. Poses that are not in the reference's
+    frame have no ate_rmse_m: where they start would be most of it.
     """
     reference = _read_reference(run)
     metrics: Metrics = {}
@@ -44,6 +45,8 @@ def positioning_metrics(run: Path, config: Config, robot_tag: int | None) -> Met
             position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
             estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
             metrics |= trajectory_metrics(_trajectory(reference), estimate)
+            if not same_frame:
+                metrics.pop("ate_rmse_m", None)
     return metrics
 
 

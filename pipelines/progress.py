@@ -26,7 +26,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """The progress of a batch worker, a pipe or a test."""
+    """The progress of a test, or of a caller who does not look."""
 
     def begin(self, stage: str, total: int | None) -> None:
         """Nothing to show."""
@@ -36,6 +36,17 @@ class Silent:
 
     def say(self, text: str) -> None:
         """Nothing to show."""
+
+
+class Kept(Silent):
+    """The progress of a batch worker: what it has to say is kept for the process that has the terminal."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def say(self, text: str) -> None:
+        """Keep one line."""
+        self.lines.append(text)
 
 
 class StageClock:

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from quadlog.config import Config
-from quadlog.errors import NotARun
+from quadlog.errors import ExitCode, NotARun
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.results.record import describe_input
 from quadlog.results.run_folder import RunFolder, read_metrics, read_run_json
-from quadlog.stages import STAGES
+from quadlog.stages import stages_until
 from quadlog.version import __version__
-
-DONE, FAILED, WITH_LOSS = 0, 1, 3
 
 
 class Existing(enum.Enum):
@@ -70,16 +68,17 @@ class ReplayOutcome:
     exit_code: int
     reason: str = ""
     metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
+    refused: bool = False
 
     @classmethod
-    def of_failure(cls, request: ReplayRequest, reason: str) -> ReplayOutcome:
-        """A recording that could not be replayed."""
-        return cls(request.recording, request.run, FAILED, reason)
+    def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
+        """A recording that could not be replayed; refused: because its run is there already, and stays."""
+        return cls(request.recording, request.run, ExitCode.FAILED, reason, refused=refused)
 
     @property
     def failed(self) -> bool:
-        """Whether there is no run."""
-        return self.exit_code == FAILED
+        """Whether there is no run of this request."""
+        return self.exit_code == ExitCode.FAILED
 
     def to_dict(self) -> dict[str, Any]:
         """One flat object: where, how it ended, and the metrics as plain numbers."""
@@ -102,7 +101,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     from quadlog.pipelines.stages.report import finish_walk
     from quadlog.pipelines.stages.warm_up import warm_up
 
-    todo = STAGES[: STAGES.index(request.options.until) + 1]
+    todo = stages_until(request.options.until)
     clock = StageClock()
     startup_s = warm_up(todo)
     with open_walk(request, clock, progress) as walk:
@@ -119,7 +118,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         metrics = finish_walk(walk, request, startup_s)
         losses = walk.losses
     reason = "; ".join(loss.detail for loss in losses)
-    return ReplayOutcome(request.recording, request.run, WITH_LOSS if losses else DONE, reason, metrics)
+    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)
 
 
 def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
@@ -128,11 +127,17 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
     if not (request.run / "run.json").is_file():
         return None
     digest = describe_input(request.recording).sha256
-    if not folder.is_finished(digest, request.config.model_dump(), __version__, request.options.to_dict()):
+    if not folder.is_finished(
+        digest, request.config.model_dump(exclude_none=True), __version__, request.options.to_dict()
+    ):
         return None
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
     except NotARun:
         return None
     reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
-    return ReplayOutcome(request.recording, request.run, WITH_LOSS if reason else DONE, reason, metrics)
+    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)
+
+
+def _code(losses: str) -> ExitCode:
+    return ExitCode.WITH_LOSS if losses else ExitCode.DONE

@@ -6,9 +6,17 @@ configuration of a run is this model dumped as TOML.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""A place or a height: anything within a thousand kilometres of map's origin."""
+
+
+def _as_list(value: object) -> object:
+    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
+    return [value] if isinstance(value, str) and value else value
 
 
 class Section(BaseModel):
@@ -17,11 +25,23 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+SectionT = TypeVar("SectionT", bound=Section)
+
+
+def _in_order(section: SectionT, low: str, high: str) -> SectionT:
+    """The section, unless its lower bound is not below its upper one."""
+    if getattr(section, low) >= getattr(section, high):
+        raise ValueError(f"{low} must be below {high}")
+    return section
+
+
 class Topics(Section):
     """Which topic plays which role. Empty: detected, and explained by `quadlog info`."""
 
     lidar: str = Field("", description="point clouds")
-    uwb: list[str] = Field([], description="UWB ranges; several topics where each anchor has its own")
+    uwb: Annotated[list[str], BeforeValidator(_as_list)] = Field(
+        [], description="UWB ranges; several topics where each anchor has its own"
+    )
     odometry: str = Field("", description="odometry")
     imu: str = Field("", description="IMU")
     reference: str = Field("", description="true pose (PoseStamped, mocap)")
@@ -30,8 +50,8 @@ class Topics(Section):
         description="robot position: auto, uwb, odometry, tf, fixed, or a TUM file; auto takes the first there is",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
-    target_x_m: float = Field(0.0, description='where target = "fixed" is, in map')
-    target_y_m: float = Field(0.0, description="see target_x_m")
+    target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')
+    target_y_m: Metres = Field(0.0, description="see target_x_m")
     ahead_s: float = Field(3.0, gt=0, le=60, description='target = "ahead": where the robot itself is so much later')
     map_frame: str = Field("map", description="name of the fixed frame in tf")
     base_frame: str = Field(
@@ -43,10 +63,12 @@ class Anchor(Section):
     """A UWB anchor in map."""
 
     id: int = Field(ge=0, description="the anchor's id in the range messages")
-    x_m: float
-    y_m: float
-    z_m: float = 0.0
-    bias_m: float = Field(0.0, description="known constant bias, subtracted from every range to this anchor")
+    x_m: Metres
+    y_m: Metres
+    z_m: Metres = 0.0
+    bias_m: float = Field(
+        0.0, ge=-100, le=100, description="known constant bias, subtracted from every range to this anchor"
+    )
 
 
 class Tag(Section):
@@ -54,9 +76,9 @@ class Tag(Section):
 
     id: int = Field(ge=0, description="the tag's id in the range messages")
     role: Literal["robot", "person", "none"] = "none"
-    height_m: float | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
-    x_m: float = Field(0.0, description="where the tag sits in base, forward")
-    y_m: float = Field(0.0, description="where the tag sits in base, to the left")
+    height_m: Metres | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
+    x_m: Metres = Field(0.0, description="where the tag sits in base, forward")
+    y_m: Metres = Field(0.0, description="where the tag sits in base, to the left")
 
 
 class RangeTopic(Section):
@@ -70,9 +92,9 @@ class RangeTopic(Section):
 class Uwb(Section):
     """From ranges to positions."""
 
-    range_std_m: float = Field(0.1, gt=0, le=10, description="standard deviation of one range [Following, Fig. 9]")
-    tag_height_m: float = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
-    person_height_m: float = Field(1.3, description="height of the person's tag without its own [Following]")
+    range_std_m: float = Field(0.1, ge=0.001, le=10, description="standard deviation of one range [Following, Fig. 9]")
+    tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
+    person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
         True, description="constant bias of each anchor, estimated from the log, applied when significant"
     )
@@ -81,16 +103,24 @@ class Uwb(Section):
         description="poses and target smoothed over the whole log; false: what the robot could have known then",
     )
     method: Literal["gauss_newton"] = Field("gauss_newton", description="how ranges become a fix")
-    min_range_m: float = Field(0.05, ge=0, description="shorter ranges are dropped and counted")
-    max_range_m: float = Field(300.0, gt=0, description="longer ranges are dropped and counted")
-    epoch_s: float = Field(0.05, gt=0, le=5, description="single ranges of one tag this close together make one fix")
-    outlier_m: float = Field(0.5, gt=0, description="a fix whose residual rms exceeds this is marked and not tracked")
+    min_range_m: float = Field(0.05, ge=0, le=1e5, description="shorter ranges are dropped and counted")
+    max_range_m: float = Field(300.0, gt=0, le=1e5, description="longer ranges are dropped and counted")
+    epoch_s: float = Field(
+        0.05, ge=0.0001, le=5, description="single ranges of one tag this close together make one fix"
+    )
+    outlier_m: float = Field(
+        0.5, gt=0, le=1e5, description="a fix whose residual rms exceeds this is marked and not tracked"
+    )
     acceleration_std_mps2: float = Field(
-        1.0, gt=0, description="how hard the robot or person accelerates; stiffness of the smoother"
+        1.0, ge=0.001, le=1000, description="how hard the robot or person accelerates; stiffness of the smoother"
     )
     anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
     tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
     range_topics: list[RangeTopic] = Field([], description="for topics that carry one range each and do not name it")
+
+    @model_validator(mode="after")
+    def _ranges_are_in_order(self) -> Uwb:
+        return _in_order(self, "min_range_m", "max_range_m")
 
     @model_validator(mode="after")
     def _ids_are_unique(self) -> Uwb:
@@ -104,9 +134,9 @@ class Uwb(Section):
 class Mount(Section):
     """The lidar's place in base."""
 
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = Field(0.0, description="height above base; base is the ground under the robot's centre")
+    x_m: Metres = 0.0
+    y_m: Metres = 0.0
+    z_m: Metres = Field(0.0, description="height above base; base is the ground under the robot's centre")
     roll_deg: float = Field(0.0, ge=-360, le=360)
     pitch_deg: float = Field(0.0, ge=-360, le=360)
     yaw_deg: float = Field(0.0, ge=-360, le=360)
@@ -118,7 +148,7 @@ class Lidar(Section):
     method: Literal["paper"] = Field("paper", description="paper: statistical outliers and a RANSAC plane [Following]")
     mount: Mount = Mount()
     field_of_view_deg: float = Field(180.0, gt=0, le=360, description="kept in front of the robot [Following]")
-    min_range_m: float = Field(0.3, ge=0, description="nearer points are not valid")
+    min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
     max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
     outlier_neighbours: int = Field(
         20, ge=1, le=1000, description="k of the statistical filter, the point itself excluded"
@@ -126,35 +156,49 @@ class Lidar(Section):
     outlier_std_ratio: float = Field(
         2.0, gt=0, le=100, description="n of the statistical filter: keep D <= mu + n sigma"
     )
-    pose_gap_s: float = Field(0.5, gt=0, description="a scan farther than this from any pose is skipped and counted")
+    pose_gap_s: float = Field(
+        0.5, gt=0, le=3600, description="a scan farther than this from any pose is skipped and counted"
+    )
+
+    @model_validator(mode="after")
+    def _ranges_are_in_order(self) -> Lidar:
+        return _in_order(self, "min_range_m", "max_range_m")
 
 
 class Ground(Section):
     """The plane that is the ground."""
 
-    distance_m: float = Field(0.1, gt=0, le=5, description="points nearer to the plane belong to it")
+    distance_m: float = Field(0.1, ge=0.001, le=5, description="points nearer to the plane belong to it")
     confidence: float = Field(0.99, gt=0, lt=1, description="p of N = log(1-p)/log(1-w^3)")
     inlier_share: float = Field(0.3, gt=0, lt=1, description="w of N = log(1-p)/log(1-w^3)")
-    min_points: int = Field(100, ge=3, description="with fewer points, or fewer on the plane, there is no ground")
+    min_points: int = Field(
+        100, ge=3, le=1_000_000, description="with fewer points, or fewer on the plane, there is no ground"
+    )
 
 
 class Grid(Section):
     """The occupancy grid around the robot, in map."""
 
-    cell_m: float = Field(0.1, gt=0, le=10, description="[Following]")
+    cell_m: float = Field(0.1, ge=0.005, le=10, description="[Following]")
     size_cells: int = Field(200, ge=3, le=4000, description="edge of the square window [Following]")
-    min_height_m: float = Field(0.05, description="lower obstacle points, above the ground, are ignored")
-    max_height_m: float = Field(1.5, description="higher points do not block the robot")
-    min_points: int = Field(1, ge=1, description="obstacle points that make a cell occupied")
+    min_height_m: Metres = Field(0.05, description="lower obstacle points, above the ground, are ignored")
+    max_height_m: Metres = Field(1.5, description="higher points do not block the robot")
+    min_points: int = Field(1, ge=1, le=1_000_000, description="obstacle points that make a cell occupied")
     dilation_m: float = Field(0.3, ge=0, le=10, description="obstacles grow by this for planning [Planning, 3 cells]")
-    target_radius_m: float = Field(0.5, ge=0, description="the target's own returns within this are no obstacle")
+    target_radius_m: float = Field(
+        0.5, ge=0, le=100, description="the target's own returns within this are no obstacle"
+    )
+
+    @model_validator(mode="after")
+    def _heights_are_in_order(self) -> Grid:
+        return _in_order(self, "min_height_m", "max_height_m")
 
 
 class Planner(Section):
     """Who plans, and on what."""
 
     name: Literal["astar", "ia_star"] = Field("ia_star", description="astar or ia_star [Planning]")
-    stop_short_m: float = Field(1.0, ge=0, description="the path ends so far from a person")
+    stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
     corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
 
 
@@ -162,25 +206,25 @@ class Smoothing(Section):
     """From cells to a curve [Planning, eq. 14]."""
 
     enabled: bool = True
-    merge_m: float = Field(0.3, ge=0, description="inflection points closer than this become one")
-    spacing_m: float = Field(0.05, gt=0, le=10, description="distance of the points along the smooth path")
+    merge_m: float = Field(0.3, ge=0, le=100, description="inflection points closer than this become one")
+    spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
 
 
 class Pursuit(Section):
     """Pure pursuit [Tracking, section 3]."""
 
-    lookahead_m: float = Field(2.0, gt=0, description="l [Tracking, section 5]")
-    speed_mps: float = Field(0.6, gt=0, le=10, description="[Tracking, section 5]")
-    max_yaw_rate_radps: float = Field(1.5, gt=0, le=20)
-    rate_hz: float = Field(50.0, gt=0, le=1000, description="ticks of the controller and of control.parquet")
+    lookahead_m: float = Field(2.0, ge=0.01, le=100, description="l [Tracking, section 5]")
+    speed_mps: float = Field(0.6, ge=0.01, le=10, description="[Tracking, section 5]")
+    max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20)
+    rate_hz: float = Field(50.0, ge=1, le=1000, description="ticks of the controller and of control.parquet")
 
 
 class Robot(Section):
     """The robot's body [Following, Table 1]."""
 
-    length_m: float = Field(0.62, gt=0)
-    width_m: float = Field(0.26, gt=0)
-    height_m: float = Field(0.37, gt=0)
+    length_m: float = Field(0.62, gt=0, le=100)
+    width_m: float = Field(0.26, gt=0, le=100)
+    height_m: float = Field(0.37, gt=0, le=100)
 
 
 class Simulation(Section):
@@ -193,7 +237,7 @@ class Results(Section):
     """What the run folder keeps."""
 
     cloud_samples: int = Field(3, ge=0, le=50, description="scans kept with the class of every point")
-    ground_cell_m: float = Field(0.2, gt=0, le=10, description="cell of the ground's height map")
+    ground_cell_m: float = Field(0.2, ge=0.01, le=10, description="cell of the ground's height map")
 
 
 class Config(Section):

@@ -8,19 +8,30 @@ else; anything that is not a QuadlogError is a bug in quadlog.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import IntEnum
 from pathlib import Path
 
 
-class QuadlogError(Exception):
-    """Something a user can cause and mend. Exit code 1 unless a subclass says otherwise."""
+class ExitCode(IntEnum):
+    """What the process's exit code means, for scripts."""
 
-    exit_code = 1
+    DONE = 0
+    FAILED = 1
+    USAGE = 2
+    WITH_LOSS = 3
+    CHECK_FAILED = 4
+
+
+class QuadlogError(Exception):
+    """Something a user can cause and mend."""
+
+    exit_code = ExitCode.FAILED
 
 
 class UsageError(QuadlogError):
     """The command line asks for something that does not exist or does not fit together."""
 
-    exit_code = 2
+    exit_code = ExitCode.USAGE
 
 
 class RecordingNotFound(QuadlogError):
@@ -177,3 +188,12 @@ class AnchorsCollinear(QuadlogError):
             f"UWB anchors {listed} lie within {off_line_m:.2f} m of one line, so every fix has a mirror image "
             f"that fits as well; add an anchor off the line, or check [[uwb.anchors]]"
         )
+
+
+class EmptyWindow(QuadlogError):
+    """--start and --duration leave no message; names how long the recording is."""
+
+    def __init__(self, path: Path | str, span_ns: tuple[int, int] | None) -> None:
+        self.path, self.span_ns = path, span_ns
+        length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
+        super().__init__(f"{path}: no message within --start and --duration{length}")

@@ -33,6 +33,8 @@ def resimulate_walk(walk: Walk) -> None:
                 tables.add(record, paths.get(record.t_ns))
     walk.clearance_m, walk.target_distance_m = resim.clearance_m, resim.target_distance_m
     walk.counts["ticks"] = len(np.atleast_1d(resim.control["t_ns"]))
+    if resim.outside_replans:
+        walk.counts["replans_outside_window"] = resim.outside_replans
     if resim.outside_ticks:
         walk.counts["ticks_outside_window"] = resim.outside_ticks
         walk.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from quadlog.config import Config, Mount
-from quadlog.errors import AmbiguousTopic, NothingReadable
+from quadlog.errors import AmbiguousTopic, EmptyWindow, NothingReadable, QuadlogError
 from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.opening import lidar_in_base, open_configured
 from quadlog.pipelines.progress import Progress, StageClock
-from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.stages.uwb import wants_uwb
+from quadlog.pipelines.stages.walk import Walk, needed_lidar
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Streams, gather
 from quadlog.results.record import describe_input
 from quadlog.results.run_folder import RunFolder
+from quadlog.stages import stages_until
 
 if TYPE_CHECKING:
     from quadlog.pipelines.replay import ReplayRequest
@@ -33,17 +35,19 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
     config, options = request.config, request.options
     progress.begin("ingest", None)
     with clock.stage("ingest"):
-        described = describe_input(request.recording)
         recording = open_configured(request.recording, config, options.msg_path, options.stamp)
     with recording:
         with clock.stage("ingest"):
+            described = describe_input(request.recording)
             roles = detect_roles(recording, config.topics)
+            if "filter" in stages_until(options.until):
+                needed_lidar(roles)
             topics = _topics_to_read(recording, roles, config)
             start_ns, end_ns = _window(recording, _played(roles), options.start_s, options.duration_s)
             streams = gather(recording, **topics, start_ns=start_ns, end_ns=end_ns)
-            first_ns, last_ns = _seen(recording, roles, streams, start_ns)
-            force, resume = request.existing is Existing.FORCE, request.existing is Existing.RESUME
-            run = RunFolder.create(request.run, force=force, resume=resume)
+            first_ns, last_ns = _seen(recording, roles, streams, (start_ns, end_ns))
+            # A run of other input or config is no part of this one: what is not reused as a whole is replaced.
+            run = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
             run.write_config(config.model_dump(exclude_none=True))
         walk = Walk(
             config=config,
@@ -61,9 +65,14 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
             first_ns=first_ns,
             last_ns=last_ns,
         )
-        for text in walk.warnings:
-            progress.say(f"warning: {text}")
-        yield walk
+        _tell_ambiguities(walk)
+        walk.say_what_is_new()
+        try:
+            yield walk
+        except QuadlogError:
+            walk.say_what_is_new()
+            run.discard_if_empty()
+            raise
 
 
 class _SmallTopics(TypedDict):
@@ -79,16 +88,24 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     """The small topics by role, as `gather` takes them. An ambiguity is raised where the role is needed."""
     position = config.topics.position
     chosen = position if position in {channel.topic for channel in recording.channels} else None
-    locates = bool(config.uwb.anchors) and position in ("auto", "uwb")
-    needs_yaw = locates or position == "odometry"
+    locates = wants_uwb(config)
+    # Under auto an odometry may have to be the position, and beside UWB it is the heading.
+    needs_odometry = position in ("auto", "uwb", "odometry")
     return {
         "uwb": roles.topics("uwb") if locates else (),
-        "odometry": chosen or (roles.topic("odometry") if needs_yaw else _unless_ambiguous(roles, "odometry")),
+        "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
         "imu": roles.topic("imu") if locates else None,
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),
     }
+
+
+def _tell_ambiguities(walk: Walk) -> None:
+    """A replay can do without a reference, but not without saying that there was a choice."""
+    choices = walk.roles.ambiguous.get("reference", ())
+    if choices:
+        walk.warn(f"no reference is used: {AmbiguousTopic('reference', choices)}")
 
 
 def _unless_ambiguous(roles: Roles, role: str) -> str | None:
@@ -100,8 +117,9 @@ def _unless_ambiguous(roles: Roles, role: str) -> str | None:
 
 
 def _played(roles: Roles) -> list[str]:
-    """Every topic with a role: only their clocks count."""
-    return [topic for role in roles.found.values() for topic in role.topics]
+    """Every topic with a role, static transforms apart, which may be stamped at any time: only their clocks count."""
+    topics = [topic for role in roles.found.values() for topic in role.topics]
+    return [topic for topic in topics if topic.rsplit("/", 1)[-1] != "tf_static"]
 
 
 def _window(
@@ -118,22 +136,30 @@ def _window(
 def _first_ns(recording: Recording, topics: list[str]) -> int:
     first = next(iter(recording.messages(topics)), None)
     if first is None:
-        raise NothingReadable(recording.path, "no message of a type that quadlog decodes; try  quadlog info")
+        raise NothingReadable(recording.path, "no message of a type that quadlog uses; see  quadlog info")
     return first.t_ns
 
 
-def _seen(recording: Recording, roles: Roles, streams: Streams, start_ns: int | None) -> tuple[int, int]:
-    """First and last instant of the small topics, or the first cloud's where there are none."""
+def _seen(
+    recording: Recording, roles: Roles, streams: Streams, window: tuple[int | None, int | None]
+) -> tuple[int, int]:
+    """First and last instant of the small topics, or the first cloud's where there are none.
+
+    Raises EmptyWindow when --start and --duration leave nothing, NothingReadable when there never was anything.
+    """
     series = [streams.ranges, streams.odometry, streams.imu, streams.reference, streams.target]
     filled = [each.t_ns for each in series if each is not None and len(each)]
     if filled:
         return min(int(t_ns[0]) for t_ns in filled), max(int(t_ns[-1]) for t_ns in filled)
     lidar = _unless_ambiguous(roles, "lidar")
-    clouds = recording.messages([lidar], start_ns) if lidar else iter(())
+    clouds = recording.messages([lidar], *window) if lidar else iter(())
     first = next((each.t_ns for each in clouds if isinstance(each.message, PointCloud)), None)
-    if first is None:
-        first = _first_ns(recording, _played(roles))
-    return first, first
+    if first is not None:
+        return first, first
+    begin_ns = _first_ns(recording, _played(roles))
+    if window != (None, None):
+        raise EmptyWindow(recording.path, recording.span_ns)
+    return begin_ns, begin_ns
 
 
 def _mount(recording: Recording, roles: Roles, streams: Streams, config: Config) -> Float:

@@ -13,7 +13,7 @@ from quadlog.messages import PoseSeries
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.pipelines.stages.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.positioning.heading import align_yaw, course_heading
+from quadlog.positioning.heading import align_yaw, align_yaw_causally, course_heading
 from quadlog.positioning.lever_arm import tag_to_base
 from quadlog.positioning.locate import TagResult
 from quadlog.results.schemas import TABLES
@@ -33,10 +33,12 @@ def locate_walk(walk: Walk) -> None:
     walk.progress.begin("position", None)
     with walk.clock.stage("position"):
         uwb = locate_tags(walk)
-        if uwb is not None:
-            write_uwb(walk, uwb)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
+        if walk.streams.reference is not None:
+            walk.use("reference")
+        if uwb is not None:
+            write_uwb(walk, uwb)
         _write_tracks(walk)
     walk.progress.say(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
@@ -47,7 +49,7 @@ def _robot(walk: Walk, uwb: UwbPositions | None) -> RobotTrack:
     sources: dict[str, Callable[[], RobotTrack | None]] = {
         "uwb": lambda: _from_uwb(walk, uwb),
         "tf": lambda: _from_tf(walk),
-        "odometry": lambda: _from_poses(walk, walk.streams.odometry, "odometry"),
+        "odometry": lambda: _from_odometry(walk),
         "fixed": lambda: _fixed(walk),
     }
     if wanted == "auto":
@@ -58,9 +60,10 @@ def _robot(walk: Walk, uwb: UwbPositions | None) -> RobotTrack:
     if wanted in sources:
         chosen = sources[wanted]()
     elif wanted in {channel.topic for channel in walk.recording.channels}:
-        chosen = _from_poses(walk, walk.streams.odometry, wanted)
+        walk.use("position", wanted)
+        chosen = _from_poses(walk.streams.odometry, wanted)
     else:
-        chosen = _from_poses(walk, read_tum(Path(wanted)), "file")
+        chosen = _from_poses(read_tum(Path(wanted)), "file")
     if chosen is None:
         raise MissingInput(
             "position", f"topics.position = {wanted!r}, but {_why_not(walk, wanted)}", "see  quadlog info"
@@ -96,13 +99,16 @@ def _heading(walk: Walk, robot: TagResult, tag_ahead_m: float) -> np.ndarray:
     else:
         walk.warn(f"no IMU orientation and no odometry: {COURSE_ONLY}")
         return course_heading(robot.track, before_motion_rad=before_motion_rad)
-    aligned = align_yaw(robot.track, t_ns, yaw_from_quat(quat_xyzw), tag_ahead_m)
+    walk.use(name)
+    yaw_rad = yaw_from_quat(quat_xyzw)
+    if not walk.config.uwb.smooth:
+        return align_yaw_causally(robot.track, t_ns, yaw_rad)
+    aligned = align_yaw(robot.track, t_ns, yaw_rad, tag_ahead_m)
     if not np.isfinite(aligned.std_rad):
         walk.warn(
             f"the robot never moved while {name} gave yaw: heading is the course walked; 1 degree is 17 cm at 10 m"
         )
         return course_heading(robot.track, before_motion_rad=before_motion_rad)
-    walk.used["heading"] = name
     std_deg = np.degrees(aligned.std_rad)
     if aligned.std_rad > UNCERTAIN_HEADING_RAD:
         walk.warn(f"heading is known to {std_deg:.1f} degrees only; 1 degree is 17 cm at 10 m")
@@ -114,14 +120,22 @@ def _from_tf(walk: Walk) -> RobotTrack | None:
     topics = walk.config.topics
     base = walk.streams.tf.base_frame(topics.base_frame)
     series = None if base is None else walk.streams.tf.pose_series(base, topics.map_frame)
-    return None if series is None else _from_poses(walk, series, "tf")
+    if series is not None:
+        walk.use("tf")
+    return _from_poses(series, "tf")
 
 
-def _from_poses(walk: Walk, poses: PoseSeries | None, source: str) -> RobotTrack | None:
+def _from_odometry(walk: Walk) -> RobotTrack | None:
+    if walk.streams.odometry is not None:
+        walk.use("odometry")
+    return _from_poses(walk.streams.odometry, "odometry")
+
+
+def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
-    walk.used["position"] = source
-    return RobotTrack(poses.t_ns, poses.position_m[:, :2], yaw_from_quat(poses.quat_xyzw), source)
+    yaw_rad = yaw_from_quat(poses.quat_xyzw)
+    return RobotTrack(poses.t_ns, poses.position_m[:, :2], yaw_rad, source, poses.frame_id)
 
 
 def _fixed(walk: Walk) -> RobotTrack:
@@ -136,7 +150,9 @@ def _target(walk: Walk, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTr
     if topics.target == "fixed":
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
-    if topics.target in ("auto", "uwb") and person is not None and len(person.track):
+    # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
+    in_one_frame = topics.target == "uwb" or robot.source != "odometry"
+    if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
     if topics.target == "uwb":
         raise MissingInput("position", "topics.target = 'uwb', but no second tag was located", "see  quadlog info")
@@ -145,6 +161,7 @@ def _target(walk: Walk, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTr
     if walk.streams.target is None:
         raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")
     series = walk.streams.target
+    walk.use("target")
     return TargetTrack(series.t_ns, series.position_m[:, :2], topics.target)
 
 

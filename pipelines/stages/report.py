@@ -12,37 +12,69 @@ from quadlog.pipelines.stages.walk import Walk
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.layout import write_layout
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.report import write_report
-from quadlog.stages import STAGES
+from quadlog.results.report import write_page, write_plots
+from quadlog.stages import STAGES, stages_until
 from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from quadlog.pipelines.replay import ReplayRequest
 
+CHOSEN = "chosen in the configuration"
+
 
 def finish_walk(walk: Walk, request: ReplayRequest, startup_s: float) -> dict[str, dict[str, Any]]:
     """Write what the stages that ran allow, and mark the run as finished. Returns the metrics as saved."""
+    run = walk.run.path
     walk.progress.begin("report", None)
     with walk.clock.stage("report"):
         metrics = _metrics(walk)
-        saved = {name: asdict(metric) for name, metric in metrics.items()}
-        walk.run.write_metrics(saved)
+        walk.run.write_metrics(_plain(metrics))
         if walk.robot is not None:
-            write_derived(walk.run.path)
-            write_layout(walk.run.path)
-        write_report(walk.run.path, _record(walk, request, startup_s))
-    walk.run.write_run_json(_record(walk, request, startup_s))
-    return saved
+            write_derived(run)
+            write_layout(run)
+        pictures = write_plots(run, _record(walk, request, startup_s))
+    # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
+    if (factor := _realtime_factor(walk, request)) is not None:
+        metrics["realtime_factor"] = Metric(factor, 1, "")
+    walk.run.write_metrics(_plain(metrics))
+    record = _record(walk, request, startup_s)
+    write_page(run, pictures, record)
+    walk.run.write_run_json(record)
+    walk.say_what_is_new()
+    return _plain(metrics)
+
+
+def _plain(metrics: Metrics) -> dict[str, dict[str, Any]]:
+    return {name: asdict(metric) for name, metric in metrics.items()}
+
+
+def _realtime_factor(walk: Walk, request: ReplayRequest) -> float | None:
+    """Recorded seconds over seconds in the stages asked for; None when there is nothing to divide."""
+    seconds = sum(walk.clock.seconds.get(name, 0.0) for name in stages_until(request.options.until))
+    return walk.recorded_s / seconds if walk.recorded_s > 0 and seconds > 0 else None
 
 
 def _metrics(walk: Walk) -> Metrics:
-    metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk))
+    metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk), _in_reference_frame(walk))
     metrics |= planning_metrics(walk.run.path, walk.astar_expanded)
     metrics |= control_metrics(walk.run.path, walk.clearance_m, walk.target_distance_m)
-    seconds = sum(seconds for name, seconds in walk.clock.seconds.items() if name != "report")
-    if walk.recorded_s > 0 and seconds > 0:
-        metrics["realtime_factor"] = Metric(walk.recorded_s / seconds, 1, "")
     return metrics
+
+
+def _in_reference_frame(walk: Walk) -> bool:
+    """Whether poses and reference can be compared: only frames that are both named and differ cannot, which is said.
+
+    UWB's frame has no name in the recording: the anchors are given in the reference's frame.
+    """
+    robot, reference = walk.robot, walk.streams.reference
+    if robot is None or reference is None or not robot.frame_id or not reference.frame_id:
+        return True
+    same = robot.frame_id == reference.frame_id
+    if not same:
+        walk.warn(
+            f"no ate_rmse_m: poses are in the frame {robot.frame_id!r}, the reference is in {reference.frame_id!r}"
+        )
+    return same
 
 
 def _robot_tag(walk: Walk) -> int | None:
@@ -68,14 +100,16 @@ def _record(walk: Walk, request: ReplayRequest, startup_s: float) -> RunRecord:
         warnings=walk.warnings,
         stages=[StageRecord(name, clock.seconds[name], clock.peak_memory_mb[name]) for name in ran],
         startup_s=startup_s,
+        realtime_factor=_realtime_factor(walk, request),
     )
 
 
 def _topics(walk: Walk) -> list[TopicRecord]:
-    """Every topic that played a role in this replay, and why it did."""
+    """Every topic that was used, in what role, and why it was chosen for it."""
     channels = {channel.topic: channel for channel in walk.recording.channels}
+    whys = {name: role.why for name, role in walk.roles.found.items()}
     return [
-        TopicRecord(role.name, topic, channels[topic].type_name, channels[topic].count or 0, role.why)
-        for role in walk.roles.found.values()
-        for topic in role.topics
+        TopicRecord(role, topic, channels[topic].type_name, channels[topic].count or 0, whys.get(role, CHOSEN))
+        for role, topics in walk.used.items()
+        for topic in topics
     ]

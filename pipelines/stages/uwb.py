@@ -29,11 +29,11 @@ class UwbPositions:
 def locate_tags(walk: Walk) -> UwbPositions | None:
     """Every tag in the recording located on its own; None when UWB is not used, which is said."""
     config, ranges = walk.config, walk.streams.ranges
-    if config.topics.position not in ("auto", "uwb"):
-        return None
     if not config.uwb.anchors:
         for topic in walk.roles.found["uwb"].topics if "uwb" in walk.roles.found else ():
             walk.warn(f"{topic}: UWB ranges are not used, no [[uwb.anchors]] are configured")
+        return None
+    if not wants_uwb(config):
         return None
     if ranges is None:
         walk.warn("anchors are configured, but the recording has no UWB ranges")
@@ -43,8 +43,13 @@ def locate_tags(walk: Walk) -> UwbPositions | None:
     _tell(walk, located)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))
-    walk.used["uwb"] = ", ".join(walk.roles.topics("uwb"))
+    walk.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)))
+
+
+def wants_uwb(config: Config) -> bool:
+    """Whether the robot or the target may be located by UWB."""
+    return bool(config.uwb.anchors) and not {"auto", "uwb"}.isdisjoint({config.topics.position, config.topics.target})
 
 
 def anchors_of(config: Config) -> Anchors:
@@ -126,6 +131,7 @@ def _tell(walk: Walk, located: Located) -> None:
     walk.counts |= {"ranges": counts.total, "ranges_used": counts.used}
     for text in _range_warnings(counts):
         walk.warn(text)
+    walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
     for result in located.tags:
         if result.n_too_few or result.n_degenerate:
             walk.warn(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadlog.config import Config
+from quadlog.errors import MissingInput
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
@@ -19,12 +20,20 @@ from quadlog.results.record import InputRecord
 from quadlog.results.run_folder import RunFolder
 
 
+def needed_lidar(roles: Roles) -> str:
+    """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
+    topic = roles.topic("lidar")
+    if topic is None:
+        raise MissingInput("filter", roles.why_none("lidar"), "stop before it with  --until position")
+    return topic
+
+
 @dataclass
 class Walk:
     """One replay under way; stages read what earlier ones put here and add their own.
 
     start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
-    first_ns, last_ns: what was really seen of it.
+    first_ns, last_ns: what was really seen of it. used: role -> topics that were really used for it.
     astar_expanded (per replan), clearance_m and target_distance_m (per tick):
     what metrics need beyond the tables of the contract.
     """
@@ -45,12 +54,13 @@ class Walk:
     last_ns: int
     robot: RobotTrack | None = None
     target: TargetTrack | None = None
-    used: dict[str, str] = field(default_factory=dict)
+    used: dict[str, tuple[str, ...]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     astar_expanded: list[int] = field(default_factory=list)
     clearance_m: Float | None = None
     target_distance_m: Float | None = None
     _warnings: list[str] = field(default_factory=list)
+    _said: set[str] = field(default_factory=set)
 
     @property
     def losses(self) -> list[Loss]:
@@ -70,7 +80,20 @@ class Walk:
     def warn(self, text: str) -> None:
         """A line for stderr, `run.json` and the report."""
         self._warnings.append(text)
-        self.progress.say(f"warning: {text}")
+        self.say_what_is_new()
+
+    def say_what_is_new(self) -> None:
+        """Every loss and warning that was not said yet, on stderr: readers find some only at the end."""
+        lines = [f"warning: {text}" for text in self.warnings]
+        lines += [f"lost: {loss.topic + ': ' if loss.topic else ''}{loss.detail}" for loss in self.losses]
+        for line in lines:
+            if line not in self._said:
+                self._said.add(line)
+                self.progress.say(line)
+
+    def use(self, role: str, *topics: str) -> None:
+        """Note that topics were used in a role; without topics, those that were detected for it."""
+        self.used[role] = topics or self.roles.topics(role)
 
     def count(self, name: str, amount: int = 1) -> None:
         """Add to a count of `run.json`."""
@@ -78,13 +101,7 @@ class Walk:
 
     def lidar_topic(self) -> str:
         """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
-        from quadlog.errors import MissingInput
-
-        topic = self.roles.topic("lidar")
-        if topic is None:
-            raise MissingInput("filter", self.roles.why_none("lidar"), "stop before it with  --until position")
-        self.used["lidar"] = topic
-        return topic
+        return needed_lidar(self.roles)
 
     def expected_messages(self, topic: str) -> int | None:
         """How many messages the index promises on a topic; None for part of a recording, or without an index."""
@@ -94,6 +111,7 @@ class Walk:
 
     def clouds(self) -> Iterator[tuple[int, PointCloud]]:
         """Every cloud of the lidar in the window, one at a time."""
+        self.use("lidar")
         for t_ns, _, message in self.recording.messages([self.lidar_topic()], self.start_ns, self.end_ns):
             if isinstance(message, PointCloud):
                 self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)

@@ -88,6 +88,22 @@ def align_yaw(
     return AlignedHeading(wrap_angle(sensor + offset), float(wrap_angle(np.asarray(offset))), std, moving_s)
 
 
+def align_yaw_causally(track: Track, yaw_t_ns: Int, yaw_rad: Float, hold_below_mps: float = HOLD_BELOW_MPS) -> Float:
+    """(T,) the sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
+
+    The running circular mean of course minus yaw, weighted as in align_yaw,
+    but with no second look: what a robot could have known then.
+    """
+    if len(yaw_t_ns) == 0:
+        return np.zeros(len(track))
+    sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
+    speed = _speed(track)
+    moving = (speed >= hold_below_mps) & (track.t_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
+    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
+    told = np.cumsum(np.where(moving, speed**2, 0.0) * np.exp(1j * (course - sensor)))
+    return wrap_angle(sensor + np.angle(told))
+
+
 def _speed(track: Track) -> Float:
     speed: Float = np.hypot(track.velocity_mps[:, 0], track.velocity_mps[:, 1])
     return speed

@@ -39,7 +39,7 @@ def run_names(recordings: Sequence[Path]) -> list[str]:
     Recordings of the same name from different folders are numbered in the order given.
     Case is ignored, as some file systems do.
     """
-    short = [run_name(path.name if path.is_dir() else stem(path)) for path in recordings]
+    short = [run_name(path.resolve().name if path.is_dir() else stem(path)) for path in recordings]
     often = Counter(name.casefold() for name in short)
     names = [
         name if often[name.casefold()] == 1 else run_name(path.name)

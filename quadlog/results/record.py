@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.errors import RecordingNotFound
+from quadlog.recordings.naming import recording_files
 from quadlog.results.host import describe_host, package_versions
 
 
@@ -60,9 +61,8 @@ class RunRecord:
     start_s, duration_s, until, preset), compared by `--resume`; input; seed;
     recorded_s: length of what was replayed; topics, counts (name: number),
     losses, warnings; stages; startup_s: imports and compilation, apart from
-    the stages. host and packages are filled in by themselves. `run.json` adds
-    realtime_factor = recorded_s / seconds in the stages; it is absent when
-    there is nothing to divide.
+    the stages; realtime_factor: recorded_s / seconds in the stages, None when
+    there is nothing to divide. host and packages are filled in by themselves.
     """
 
     quadlog_version: str
@@ -78,29 +78,31 @@ class RunRecord:
     warnings: Sequence[str] = ()
     stages: Sequence[StageRecord] = ()
     startup_s: float = 0.0
+    realtime_factor: float | None = None
     host: Mapping[str, Any] = field(default_factory=describe_host)
     packages: Mapping[str, str] = field(default_factory=package_versions)
 
-    @property
-    def realtime_factor(self) -> float | None:
-        """Recorded seconds per second spent in the stages, the report apart: drawing does not grow with the log."""
-        seconds = sum(stage.seconds for stage in self.stages if stage.name != "report")
-        return self.recorded_s / seconds if seconds > 0 and self.recorded_s > 0 else None
-
     def to_dict(self) -> dict[str, Any]:
-        """The JSON object; keys are the fields' names."""
-        content = asdict(self)
-        if self.realtime_factor is not None:
-            content["realtime_factor"] = self.realtime_factor
-        return content
+        """The JSON object; keys are the fields' names, and one that is None is absent."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+def own_files(path: Path) -> list[Path]:
+    """The files a recording is made of: itself, or of a bag folder its pieces and their metadata."""
+    if not path.is_dir():
+        return [path]
+    metadata = path / "metadata.yaml"
+    return sorted([*recording_files(path), *([metadata] if metadata.is_file() else [])])
 
 
 def describe_input(path: Path) -> InputRecord:
-    """Size and SHA-256 of a recording; of a folder, the hash over its files' names, sizes and contents in order.
+    """Size and SHA-256 of a recording; of a bag folder, the hash over its files' names, sizes and contents in order.
 
-    Raises RecordingNotFound when it is not there or cannot be read.
+    Raises RecordingNotFound when it is not there, cannot be read, or is a device that never ends.
     """
-    files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+    files = own_files(path)
+    if any(not each.is_file() for each in files):
+        raise RecordingNotFound(path, "no regular file or folder" if path.exists() else "no such file or folder")
     digest, size = hashlib.sha256(), 0
     try:
         for each in files:

@@ -23,21 +23,30 @@ __all__ = ["write_folder_report", "write_report"]
 _MAX_CONFIG_CHARS = 1_000_000
 
 
-def write_report(run: Path, record: RunRecord | None = None) -> Path:
-    """Draw every figure whose data the run has, write plots/ and report.html, and return the latter's path.
-
-    record is that of a run which is not yet finished, because run.json comes
-    last; without it the file is read. Pictures
-    of an earlier report whose data is gone are removed. The same files give the
-    same bytes.
+def write_report(run: Path) -> Path:
+    """Write plots/ and report.html of a finished run, and return the latter's path. The same files, the same bytes.
 
     Raises NotARun for an unfinished or damaged run, CannotWrite.
     """
-    data = RunData(run, record)
-    pictures = render_plots(data)
+    return write_page(run, write_plots(run))
+
+
+def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
+    """Draw every figure whose data the run has, as plots/NAME.png, and return them by name.
+
+    record is that of a run which is not yet finished, because run.json comes
+    last; without it the file is read. Pictures of an earlier report whose data
+    is gone are removed. Raises NotARun, CannotWrite.
+    """
+    pictures = render_plots(RunData(run, record))
     _write_plots(run / "plots", pictures)
+    return pictures
+
+
+def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
+    """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
     report = run / "report.html"
-    write_whole(report, _render(data, pictures))
+    write_whole(report, _render(RunData(run, record), pictures))
     return report
 
 

@@ -57,6 +57,13 @@ class RunFolder:
         remove_stale_parts(path)
         return cls(path)
 
+    def discard_if_empty(self) -> None:
+        """Take the folder away again when a run failed before it had a result: the next try needs no flag."""
+        names = {entry.name for entry in self.path.iterdir()}
+        if names <= {"config.toml"} and not self.path.is_symlink():
+            (self.path / "config.toml").unlink(missing_ok=True)
+            self.path.rmdir()
+
     def write_config(self, config: Mapping[str, Any]) -> None:
         """`config.toml`, first of all files: it marks the folder as quadlog's. Keys without a value are left out."""
         write_whole(self.path / "config.toml", (_CONFIG_HEADER + tomli_w.dumps(_without_none(config))).encode())

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import os
 import shutil
+from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from quadlog.config_file import load_config
 from quadlog.errors import RecordingNotFound
 from quadlog.pipelines.batch import plan_batch, replay_batch
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.progress import Kept, Silent
 from quadlog.pipelines.replay import Existing, ReplayOptions
 from quadlog.pipelines.synthesize import make_recording, synthesize
 
@@ -99,6 +101,55 @@ def test_rows_of_earlier_commands_stay_while_their_runs_do(season, tmp_path):
         replay_batch(batch, None, Silent())
     summary = pq.read_table(tmp_path / "runs" / "summary.parquet").to_pandas()
     assert list(summary["recording"]) == ["bag", "mcap"]
+
+
+def test_a_refused_run_keeps_its_row(season, tmp_path):
+    for _ in range(2):
+        _, outcome = run_all(season, tmp_path / "runs", jobs=1, until="ingest")
+    assert outcome.exit_code == 1
+    summary = pq.read_table(tmp_path / "runs" / "summary.parquet").to_pandas().set_index("recording")
+    assert (summary.loc[["walk.mcap", "walk.bag", "walk.db3"], "exit_code"] == 0).all()
+
+
+def test_somebody_elses_report_is_left_alone(season, tmp_path):
+    (tmp_path / "report.html").write_text("my thesis")
+    config, options = load_config(None, _anchors(), {}), ReplayOptions(until="ingest")
+    batch = plan_batch([str(season / "walk.bag")], tmp_path, config, options, Existing.REFUSE, ())
+    kept = Kept()
+    assert replay_batch(batch, None, kept).exit_code == 0
+    assert (tmp_path / "report.html").read_text() == "my thesis"
+    assert not (tmp_path / "summary.parquet").exists()
+    assert any("is left alone" in line for line in kept.lines)
+
+
+def test_what_workers_have_to_say_reaches_the_terminal(season, tmp_path):
+    config, options = load_config(None, _anchors(), {}), ReplayOptions(until="position")
+    batch = plan_batch([str(season)], tmp_path / "runs", config, options, Existing.REFUSE, ())
+    kept = Kept()
+    replay_batch(batch, 2, kept)
+    for name in ("walk.mcap", "walk.bag", "walk.db3"):
+        assert any(name in line and "robot position from uwb" in line for line in kept.lines)
+
+
+class Deadly:
+    """A request that kills the worker which unpickles it, as running out of memory would."""
+
+    def __init__(self, request):
+        self.recording, self.run = request.recording, request.run
+
+    def __reduce__(self):
+        return os._exit, (9,)
+
+
+def test_a_killed_worker_is_blamed_on_its_own_recording_alone(season, tmp_path):
+    config, options = load_config(None, _anchors(), {}), ReplayOptions(until="ingest")
+    recordings = [str(season / f"walk.{suffix}") for suffix in ("mcap", "bag", "db3")]
+    batch = plan_batch(recordings, tmp_path / "runs", config, options, Existing.REFUSE, ())
+    batch[1] = replace(batch[1], request=Deadly(batch[1].request))
+    outcome = replay_batch(batch, 2, Silent())
+    assert outcome.exit_code == 3
+    assert [run.failed for run in outcome.runs] == [False, True, False]
+    assert "killed" in outcome.runs[1].reason
 
 
 def test_an_argument_without_recordings_is_refused(tmp_path):

@@ -12,8 +12,8 @@ from evo.core import sync
 from evo.tools import file_interface
 
 from quadlog.config_file import load_config
-from quadlog.errors import AlreadyExists, MissingInput
-from quadlog.pipelines.progress import Silent
+from quadlog.errors import AlreadyExists, EmptyWindow, MissingInput
+from quadlog.pipelines.progress import Kept, Silent
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, finished_outcome, replay
 from quadlog.results import load_maps
 from quadlog.simulation.follow import synthesize
@@ -175,12 +175,68 @@ def test_an_existing_run_is_refused_resumed_or_replaced(tmp_path, follow_request
     assert tomllib.loads((first.run / "config.toml").read_text())["uwb"]["smooth"]
 
 
+def test_a_resumed_run_holds_nothing_of_another_one(tmp_path, follow_request, fixtures):
+    full = replay(follow_request(tmp_path / "run", duration_s=0.5), Silent())
+    assert "eta_m" in full.metrics
+    shorter = follow_request(tmp_path / "run", duration_s=0.5, until="position")
+    resumed = replay(replace(shorter, existing=Existing.RESUME), Silent())
+    assert "eta_m" not in resumed.metrics
+    assert not (full.run / "control.parquet").exists()
+    assert not (full.run / "plots" / "tracking_error.png").exists()
+
+
+def test_a_run_with_unset_values_in_its_config_is_recognised(tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", ["uwb.tags=[{id=0, role='robot'}, {id=1, role='person'}]"], {})
+    request = replace(follow_request(tmp_path / "run", duration_s=0.5, until="position"), config=config)
+    replay(request, Silent())
+    assert finished_outcome(request) is not None
+
+
+def test_a_replay_that_cannot_work_harms_no_earlier_run(tmp_path, follow_request, fixtures):
+    request = follow_request(tmp_path / "run", duration_s=0.5, until="position")
+    first = replay(request, Silent())
+    nothing = replace(request, options=replace(request.options, start_s=100.0), existing=Existing.FORCE)
+    with pytest.raises(EmptyWindow, match=r"lasts 12\.0 s"):
+        replay(nothing, Silent())
+    assert finished_outcome(request).metrics == first.metrics
+
+
+def test_a_target_by_uwb_beside_a_robot_by_odometry(tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", ["topics.position=odometry", "topics.target=uwb"], {})
+    request = replace(follow_request(tmp_path / "run", until="position"), config=config)
+    outcome = replay(request, Silent())
+    assert set(table(outcome.run, "target")["source"]) == {"uwb"}
+    assert set(table(outcome.run, "poses")["source"]) == {"odometry"}
+    # Odometry is in its own frame: its distance to a truth in map would be a wrong number.
+    assert "ate_rmse_m" not in outcome.metrics
+    assert "rpe_rmse_m" in outcome.metrics
+
+
+def test_what_a_causal_run_says_of_the_past_does_not_depend_on_the_future(tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", ["uwb.smooth=false", "uwb.calibrate=false"], {})
+    short, long = (
+        replay(replace(follow_request(tmp_path / str(s), until="position", duration_s=s), config=config), Silent())
+        for s in (1.5, 3.0)
+    )
+    early, late = table(short.run, "poses"), table(long.run, "poses")
+    count = len(early["t_ns"]) - 2
+    for name in ("x_m", "y_m", "yaw_rad"):
+        np.testing.assert_allclose(early[name][:count], late[name][:count], atol=1e-9)
+
+
+def test_topics_in_run_json_are_those_that_were_used(tmp_path, follow_request, fixtures):
+    config = load_config(fixtures / "follow.toml", ["topics.position=odometry", "topics.target=ahead"], {})
+    request = replace(follow_request(tmp_path / "run", until="position", duration_s=0.5), config=config)
+    record = json.loads((replay(request, Silent()).run / "run.json").read_text())
+    assert {topic["role"] for topic in record["topics"]} == {"odometry", "reference"}
+
+
 def test_a_recording_without_the_chosen_source_says_so_before_anything_is_removed(tmp_path, follow_request, fixtures):
     request = follow_request(tmp_path / "run", duration_s=0.5)
     config = load_config(fixtures / "follow.toml", ["topics.position=tf"], {})
     with pytest.raises(MissingInput, match=r"topics\.position = 'tf'"):
         replay(replace(request, config=config), Silent())
-    assert not (tmp_path / "run" / "run.json").exists()
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
@@ -228,7 +284,9 @@ def test_a_truncated_recording_is_replayed_as_far_as_it_goes(tmp_path, fixtures)
     request = ReplayRequest(
         damaged, tmp_path / "run", load_config(fixtures / "follow.toml", environ={}), ReplayOptions(until="map")
     )
-    outcome = replay(request, Silent())
+    kept = Kept()
+    outcome = replay(request, kept)
     assert outcome.exit_code == 3
+    assert any(line.startswith("lost: ") for line in kept.lines)
     assert "truncated" in json.loads((outcome.run / "run.json").read_text())["losses"][0]["cause"]
     assert 5 < len(table(outcome.run, "scans")["t_ns"]) < 60

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import circmean
 
 from quadlog.geometry import wrap_angle
-from quadlog.positioning.heading import align_yaw, course_heading
+from quadlog.positioning.heading import align_yaw, align_yaw_causally, course_heading
 from quadlog.positioning.tracker import Track
 
 
@@ -37,6 +37,17 @@ def test_a_causal_course_does_not_know_the_first_motion_beforehand():
 def test_a_tag_that_never_moves_looks_along_x():
     np.testing.assert_array_equal(course_heading(track(np.zeros((3, 2)))), 0)
     assert course_heading(track(np.empty((0, 2)))).shape == (0,)
+
+
+def test_a_causal_offset_is_found_and_knows_nothing_of_what_comes():
+    walked, yaw = curved(noise_mps=0.1)
+    sensor = wrap_angle(yaw - 2.0)
+    whole = align_yaw_causally(walked, walked.t_ns, sensor)
+    np.testing.assert_allclose(wrap_angle(whole[-100:] - yaw[-100:]), 0, atol=0.03)
+    half = Track(walked.t_ns[:300], walked.position_m[:300], walked.velocity_mps[:300], walked.covariance_m2[:300])
+    np.testing.assert_array_equal(align_yaw_causally(half, walked.t_ns[:300], sensor[:300]), whole[:300])
+    still = track(np.zeros((5, 2)))
+    np.testing.assert_allclose(align_yaw_causally(still, still.t_ns, np.full(5, 0.3)), 0.3)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 3.1, -2.5])

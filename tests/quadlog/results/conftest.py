@@ -45,6 +45,7 @@ def tiny_record() -> RunRecord:
         losses=[LossRecord("crc", "one chunk is damaged, from 1.0 s to 1.5 s", "/points", 5)],
         warnings=["no heading source: yaw is the course"],
         stages=[StageRecord("ingest", 0.5, 120.0), StageRecord("position", 0.3, 130.0)],
+        realtime_factor=4.0 / 0.8,
     )
 
 

@@ -34,9 +34,25 @@ def test_run_json_says_all_the_contract_names(tiny_run: Path) -> None:
     assert record["warnings"] == ["no heading source: yaw is the course"]
 
 
-def test_without_time_there_is_no_realtime_factor(tiny_record: RunRecord) -> None:
-    assert "realtime_factor" not in replace(tiny_record, stages=[]).to_dict()
-    assert replace(tiny_record, recorded_s=0.0).realtime_factor is None
+def test_what_is_none_is_absent(tiny_record: RunRecord) -> None:
+    assert "realtime_factor" not in replace(tiny_record, realtime_factor=None).to_dict()
+
+
+def test_a_device_is_no_recording_and_is_not_read_to_its_end() -> None:
+    with pytest.raises(RecordingNotFound, match="no regular file"):
+        describe_input(Path("/dev/zero"))
+
+
+def test_a_bag_folders_hash_covers_its_recordings_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "bag_0.mcap").write_bytes(b"one")
+    (tmp_path / "metadata.yaml").write_text("version: 5")
+    before = describe_input(tmp_path)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "derived.mcap").write_bytes(b"a result")
+    (tmp_path / "notes.txt").write_text("by hand")
+    assert describe_input(tmp_path) == before
+    (tmp_path / "bag_1.mcap").write_bytes(b"two")
+    assert describe_input(tmp_path).sha256 != before.sha256
 
 
 def test_a_files_hash_is_what_sha256sum_says(tmp_path: Path) -> None:
@@ -52,7 +68,7 @@ def test_a_folders_hash_sees_names_borders_and_contents(tmp_path: Path) -> None:
         folder = tmp_path / "-".join(["of", *files, *(each.decode() for each in files.values())])
         folder.mkdir()
         for name, content in files.items():
-            (folder / name).write_bytes(content)
+            (folder / f"{name}.mcap").write_bytes(content)
         return describe_input(folder).sha256
 
     assert len({described(a=b"xy", b=b""), described(a=b"x", b=b"y"), described(a=b"xy", c=b""), described()}) == 4
@@ -60,5 +76,5 @@ def test_a_folders_hash_sees_names_borders_and_contents(tmp_path: Path) -> None:
 
 
 def test_a_missing_recording_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingNotFound, match=r"gone\.mcap: No such file"):
+    with pytest.raises(RecordingNotFound, match=r"gone\.mcap: no such file"):
         describe_input(tmp_path / "gone.mcap")

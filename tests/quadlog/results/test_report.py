@@ -13,8 +13,9 @@ import pytest
 from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.plots.figures import PLOTS
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.report import STAGES, write_report
+from quadlog.results.report import write_page, write_plots, write_report
 from quadlog.results.run_folder import RunFolder
+from quadlog.stages import STAGES
 
 HOSTILE = "/</script><script>alert(1)</script>\"><img src=x onerror=alert(2)>'{{ 7 * 7 }}&amp;"
 
@@ -167,7 +168,7 @@ def test_hostile_names_change_no_tag(tmp_path: Path, tiny_record: RunRecord) -> 
 def test_a_run_that_stopped_early_shows_what_there_is(tmp_path: Path, tiny_record: RunRecord) -> None:
     stages = [StageRecord("ingest", 0.0, 100.0)]
     record = dataclasses.replace(
-        tiny_record, stages=stages, losses=[], warnings=[], topics=[], counts={}, recorded_s=0.0
+        tiny_record, stages=stages, losses=[], warnings=[], topics=[], counts={}, recorded_s=0.0, realtime_factor=None
     )
     run = _bare(tmp_path / "walk", record)
     write_report(run)
@@ -188,7 +189,7 @@ def test_a_run_that_is_not_finished_yet_brings_its_record(tmp_path: Path, tiny_r
     (run / "run.json").unlink()
     with pytest.raises(NotARun, match=r"no run\.json"):
         write_report(run)
-    assert write_report(run, tiny_record).read_bytes() == finished
+    assert write_page(run, write_plots(run, tiny_record), tiny_record).read_bytes() == finished
 
 
 def test_pictures_of_an_earlier_report_vanish_with_their_data(tmp_path: Path, tiny_record: RunRecord) -> None:

@@ -1,0 +1,41 @@
+"""Text that came from outside, made safe to show on a terminal and to paste into a shell."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+
+def printable(text: object) -> str:
+    """One line without control characters, which a terminal would obey: white space becomes a space."""
+    return "".join(map(_harmless, str(text)))
+
+
+def set_flag(key: str, values: Sequence[str]) -> str:
+    """`--set key=value` to paste into a shell: one value as it is, several as a TOML list.
+
+    What a terminal would obey is written as TOML's escape, so that the flag means the very same name.
+    """
+    if len(values) == 1 and values[0].startswith("/") and values[0].isprintable() and values[0] == values[0].strip():
+        value = values[0]  # no TOML value starts with a slash: it is taken as text
+    elif len(values) == 1:
+        value = _toml_string(values[0])
+    else:
+        value = f"[{', '.join(map(_toml_string, values))}]"
+    return f"--set {shlex.quote(f'{key}={value}')}"
+
+
+def _harmless(each: str) -> str:
+    if each.isprintable():
+        return each
+    return " " if each.isspace() else "\N{REPLACEMENT CHARACTER}"
+
+
+def _toml_string(text: str) -> str:
+    return f'"{"".join(map(_toml_escape, text))}"'
+
+
+def _toml_escape(each: str) -> str:
+    if each in '"\\':
+        return f"\\{each}"
+    return each if each.isprintable() else f"\\U{ord(each):08X}"
