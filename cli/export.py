@@ -9,7 +9,7 @@ import click
 SUFFIX = {"tum": "trajectory.tum", "mcap": "derived.mcap", "csv": "csv", "rosmap": "rosmap"}
 
 
-@click.command(name="export")
+@click.command(name="export", short_help="A run's results for evo, pandas, ROS map_server or Foxglove.")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--to", type=click.Choice(sorted(SUFFIX)), required=True, help="The format.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="A file (tum, mcap) or a folder (csv, rosmap).")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from quadlog.pipelines.replay import ReplayOutcome
 
 
-@click.command(name="replay")
+@click.command(name="replay", short_help="Replay recordings through every stage, one run folder each.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")

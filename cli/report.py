@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 
-@click.command(name="report")
+@click.command(name="report", short_help="Plots and pages again, from saved results.")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
 @click.option("--force", is_flag=True, expose_value=False, help="Taken, as by every command that writes; not needed.")
 def command(runs: tuple[Path, ...]) -> int:

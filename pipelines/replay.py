@@ -73,6 +73,8 @@ class ReplayOutcome:
     @classmethod
     def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
         """A recording that could not be replayed; refused: because its run is there already, and stays."""
+        # The recording stands beside the reason wherever it is shown.
+        reason = reason.removeprefix(f"{request.recording}: ")
         return cls(request.recording, request.run, ExitCode.FAILED, reason, refused=refused)
 
     @property

@@ -7,9 +7,11 @@ else; anything that is not a QuadlogError is a bug in quadlog.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
+
+from quadlog.text import set_flag
 
 
 class ExitCode(IntEnum):
@@ -67,12 +69,15 @@ class DecodeError(QuadlogError):
 
 
 class AmbiguousTopic(QuadlogError):
-    """Several topics could play one role. Lists the choices as flags to paste."""
+    """Several topics, or several groups of topics, could play one role. Lists the choices as flags to paste."""
 
-    def __init__(self, role: str, topics: Iterable[str]) -> None:
-        self.role, self.topics = role, list(topics)
-        flags = "  or  ".join(f"--set topics.{role}={topic}" for topic in self.topics)
-        super().__init__(f"{len(self.topics)} topics could be the {role}; choose with  {flags}")
+    def __init__(self, role: str, choices: Iterable[Sequence[str]]) -> None:
+        self.role, self.choices = role, [tuple(topics) for topics in choices]
+        singles = all(len(topics) == 1 for topics in self.choices)
+        several = "topics" if singles else "groups of topics"
+        what = f"{len(self.choices)} {several}" if len(self.choices) != 1 else "one topic"
+        flags = "  or  ".join(set_flag(f"topics.{role}", topics) for topics in self.choices)
+        super().__init__(f"{what} could be the {role}; choose with  {flags}")
 
 
 class UnknownTopic(QuadlogError):
@@ -93,14 +98,13 @@ class MissingInput(QuadlogError):
 
 
 class ClocksDiffer(QuadlogError):
-    """Header stamps and log times of one recording lie more than an hour apart and would be mixed."""
+    """Two clocks of one recording, header stamps or log time, lie more than an hour apart and would be mixed."""
 
-    def __init__(self, path: Path | str, offset_s: float, with_header: str, without_header: str) -> None:
-        self.path, self.offset_s = path, offset_s
-        self.with_header, self.without_header = with_header, without_header
+    def __init__(self, path: Path | str, apart_s: float, first: str, second: str) -> None:
+        self.path, self.apart_s, self.first, self.second = path, apart_s, first, second
         super().__init__(
-            f"{path}: header stamps of {with_header} lie {offset_s:.0f} s from the log time that "
-            f"{without_header} must use (it has no header); use  --stamp log  to take log times for all"
+            f"{path}: {first} and {second} lie {apart_s:.0f} s apart and cannot be compared; "
+            "use  --stamp log  to take log times for all"
         )
 
 

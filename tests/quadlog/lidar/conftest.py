@@ -34,6 +34,18 @@ def make_ring_scan(n_azimuth: int, seed: int, height_m: float = 0.5, wall_m: flo
 
 
 @pytest.fixture(scope="session")
+def large_ring_scan():
+    """The same of 30,000 points (N, 3)."""
+    return make_ring_scan(n_azimuth=1875, seed=3)[0]
+
+
+@pytest.fixture(scope="session")
+def synthesized_scans():
+    """List of (N, 3) float32 of the committed recording that quadlog.simulation.follow made."""
+    return read_clouds(Path(__file__).parents[3] / "fixtures" / "follow.mcap")
+
+
+@pytest.fixture(scope="session")
 def real_scans():
     """name -> list of (N, 3) float32 of the two real 16-beam recordings."""
     root = os.environ.get("QUADLOG_DATASETS")

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from quadlog.lidar.outliers import statistical_outliers
+from quadlog.open3d_import import import_open3d
 
 
 def by_definition(xyz_m: np.ndarray, neighbours: int, std_ratio: float) -> tuple[np.ndarray, np.ndarray]:
@@ -17,22 +18,53 @@ def by_definition(xyz_m: np.ndarray, neighbours: int, std_ratio: float) -> tuple
     return mean > limit, np.abs(mean - limit) < 1e-9 * max(limit, 1e-9)
 
 
-@pytest.mark.parametrize(("neighbours", "std_ratio"), [(20, 2.0), (5, 1.0), (1, 0.5)])
-def test_ring_scan_agrees_with_scipy(ring_scan, neighbours: int, std_ratio: float) -> None:
-    xyz_m, _ = ring_scan
-    expected, _ = by_definition(xyz_m, neighbours, std_ratio)
+def by_open3d(xyz_m: np.ndarray, neighbours: int, std_ratio: float) -> np.ndarray:
+    """The outliers that Open3D finds; it counts the point itself as its own nearest neighbour."""
+    open3d = import_open3d()
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz_m))
+    _, kept = cloud.remove_statistical_outlier(nb_neighbors=neighbours + 1, std_ratio=std_ratio)
+    outlier = np.ones(len(xyz_m), dtype=np.bool_)
+    outlier[np.asarray(kept, dtype=np.int64)] = False
+    return outlier
+
+
+def returns(scan: np.ndarray) -> np.ndarray:
+    """The points of a raw scan that are returns at all, as float64."""
+    scan = scan.astype(np.float64)
+    return scan[np.isfinite(scan).all(axis=1) & (np.abs(scan).sum(axis=1) > 0)]
+
+
+def assert_same_set(xyz_m: np.ndarray, neighbours: int = 20, std_ratio: float = 2.0) -> None:
+    """The set is that of scipy's and of Open3D's search, to the last point."""
+    expected, near = by_definition(xyz_m, neighbours, std_ratio)
     found = statistical_outliers(xyz_m, neighbours, std_ratio)
     assert found.any()
+    assert not near.any()  # rounding decides about none of these points
     assert (found == expected).all()
+    assert (found == by_open3d(xyz_m, neighbours, std_ratio)).all()
 
 
-def test_real_scans_agree_with_scipy(real_scans) -> None:
+@pytest.mark.parametrize(("neighbours", "std_ratio"), [(20, 2.0), (5, 1.0), (1, 0.5)])
+def test_ring_scan_has_the_outliers_of_scipy_and_open3d(ring_scan, neighbours: int, std_ratio: float) -> None:
+    assert_same_set(ring_scan[0], neighbours, std_ratio)
+
+
+def test_scan_of_thirty_thousand_points_has_the_outliers_of_scipy_and_open3d(large_ring_scan) -> None:
+    assert_same_set(large_ring_scan)
+
+
+def test_synthesized_walk_has_the_outliers_of_scipy_and_open3d(synthesized_scans) -> None:
+    assert len(synthesized_scans) > 100
+    for scan in synthesized_scans[::4]:
+        front = returns(scan)
+        assert_same_set(front)
+        assert_same_set(front[front[:, 0] > 0])
+
+
+def test_real_scans_have_the_outliers_of_scipy_and_open3d(real_scans) -> None:
     for scans in real_scans.values():
-        scan = scans[0].astype(np.float64)
-        scan = scan[np.isfinite(scan).all(axis=1) & (np.abs(scan).sum(axis=1) > 0)]
-        expected, near = by_definition(scan, 20, 2.0)
-        found = statistical_outliers(scan, 20, 2.0)
-        assert (found == expected)[~near].all()
+        for scan in scans:
+            assert_same_set(returns(scan))
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial import cKDTree
+
+from quadlog.lidar.neighbours import mean_neighbour_distances
+
+SHAPES = ("normal", "uniform", "plane", "line", "circle", "clusters", "few places", "lattice", "twice", "far outlier")
+
+
+def make_cloud(shape: str, n_points: int, random: np.random.Generator) -> np.ndarray:
+    """Clouds that are unkind to a tree each in its own way: flat, thin, hollow, uneven or full of equal distances."""
+    xyz_m = random.normal(0, 1, (n_points, 3))
+    angle_rad = random.uniform(0, 2 * np.pi, n_points)
+    match shape:
+        case "uniform":
+            return random.uniform(-5, 5, (n_points, 3))
+        case "plane":
+            return xyz_m * [4.0, 1.0, 0.0]
+        case "line":
+            return xyz_m[:, :1] * [[1.0, -2.0, 0.5]]
+        case "circle":
+            circle = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(n_points)], axis=1)
+            return np.concatenate([circle[1:], np.zeros((1, 3))])
+        case "clusters":
+            return random.integers(0, 4, (n_points, 1)) * 100.0 + xyz_m * 10.0 ** random.integers(-6, 2, (n_points, 1))
+        case "few places":
+            return random.integers(0, 3, (n_points, 3)).astype(np.float64)
+        case "lattice":
+            return np.round(xyz_m * 4) / 4
+        case "twice":
+            return np.repeat(xyz_m[: (n_points + 1) // 2], 2, axis=0)[:n_points]
+        case "far outlier":
+            return np.concatenate([xyz_m[1:], [[1e12, -1e12, 3.0]]])
+    return xyz_m
+
+
+def by_scipy(xyz_m: np.ndarray, neighbours: int) -> np.ndarray:
+    distances, _ = cKDTree(xyz_m).query(xyz_m, neighbours + 1)
+    return distances[:, 1:].mean(axis=1)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(SHAPES), st.integers(2, 900), st.integers(1, 60), st.integers(0, 2**32), st.integers(-30, 30))
+def test_any_cloud_agrees_with_scipy(shape: str, n_points: int, neighbours: int, seed: int, power: int) -> None:
+    xyz_m = make_cloud(shape, n_points, np.random.default_rng(seed)) * 10.0**power
+    neighbours = min(neighbours, n_points - 1)
+    found = mean_neighbour_distances(xyz_m, neighbours)
+    assert found == pytest.approx(by_scipy(xyz_m, neighbours), rel=1e-12, abs=0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    arrays(np.float64, st.tuples(st.integers(2, 60), st.just(3)), elements=st.sampled_from([0.0, 1.0, -1.0, 3.5, 1e6])),
+    st.integers(1, 10),
+)
+def test_equal_distances_agree_with_scipy(xyz_m: np.ndarray, neighbours: int) -> None:
+    neighbours = min(neighbours, len(xyz_m) - 1)
+    found = mean_neighbour_distances(xyz_m, neighbours)
+    assert found == pytest.approx(by_scipy(xyz_m, neighbours), rel=1e-12, abs=0)
+
+
+def test_real_scans_agree_with_scipy(real_scans) -> None:
+    for scans in real_scans.values():
+        for scan in scans:
+            good = scan[np.isfinite(scan).all(axis=1) & (np.abs(scan).sum(axis=1) > 0)]
+            assert mean_neighbour_distances(good, 20) == pytest.approx(by_scipy(good, 20), rel=1e-12, abs=0)
+
+
+def test_known_distances() -> None:
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
+    assert mean_neighbour_distances(line, 1).tolist() == [1, 1, 2, 4]
+    assert mean_neighbour_distances(line, 3).tolist() == [11 / 3, 9 / 3, 9 / 3, 17 / 3]
+
+
+def test_result_follows_the_points_in_any_order(ring_scan) -> None:
+    xyz_m, _ = ring_scan
+    order = np.random.default_rng(1).permutation(len(xyz_m))
+    assert mean_neighbour_distances(xyz_m[order], 20) == pytest.approx(
+        mean_neighbour_distances(xyz_m, 20)[order], rel=1e-13
+    )
+
+
+def test_float32_and_strided_points_are_taken_as_they_are(ring_scan) -> None:
+    xyz_m = ring_scan[0][:400].astype(np.float32)
+    expected = mean_neighbour_distances(xyz_m.astype(np.float64), 5)
+    assert (mean_neighbour_distances(xyz_m, 5) == expected).all()
+    assert (mean_neighbour_distances(np.asfortranarray(xyz_m), 5) == expected).all()
+
+
+@pytest.mark.parametrize("power", [0, 140, -140])
+def test_a_hundred_thousand_points_at_two_places(power: int) -> None:
+    # Quadratic in anything, this would not end.
+    xyz_m = np.zeros((100_000, 3))
+    xyz_m[::1000, 1] = 10.0**power
+    found = mean_neighbour_distances(xyz_m, 20)
+    assert found.tolist() == [0.0] * 100_000
+    assert mean_neighbour_distances(xyz_m[xyz_m[:, 1] == 0], 20).max() == 0.0
+
+
+@pytest.mark.parametrize(("n_points", "neighbours"), [(0, 1), (1, 1), (20, 20), (5, 0)])
+def test_too_few_points_are_refused(n_points: int, neighbours: int) -> None:
+    with pytest.raises(ValueError, match=f"{n_points} points do not have {neighbours} neighbours"):
+        mean_neighbour_distances(np.zeros((n_points, 3)), neighbours)
