@@ -9,12 +9,13 @@ from typing import Any
 from quadlog.config import Config
 from quadlog.pipelines.opening import open_configured
 from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics
+from quadlog.recordings.clock import FAR_APART_NS
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.survey import Survey, TopicSurvey, survey
 from quadlog.recordings.words import several
 
-FAR_APART_S = 3600.0
+FAR_APART_S = FAR_APART_NS * 1e-9
 
 
 def describe_recording(path: Path, config: Config, msg_path: Sequence[Path] = ()) -> dict[str, Any]:
@@ -43,7 +44,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
         "warnings": [*recording.warnings, *_clock_warnings(seen)],
         "topics": [_topic_row(each, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
-        "ambiguous": {role: list(topics) for role, topics in roles.ambiguous.items()},
+        "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
         "links": [
             {
@@ -61,15 +62,21 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
 
 
 def _clock_warnings(seen: Survey) -> list[str]:
-    """Header stamps more than an hour from log time: what would be mixed, and how to avoid it."""
+    """Header stamps more than an hour from log time, or from one another: what would be mixed, and how to avoid it."""
+    jumps = [
+        f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time; "
+        "take log times with  --stamp log"
+        for each in seen.topics
+        if each.clock_jump_s is not None and each.clock_jump_s > FAR_APART_S
+    ]
     far = [each for each in seen.topics if each.clock_offset_s is not None and abs(each.clock_offset_s) > FAR_APART_S]
     if not far:
-        return []
+        return jumps
     unstamped = [each.name for each in seen.topics if each.messages and each.clock_offset_s is None]
     line = f"header stamps of {several(len(far), 'topic')} lie {far[0].clock_offset_s:.0f} s from log time"
     if unstamped:
         line += f", which {several(len(unstamped), 'topic')} without stamps must use; take log times with  --stamp log"
-    return [line]
+    return [*jumps, line]
 
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,27 +15,43 @@ from quadlog.config_file import commented_toml
 from quadlog.errors import AlreadyExists
 from quadlog.messages import Float
 from quadlog.pipelines.opening import lidar_in_base, open_configured
+from quadlog.recordings.container import Loss
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey
 from quadlog.results.files import write_whole
+from quadlog.text import printable
 
 SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
 
 
-def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> str:
-    """The text of a quadlog.toml: detected topics and lidar mount filled in, anchors and tags left to be placed."""
-    with open_configured(path, Config(), msg_path) as recording:
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The text of a quadlog.toml, and what of the recording it could not be made from."""
+
+    text: str
+    losses: tuple[Loss, ...]
+    warnings: tuple[str, ...]
+
+
+def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> Proposal:
+    """A quadlog.toml: detected topics and lidar mount filled in, anchors and tags left to be placed.
+
+    Raises the errors of open_recording.
+    """
+    # Of all times only static transforms count here, and those hold on any clock.
+    with open_configured(path, Config(), msg_path, "log") as recording:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)
         mount = _lidar_mount(recording, roles)
+        losses, warnings = tuple(recording.losses), tuple(recording.warnings)
     topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}
     if "uwb" in roles.found:
         topics["uwb"] = list(roles.found["uwb"].topics)
     filled = {"topics": topics} if mount is None else {"topics": topics, "lidar": {"mount": mount}}
     text = commented_toml(Config.model_validate(filled), _notes(roles, mount))
-    return text + _radio_skeleton(seen)
+    return Proposal(text + _radio_skeleton(seen), losses, warnings)
 
 
 def write_new(path: Path, text: str, *, force: bool) -> None:
@@ -49,12 +66,12 @@ def _notes(roles: Roles, mount: dict[str, float] | None) -> dict[str, list[str]]
     notes: dict[str, list[str]] = {}
     for name in (*SINGLE_TOPICS, "uwb"):
         if name in roles.found:
-            notes[f"topics.{name}"] = [f"here: {_one_line(roles.found[name].why)}"]
+            notes[f"topics.{name}"] = [f"here: {printable(roles.found[name].why)}"]
         elif name in roles.ambiguous:
-            choices = ", ".join(_one_line(topic) for topic in roles.ambiguous[name])
-            notes[f"topics.{name}"] = [f"several could be it: {choices}"]
+            choices = "  or  ".join(", ".join(topics) for topics in roles.ambiguous[name])
+            notes[f"topics.{name}"] = [f"several could be it: {printable(choices)}"]
     if roles.targets:
-        notes["topics.target"] = [f"in this log: {', '.join(_one_line(topic) for topic in roles.targets)}"]
+        notes["topics.target"] = [f"in this log: {printable(', '.join(roles.targets))}"]
     notes["lidar.mount"] = [
         "not in the log's tf: to be measured" if mount is None else "from the static transforms of the log"
     ]
@@ -94,7 +111,3 @@ def _radio_skeleton(seen: Survey) -> str:
         count = sum(link.messages for link in links if link.tag == tag)
         lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", '# role = "robot"']
     return "\n".join(lines) + "\n"
-
-
-def _one_line(text: str) -> str:
-    return "".join(each if each.isprintable() else " " for each in text)
