@@ -15,6 +15,7 @@ from quadlog.recordings.pieces import Piece, PieceFormat
 # Bodies kept while pieces overlap in time; beyond this they are dropped and read again.
 _KEPT_BYTES = 1 << 27
 _AHEAD = 2
+_LARGE_BYTES = 1 << 24
 
 
 class Bodies:
@@ -27,6 +28,7 @@ class Bodies:
         self._waiting = deque(sorted(due, key=lambda piece: piece.start_ns))
         self._coming: dict[int, Future[memoryview]] = {}
         self._readers = ThreadPoolExecutor(_AHEAD, thread_name_prefix="quadlog-read")
+        _let_freed_memory_be_reused()
 
     def get(self, piece: Piece) -> memoryview:
         """The body, read again when it was dropped. Raises Damaged."""
@@ -59,3 +61,13 @@ class Bodies:
         while self._waiting and len(self._coming) < _AHEAD:
             piece = self._waiting.popleft()
             self._coming[piece.offset] = self._readers.submit(self._form.load, piece)
+
+
+def _let_freed_memory_be_reused() -> None:
+    """Keep Linux's allocator from returning every freed body to the system only to ask for the next one.
+
+    Mapping fresh pages for each body would cost a third of decompressing it.
+    glibc keeps up to twice the largest block that was freed (mallopt(3),
+    M_MMAP_THRESHOLD); this one is never written, so it takes no memory itself.
+    """
+    bytes(_LARGE_BYTES)

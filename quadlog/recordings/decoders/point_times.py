@@ -34,6 +34,7 @@ def time_offsets_ns(values: NDArray, stamp_ns: int | None) -> Int | None:
     RoboSense ``timestamp``) or, as Livox has it, float nanoseconds, relative or
     of 1970.
     """
+    values = np.ascontiguousarray(values)  # numpy searches and converts numbers side by side several times as fast
     low, high = float(values.min()), float(values.max())
     if values.dtype.kind != "f":
         return values.astype(np.int64) if values.dtype.itemsize >= 4 and _plausible(low, high) else None
