@@ -5,22 +5,25 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-WITH_LOSS = 3
+from quadlog.errors import AmbiguousTopic, ExitCode
+from quadlog.text import printable
+
+FILE = click.Path(path_type=Path, readable=False)  # what cannot be read is told in one line, not as wrong usage
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
 RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "NLOS"}
 
 
-@click.command(name="info")
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
+@click.command(name="info", short_help="What is in a recording: topics, rates, roles and why, losses.")
+@click.argument("recording", type=FILE)
+@click.option("-c", "--config", "config_path", type=FILE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
-@click.option("--msg-path", type=click.Path(path_type=Path), multiple=True, help="Folder of further .msg definitions.")
+@click.option("--msg-path", type=FILE, multiple=True, help="Folder of further .msg definitions.")
 @click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
 def command(
     recording: Path, config_path: Path | None, overrides: tuple[str, ...], msg_path: tuple[Path, ...], as_json: bool
@@ -30,21 +33,20 @@ def command(
     from quadlog.pipelines.info import describe_recording
 
     info = describe_recording(recording, load_config(config_path, overrides), msg_path)
-    for line in info["warnings"]:
-        click.echo(f"warning: {printable(line)}", err=True)
-    for loss in info["losses"]:
-        topic = f"{loss['topic']}: " if loss["topic"] else ""
-        click.echo(f"lost: {printable(topic + loss['detail'])}", err=True)
+    tell_health(info["warnings"], [(loss["topic"], loss["detail"]) for loss in info["losses"]])
     if as_json:
         click.echo(json.dumps(info, indent=2, allow_nan=False))
     else:
         print_info(info)
-    return WITH_LOSS if info["losses"] else 0
+    return ExitCode.WITH_LOSS if info["losses"] else ExitCode.DONE
 
 
-def printable(text: object) -> str:
-    """Text from a recording without control characters, which a terminal would obey."""
-    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in str(text))
+def tell_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, str]]) -> None:
+    """One line on stderr for each warning, and for each loss, a topic and what happened."""
+    for line in warnings:
+        click.echo(f"warning: {printable(line)}", err=True)
+    for topic, detail in losses:
+        click.echo(f"lost: {printable(f'{topic}: {detail}' if topic else detail)}", err=True)
 
 
 def print_info(info: dict[str, Any]) -> None:
@@ -53,9 +55,8 @@ def print_info(info: dict[str, Any]) -> None:
     rows = [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]]
     if rows:
         _print_table(COLUMNS, rows)
-    for role, topics in info["ambiguous"].items():
-        flags = "  or  ".join(f"--set topics.{role}={printable(topic)}" for topic in topics)
-        click.echo(f"{role}: {len(topics)} topics could be it; choose with  {flags}")
+    for role, choices in info["ambiguous"].items():
+        click.echo(printable(AmbiguousTopic(role, choices)))
     if info["links"]:
         click.echo(f"UWB: tags {_ids(info['links'], 'tag')}; anchors {_ids(info['links'], 'anchor')}")
     if info["uwb"]:

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import click
 
-from quadlog.errors import AlreadyExists
+from quadlog.cli.info import FILE, tell_health
+from quadlog.errors import AlreadyExists, ExitCode
 
 
-@click.command(name="init")
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), default=Path("quadlog.toml"), help="Where it is written."
-)
-@click.option("--msg-path", type=click.Path(path_type=Path), multiple=True, help="Folder of further .msg definitions.")
+@click.command(name="init", short_help="A commented config with what was detected filled in.")
+@click.argument("recording", type=FILE)
+@click.option("-o", "--output", type=FILE, default=Path("quadlog.toml"), help="Where it is written.")
+@click.option("--msg-path", type=FILE, multiple=True, help="Folder of further .msg definitions.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bool) -> int:
     """Write a commented config with what was detected in the recording filled in."""
@@ -23,6 +22,8 @@ def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bo
 
     from quadlog.pipelines.init import propose_config, write_new
 
-    write_new(output, propose_config(recording, msg_path), force=force)
+    proposal = propose_config(recording, msg_path)
+    tell_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
+    write_new(output, proposal.text, force=force)
     click.echo(str(output))
-    return 0
+    return ExitCode.WITH_LOSS if proposal.losses else ExitCode.DONE

@@ -103,9 +103,8 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
 
 def _tell_ambiguities(walk: Walk) -> None:
     """A replay can do without a reference, but not without saying that there was a choice."""
-    choices = walk.roles.ambiguous.get("reference", ())
-    if choices:
-        walk.warn(f"no reference is used: {AmbiguousTopic('reference', choices)}")
+    if choices := walk.roles.choices("reference"):
+        walk.warn(f"no reference is used: {choices}")
 
 
 def _unless_ambiguous(roles: Roles, role: str) -> str | None:

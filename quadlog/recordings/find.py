@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import glob
-import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from quadlog.errors import RecordingNotFound
-from quadlog.recordings.naming import recording_files, recording_suffix
+from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
+from quadlog.recordings.naming import DERIVED_NAME, is_result, recording_files, recording_suffix
 from quadlog.recordings.split import is_split
+
+MAX_LIST_BYTES = 1 << 24
 
 
 def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
     """One path for each recording, sorted, none twice.
 
     An argument is a file, a ROS 2 bag folder, a folder that is searched with
-    all folders below it, a glob pattern, or `@list.txt` with one of these on
-    each line (`#` starts a comment; paths as seen from the working folder, else
-    from the list's). Hidden files are skipped unless named.
+    all folders below it, also linked ones, a glob pattern, or `@list.txt` with
+    one of these on each line (`#` starts a comment; paths as seen from the
+    working folder, else from the list's). Hidden files and the
+    `derived.mcap` of run folders are skipped unless named.
 
-    Raises RecordingNotFound for an argument that leads to no recording.
+    Raises RecordingNotFound for an argument that leads to no recording or a
+    folder that cannot be read, NotARecording for a pipe or a device.
     """
     found: dict[Path, Path] = {}
     for argument in map(str, arguments):
@@ -30,7 +33,7 @@ def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
                 for recording in _recordings_at(path):
                     found.setdefault(recording.resolve(), recording)
         except OSError as error:
-            raise RecordingNotFound(argument, error.strerror or str(error)) from None
+            raise RecordingNotFound(error.filename or argument, error.strerror or str(error)) from None
     return sorted(found.values())
 
 
@@ -45,15 +48,23 @@ def _match(argument: str) -> list[Path]:
         return [Path(argument)]
     # A pattern may match much that is no recording; that is an error only when nothing else is left.
     matches = [Path(match) for match in sorted(glob.glob(argument, recursive=True))]  # noqa: PTH207 - also absolute ones
-    chosen = [path for path in matches if (_search(path) if path.is_dir() else recording_suffix(path))]
+    chosen = [path for path in matches if _is_worth_opening(path)]
     if not chosen:
         raise RecordingNotFound(argument, "no recording matches the pattern")
     return chosen
 
 
+def _is_worth_opening(path: Path) -> bool:
+    if path.is_dir():
+        return next(_search(path), None) is not None
+    return bool(recording_suffix(path)) and path.is_file() and not is_result(path)
+
+
 def _read_list(path: Path) -> list[Path]:
     if not path.is_file():
         raise RecordingNotFound(path, "no such list of recordings")
+    if path.stat().st_size > MAX_LIST_BYTES:
+        raise TooLarge(f"{path}: list of recordings in bytes", path.stat().st_size, MAX_LIST_BYTES)
     try:
         lines = path.read_text("utf-8").splitlines()
     except UnicodeDecodeError:
@@ -73,20 +84,28 @@ def _recordings_at(path: Path) -> list[Path]:
     if not path.exists():
         raise RecordingNotFound(path)
     if not path.is_dir():
+        if not path.is_file():
+            raise NotARecording(path, "not a regular file")
         return [path]
-    found = _search(path)
+    found = list(_search(path))
     if not found:
-        raise RecordingNotFound(path, "no recording in this folder")
+        own = is_result(path / DERIVED_NAME)
+        raise RecordingNotFound(path, "a run folder of quadlog, no recording" if own else "no recording in this folder")
     return found
 
 
-def _search(folder: Path) -> list[Path]:
-    found: list[Path] = []
-    for name, folders, _ in os.walk(folder):
-        here = Path(name)
-        folders[:] = sorted(each for each in folders if not each.startswith("."))
-        if is_split(here):
-            found.append(here)
+def _search(top: Path) -> Iterator[Path]:
+    """Recordings in a folder and below, each folder once however many links lead to it."""
+    seen: set[Path] = set()
+    folders = [top]
+    while folders:
+        folder = folders.pop()
+        real = folder.resolve()
+        if real in seen:
+            continue
+        seen.add(real)
+        folders += sorted(each for each in folder.iterdir() if each.is_dir() and not each.name.startswith("."))
+        if is_split(folder):
+            yield folder
         else:
-            found += recording_files(here)
-    return found
+            yield from (path for path in recording_files(folder) if not is_result(path))

@@ -8,6 +8,12 @@ from pathlib import Path
 
 # Longest first: `.bag.active` is a bag, not a file of the type `.active`.
 SUFFIXES = (".mcap.zstd", ".db3.zstd", ".bag.active", ".mcap", ".bag", ".db3")
+
+DERIVED_NAME = "derived.mcap"
+# What quadlog's own files in a run folder say; either may be missing.
+RUN_MARKS = {"config.toml": b"# quadlog: the effective config", "run.json": b'"quadlog_version"'}
+MARK_BYTES = 1 << 20
+
 _PART = re.compile(r"(?P<name>.+)_(?P<number>0|[1-9][0-9]{0,4})")
 
 
@@ -48,3 +54,15 @@ def split_sequence(files: Iterable[Path]) -> list[Path]:
     ordered = sorted(files, key=lambda path: part_number(path) or 0)
     first = part_number(ordered[0])
     return ordered if first == 0 or (first == 1 and len(ordered) > 1) else []
+
+
+def is_result(path: Path) -> bool:
+    """Whether a file is the `derived.mcap` of a run folder: made from a recording, and none itself."""
+    return path.name == DERIVED_NAME and any(_says(path.with_name(name), mark) for name, mark in RUN_MARKS.items())
+
+
+def _says(path: Path, mark: bytes) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return mark in file.read(MARK_BYTES)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
+
+from quadlog.messages import UwbRanges
 
 UWB_WORDS = ("uwb", "anchor", "dwm", "decawave", "linktrack", "tof")
 LARGEST_ID = 0xFFFF
@@ -39,3 +44,17 @@ def ends_of_topic(
     if len(numbers) == 1 and any(word in topic.lower() for word in UWB_WORDS):
         return Ends(0, numbers[0])
     return None
+
+
+def names_anchors(ranges: UwbRanges) -> bool:
+    """Whether the ranges say which anchors they are of."""
+    return len(ranges.anchor) > 0 and int(ranges.anchor[0]) >= 0
+
+
+def with_ends(ranges: UwbRanges, ends: Ends | None) -> UwbRanges:
+    """Ranges that name no tag as those of tag 0, or between the ends where they name no anchor either."""
+    if names_anchors(ranges):
+        return replace(ranges, tag=0)
+    if ends is None:
+        return ranges
+    return replace(ranges, tag=ends.tag, anchor=np.full(len(ranges.anchor), ends.anchor, np.int64))

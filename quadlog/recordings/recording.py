@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
 
-import numpy as np
-
 from quadlog.errors import DecodeError
-from quadlog.messages import Message, Timed, Transforms, UwbRanges
-from quadlog.recordings.clock import Clock, Stamp
+from quadlog.messages import Message, Timed, UwbRanges
+from quadlog.recordings.clock import FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
-from quadlog.recordings.range_topics import Ends, ends_of_topic
+from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
 
 # How far header stamps may drift from log time beyond what is seen at both ends of the recording.
@@ -64,6 +61,7 @@ class Recording:
         self._definitions = definitions or Definitions()
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
         self._clock = Clock(container.path, stamp)
+        self._learned: set[str] = set()
         self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._failures: dict[str, tuple[int, str]] = {}
@@ -109,18 +107,23 @@ class Recording:
     ) -> Iterator[Timed]:
         """Decoded messages with start_ns <= t_ns < end_ns, in the order they were logged, one at a time.
 
-        Topics of types that quadlog does not use yield nothing. A message that
-        cannot be decoded is counted as a loss and skipped, as is a topic with
-        two types. Raises ClocksDiffer where the times of these topics cannot be compared.
+        Topics of types that quadlog does not use yield nothing. What cannot be
+        decoded is counted as a loss and skipped, as is a topic with two types;
+        a stamp far from its topic's others, with a warning. Raises ClocksDiffer
+        where the times of these topics and those read before cannot be compared.
         """
         wanted = self._sound_topics(topics)
+        self._learn_clocks(wanted)
         log_start_ns, log_end_ns = self._log_window(wanted, start_ns, end_ns)
         failed: dict[str, int] = {}
+        zeros: dict[str, int] = {}
         for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
             for message in self._decode_or_count(raw, failed):
-                t_ns = self._time_ns(raw, message)
-                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
-                    yield Timed(t_ns, raw.channel.topic, message)
+                timed = self._clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
+                if timed is None or (start_ns is not None and timed.t_ns < start_ns):
+                    continue
+                if end_ns is None or timed.t_ns < end_ns:
+                    yield timed
 
     def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
         """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
@@ -184,25 +187,28 @@ class Recording:
             return None, None
         first = self.container.messages(topics, span[0], span[0] + ENDS_NS)
         last = self.container.messages(topics, span[1] - ENDS_NS, span[1] + 1)
-        lags = [lag for raws in (first, last) for lag in self._lags_ns(raws)]
+        lags = [lag or 0 for raws in (first, last) for lag in self._lags_ns(raws)]
         if not lags:
             return None, None
         low, high = min(lags) - DRIFT_NS, max(lags) + DRIFT_NS
         return None if start_ns is None else start_ns + low, None if end_ns is None else end_ns + high
 
-    def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int]:
+    def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int | None]:
+        """Log time minus stamp of messages that can be decoded, None for those without stamp."""
         for raw in raws:
             try:
                 decoded = self._decode(raw)
             except DecodeError:
                 continue
-            yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else 0 for message in decoded)
+            yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else None for message in decoded)
 
-    def _time_ns(self, raw: RawMessage, message: Message) -> int:
-        if isinstance(message, Transforms) and (message.static or not message.transforms):
-            # Static transforms hold at all times, whatever their stamp.
-            return raw.log_time_ns if self.stamp == "log" or not message.stamp_ns else message.stamp_ns
-        return self._clock.time_ns(raw.channel.topic, message.stamp_ns, raw.log_time_ns)
+    def _learn_clocks(self, topics: Collection[str]) -> None:
+        """How far the first stamps of each topic lie from log time, once: what is usual cannot be told from one."""
+        for topic in topics if self.stamp == "header" else ():
+            if topic not in self._learned:
+                self._learned.add(topic)
+                raws = islice(self.container.messages([topic]), FIRST_STAMPS)
+                self._clock.learn(topic, [-lag for lag in self._lags_ns(raws) if lag is not None])
 
     def _decode_or_count(self, raw: RawMessage, failed: dict[str, int]) -> tuple[Message, ...]:
         """What a message decodes to. failed counts this pass; of several passes the one with most failures is told."""
@@ -216,8 +222,7 @@ class Recording:
             return ()
 
     def _decode(self, raw: RawMessage) -> tuple[Message, ...]:
-        known = self._decoders.get(id(raw.channel))
-        decoder = known[1] if known else self._decoder(raw.channel)
+        decoder = self._decoder(raw.channel)
         if decoder is None:
             reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
             raise DecodeError(raw.channel.topic, reason)
@@ -240,10 +245,6 @@ class Recording:
         """Ranges whose ends only the topic tells, with their ids."""
         if ranges.tag is not None:
             return ranges
-        if len(ranges.anchor) and ranges.anchor[0] >= 0:
+        if names_anchors(ranges):
             self._tagless.add(topic)
-            return replace(ranges, tag=0)
-        ends = self.ends_of(topic)
-        if ends is None:
-            return ranges
-        return replace(ranges, tag=ends.tag, anchor=np.full(len(ranges.anchor), ends.anchor, np.int64))
+        return with_ends(ranges, self.ends_of(topic))

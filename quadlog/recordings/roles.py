@@ -24,10 +24,12 @@ from quadlog.recordings.candidates import (
 )
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.words import several
+from quadlog.text import set_flag
 
-ROLES = ("lidar", "uwb", "odometry", "imu", "reference", "target", "tf")
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
+POSITION_WORDS = ("auto", "uwb", "odometry", "tf", "fixed")
 KINDS = {
+    "position": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
     "lidar": (CLOUD_TYPES, "a point cloud"),
     "odometry": (ODOMETRY_TYPES | POSE_TYPES, "odometry"),
     "imu": (IMU_TYPES, "an IMU"),
@@ -49,13 +51,13 @@ class Role:
 class Roles:
     """What `detect_roles` found.
 
-    ambiguous: role -> the topics that could play it equally well.
+    ambiguous: role -> the choices that could play it equally well, each one topic or several that belong together.
     unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
     targets: pose topics whose name speaks of something followed.
     """
 
     found: Mapping[str, Role]
-    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    ambiguous: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     unused: Mapping[str, str] = field(default_factory=dict)
     near: Mapping[str, str] = field(default_factory=dict)
     targets: tuple[str, ...] = ()
@@ -75,10 +77,20 @@ class Roles:
         for role in self.found.values():
             if topic in role.topics:
                 return role.name, role.why
-        for name, topics in self.ambiguous.items():
-            if topic in topics:
-                return None, f"one of {len(topics)} that could be the {name}: --set topics.{name}={topic}"
+        for name, choices in self.ambiguous.items():
+            for topics in choices:
+                if topic in topics:
+                    return None, f"one of {len(choices)} that could be the {name}: {set_flag(f'topics.{name}', topics)}"
+        if topic in self.targets:
+            return None, f"could be the target: {set_flag('topics.target', [topic])}"
         return None, self.unused.get(topic, "")
+
+    def choices(self, role: str) -> str:
+        """One line with the flags that settle a role several topics could play; empty where nothing is to choose."""
+        choices = self.ambiguous.get(role, ())
+        if role == "target" and role not in self.found:
+            choices = tuple((topic,) for topic in self.targets)
+        return str(AmbiguousTopic(role, choices)) if choices else ""
 
     def why_none(self, role: str) -> str:
         """What to tell a user who needs a role that nobody plays."""
@@ -94,7 +106,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     """
     usable, unused = _usable(recording)
     found: dict[str, Role] = {}
-    ambiguous: dict[str, tuple[str, ...]] = {}
+    ambiguous: dict[str, tuple[tuple[str, ...], ...]] = {}
     for role, chosen in _configured(recording, topics).items():
         found[role] = Role(role, chosen, "chosen in the configuration")
     taken = {topic for role in found.values() for topic in role.topics}
@@ -108,16 +120,36 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
         if len(families) == 1:
             found["uwb"] = Role("uwb", families[0].topics, families[0].why)
         elif families:
-            ambiguous["uwb"] = tuple(topic for family in families for topic in family.topics)
-    for role, types in (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES), ("reference", POSE_TYPES)):
+            ambiguous["uwb"] = tuple(family.topics for family in families)
+    for role, types in (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES)):
         if role not in found:
             _settle(role, _by_type(role, types, free), found, ambiguous, unused)
+    if "reference" not in found:
+        sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
+        _settle("reference", _by_type("reference", POSE_TYPES, free | sources), found, ambiguous, unused)
+        _part_from_sources(sources, found, ambiguous)
     transforms = tuple(topic for topic, name in usable.items() if name in TF_TYPES)
     if transforms:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     targets = tuple(topic for topic, name in free.items() if name in POSE_TYPES and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
+
+
+def _sources(found: Mapping[str, Role]) -> list[str]:
+    """The topics that the configuration makes the robot's position: none of them is its own truth."""
+    return [topic for role in ("position", "odometry") if role in found for topic in found[role].topics]
+
+
+def _part_from_sources(
+    sources: Collection[str], found: dict[str, Role], ambiguous: dict[str, tuple[tuple[str, ...], ...]]
+) -> None:
+    """No reference where a source would be it. Those as fit as a source may be of another body: a user must choose."""
+    if "reference" in found and found["reference"].topics[0] in sources:
+        del found["reference"]
+    others = tuple(choice for choice in ambiguous.pop("reference", ()) if choice[0] not in sources)
+    if others:
+        ambiguous["reference"] = others
 
 
 def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
@@ -151,26 +183,38 @@ def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ..
         chosen["uwb"] = tuple(topics.uwb)
     if topics.target not in TARGET_WORDS:
         chosen["target"] = (topics.target,)
+    if topics.position not in POSITION_WORDS and recording.types_of(topics.position):
+        chosen["position"] = (topics.position,)
     for role, names in chosen.items():
         for topic in names:
             _check_configured(recording, role, topic)
+    for source in ("position", "odometry"):
+        if topics.reference and chosen.get(source) == chosen["reference"]:
+            why = f"is topics.{source}, which is measured against the reference"
+            raise UnknownTopic("reference", topics.reference, _fitting(recording, "reference", topics.reference), why)
     return chosen
 
 
 def _check_configured(recording: Recording, role: str, topic: str) -> None:
-    types = {channel.topic: channel.type_name for channel in recording.channels}
-    fits, kind = KINDS.get(role, (frozenset(), "UWB ranges"))
-    choices = [name for name, type_name in types.items() if _fits(role, type_name, fits)]
-    if topic not in types:
-        raise UnknownTopic(role, topic, choices or sorted(types))
-    if len(mixed := recording.types_of(topic)) > 1:
-        raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(mixed)})")
-    if not _fits(role, types[topic], fits):
-        raise UnknownTopic(role, topic, choices, f"is {types[topic]}, not {kind}")
+    types = recording.types_of(topic)
+    choices = _fitting(recording, role, topic)
+    if not types:
+        raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
+    if len(types) > 1:
+        raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(types)})")
+    if not _fits(role, types[0]):
+        kind = KINDS[role][1] if role in KINDS else "UWB ranges"
+        raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {kind}")
 
 
-def _fits(role: str, type_name: str, types: Collection[str]) -> bool:
-    return is_uwb_type(type_name) if role == "uwb" else type_name in types
+def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
+    """The other topics whose type fits a role."""
+    topics = (channel.topic for channel in recording.channels if _fits(role, channel.type_name))
+    return [each for each in dict.fromkeys(topics) if each != topic]
+
+
+def _fits(role: str, type_name: str) -> bool:
+    return is_uwb_type(type_name) if role == "uwb" else type_name in KINDS[role][0]
 
 
 def _by_type(role: str, types: Collection[str], free: Mapping[str, str]) -> list[Candidate]:
@@ -191,7 +235,7 @@ def _settle(
     role: str,
     candidates: list[Candidate],
     found: dict[str, Role],
-    ambiguous: dict[str, tuple[str, ...]],
+    ambiguous: dict[str, tuple[tuple[str, ...], ...]],
     unused: dict[str, str],
 ) -> None:
     """The best candidate plays the role, if there is one best; the others are told why not."""
@@ -200,7 +244,7 @@ def _settle(
     if best > 0 and len(top) == 1:
         found[role] = Role(role, top[0].topics, top[0].why)
     elif best > 0:
-        ambiguous[role] = tuple(topic for each in top for topic in each.topics)
+        ambiguous[role] = tuple(each.topics for each in top)
     for each in candidates:
         if each.rank < best or best == 0:
             unused.update(dict.fromkeys(each.topics, each.why))

@@ -3,7 +3,8 @@
 A database in WAL mode cannot be opened where it lies: SQLite would write a
 `-shm` beside it, and without that it ignores what stands in the `-wal` only.
 So a database with pending changes is copied, changes and all, and opened there;
-so is one that was cut off in the middle of a page.
+so is one that was cut off in the middle of a page. SQLite keeps the changes
+beside the file itself, not beside a link to it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def open_database(path: Path) -> OpenDatabase:
 
     missing_bytes says how much shorter the file is than its header declares.
     """
-    pending = [suffix for suffix in _PENDING if _has_bytes(path.with_name(path.name + suffix))]
+    pending = _pending_changes(path)
     page_bytes, missing_bytes = _measure(path)
     torn = missing_bytes > 0 and path.stat().st_size % page_bytes != 0
     if not pending and not torn:
@@ -53,7 +54,7 @@ def open_database(path: Path) -> OpenDatabase:
     copy = Path(folder.name) / "copy.db3"
     warnings = []
     if pending:
-        names = " and ".join(path.name + suffix for suffix in pending)
+        names = " and ".join(source.name for source in pending.values())
         warnings = [f"{names} holds changes that {path.name} does not have yet; both were copied and read together"]
     else:
         # SQLite would fill the torn page with zeros and give those out as data.
@@ -65,12 +66,23 @@ def open_database(path: Path) -> OpenDatabase:
         raise
 
 
+def _pending_changes(path: Path) -> dict[str, Path]:
+    """`-wal` and `-journal` with something in them, by suffix: beside the file itself, else beside the link to it."""
+    pending = {}
+    for suffix in _PENDING:
+        places = (each.with_name(each.name + suffix) for each in (path.resolve(), path))
+        found = next((place for place in places if _has_bytes(place)), None)
+        if found is not None:
+            pending[suffix] = found
+    return pending
+
+
 def _has_bytes(path: Path) -> bool:
     return path.is_file() and path.stat().st_size > 0
 
 
-def _copy(path: Path, pending: list[str]) -> tempfile.TemporaryDirectory:
-    sources = {suffix: path.with_name(path.name + suffix) for suffix in ["", *pending]}
+def _copy(path: Path, pending: dict[str, Path]) -> tempfile.TemporaryDirectory:
+    sources = {"": path, **pending}
     folder = tempfile.TemporaryDirectory(prefix="quadlog-")
     try:
         needed = sum(source.stat().st_size for source in sources.values())

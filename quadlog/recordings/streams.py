@@ -21,6 +21,7 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
 
@@ -87,15 +88,13 @@ class _Columns:
         return np.array(self.t_ns, np.int64), np.array(self.values, np.float64).reshape(-1, self.width)
 
     def increasing(self, topic: str, warnings: list[str]) -> tuple[Int, Float]:
-        """Both columns without the rows whose time is not after all before it."""
+        """Both columns without as few rows as it takes for the times to increase strictly."""
         t_ns, values = self.arrays()
-        if len(t_ns) == 0:
-            return t_ns, values
-        fresh = np.concatenate([[True], t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]])
-        dropped = int(len(t_ns) - fresh.sum())
+        kept = increasing_rows(t_ns)
+        dropped = len(t_ns) - len(kept)
         if dropped:
             warnings.append(f"{topic}: {dropped} of {len(t_ns)} stamps do not increase; those messages are dropped")
-        return t_ns[fresh], values[fresh]
+        return t_ns[kept], values[kept]
 
 
 class _Sinks:

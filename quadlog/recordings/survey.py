@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
 
-from quadlog.messages import Message, UwbRanges
+from quadlog.messages import Message, Transforms, UwbRanges
 from quadlog.recordings.container import Channel
 from quadlog.recordings.headers import stamp_reader
 from quadlog.recordings.payload_reader import Payload
@@ -29,7 +29,9 @@ class TopicSurvey:
     all runs of ten successive intervals (of all intervals together where there
     are fewer), None below two messages. gaps: intervals longer than three
     times the median one. clock_offset_s: median of header stamp minus log time
-    over the first thousand messages, None without header.
+    over the first thousand messages, None without header. clock_jump_s: how far
+    apart the largest and the smallest of these differences lie, over all
+    messages of types that quadlog reads; static transforms may be of any age.
     """
 
     name: str
@@ -42,6 +44,7 @@ class TopicSurvey:
     gaps: int
     longest_gap_s: float | None
     clock_offset_s: float | None
+    clock_jump_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,7 @@ class _Pulse:
     recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_INTERVALS + 1))
     intervals: Counter[int] = field(default_factory=Counter)
     offsets_ns: array[int] = field(default_factory=lambda: array("q"))
+    offset_ends_ns: tuple[int, int] | None = None
     read_stamp: Callable[[Payload], int | None] | None = None
 
     def __post_init__(self) -> None:
@@ -142,17 +146,27 @@ class _Pulse:
         if len(self.recent_ns) == RATE_INTERVALS + 1 and span_ns > 0:
             hz = RATE_INTERVALS * 1e9 / span_ns
             self.hz_min, self.hz_max = min(self.hz_min, hz), max(self.hz_max, hz)
-        if len(self.offsets_ns) < OFFSETS_KEPT:
-            self._take_stamp(t_ns, payload, decoded)
+        self._take_stamp(t_ns, payload, decoded)
 
     def _take_interval(self, interval_ns: int) -> None:
         self.longest_ns = max(self.longest_ns, interval_ns)
         self.intervals[int(math.log2(interval_ns) * BINS_PER_OCTAVE)] += 1
 
     def _take_stamp(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
-        stamp_ns = decoded[0].stamp_ns if decoded else self.read_stamp(payload) if self.read_stamp else None
-        if stamp_ns:
-            self.offsets_ns.append(stamp_ns - t_ns)
+        full = len(self.offsets_ns) >= OFFSETS_KEPT
+        stamp_ns = None
+        if decoded:
+            stamp_ns = decoded[0].stamp_ns
+        elif self.read_stamp and not full:
+            stamp_ns = self.read_stamp(payload)
+        if not stamp_ns:
+            return
+        offset_ns = stamp_ns - t_ns
+        if not full:
+            self.offsets_ns.append(offset_ns)
+        if not (decoded and isinstance(decoded[0], Transforms) and decoded[0].static):
+            low_ns, high_ns = self.offset_ends_ns or (offset_ns, offset_ns)
+            self.offset_ends_ns = min(low_ns, offset_ns), max(high_ns, offset_ns)
 
     def survey(self) -> TopicSurvey:
         """The sum of it."""
@@ -170,6 +184,7 @@ class _Pulse:
             self._gaps(),
             self.longest_ns * 1e-9 if self.longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
+            (self.offset_ends_ns[1] - self.offset_ends_ns[0]) * 1e-9 if self.offset_ends_ns else None,
         )
 
     def _gaps(self) -> int:

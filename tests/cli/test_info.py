@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
 from pathlib import Path
 
 import pytest
@@ -50,3 +52,46 @@ def test_errors_are_one_line(tmp_path: Path, recording: Path, capsys: pytest.Cap
     assert "absent.mcap" in err
     assert "/points is not in the recording" in err
     assert err.count("\n") == 2
+
+
+def test_a_file_that_may_not_be_read_is_no_wrong_usage(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Permissions do not stop an administrator, so the refusal is played, as click and as quadlog see it."""
+    really = Path.open
+
+    def refuse(path: Path, *arguments: object, **options: object) -> object:
+        if path == recording:
+            raise PermissionError(13, "Permission denied", str(path))
+        return really(path, *arguments, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(os, "access", lambda *_, **__: False)
+    monkeypatch.setattr(Path, "open", refuse)
+    for command in (["info", str(recording)], ["init", str(recording), "-o", str(tmp_path / "new.toml")]):
+        assert run(command) == 1
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "walk.mcap" in err
+        assert "not allowed to read it" in err
+
+
+def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "walk.mcap"
+    topics = ["/my odom; ls", "/odom'\x1b[31m"]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("nav_msgs/msg/Odometry", "ros2msg", b"")
+        for topic in topics:
+            writer.add_message(writer.register_channel(topic, "cdr", schema), 10**9, b"\0\1\0\0", 10**9)
+        writer.finish()
+    run(["info", str(path)])
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err
+    (line,) = [line for line in out.splitlines() if line.startswith("2 topics could be the odometry")]
+    flags = line.split("choose with  ")[1].split("  or  ")
+    for flag, topic in zip(flags, topics, strict=True):
+        run(["info", "--json", str(path), *shlex.split(flag)])
+        info = json.loads(capsys.readouterr().out)
+        assert info["roles"]["odometry"]["topics"] == [topic]
+        assert info["ambiguous"] == {}

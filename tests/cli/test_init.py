@@ -43,3 +43,17 @@ def test_refuses_to_overwrite(recording: Path, tmp_path: Path, capsys: pytest.Ca
     assert path.read_text() == "keep"
     assert run(["init", str(recording), "-o", str(path), "--force"]) == 0
     assert path.read_text() != "keep"
+
+
+def test_a_damaged_recording_is_told_as_info_tells_it(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording.write_bytes(recording.read_bytes()[:-30])
+    assert run(["info", str(recording)]) == 3
+    told = capsys.readouterr().err
+    assert "lost: " in told
+    output = tmp_path / "new.toml"
+    assert run(["init", str(recording), "-o", str(output)]) == 3
+    out, err = capsys.readouterr()
+    assert (out, err) == (f"{output}\n", told)
+    assert load_config(output).topics.uwb == ["/gtec"]

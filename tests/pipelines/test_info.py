@@ -60,6 +60,43 @@ def test_the_whole_object(recording: Path) -> None:
     assert any("1 topic lie" in line and "--stamp log" in line for line in info["warnings"])
 
 
+def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
+    """Where a replay would stop; but a static transform may be of any age."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    pose = types["geometry_msgs/msg/Pose"](
+        types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    still = types["geometry_msgs/msg/Transform"](
+        types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.4), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    path = tmp_path / "walk.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = {
+            topic: writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            for topic, name in (("/pose", "geometry_msgs/msg/PoseStamped"), ("/tf_static", "tf2_msgs/msg/TFMessage"))
+        }
+        for i in range(1200):
+            t_ns = T0 + i * 10**7
+            stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9 + (172_800 if i >= 1100 else 0), t_ns % 10**9)
+            header = types["std_msgs/msg/Header"](stamp, "map")
+            message = types["geometry_msgs/msg/PoseStamped"](header, pose)
+            writer.add_message(channels["/pose"], t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
+            if i in (0, 1199):
+                header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1 + i * 10**6, 0), "base")
+                transform = types["geometry_msgs/msg/TransformStamped"](header, "lidar", still)
+                message = types["tf2_msgs/msg/TFMessage"]([transform])
+                payload = bytes(store.serialize_cdr(message, message.__msgtype__))
+                writer.add_message(channels["/tf_static"], t_ns, payload, t_ns)
+        writer.finish()
+    info = describe_recording(path, Config())
+    (jump,) = [line for line in info["warnings"] if "jump" in line]
+    assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
+    assert info["losses"] == []
+
+
 def recordings_of_datasets() -> list[Path]:
     folder = os.environ.get("QUADLOG_DATASETS")
     return [] if not folder else [p for p in sorted(Path(folder).rglob("*")) if p.suffix in (".mcap", ".bag", ".db3")]

@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 
-from quadlog.errors import RecordingNotFound
+from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
 from quadlog.recordings.find import find_recordings
+from quadlog.results.run_folder import RunFolder
 
 
 @pytest.fixture
@@ -94,3 +98,77 @@ def test_which_folders_are_one_recording(tmp_path, files, expected):
     assert (found == [tmp_path]) == bool(expected)
     if not expected:
         assert len(found) == len(files)
+
+
+@pytest.fixture
+def run(tree):
+    folder = RunFolder.create(tree / "runs" / "one", force=False)
+    folder.write_config({"planner": {"name": "astar"}})
+    (folder.path / "derived.mcap").write_bytes(b"x")
+    return folder.path
+
+
+def test_results_of_a_replay_are_not_replayed(tree, run):
+    assert names(tree, find_recordings([tree])) == EVERYTHING
+    patterns = ["*", "**/*.mcap", "*.bag", "*.db3", "**/*.active"]
+    assert "runs/one/derived.mcap" not in names(tree, find_recordings([f"{tree}/{each}" for each in patterns]))
+    with pytest.raises(RecordingNotFound, match="a run folder of quadlog"):
+        find_recordings([run])
+    assert find_recordings([run / "derived.mcap"]) == [run / "derived.mcap"]
+
+
+def test_a_run_without_its_config_is_known_by_its_record(tree, run):
+    (run / "config.toml").unlink()
+    (run / "run.json").write_text('{"command": [], "quadlog_version": "1"}')
+    assert names(tree, find_recordings([tree])) == EVERYTHING
+
+
+def test_recordings_beside_files_of_those_names_are_found(tree, run):
+    (tree / "config.toml").write_bytes((run / "config.toml").read_bytes())
+    (tree / "deep" / "run.json").write_text('{"operator": "me"}')
+    (tree / "deep" / "derived.mcap").write_bytes(b"x")
+    found = names(tree, find_recordings([tree]))
+    assert set(found) == {*EVERYTHING, "deep/derived.mcap"}
+
+
+def test_linked_folders_are_searched_once(tree, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("disk")
+    (elsewhere / "far.mcap").write_bytes(b"x")
+    (elsewhere / "loop").symlink_to(elsewhere)
+    (elsewhere / "split").mkdir()
+    (elsewhere / "split" / "s_0.mcap").write_bytes(b"x")
+    (tree / "linked").symlink_to(elsewhere)
+    (tree / "linked_again").symlink_to(elsewhere)
+    found = [path.resolve() for path in find_recordings([tree])]
+    assert [path for path in found if path.is_relative_to(elsewhere)] == [elsewhere / "far.mcap", elsewhere / "split"]
+    assert len(found) == len(EVERYTHING) + 2
+
+
+def test_a_folder_that_cannot_be_read_is_named(tree, monkeypatch):
+    """Even the administrator, whom permissions do not stop, must see it: so the refusal is played."""
+    closed = tree / "deep" / "er"
+    really = Path.iterdir
+
+    def iterdir(folder):
+        if folder == closed:
+            raise PermissionError(13, "Permission denied", str(folder))
+        return really(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    with pytest.raises(RecordingNotFound, match="deep/er: Permission denied"):
+        find_recordings([tree])
+
+
+def test_pipes_and_devices_are_refused_at_once(tree):
+    os.mkfifo(tree / "pipe.mcap")
+    for path in (tree / "pipe.mcap", Path(os.devnull)):
+        with pytest.raises(NotARecording, match="not a regular file"):
+            find_recordings([path])
+    assert names(tree, find_recordings([f"{tree}/*.mcap"])) == ["crossed_14_05.mcap", "one.mcap"]
+
+
+def test_a_recording_given_as_a_list_is_not_read_as_text(tree):
+    with (tree / "large.mcap").open("wb") as file:
+        file.truncate(1 << 30)
+    with pytest.raises(TooLarge):
+        find_recordings([f"@{tree / 'large.mcap'}"])

@@ -13,6 +13,7 @@ from quadlog.recordings.container import Channel
 from quadlog.recordings.recording import Recording, open_recording
 
 S = 10**9
+DAY = 86_400 * S
 T0 = 1_700_000_000 * S
 RANGING = Channel("/gtec", "gtec_msgs/msg/Ranging", "cdr", "", b"")
 RANGING_PAYLOAD = b"\0\1\0\0" + np.array([1, 2, 3000, 0], "<i4").tobytes() + bytes(16)
@@ -54,12 +55,76 @@ def test_distant_clocks_are_not_mixed_across_two_readings(log: Any) -> None:
         list(recording.messages(["/odom"]))
 
 
-def test_two_stamped_topics_of_distant_clocks_are_warned_about(log: Any) -> None:
-    log.add("/odom", T0, log.ros.odometry(47 * S, 0.0))
+def test_two_stamped_topics_of_distant_clocks_are_not_mixed(log: Any) -> None:
+    log.add("/odom", T0, log.ros.odometry(T0 - 2 * DAY, 0.0))
     log.add("/truth", T0, log.ros.odometry(T0, 0.0))
+    with pytest.raises(ClocksDiffer, match=r"/odom and header stamps of /truth lie 172800 s apart.* --stamp log"):
+        list(Recording(log.container).messages(["/odom", "/truth"]))
+    assert len(times(Recording(log.container, stamp="log"), ["/odom", "/truth"])) == 2
+    assert len(times(Recording(log.container), ["/odom"])) == 1
+
+
+@pytest.mark.parametrize("others", ["/gtec", "/zero", None])
+def test_a_clock_that_jumps_later_on_is_not_mixed(log: Any, others: str | None) -> None:
+    """With topics on log time, and with the same topic's own earlier stamps."""
+    for i in range(30):
+        t_ns = T0 + i * S // 10
+        log.add("/odom", t_ns, log.ros.odometry(t_ns + (2 * DAY if i >= 5 else 0), float(i)))
+        log.container.add(RANGING, t_ns, RANGING_PAYLOAD)
+        log.add("/zero", t_ns, log.ros.range(0, 1.0))
+    with pytest.raises(ClocksDiffer, match=r"/odom .*172800 s apart.*--stamp log"):
+        list(Recording(log.container).messages([*filter(None, [others]), "/odom"]))
+    assert len(times(Recording(log.container, stamp="log"), ["/odom", "/gtec"])) == 60
+
+
+def test_two_clocks_in_turn_on_one_topic_are_not_mixed(log: Any) -> None:
+    for i in range(20):
+        log.add("/odom", T0 + i, log.ros.odometry(T0 + i + (i % 2) * DAY, 0.0))
+    with pytest.raises(ClocksDiffer, match="header stamps of /odom and others of the same topic lie 86400 s apart"):
+        list(Recording(log.container).messages(["/odom"]))
+
+
+@pytest.mark.parametrize("index", [0, 1, 50, 99])
+@pytest.mark.parametrize("stamp", [1, 10**18])
+def test_a_single_stray_stamp_costs_itself_wherever_it_stands(log: Any, index: int, stamp: int) -> None:
+    for i in range(100):
+        log.add("/odom", T0 + i * S, log.ros.odometry(stamp if i == index else T0 + i * S, float(i)))
     recording = Recording(log.container)
-    assert len(list(recording.messages(["/odom", "/truth"]))) == 2
-    assert any("clocks" in line and "--stamp log" in line for line in recording.warnings)
+    for _ in range(6):  # reading it again makes it no clock
+        assert times(recording, ["/odom"]) == [T0 + i * S for i in range(100) if i != index]
+    assert recording.warnings == [
+        "/odom: 1 header stamps lie more than an hour from its others; those messages are dropped"
+    ]
+
+
+def test_stamps_all_over_the_place_are_refused(log: Any) -> None:
+    for i in range(300):
+        log.add("/odom", T0 + i, log.ros.odometry(T0 + i if i % 2 else (i + 1) * DAY, 0.0))
+    with pytest.raises(ClocksDiffer):
+        list(Recording(log.container).messages(["/odom"]))
+
+
+def test_static_transforms_are_of_any_age(log: Any) -> None:
+    still = (0.0, 0.0, 0.0, 1.0)
+    log.add("/tf_static", T0, log.ros.tf(log.ros.transform(0, "base", "lidar", (0.0, 0.0, 0.4), still)))
+    log.add("/tf_static", T0, log.ros.tf(log.ros.transform(T0 - 9 * DAY, "base", "imu", (0.0, 0.0, 0.1), still)))
+    log.add("/odom", T0 + 1, log.ros.odometry(47 * S, 0.0))
+    recording = Recording(log.container)
+    assert len(list(recording.messages(["/tf_static", "/odom"]))) == 3
+    assert recording.warnings == []
+
+
+def test_each_transform_of_a_message_is_on_the_clock(log: Any) -> None:
+    still = (0.0, 0.0, 0.0, 1.0)
+    for i in range(20):
+        stray = 5 if i == 10 else T0 + i
+        pair = [
+            log.ros.transform(T0 + i, "map", "base", (i, 0.0, 0.0), still),
+            log.ros.transform(stray, "map", "person", (i, 0.0, 0.0), still),
+        ]
+        log.add("/tf", T0 + i, log.ros.tf(*pair))
+    sizes = [len(each.message.transforms) for each in Recording(log.container).messages(["/tf"])]
+    assert sizes == [1 if i == 10 else 2 for i in range(20)]
 
 
 def test_a_broken_message_is_counted_and_the_rest_is_read(log: Any) -> None:

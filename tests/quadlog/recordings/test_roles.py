@@ -78,6 +78,91 @@ def test_goals_are_targets_and_no_reference(log: Any) -> None:
     assert roles_of(log, target="/goal_pose").topic("target") == "/goal_pose"
 
 
+def add_pose(log: Any, topic: str) -> None:
+    kind = log.ros.type("geometry_msgs/msg/PoseStamped")
+    log.add(topic, T0, kind(log.ros.header(T0), log.ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))))
+
+
+def test_the_position_is_not_its_own_truth(log: Any) -> None:
+    add_pose(log, "/mocap/robot")
+    assert roles_of(log).topic("reference") == "/mocap/robot"
+    for source in ("position", "odometry"):
+        roles = roles_of(log, **{source: "/mocap/robot"})
+        assert roles.topic(source) == "/mocap/robot"
+        assert roles.topic("reference") is None
+        with pytest.raises(UnknownTopic, match=f"reference: /mocap/robot is topics.{source}"):
+            roles_of(log, reference="/mocap/robot", **{source: "/mocap/robot"})
+
+
+def test_a_pose_file_or_a_source_by_name_is_no_topic(log: Any) -> None:
+    add_pose(log, "/mocap/robot")
+    for position in ("truth.tum", "tf", "auto"):
+        assert roles_of(log, position=position).topic("reference") == "/mocap/robot"
+
+
+def test_a_better_truth_than_the_position_is_the_reference(log: Any) -> None:
+    add_pose(log, "/amcl_pose")
+    add_pose(log, "/mocap/robot")
+    assert roles_of(log, position="/amcl_pose").topic("reference") == "/mocap/robot"
+    # And what is worse than the position is no truth for it.
+    assert roles_of(log, position="/mocap/robot").topic("reference") is None
+
+
+def test_another_body_is_not_taken_for_the_truth_of_the_position(log: Any) -> None:
+    add_pose(log, "/mocap/person")
+    add_pose(log, "/mocap/robot")
+    roles = roles_of(log, position="/mocap/robot")
+    with pytest.raises(AmbiguousTopic, match=r"--set topics\.reference=/mocap/person"):
+        roles.topic("reference")
+    assert roles_of(log, position="/mocap/robot", reference="/mocap/person").topic("reference") == "/mocap/person"
+
+
+def test_a_configured_position_is_a_pose(log: Any) -> None:
+    log.add("/points", T0, log.ros.cloud(T0, SPHERE))
+    with pytest.raises(UnknownTopic, match="/points is sensor_msgs/msg/PointCloud2, not a pose"):
+        roles_of(log, position="/points")
+
+
+def test_several_kinds_of_ranges_are_one_flag_each(log: Any) -> None:
+    for anchor in (1, 2):
+        log.add(f"/uwb/n_0/n_{anchor}", T0, log.ros.range(T0, 1.0))
+    log.container.add(Channel("/gtec", "gtec_msgs/msg/Ranging", "cdr", "", b""), T0, b"")
+    roles = roles_of(log)
+    family = """--set 'topics.uwb=["/uwb/n_0/n_1", "/uwb/n_0/n_2"]'"""
+    with pytest.raises(AmbiguousTopic) as raised:
+        roles.topics("uwb")
+    assert str(raised.value) == (
+        f"2 groups of topics could be the uwb; choose with  --set topics.uwb=/gtec  or  {family}"
+    )
+    assert roles.of_topic("/uwb/n_0/n_2") == (None, f"one of 2 that could be the uwb: {family}")
+
+
+@pytest.mark.parametrize("role", ["odometry", "imu", "reference", "lidar"])
+def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
+    kinds = {"odometry": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu", "lidar": "foxglove.PointCloud"}
+    for topic in ("/left", "/right"):
+        if role == "lidar":
+            log.add(topic, T0, log.ros.cloud(T0, SPHERE))
+        elif role == "reference":
+            add_pose(log, topic)
+        else:
+            log.container.add(Channel(topic, kinds[role], "cdr", "", b""), T0, b"")
+    roles = roles_of(log)
+    assert roles.choices(role) == (
+        f"2 topics could be the {role}; choose with  --set topics.{role}=/left  or  --set topics.{role}=/right"
+    )
+    assert roles_of(log, **{role: "/left"}).choices(role) == ""
+
+
+def test_targets_to_choose_from_are_explained_but_never_asked_for(log: Any) -> None:
+    add_pose(log, "/goal_pose")
+    roles = roles_of(log)
+    assert roles.topic("target") is None
+    assert roles.choices("target") == "one topic could be the target; choose with  --set topics.target=/goal_pose"
+    assert roles.of_topic("/goal_pose") == (None, "could be the target: --set topics.target=/goal_pose")
+    assert roles_of(log, target="/goal_pose").choices("target") == ""
+
+
 def test_configured_topics_are_checked(log: Any) -> None:
     log.add("/points", T0, log.ros.cloud(T0, SPHERE))
     log.add("/odom", T0, log.ros.odometry(T0, 0.0))

@@ -24,7 +24,9 @@ def test_every_message_comes_back_in_order(tmp_path, recordings, index):
         assert recordings.read(container, {"/a"}, *window) == [m for m in messages[20:30] if m[0] == "/a"]
 
 
-def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside_it(tmp_path, recordings):
+@pytest.fixture
+def crashed(tmp_path, recordings):
+    """As a killed recorder leaves it: a database with half of the messages, the others in its -wal, no -shm."""
     messages = recordings.some()
     source = tmp_path / "recorder.db3"
     writer = sqlite3.connect(source)
@@ -37,12 +39,16 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
         [(1 if topic == "/b" else 2, t_ns, payload) for topic, t_ns, payload in messages[30:]],
     )
     writer.commit()
-    # As a killed recorder leaves it: the database and its -wal, no -shm.
     crashed = tmp_path / "crashed"
     crashed.mkdir()
     for suffix in ("", "-wal"):
         (crashed / f"a.db3{suffix}").write_bytes((tmp_path / f"recorder.db3{suffix}").read_bytes())
     writer.close()
+    return crashed
+
+
+def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside_it(crashed, recordings):
+    messages = recordings.some()
     before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()}
 
     with open_sqlite(crashed / "a.db3") as container:
@@ -50,6 +56,27 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
         assert "a.db3-wal" in container.warnings[0]
         assert {path.name for path in crashed.iterdir()} == set(before)
     assert {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()} == before
+
+
+@pytest.mark.parametrize("link_the_wal", [False, True])
+def test_a_link_does_not_hide_the_wal(crashed, tmp_path, recordings, link_the_wal):
+    """Neither beside the file that the link leads to, nor, as file stores do it, beside the link and itself a link."""
+    links = tmp_path / "links"
+    links.mkdir()
+    (links / "walk.db3").symlink_to(crashed / "a.db3")
+    if link_the_wal:
+        (crashed / "a.db3-wal").rename(crashed / "7f3c")
+        (links / "walk.db3-wal").symlink_to(crashed / "7f3c")
+    with open_sqlite(links / "walk.db3") as container:
+        assert container.path == links / "walk.db3"
+        assert recordings.read(container) == recordings.some()
+        assert ("walk.db3-wal" if link_the_wal else "a.db3-wal") in container.warnings[0]
+
+
+def test_a_link_to_a_folder_does_not_hide_the_wal(crashed, tmp_path, recordings):
+    (tmp_path / "linked").symlink_to(crashed)
+    with open_sqlite(tmp_path / "linked" / "a.db3") as container:
+        assert recordings.read(container) == recordings.some()
 
 
 def test_a_database_in_wal_mode_without_wal_is_read_where_it_lies(tmp_path, recordings):

@@ -35,13 +35,22 @@ def test_series_of_each_role(log: Any) -> None:
 
 
 def test_stamps_that_do_not_increase_are_dropped_and_counted(log: Any) -> None:
-    for i, stamp in enumerate([1, 3, 2, 3, 4]):
+    for i, stamp in enumerate([1, 3, 3, 3, 4]):
         log.add("/odom", T0 + i, log.ros.odometry(T0 + stamp, float(i)))
     streams = gather(Recording(log.container), odometry="/odom")
     assert streams.odometry is not None
     assert (streams.odometry.t_ns - T0).tolist() == [1, 3, 4]
     assert streams.odometry.position_m[:, 0].tolist() == [0, 1, 4]
     assert streams.warnings == ["/odom: 2 of 5 stamps do not increase; those messages are dropped"]
+
+
+@pytest.mark.parametrize("ahead_ns", [60 * S, 10**18])
+def test_a_stamp_in_the_future_costs_itself(log: Any, ahead_ns: int) -> None:
+    for i in range(100):
+        log.add("/odom", i * S, log.ros.odometry((i + 1) * S + (ahead_ns if i == 3 else 0), float(i)))
+    streams = gather(Recording(log.container), odometry="/odom")
+    assert streams.odometry is not None
+    assert streams.odometry.position_m[:, 0].tolist() == [i for i in range(100) if i != 3]
 
 
 def test_ranges_are_sorted_by_time(log: Any) -> None:

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import shlex
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.config_file import load_config
+from quadlog.text import printable, set_flag
+
+NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20)
+
+
+@given(st.text())
+def test_what_is_shown_is_one_line_that_no_terminal_obeys(text: str) -> None:
+    shown = printable(text)
+    assert shown.isprintable()
+    assert len(shown) == len(text)
+
+
+def test_printable_text_stays_and_the_rest_is_seen_to_be_missing() -> None:
+    assert printable("/Büro 7") == "/Büro 7"
+    assert printable("a\nb\x1b[31m\u202e\ud800") == "a b\ufffd[31m\ufffd\ufffd"
+    assert printable(ValueError(3)) == "3"
+
+
+@pytest.mark.parametrize(
+    ("names", "flag"),
+    [
+        (["/points"], "--set topics.uwb=/points"),
+        (["/a", "/b"], '--set \'topics.uwb=["/a", "/b"]\''),
+        (["/a b"], "--set 'topics.uwb=/a b'"),
+        (["/it's"], "--set 'topics.uwb=/it'\"'\"'s'"),
+        (["true"], "--set 'topics.uwb=\"true\"'"),
+    ],
+)
+def test_flags(names: list[str], flag: str) -> None:
+    assert set_flag("topics.uwb", names) == flag
+
+
+@given(st.lists(NAMES, min_size=1, max_size=3))
+def test_a_flag_pasted_into_a_shell_names_the_very_same_topics(names: list[str]) -> None:
+    flag = set_flag("topics.uwb", names)
+    assert flag.isprintable()
+    option, override = shlex.split(flag)
+    assert option == "--set"
+    assert load_config(None, [override], environ={}).topics.uwb == names
+
+
+@given(NAMES)
+def test_a_flag_for_one_topic_gives_one_name(name: str) -> None:
+    override = shlex.split(set_flag("topics.lidar", [name]))[1]
+    assert load_config(None, [override], environ={}).topics.lidar == name
