@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
+from quadlog.mapping.accumulated import OCCUPIED
+from quadlog.mapping.window import crop, window_at
 from quadlog.pipelines.stages.plan import PlanTables, recorded_maps, replan_settings
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner
 from quadlog.results.maps import load_maps
+from quadlog.results.rosmap import read_rosmap
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
-from quadlog.simulation.resimulation import PursuitSettings, resimulate
+from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 
 
 def resimulate_walk(walk: Walk) -> None:
@@ -25,7 +32,8 @@ def resimulate_walk(walk: Walk) -> None:
         start = walk.robot_pose_at(int(maps.t_ns.min()))
         assert start is not None, "a map is only made where there is a pose"
         replanner = Replanner(make_planner(config.planner.name, config.planner.corner_cutting), replan_settings(walk))
-        resim = resimulate(recorded_maps(walk.run.path), walk.targets_at, start, replanner, _settings(walk))
+        instants = _with_what_stands(walk.run.path)
+        resim = resimulate(instants, walk.targets_at, start, replanner, _settings(walk))
         write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
         with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
             paths = {path.t_ns: path for path in resim.paths}
@@ -38,6 +46,18 @@ def resimulate_walk(walk: Walk) -> None:
     if resim.outside_ticks:
         walk.counts["ticks_outside_window"] = resim.outside_ticks
         walk.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+
+
+def _with_what_stands(run: Path) -> Iterator[MapInstant]:
+    """The recorded maps, each with what the map of the whole run has in its window.
+
+    A scan sees half the surroundings, and may lose a wall; a walk through it
+    must not pass for one without a collision.
+    """
+    whole = read_rosmap(run / "map.yaml")
+    everywhere = window_at(whole.origin_m, whole.cell_m, whole.cells.shape)
+    for instant in recorded_maps(run):
+        yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
 
 
 def _settings(walk: Walk) -> PursuitSettings:

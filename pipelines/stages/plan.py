@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.mapping.window import Window
-from quadlog.messages import Float
+from quadlog.mapping.window import window_at
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
-from quadlog.results.maps import MapSequence, load_maps
+from quadlog.results.maps import load_maps
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
 from quadlog.simulation.resimulation import MapInstant
@@ -79,14 +78,8 @@ def recorded_maps(run: Path) -> Iterator[MapInstant]:
     """The saved map sequence as windows of map's lattice, in time order."""
     maps = load_maps(run)
     for index in np.argsort(maps.t_ns, kind="stable"):
-        yield MapInstant(int(maps.t_ns[index]), _window_of(maps.origin_m[index], maps), maps.occupied(int(index)))
-
-
-def _window_of(origin_m: Float, maps: MapSequence) -> Window:
-    """The window whose lower-left corner is origin_m (2,)."""
-    cell_m, (rows, columns) = float(maps.cell_m), maps.shape
-    col0, row0 = (int(index) for index in np.rint(np.asarray(origin_m) / cell_m))
-    return Window(col0, row0, cell_m, (int(rows), int(columns)))
+        window = window_at(maps.origin_m[index], maps.cell_m, maps.shape)
+        yield MapInstant(int(maps.t_ns[index]), window, maps.occupied(int(index)))
 
 
 def replan_settings(walk: Walk) -> ReplanSettings:

@@ -68,6 +68,26 @@ def window_around(xy_m: Float, cell_m: float, size_cells: int) -> Window:
     return Window(col - size_cells // 2, row - size_cells // 2, cell_m, (size_cells, size_cells))
 
 
+def window_at(origin_m: Float, cell_m: float, shape: tuple[int, ...]) -> Window:
+    """The window of `shape` (rows, cols) whose lower-left corner lies at origin_m (2,), as files keep it."""
+    col0, row0 = (int(index) for index in np.rint(np.asarray(origin_m) / cell_m))
+    return Window(col0, row0, float(cell_m), (int(shape[0]), int(shape[1])))
+
+
+def crop(grid: NDArray[np.bool_], of: Window, to: Window) -> NDArray[np.bool_]:
+    """What a grid (rows, cols) of one window has in another one of the same lattice, False where they do not overlap.
+
+    Raises ValueError when the cells differ in size.
+    """
+    dcol, drow = of.shift_to(to)
+    cropped = np.zeros(to.shape, dtype=np.bool_)
+    rows = slice(max(-drow, 0), max(min(of.shape[0] - drow, to.shape[0]), 0))
+    cols = slice(max(-dcol, 0), max(min(of.shape[1] - dcol, to.shape[1]), 0))
+    if rows.start < rows.stop and cols.start < cols.stop:
+        cropped[rows, cols] = grid[rows.start + drow : rows.stop + drow, cols.start + dcol : cols.stop + dcol]
+    return cropped
+
+
 def _lattice_cell_of(xy_m: Float, cell_m: float) -> Int:
     xy_m = np.asarray(xy_m, dtype=np.float64)
     if not np.isfinite(xy_m).all():

@@ -30,11 +30,16 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class MapInstant:
-    """One recorded map: occupied (rows, cols) bool of a window, undilated, at t_ns."""
+    """One recorded map: occupied (rows, cols) bool of a window, undilated, at t_ns.
+
+    standing: what the whole run knows to stand there, seen at that instant or
+    not. The robot plans on occupied; what it touches is told from both.
+    """
 
     t_ns: int
     window: Window
     occupied: Bool
+    standing: Bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +165,8 @@ def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSetti
     """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS))."""
     rows = np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
     since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
-    centres_m = occupied_centres(instant.occupied, instant.window)
+    solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
+    centres_m = occupied_centres(solid, instant.window)
     low_m = instant.window.origin_m
     high_m = low_m + np.array(instant.window.shape[::-1]) * instant.window.cell_m
     body = (settings.body_length_m, settings.body_width_m)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.mapping.window import Window, window_around
+from quadlog.mapping.window import Window, crop, window_around, window_at
 
 cells_m = st.sampled_from([0.05, 0.1, 0.25, 1.0])
 places = st.integers(-(10**6), 10**6)
@@ -61,3 +61,20 @@ def test_points_that_are_not_finite_are_refused(bad: float) -> None:
 def test_points_beyond_every_integer_lie_outside() -> None:
     window = Window(0, 0, 0.1, (10, 10))
     assert not window.contains(window.cell_of(np.array([[1e300, 0.5], [0.5, -1e300]]))).any()
+
+
+@given(st.integers(-15, 15), st.integers(-15, 15), st.integers(1, 9), st.integers(1, 9))
+def test_crop_holds_the_cells_that_both_windows_have(col0, row0, rows, cols):
+    grid = np.random.default_rng(0).random((6, 8)) < 0.5
+    of, to = Window(-3, 2, 0.1, (6, 8)), Window(col0, row0, 0.1, (rows, cols))
+    cropped = crop(grid, of, to)
+    for row in range(rows):
+        for col in range(cols):
+            r, c = row + row0 - 2, col + col0 + 3
+            inside = 0 <= r < 6 and 0 <= c < 8
+            assert cropped[row, col] == (grid[r, c] if inside else False)
+
+
+def test_a_window_is_found_again_from_its_corner():
+    window = Window(-123, 45, 0.1, (20, 30))
+    assert window_at(window.origin_m, 0.1, (20, 30)) == window

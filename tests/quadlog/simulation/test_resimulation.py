@@ -168,3 +168,15 @@ def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
         run([first, dataclasses.replace(first, t_ns=START_NS + 10**18)], fixed(4.0, 0.0))
     with pytest.raises(ValueError, match="order"):
         run([first, dataclasses.replace(first, t_ns=START_NS - 1), first], fixed(4.0, 0.0))
+
+
+def test_what_stands_there_is_touched_though_no_map_at_that_instant_shows_it():
+    """The way is planned as if the wall were not there, and the walk is honest about it."""
+    walls = [
+        dataclasses.replace(each, standing=wall.occupied)
+        for each, wall in zip(instants(100), instants(100, wall=True), strict=True)
+    ]
+    blind, seen = run(instants(100), fixed(5.0, 0.0)), run(walls, fixed(5.0, 0.0))
+    np.testing.assert_array_equal(blind.control["x_m"], seen.control["x_m"])
+    assert np.isinf(blind.clearance_m).all()
+    assert seen.clearance_m.min() <= 0
