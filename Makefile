@@ -35,7 +35,7 @@ typecheck: install
 unit: install
 	$(BIN)/python -m pytest -n $(JOBS)
 
-bench: install  ## the figures the README quotes, with the limit beside each
+bench: install  ## the figures the README quotes, with limit and floor beside each
 	$(BIN)/python -m benchmarks
 
 fixture: install  ## make the committed recording again, byte for byte
