@@ -60,7 +60,7 @@ def run(arguments: list[str]) -> int:
         click.echo(f"quadlog: {printable(error)}", err=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
-        click.echo("quadlog: interrupted; nothing half-written was left", err=True)
+        click.echo("quadlog: interrupted; nothing half-written was left, and a replay goes on with --resume", err=True)
         return ExitCode.FAILED
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.

@@ -107,7 +107,13 @@ def _radio_skeleton(seen: Survey) -> str:
         far_m = max(link.range_max_m for link in reach)
         lines += ["#", f"# {count} ranges of up to {far_m:.1f} m", "# [[uwb.anchors]]", f"# id = {anchor}"]
         lines += ["# x_m = ", "# y_m = ", "# z_m = "]
-    for tag in sorted({link.tag for link in links}):
+    lines += [
+        "#",
+        "# A tag is the robot, a person or none. Without this table the lowest id is the robot, the next the person.",
+    ]
+    for index, tag in enumerate(sorted({link.tag for link in links})):
         count = sum(link.messages for link in links if link.tag == tag)
-        lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", '# role = "robot"']
+        role = ("robot", "person", "none")[min(index, 2)]
+        lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", f'# role = "{role}"']
+        lines += ["# height_m = 0.6   # above map's floor", "# x_m = 0.0   # where it sits in base", "# y_m = 0.0"]
     return "\n".join(lines) + "\n"

@@ -134,10 +134,10 @@ class Uwb(Section):
 class Mount(Section):
     """The lidar's place in base."""
 
-    x_m: Metres = 0.0
-    y_m: Metres = 0.0
+    x_m: Metres = Field(0.0, description="forward of base")
+    y_m: Metres = Field(0.0, description="left of base")
     z_m: Metres = Field(0.0, description="height above base; base is the ground under the robot's centre")
-    roll_deg: float = Field(0.0, ge=-360, le=360)
+    roll_deg: float = Field(0.0, ge=-360, le=360, description="turned by R_z(yaw) R_y(pitch) R_x(roll)")
     pitch_deg: float = Field(0.0, ge=-360, le=360)
     yaw_deg: float = Field(0.0, ge=-360, le=360)
 
@@ -215,7 +215,7 @@ class Pursuit(Section):
 
     lookahead_m: float = Field(2.0, ge=0.01, le=100, description="l [Tracking, section 5]")
     speed_mps: float = Field(0.6, ge=0.01, le=10, description="[Tracking, section 5]")
-    max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20)
+    max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20, description="the robot turns no faster")
     rate_hz: float = Field(50.0, ge=1, le=1000, description="ticks of the controller and of control.parquet")
 
 

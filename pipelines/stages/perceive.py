@@ -20,7 +20,7 @@ from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.points import PointClass
 from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.ground_height import GroundHeight
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, to_map
+from quadlog.mapping.obstacles import ObstacleSettings, is_level, obstacle_points, to_map
 from quadlog.mapping.occupancy import occupancy
 from quadlog.mapping.window import window_around
 from quadlog.messages import Float
@@ -78,18 +78,29 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
     transform_lidar_to_base = walk.transform_lidar_to_base
     samples: EvenSample[CloudSample] = EvenSample(config.results.cloud_samples)
     walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
+    if np.array_equal(transform_lidar_to_base, np.eye(4)):
+        walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
         for t_ns, cloud in walk.clock.drawn("filter", walk.clouds()):
             with walk.clock.stage("filter"):
                 started = time.perf_counter()
                 points = classify_scan_paper(cloud.xyz_m, transform_lidar_to_base, settings, walk.seed)
                 table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
+                walk.count("scans")
+                if points.ground is not None and not is_level(points.ground):
+                    walk.count("scans_with_steep_ground")
                 scan = Scan(t_ns, points, walk.robot_pose_at(t_ns))
                 samples.offer(partial(_sample, scan))
             yield scan
             walk.progress.advance((t_ns - walk.first_ns) * 1e-9)
     with walk.clock.stage("filter"):
         write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
+    steep = walk.counts.get("scans_with_steep_ground", 0)
+    if steep:
+        walk.warn(
+            f"{steep} of {walk.counts['scans']} scans: the plane taken for the ground is too steep to be one, "
+            "probably a wall; what lies in it is not in those maps"
+        )
 
 
 def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
@@ -103,7 +114,8 @@ def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
     blocking = obstacle_points(scan.points, pose, target_xy_m, _obstacle_settings(walk.config))
     occupied = occupancy(blocking, window, grid.min_points)
     maps.append(scan.t_ns, window.origin_m, occupied)
-    floor = scan.points.of_class(PointClass.GROUND)
+    # A wall that was taken for the ground says nothing about where the floor is.
+    floor = scan.points.of_class(PointClass.GROUND) if is_level(scan.points.ground) else np.empty((0, 3))
     floor_xy_m = to_map(floor[:, :2], pose)
     built.whole.add(window, occupied, pose[:2], seen_free=occupancy(floor_xy_m, window, 1))
     built.ground.add(floor_xy_m, floor[:, 2])

@@ -40,7 +40,7 @@ def locate_walk(walk: Walk) -> None:
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
-    walk.progress.say(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
+    walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 
 def _robot(walk: Walk, uwb: UwbPositions | None) -> RobotTrack:
@@ -55,7 +55,7 @@ def _robot(walk: Walk, uwb: UwbPositions | None) -> RobotTrack:
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            walk.warn("no pose source in the recording: everything is mapped from a fixed pose at the origin")
+            walk.warn("no pose source in the recording: the robot is taken to stand at the origin all the time")
         return track
     if wanted in sources:
         chosen = sources[wanted]()
@@ -112,7 +112,7 @@ def _heading(walk: Walk, robot: TagResult, tag_ahead_m: float) -> np.ndarray:
     std_deg = np.degrees(aligned.std_rad)
     if aligned.std_rad > UNCERTAIN_HEADING_RAD:
         walk.warn(f"heading is known to {std_deg:.1f} degrees only; 1 degree is 17 cm at 10 m")
-    walk.progress.say(f"heading from {name}, turned by {np.degrees(aligned.offset_rad):.1f} +- {std_deg:.1f} degrees")
+    walk.note(f"heading from {name}, turned by {np.degrees(aligned.offset_rad):.1f} +- {std_deg:.1f} degrees")
     return aligned.yaw_rad
 
 

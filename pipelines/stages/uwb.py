@@ -16,6 +16,9 @@ from quadlog.positioning.screening import RangeCounts
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
 
+MISFIT_STD = 5.0
+"""Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
+
 
 @dataclass(frozen=True, slots=True)
 class UwbPositions:
@@ -31,7 +34,7 @@ def locate_tags(walk: Walk) -> UwbPositions | None:
     config, ranges = walk.config, walk.streams.ranges
     if not config.uwb.anchors:
         for topic in walk.roles.found["uwb"].topics if "uwb" in walk.roles.found else ():
-            walk.warn(f"{topic}: UWB ranges are not used, no [[uwb.anchors]] are configured")
+            walk.warn(f"{topic}: ranges are not used, no [[uwb.anchors]] are configured; quadlog init writes a form")
         return None
     if not wants_uwb(config):
         return None
@@ -134,18 +137,37 @@ def _tell(walk: Walk, located: Located) -> None:
     walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
     for result in located.tags:
         if result.n_too_few or result.n_degenerate:
-            walk.warn(
-                f"tag {result.tag}: {result.n_too_few} epochs with fewer than three ranges and "
-                f"{result.n_degenerate} with anchors on a line give no fix"
-            )
+            causes = {"fewer than three ranges": result.n_too_few, "anchors on a line": result.n_degenerate}
+            words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
+            walk.warn(f"tag {result.tag}: of {len(result.fix_t_ns)} epochs, {words} give no fix")
+        misfit = _misfit_warning(result, walk.config)
+        if misfit is not None:
+            walk.warn(misfit)
         if result.bias is not None:
-            walk.progress.say(_bias_words(result.tag, result.bias, walk.config))
+            walk.note(_bias_words(result.tag, result.bias, walk.config))
+
+
+def _misfit_warning(result: TagResult, config: Config) -> str | None:
+    """Ranges that fit no position at all: ids or places of anchors are wrong, and the worst anchor is named."""
+    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
+    known = np.isfinite(residual_m)
+    if not known.any() or np.median(residual_m[known]) < MISFIT_STD * config.uwb.range_std_m:
+        return None
+    anchors = np.unique(result.ranges.anchor[known])
+    worst = max(anchors, key=lambda anchor: np.median(residual_m[known & (result.ranges.anchor == anchor)]))
+    return (
+        f"tag {result.tag}: half of its ranges miss its track by more than {np.median(residual_m[known]):.2f} m "
+        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check [[uwb.anchors]], anchor {worst} first"
+    )
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
     if not bias.significant.any():
         std_m = bias.std_m[bias.n > 0].max(initial=0.0)
-        return f"tag {tag}: no anchor bias is significant (known to +- {std_m:.2f} m); ranges are not corrected"
+        return (
+            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
+            f"only to {std_m:.2f} m (a longer walk tells more)"
+        )
     links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
     words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
     return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"

@@ -59,6 +59,7 @@ class Walk:
     astar_expanded: list[int] = field(default_factory=list)
     clearance_m: Float | None = None
     target_distance_m: Float | None = None
+    notes: list[str] = field(default_factory=list)
     _warnings: list[str] = field(default_factory=list)
     _said: set[str] = field(default_factory=set)
 
@@ -81,6 +82,11 @@ class Walk:
         """A line for stderr, `run.json` and the report."""
         self._warnings.append(text)
         self.say_what_is_new()
+
+    def note(self, text: str) -> None:
+        """A choice that decided the result: a line for stderr, `run.json` and the report."""
+        self.notes.append(text)
+        self.progress.say(text)
 
     def say_what_is_new(self) -> None:
         """Every loss and warning that was not said yet, on stderr: readers find some only at the end."""

@@ -34,13 +34,18 @@ class ObstacleSettings:
     body_margin_m: float = 0.1
 
 
+def is_level(ground: Ground | None) -> bool:
+    """Whether there is a ground plane, and one that a robot could stand on."""
+    return ground is not None and bool(ground.normal[2] >= math.cos(math.radians(STEEPEST_GROUND_DEG)))
+
+
 def height_above_ground(xyz_base_m: Float, ground: Ground | None) -> Float:
     """Vertical height (N,) of points (N, 3) above the plane; above base's own floor when there is none, or none level.
 
     Without this rule a wall taken for the ground would hide every obstacle
     that stands farther from it than the greatest height.
     """
-    if ground is None or ground.normal[2] < math.cos(math.radians(STEEPEST_GROUND_DEG)):
+    if ground is None or not is_level(ground):
         floor: Float = xyz_base_m[:, 2]
         return floor
     above: Float = (xyz_base_m @ ground.normal + ground.d_m) / ground.normal[2]

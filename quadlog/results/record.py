@@ -60,7 +60,7 @@ class RunRecord:
     effective config; options: what else decides the result (seed, stamp,
     start_s, duration_s, until, preset), compared by `--resume`; input; seed;
     recorded_s: length of what was replayed; topics, counts (name: number),
-    losses, warnings; stages; startup_s: imports and compilation, apart from
+    losses, warnings, notes (choices that decided the result); stages; startup_s: imports and compilation, apart from
     the stages; realtime_factor: recorded_s / seconds in the stages, None when
     there is nothing to divide. host and packages are filled in by themselves.
     """
@@ -76,6 +76,7 @@ class RunRecord:
     counts: Mapping[str, int] = field(default_factory=dict)
     losses: Sequence[LossRecord] = ()
     warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
     stages: Sequence[StageRecord] = ()
     startup_s: float = 0.0
     realtime_factor: float | None = None

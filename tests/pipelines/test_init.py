@@ -46,11 +46,15 @@ def test_a_real_uwb_log(tmp_path: Path) -> None:
     assert config.topics.reference == "/mocap/trolley/pose"
     head, skeleton = text.split("# The radios")
     filled = skeleton.replace("_m = \n", "_m = 1.0\n").splitlines()
-    lifted = [line[2:] for line in filled if line.startswith(("# [[", "# id", "# x_m", "# y_m", "# z_m", "# role"))]
+    lifted = [
+        line[2:]
+        for line in filled
+        if line.startswith(("# [[", "# id", "# x_m", "# y_m", "# z_m", "# role", "# height_m"))
+    ]
     table = tomllib.loads(head + "\n" + "\n".join(lifted))
     config = Config.model_validate(table)
     assert [anchor.id for anchor in config.uwb.anchors] == list(range(8))
-    assert [tag.id for tag in config.uwb.tags] == [0, 1, 2]
+    assert [(tag.id, tag.role) for tag in config.uwb.tags] == [(0, "robot"), (1, "person"), (2, "none")]
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")

@@ -224,6 +224,41 @@ def test_what_a_causal_run_says_of_the_past_does_not_depend_on_the_future(tmp_pa
         np.testing.assert_allclose(early[name][:count], late[name][:count], atol=1e-9)
 
 
+def test_swapped_anchors_are_told_from_ranges_that_fit_nowhere(tmp_path, follow_request, fixtures):
+    swapped = (
+        (fixtures / "follow.toml")
+        .read_text()
+        .replace("{ id = 0, x", "{ id = 9, x")
+        .replace("{ id = 1, x", "{ id = 0, x")
+    )
+    (tmp_path / "swapped.toml").write_text(swapped.replace("{ id = 9, x", "{ id = 1, x"))
+    lines = {}
+    for name, folder in (("follow", fixtures), ("swapped", tmp_path)):
+        config = load_config(folder / f"{name}.toml", environ={})
+        kept = Kept()
+        replay(replace(follow_request(tmp_path / name, until="position"), config=config), kept)
+        lines[name] = [line for line in kept.lines if "check [[uwb.anchors]]" in line]
+    assert lines["follow"] == []
+    assert lines["swapped"]
+
+
+def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(whole_run):
+    record = json.loads((whole_run.run / "run.json").read_text())
+    steep = record["counts"]["scans_with_steep_ground"]
+    scans = table(whole_run.run, "scans")
+    assert steep == (scans["ground_nz"] < np.cos(np.radians(45))).sum() > 0
+    assert any(f"{steep} of 120 scans" in text for text in record["warnings"])
+    height_m = np.load(whole_run.run / "ground.npz")["height_m"]
+    assert np.nanpercentile(np.abs(height_m), 99) < 0.4  # walls of 1.5 m and more, when they are counted as ground
+
+
+def test_choices_that_decided_the_result_stand_in_run_json_and_on_the_page(short_run):
+    record = json.loads((short_run.run / "run.json").read_text())
+    assert "robot position from uwb, target from uwb" in record["notes"]
+    assert any(note.startswith("heading from imu") for note in record["notes"])
+    assert "robot position from uwb, target from uwb" in (short_run.run / "report.html").read_text()
+
+
 def test_topics_in_run_json_are_those_that_were_used(tmp_path, follow_request, fixtures):
     config = load_config(fixtures / "follow.toml", ["topics.position=odometry", "topics.target=ahead"], {})
     request = replace(follow_request(tmp_path / "run", until="position", duration_s=0.5), config=config)

@@ -107,7 +107,8 @@ PLOTS = (
         "Distance of the re-simulated robot to its plan over time, as nearest, signed and timed distance.",
         "How far the re-simulated robot was from the plan active at each tick: to its nearest point, the same with a "
         "sign, and to where the plan was due at that instant [Tracking, eq. 45]. Dashed: the mean η (eq. 46); grey: "
-        "± σ (eq. 47).",
+        "± σ (eq. 47). In a replay every plan starts at the robot: the error starts anew "
+        "with each, and cannot exceed what is walked between two.",
         draw_tracking_error,
     ),
     Plot(

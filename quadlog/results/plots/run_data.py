@@ -17,6 +17,7 @@ from quadlog.results.record import RunRecord
 from quadlog.results.run_folder import read_metrics, read_run_json
 from quadlog.results.samples import CloudSample, GroundMap, read_cloud_samples, read_ground
 from quadlog.results.tables import has_table, read_table
+from quadlog.results.tum import read_tum
 
 Table = dict[str, NDArray[Any]]
 
@@ -68,6 +69,12 @@ class RunData:
     def metric(self, name: str) -> float | None:
         """The value of a saved metric, or None."""
         return float(self.metrics[name]["value"]) if name in self.metrics else None
+
+    @cached_property
+    def reference_xy_m(self) -> Float | None:
+        """The truth (N, 2) in map that the recording brought along, None where it had none."""
+        path = self.path / "reference.tum"
+        return read_tum(path).position_m[:, :2] if path.is_file() else None
 
     def anchors(self) -> list[tuple[int, float, float]]:
         """(id, x_m, y_m) of the anchors in the run's config."""

@@ -39,6 +39,10 @@ def draw_trajectory(run: RunData) -> Figure | None:
     _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
     _draw_walk(axes, walks["control"], "re-simulated walk", style.RESIM, 1.8)
     _draw_plans(axes, run.table("paths"))
+    # Only where it was compared: a truth in another frame would be somewhere else.
+    if run.metric("ate_rmse_m") is not None and (truth_m := run.reference_xy_m) is not None:
+        keep = style.thin_points(len(truth_m), 10000)
+        axes.plot(truth_m[keep, 0], truth_m[keep, 1], "--", color=style.BLACK, linewidth=0.9, label="reference")
     if fixes is not None:
         _draw_fixes(axes, fixes)
     _draw_anchors(axes, anchors, low_m, high_m)
