@@ -55,12 +55,21 @@ class Bars:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if value is None:
+            self._complete()
         self._bars.stop()
 
     def begin(self, stage: str, total: int | None) -> None:
         """A new bar below the others."""
+        self._complete()
         self._task = self._bars.add_task(stage, total=total, rate="")
         self._steps, self._started = 0, time.perf_counter()
+
+    def _complete(self) -> None:
+        """A stage whose number of steps nobody knew is full once it is over."""
+        if self._task is not None:
+            steps = max(self._steps, 1)
+            self._bars.update(self._task, total=steps, completed=steps)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """One step further, with the rate so far."""
