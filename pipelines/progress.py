@@ -81,11 +81,6 @@ class StageClock:
                     return
             yield item
 
-    @property
-    def total_s(self) -> float:
-        """Seconds in all stages together."""
-        return sum(self.seconds.values())
-
 
 def peak_memory_mb() -> float:
     """The largest resident size this process has had, in MB."""

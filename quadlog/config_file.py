@@ -66,11 +66,6 @@ def load_config(
         raise _explain(error, layers) from None
 
 
-def effective_toml(config: Config) -> str:
-    """The configuration as TOML; `load_config` of it gives the same configuration."""
-    return tomli_w.dumps(config.model_dump(exclude_none=True))
-
-
 def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
     """The configuration with each key's meaning, as `quadlog init` writes it.
 

@@ -62,11 +62,6 @@ class _PointCloud2Decoder:
         return fields
 
 
-def decode_point_cloud2(payload: Payload, encoding: str, topic: str) -> PointCloud:
-    """One PointCloud2 on its own."""
-    return point_cloud2_decoder(topic, encoding)(payload)
-
-
 def _read_fields(reader: PayloadReader) -> Layout:
     """The field list at the cursor. The first element of an array field stands for it."""
     count = reader.uint32()

@@ -11,10 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.point_cloud2 import DATATYPES, decode_point_cloud2, point_cloud2_decoder
+from quadlog.recordings.decoders.point_cloud2 import DATATYPES, point_cloud2_decoder
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+
+def decode_point_cloud2(payload, encoding, topic):
+    """One message, by a decoder that has seen none before."""
+    return point_cloud2_decoder(topic, encoding)(payload)
 
 
 def cloud_message(ros: Any, points: np.ndarray, *, rows: int = 1, padding: int = 0, big: bool = False) -> Any:
