@@ -14,6 +14,7 @@ from quadlog.metrics.metric import Metrics
 from quadlog.metrics.positioning import Trajectory, positions_at, trajectory_metrics, uwb_metrics
 from quadlog.metrics.search import Replans, search_metrics
 from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
+from quadlog.pipelines.stages.uwb import lever_of
 from quadlog.planning.registry import PLANNERS
 from quadlog.positioning.lever_arm import base_to_tag
 from quadlog.results.tables import has_table, read_table
@@ -99,8 +100,7 @@ def _trajectory(poses: PoseSeries) -> Trajectory:
 
 def _tag_truth(t_ns: np.ndarray, reference: PoseSeries, config: Config, tag: int) -> Float:
     """Where a tag was in map (N, 2) by the reference, NaN where it is silent."""
-    lever = next((each for each in config.uwb.tags if each.id == tag), None)
-    x_m, y_m = (lever.x_m, lever.y_m) if lever is not None else (0.0, 0.0)
+    x_m, y_m = lever_of(config, tag)
     yaw_rad = yaw_from_quat(reference.quat_xyzw)
     tag_m = base_to_tag(reference.position_m[:, :2], yaw_rad, x_m, y_m)
     at_tag = Trajectory(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)

@@ -94,7 +94,7 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     return {
         "uwb": roles.topics("uwb") if locates else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
-        "imu": roles.topic("imu") if locates else None,
+        "imu": roles.topic("imu") if locates and position in ("auto", "uwb") else None,
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),

@@ -11,7 +11,7 @@ from quadlog.errors import MissingInput
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import PoseSeries
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
-from quadlog.pipelines.stages.uwb import UwbPositions, locate_tags, write_uwb
+from quadlog.pipelines.stages.uwb import UwbPositions, lever_of, locate_tags, write_uwb
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.positioning.heading import align_yaw, align_yaw_causally, course_heading
 from quadlog.positioning.lever_arm import tag_to_base
@@ -81,8 +81,7 @@ def _from_uwb(walk: Walk, uwb: UwbPositions | None) -> RobotTrack | None:
     if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
         return None
     track = uwb.robot.track
-    lever = next((tag for tag in walk.config.uwb.tags if tag.id == uwb.robot.tag), None)
-    x_m, y_m = (lever.x_m, lever.y_m) if lever else (0.0, 0.0)
+    x_m, y_m = lever_of(walk.config, uwb.robot.tag)
     yaw_rad = _heading(walk, uwb.robot, x_m)
     return RobotTrack(track.t_ns, tag_to_base(track.position_m, yaw_rad, x_m, y_m), yaw_rad, "uwb")
 
@@ -101,14 +100,13 @@ def _heading(walk: Walk, robot: TagResult, tag_ahead_m: float) -> np.ndarray:
         return course_heading(robot.track, before_motion_rad=before_motion_rad)
     walk.use(name)
     yaw_rad = yaw_from_quat(quat_xyzw)
-    if not walk.config.uwb.smooth:
-        return align_yaw_causally(robot.track, t_ns, yaw_rad)
     aligned = align_yaw(robot.track, t_ns, yaw_rad, tag_ahead_m)
     if not np.isfinite(aligned.std_rad):
-        walk.warn(
-            f"the robot never moved while {name} gave yaw: heading is the course walked; 1 degree is 17 cm at 10 m"
-        )
+        walk.warn(f"the robot never moved while {name} gave yaw: {COURSE_ONLY}")
         return course_heading(robot.track, before_motion_rad=before_motion_rad)
+    if not walk.config.uwb.smooth:
+        walk.note(f"heading from {name}, turned at each instant by what the course had told until then")
+        return align_yaw_causally(robot.track, t_ns, yaw_rad)
     std_deg = np.degrees(aligned.std_rad)
     if aligned.std_rad > UNCERTAIN_HEADING_RAD:
         walk.warn(f"heading is known to {std_deg:.1f} degrees only; 1 degree is 17 cm at 10 m")

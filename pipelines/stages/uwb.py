@@ -72,6 +72,12 @@ def roles_of(config: Config, tags: list[int]) -> dict[str, int]:
     return dict(zip(("robot", "person"), sorted(tags), strict=False))
 
 
+def lever_of(config: Config, tag: int) -> tuple[float, float]:
+    """Where a tag sits in base, x_m and y_m; at its origin unless the table says otherwise."""
+    row = next((each for each in config.uwb.tags if each.id == tag), None)
+    return (row.x_m, row.y_m) if row is not None else (0.0, 0.0)
+
+
 def tags_of(config: Config, ranges: RangeSeries) -> dict[int, TagInfo]:
     """The tags to locate, by id, with their heights: those seen, and of a configured table only those on it."""
     seen = [int(tag) for tag in np.unique(ranges.tag)]

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
-
 from quadlog.cli.main import run
 from quadlog.cli.synthesize import command
 from quadlog.simulation.recording_writer import WRITERS
@@ -44,12 +41,3 @@ def test_usage_errors_exit_with_2(tmp_path, capsys):
 def test_formats_offered_are_those_there_are():
     (formats,) = [each.type.choices for each in command.params if each.name == "container"]
     assert list(formats) == list(WRITERS)
-
-
-def test_help_imports_nothing_heavy():
-    program = (
-        "import sys, quadlog.cli.synthesize\n"
-        "heavy = {'numpy', 'scipy', 'open3d', 'mcap', 'rosbags', 'pydantic'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True)
