@@ -9,8 +9,9 @@ import numpy as np
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.epochs import Epochs
+from quadlog.positioning.fixes import predict_ranges
+from quadlog.positioning.gauss_newton import solve_gauss_newton
 from quadlog.positioning.tracker import track_ranges
-from quadlog.positioning.trilateration import predict_ranges, solve_gauss_newton
 
 PRIOR_STD_M = 0.2
 """Biases of real sets lie within 0 and 0.4 m. What the geometry cannot see stays near zero, with this std."""

@@ -10,9 +10,10 @@ import numpy as np
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.calibration import AnchorBias, estimate_anchor_bias
 from quadlog.positioning.epochs import Epochs, group_epochs
+from quadlog.positioning.fixes import Fixes, require_spread
+from quadlog.positioning.gauss_newton import solve_gauss_newton
 from quadlog.positioning.screening import RangeCounts, screen_ranges
 from quadlog.positioning.tracker import Track, track_ranges
-from quadlog.positioning.trilateration import Fixes, require_spread, solve_gauss_newton
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,12 +25,20 @@ SMOOTHING_PASSES = 8
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A tag's way at T instants: t_ns strictly increasing, position_m, velocity_mps (T, 2), covariance_m2 (T, 2, 2)."""
+    """A tag's way at T instants.
+
+    t_ns: (T,) strictly increasing; position_m, velocity_mps: (T, 2) in map.
+    covariance_m2, velocity_covariance_m2ps2: (T, 2, 2) of each of them.
+    z_m, z_std_m: (T,) height in map; where it was given instead of tracked, that, and a std of zero.
+    """
 
     t_ns: Int
     position_m: Float
     velocity_mps: Float
     covariance_m2: Float
+    velocity_covariance_m2ps2: Float
+    z_m: Float
+    z_std_m: Float
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -110,7 +118,7 @@ def track_ranges(
         )
         predicted_m[rows] = _predict_rows(stretch, states, anchors_m[:, :2], slant_m2)
         parts.append((instant_ns[begin:end], states, covariances))
-    return TrackedRanges(_join(parts), predicted_m, weight)
+    return TrackedRanges(_join(parts, tag_height_m), predicted_m, weight)
 
 
 def _stretches(instant_ns: Int) -> list[tuple[int, int]]:
@@ -166,8 +174,10 @@ def _predict_rows(stretch: _Stretch, states: Float, anchor_xy_m: Float, slant_m2
     return predicted
 
 
-def _join(parts: list[tuple[Int, Float, Float]]) -> Track:
-    if not parts:
-        return Track(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2, 2)))
-    t_ns, states, covariances = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Track(t_ns, states[:, :2].copy(), states[:, 2:].copy(), covariances[:, :2, :2].copy())
+def _join(parts: list[tuple[Int, Float, Float]], height_m: float) -> Track:
+    none = np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty((0, 4, 4))
+    t_ns, states, covariances = (np.concatenate(column) for column in zip(none, *parts, strict=True))
+    position_m, velocity_mps = states[:, :2].copy(), states[:, 2:].copy()
+    covariance_m2, velocity_covariance_m2ps2 = covariances[:, :2, :2].copy(), covariances[:, 2:, 2:].copy()
+    z_m, z_std_m = np.full(len(t_ns), height_m), np.zeros(len(t_ns))
+    return Track(t_ns, position_m, velocity_mps, covariance_m2, velocity_covariance_m2ps2, z_m, z_std_m)

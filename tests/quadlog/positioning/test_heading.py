@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.stats import circmean
@@ -14,7 +16,8 @@ def track(velocity_mps, period_s: float = 0.1) -> Track:
     n = len(velocity_mps)
     t_ns = 5_000_000_000 + np.rint(np.arange(n) * period_s * 1e9).astype(np.int64)
     position_m = np.cumsum(velocity_mps, axis=0) * period_s
-    return Track(t_ns, position_m, velocity_mps, np.tile(0.01 * np.eye(2), (n, 1, 1)))
+    covariance = np.tile(0.01 * np.eye(2), (n, 1, 1))
+    return Track(t_ns, position_m, velocity_mps, covariance, covariance, np.full(n, 0.6), np.zeros(n))
 
 
 def curved(n: int = 600, noise_mps: float = 0.0, seed: int = 0) -> tuple[Track, np.ndarray]:
@@ -44,7 +47,7 @@ def test_a_causal_offset_is_found_and_knows_nothing_of_what_comes():
     sensor = wrap_angle(yaw - 2.0)
     whole = align_yaw_causally(walked, walked.t_ns, sensor)
     np.testing.assert_allclose(wrap_angle(whole[-100:] - yaw[-100:]), 0, atol=0.03)
-    half = Track(walked.t_ns[:300], walked.position_m[:300], walked.velocity_mps[:300], walked.covariance_m2[:300])
+    half = Track(*(getattr(walked, each.name)[:300] for each in fields(walked)))
     np.testing.assert_array_equal(align_yaw_causally(half, walked.t_ns[:300], sensor[:300]), whole[:300])
     still = track(np.zeros((5, 2)))
     np.testing.assert_allclose(align_yaw_causally(still, still.t_ns, np.full(5, 0.3)), 0.3)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from quadlog.errors import AnchorsCollinear, MissingInput
-from quadlog.positioning.trilateration import predict_ranges, require_spread, solve_gauss_newton
+from quadlog.positioning.fixes import predict_ranges
+from quadlog.positioning.gauss_newton import solve_gauss_newton
 
 SQUARE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
 
@@ -138,17 +138,3 @@ def test_residuals_that_do_not_fit_are_outliers(lab):
 
 def test_no_epochs_no_fixes():
     assert solve_gauss_newton(SQUARE_M, np.empty((0, 4)), 0.6, 0.1, 0.5).position_m.shape == (0, 2)
-
-
-def test_anchors_on_a_line_are_named():
-    line_m = np.array([[0.0, 0.0, 1.0], [3.0, 3.01, 2.0], [9.0, 9.0, 1.0]])
-    with pytest.raises(AnchorsCollinear, match="4, 7, 9 lie within") as caught:
-        require_spread(np.array([4, 7, 9]), line_m, 0.1)
-    assert caught.value.anchors == [4, 7, 9]
-    line_m[1, 1] += 2
-    require_spread(np.array([4, 7, 9]), line_m, 0.1)
-
-
-def test_two_anchors_are_too_few():
-    with pytest.raises(MissingInput, match="2 UWB anchors are known, a fix needs three"):
-        require_spread(np.array([0, 1]), SQUARE_M[:2], 0.1)
