@@ -9,14 +9,14 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from benchmarks import perception, reading, startup
+from benchmarks import perception, positioning, reading, startup
 from benchmarks.figures import print_figures
 
 
 def main() -> None:
     """Measure everything, one table at the end of each part."""
     with tempfile.TemporaryDirectory(prefix="quadlog-bench-") as folder:
-        for part in (startup, reading, perception):
+        for part in (startup, reading, positioning, perception):
             print_figures(part.__doc__ or "", part.measure(Path(folder)))
 
 

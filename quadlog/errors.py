@@ -190,7 +190,9 @@ class AnchorsCollinear(QuadlogError):
         listed = ", ".join(str(anchor) for anchor in self.anchors)
         super().__init__(
             f"UWB anchors {listed} lie within {off_line_m:.2f} m of one line, so every fix has a mirror image "
-            f"that fits as well; add an anchor off the line, or check [[uwb.anchors]]"
+            f"that fits as well; add an anchor off the line, check [[uwb.anchors]], or choose the side of the way "
+            f"from the first anchor to the last with  "
+            f"{set_flag('uwb.mirror', ['left'])}  or  {set_flag('uwb.mirror', ['right'])}"
         )
 
 

@@ -12,6 +12,10 @@ from quadlog.messages import Float, Int, RangeSeries
 
 MAX_CELLS = 100_000_000
 """Largest number of epochs times anchors that is allocated."""
+USUAL_EPOCH_S = 0.05
+"""Long enough for frames and fast rounds, in which a walker moves less than a range's std."""
+LONGEST_EPOCH_S = 1.0
+"""Bound of the derived length: in a slower round a walker moves too far for a fix to mean anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,26 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
     # The mean of the offsets, because the sum of the stamps themselves overflows.
     offset = np.bincount(epoch, t_ns - t_ns[first][epoch], count) / np.bincount(epoch, minlength=count)
     return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[last], table)
+
+
+def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
+    """How long the epochs of one tag should be: USUAL_EPOCH_S unless less than half of those would give a fix.
+
+    Then single ranges come slower: long enough for a round, which is the
+    median over the anchors (A,) heard of the median time between one anchor's
+    ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time
+    order. Raises TooLarge as group_epochs does.
+    """
+    usual = group_epochs(ranges, tag, anchor_ids, USUAL_EPOCH_S)
+    if 2 * np.count_nonzero(np.isfinite(usual.range_m).sum(axis=1) >= 3) >= len(usual):
+        return USUAL_EPOCH_S
+    periods_s = []
+    for anchor in anchor_ids:
+        t_ns = np.unique(ranges.t_ns[(ranges.tag == tag) & (ranges.anchor == anchor)])
+        if len(t_ns) > 1:
+            periods_s.append(float(np.median(np.diff(t_ns))) * 1e-9)
+    round_s = float(np.median(periods_s)) if periods_s else USUAL_EPOCH_S
+    return min(max(round_s, USUAL_EPOCH_S), LONGEST_EPOCH_S)
 
 
 @njit(cache=True)

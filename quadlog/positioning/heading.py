@@ -1,4 +1,4 @@
-"""Yaw in map: the course of the track, or the yaw of another sensor turned onto it.
+"""Yaw in map: that of another sensor, turned onto the course of the track, with its uncertainty.
 
 One tag gives no heading. While its carrier walks forward, the course does;
 one degree of error moves an obstacle 10 m away by 17 cm.
@@ -10,134 +10,194 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.geometry import interpolate_angle, wrap_angle
+from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
+from quadlog.positioning.course import HOLD_BELOW_MPS, TURN_STD_RADPS, course_std, filter_lag_s, speed_of
 from quadlog.positioning.tracker import Track
+from quadlog.positioning.yaw_fit import (
+    GROUP_NS,
+    LOOK_S,
+    UNKNOWN_YAW_STD_RAD,
+    CourseDifferences,
+    SensorDrift,
+    fit_offset,
+)
 
-HOLD_BELOW_MPS = 0.2
-BLOCK_NS = 1_000_000_000
-"""Course errors persist over strides: each second of motion counts once in the offset's std."""
+TOLD_BY_STD = 2.0
+"""A course counts for an offset where the speed exceeds its own std by this: noise has a course too."""
+MIN_COURSE_STD_RAD = np.radians(1.0)
+"""Nobody walks straighter than this, however well the track is known."""
+RATE_NS = 250_000_000
+"""Yaw rates are means over so much to either side, which is as sharp as a track is."""
+NO_DRIFT = SensorDrift()
+IMU_DRIFT = SensorDrift(rate_std_radps=0.001, walk_std=0.001)
+ODOMETRY_DRIFT = SensorDrift(rate_std_radps=0.003, walk_std=0.003)
+"""Orientations of consumer IMUs drift by degrees a minute, of legged or wheeled odometry by ten: orders, not tuned."""
+REFIT_GROWTH = 1.05
+REFIT_GROUPS = 50
+"""A causal offset is fitted anew when its groups have grown by 5 %, or by ten seconds of motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlignedHeading:
     """Yaw in map at the track's T instants, and how it was had.
 
-    yaw_rad: (T,) in [-pi, pi); offset_rad: added to the sensor's yaw; std_rad: of the offset,
-    infinite where the track never moved while the sensor gave yaw; moving_s: seconds of motion it rests on.
+    yaw_rad: (T,) in [-pi, pi); yaw_std_rad: (T,) at most pi / sqrt(3), that of a direction of which nothing is known.
+    offset_rad: added to the sensor's yaw in the middle of the motion, and its std_rad, infinite where the track
+    never moved (for long) while the sensor gave yaw, or its course has nothing in common with it.
+    drift_radps, drift_std_radps: of the offset.
+    moving_s: seconds of motion it rests on. spread_rad: median absolute difference of the course from yaw_rad.
+    askew_share: of the motion, where the course lies more than 60 degrees off: sideways or backward steps.
     """
 
     yaw_rad: Float
-    offset_rad: float
-    std_rad: float
-    moving_s: float
+    yaw_std_rad: Float
+    offset_rad: float = 0.0
+    std_rad: float = np.inf
+    drift_radps: float = 0.0
+    drift_std_radps: float = 0.0
+    moving_s: float = 0.0
+    spread_rad: float = np.inf
+    askew_share: float = 0.0
+
+    @property
+    def told(self) -> bool:
+        """Whether the course told how the sensor is turned."""
+        return bool(np.isfinite(self.std_rad))
 
 
-def course_heading(
-    track: Track, hold_below_mps: float = HOLD_BELOW_MPS, before_motion_rad: float | None = None
-) -> Float:
-    """(T,) yaw along the velocity, held where the speed is below hold_below_mps.
+@dataclass(frozen=True, slots=True)
+class CausalHeading:
+    """Yaw in map at the track's T instants, its std as it was known then, and spread_rad as in AlignedHeading: (T,)."""
 
-    Before the first motion: before_motion_rad, which a causal track must give,
-    since the first course lies in its future; None takes that first course.
-    A track that never moves has yaw zero, or before_motion_rad.
-    """
-    moving = _speed(track) >= hold_below_mps
-    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
-    last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
-    first = 0.0 if before_motion_rad is None else before_motion_rad
-    if before_motion_rad is None and moving.any():
-        first = float(course[np.argmax(moving)])
-    return wrap_angle(np.where(last_moving >= 0, course[last_moving.clip(0)], first))
+    yaw_rad: Float
+    yaw_std_rad: Float
+    spread_rad: Float
+
+    @property
+    def told(self) -> np.ndarray:
+        """(T,) bool, whether the course had told until then how the sensor is turned."""
+        return np.isfinite(self.spread_rad)
 
 
 def align_yaw(
-    track: Track, yaw_t_ns: Int, yaw_rad: Float, tag_ahead_m: float = 0.0, hold_below_mps: float = HOLD_BELOW_MPS
+    track: Track,
+    yaw_t_ns: Int,
+    yaw_rad: Float,
+    tag_ahead_m: float = 0.0,
+    hold_below_mps: float = HOLD_BELOW_MPS,
+    drift: SensorDrift = NO_DRIFT,
 ) -> AlignedHeading:
-    """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the constant offset that fits the track's course best.
+    """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the offset that fits the track's course best.
 
-    The offset is a circular mean of course minus yaw over moving instants where
-    the sensor was on, weighted with the squared speed, since a course's variance
-    falls with it. Starting at the best of 36 directions and letting the weights
-    fall with the residual, sideways or backward steps in the minority do not
-    count. A tag that sits tag_ahead_m in front of base swings out in turns, by
-    arcsin(yaw rate x tag_ahead_m / speed), which is taken out. Where nothing
-    moved the offset is zero and its std infinite.
+    The offset is constant, or for a sensor with a drift rate a line in time;
+    see fit_offset. It is fitted to course minus
+    yaw over moving instants where the sensor was on, weighted with one over the
+    course's variance. A tag that sits tag_ahead_m in front of base swings out
+    in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken out.
+    Where nothing moved, or course and yaw have nothing in common, the offset is
+    zero and its std infinite.
     """
     if len(yaw_t_ns) == 0:
-        return AlignedHeading(np.zeros(len(track)), 0.0, np.inf, 0.0)
+        return AlignedHeading(np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD))
     sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    speed = _speed(track)
-    use = (speed >= hold_below_mps) & (track.t_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
-    if not use.any():
-        return AlignedHeading(sensor, 0.0, np.inf, 0.0)
-    course = np.arctan2(track.velocity_mps[use, 1], track.velocity_mps[use, 0])
-    swing = tag_ahead_m * _yaw_rate(track.t_ns[use], yaw_t_ns, yaw_rad) / speed[use]
-    difference, weight = wrap_angle(course - np.arcsin(swing.clip(-1, 1)) - sensor[use]), speed[use] ** 2
-
-    offset = _best_direction(difference, weight)
-    residual = wrap_angle(difference - offset)
-    scale = 1.0
-    for _ in range(50):
-        scale = 2 * max(float(np.median(np.abs(residual))), 1e-6)
-        step = float(np.average(residual, weights=weight / (1 + (residual / scale) ** 2)))
-        offset, residual = offset + step, wrap_angle(residual - step)
-        if abs(step) < 1e-6:
-            break
-    std, moving_s = _std_of_offset(residual, weight, scale, track.t_ns[use])
-    return AlignedHeading(wrap_angle(sensor + offset), float(wrap_angle(np.asarray(offset))), std, moving_s)
-
-
-def align_yaw_causally(track: Track, yaw_t_ns: Int, yaw_rad: Float, hold_below_mps: float = HOLD_BELOW_MPS) -> Float:
-    """(T,) the sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
-
-    The running circular mean of course minus yaw, weighted as in align_yaw,
-    but with no second look: what a robot could have known then.
-    """
-    if len(yaw_t_ns) == 0:
-        return np.zeros(len(track))
-    sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    speed = _speed(track)
-    moving = (speed >= hold_below_mps) & (track.t_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
-    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
-    told = np.cumsum(np.where(moving, speed**2, 0.0) * np.exp(1j * (course - sensor)))
-    return wrap_angle(sensor + np.angle(told))
-
-
-def _speed(track: Track) -> Float:
-    speed: Float = np.hypot(track.velocity_mps[:, 0], track.velocity_mps[:, 1])
-    return speed
-
-
-def _best_direction(difference_rad: Float, weight: Float) -> float:
-    """The direction, of 36, with the least weighted sum of absolute differences."""
-    directions = np.arange(36) * (2 * np.pi / 36)
-    cost = [float(np.sum(weight * np.abs(wrap_angle(difference_rad - each)))) for each in directions]
-    return float(directions[int(np.argmin(cost))])
-
-
-def _yaw_rate(t_ns: Int, yaw_t_ns: Int, yaw_rad: Float) -> Float:
-    """(N,) mean yaw rate over half a second about each instant, which is as sharp as a track is."""
-    behind_ns, ahead_ns = (np.clip(t_ns + side, yaw_t_ns[0], yaw_t_ns[-1]) for side in (-BLOCK_NS // 4, BLOCK_NS // 4))
-    turned = wrap_angle(
-        interpolate_angle(ahead_ns, yaw_t_ns, yaw_rad) - interpolate_angle(behind_ns, yaw_t_ns, yaw_rad)
+    differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, hold_below_mps, np.zeros(len(track)))
+    if len(differences.t_s) == 0:
+        return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD))
+    fit = fit_offset(differences, drift)
+    moving_s = float(len(np.unique(differences.t_s // LOOK_S)))
+    if not fit.told:
+        return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD), moving_s=moving_s)
+    t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
+    offset_std, drift_std = np.sqrt(np.diag(fit.covariance))
+    return AlignedHeading(
+        yaw_rad=wrap_angle(sensor + fit.at(t_s)),
+        yaw_std_rad=_with_silence(fit.std_at(t_s), track.t_ns, yaw_t_ns),
+        offset_rad=fit.offset_rad,
+        std_rad=float(offset_std),
+        drift_radps=fit.drift_radps,
+        drift_std_radps=float(drift_std),
+        moving_s=moving_s,
+        spread_rad=fit.spread_rad,
+        askew_share=fit.askew_share,
     )
-    return turned / np.maximum((ahead_ns - behind_ns) * 1e-9, 1e-9)
 
 
-def _std_of_offset(residual_rad: Float, weight: Float, scale_rad: float, t_ns: Int) -> tuple[float, float]:
-    """Std of the robust mean from the scatter of one-second blocks, and the number of blocks, in seconds.
+def align_yaw_causally(
+    track: Track,
+    yaw_t_ns: Int,
+    yaw_rad: Float,
+    tag_ahead_m: float = 0.0,
+    hold_below_mps: float = HOLD_BELOW_MPS,
+    drift: SensorDrift = NO_DRIFT,
+) -> CausalHeading:
+    """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
 
-    The mean solves sum w psi(r) = 0 with psi = r / (1 + u^2), u = r/scale; its
-    variance is sum (w psi)^2 / (sum w psi')^2. One block shows no scatter: the
-    rms of its residuals stands for the std.
+    The fit of align_yaw to what was known then: again whenever there is
+    REFIT_GROWTH as much of it. Until the first motion the sensor's yaw is
+    not turned, and its std that of a direction of which nothing is known.
     """
-    _, block = np.unique((t_ns - t_ns[0]) // BLOCK_NS, return_inverse=True)
-    n = int(block.max()) + 1
-    if n == 1:
-        return float(np.sqrt(np.average(residual_rad**2, weights=weight))), 1.0
-    u2 = (residual_rad / scale_rad) ** 2
-    pull = np.bincount(block, weight * residual_rad / (1 + u2), n)
-    # Residuals all over the circle make psi' cancel: the floor keeps the std finite, and large.
-    slope = max(float(np.sum(weight * (1 - u2) / (1 + u2) ** 2)), 0.1 * float(np.sum(weight / (1 + u2))))
-    return float(np.sqrt(np.sum(pull**2) * n / (n - 1)) / slope), float(n)
+    told, std = np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD)
+    spread = np.full(len(track), np.inf)
+    if len(yaw_t_ns) == 0 or len(track) == 0:
+        return CausalHeading(told, std, spread)
+    differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, hold_below_mps, filter_lag_s(track))
+    t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
+    counts = _refits(len(over_ns))
+    begins = np.append(np.searchsorted(track.t_ns, over_ns[np.array(counts, dtype=np.int64) - 1]), len(track))
+    for count, begin, end in zip(counts, begins[:-1], begins[1:], strict=True):
+        fit = fit_offset(differences.until(count), drift)
+        told[begin:end] = fit.at(t_s[begin:end])
+        if fit.told:
+            std[begin:end], spread[begin:end] = fit.std_at(t_s[begin:end]), fit.spread_rad
+    sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
+    return CausalHeading(wrap_angle(sensor + told), _with_silence(std, track.t_ns, yaw_t_ns), spread)
+
+
+def _refits(groups: int) -> list[int]:
+    """After how many groups a causal offset is fitted."""
+    counts: list[int] = []
+    count = 1
+    while count <= groups:
+        counts.append(count)
+        count += min(max(1, int(count * (REFIT_GROWTH - 1))), REFIT_GROUPS)
+    return counts
+
+
+def _differences(
+    track: Track, yaw_t_ns: Int, yaw_rad: Float, tag_ahead_m: float, hold_below_mps: float, lag_s: Float
+) -> tuple[CourseDifferences, Int]:
+    """Course minus the yaw lag_s (T,) before, in groups wherever the motion tells, and when (N,) each is over."""
+    speed, std = speed_of(track), np.maximum(course_std(track), MIN_COURSE_STD_RAD)
+    seen_ns = track.t_ns - np.rint(lag_s * 1e9).astype(np.int64)
+    use = (speed >= hold_below_mps) & (std <= 1 / TOLD_BY_STD)
+    use &= (seen_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
+    if not use.any():
+        return CourseDifferences(np.empty(0), np.empty(0), np.empty(0)), np.empty(0, dtype=np.int64)
+    t_ns, seen_ns, weight = track.t_ns[use], seen_ns[use], std[use] ** -2
+    # Of a late course the future is known as far as it is late; of a smoothed one, all.
+    ahead_ns = np.where(lag_s[use] > 0, np.minimum(t_ns - seen_ns, RATE_NS), RATE_NS)
+    swing = tag_ahead_m * _yaw_rate(seen_ns, ahead_ns, yaw_t_ns, yaw_rad) / speed[use]
+    course = np.arctan2(track.velocity_mps[use, 1], track.velocity_mps[use, 0]) - np.arcsin(swing.clip(-1, 1))
+    difference = course - interpolate_angle(seen_ns, yaw_t_ns, yaw_rad)
+
+    cell, group = np.unique((t_ns - track.t_ns[0]) // GROUP_NS, return_inverse=True)
+    count = np.bincount(group)
+    east, north = (np.bincount(group, weight * each(difference)) for each in (np.cos, np.sin))
+    t_s = np.bincount(group, seconds_since(t_ns, int(track.t_ns[0]))) / count
+    grouped = CourseDifferences(t_s, np.arctan2(north, east), np.bincount(group, weight) / count)
+    return grouped, track.t_ns[0] + (cell + 1) * GROUP_NS
+
+
+def _yaw_rate(t_ns: Int, ahead_ns: Int, yaw_t_ns: Int, yaw_rad: Float) -> Float:
+    """(N,) mean yaw rate from RATE_NS before each instant until ahead_ns (N,) after it."""
+    behind_ns, end_ns = (np.clip(each, yaw_t_ns[0], yaw_t_ns[-1]) for each in (t_ns - RATE_NS, t_ns + ahead_ns))
+    turned = wrap_angle(interpolate_angle(end_ns, yaw_t_ns, yaw_rad) - interpolate_angle(behind_ns, yaw_t_ns, yaw_rad))
+    return turned / np.maximum((end_ns - behind_ns) * 1e-9, 1e-9)
+
+
+def _with_silence(std_rad: Float, t_ns: Int, yaw_t_ns: Int) -> Float:
+    """(T,) std at t_ns, grown with the time to the sensor's nearest yaw, as a held course's does."""
+    after = np.searchsorted(yaw_t_ns, t_ns).clip(max=len(yaw_t_ns) - 1)
+    nearest_ns = np.minimum(np.abs(yaw_t_ns[after] - t_ns), np.abs(t_ns - yaw_t_ns[(after - 1).clip(0)]))
+    return np.minimum(np.hypot(std_rad, TURN_STD_RADPS * nearest_ns * 1e-9), UNKNOWN_YAW_STD_RAD)

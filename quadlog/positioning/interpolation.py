@@ -25,6 +25,11 @@ def interpolate_poses(
     gap_ns = np.maximum(np.abs(t_ns_wanted - t_ns[before]), np.abs(t_ns[after] - t_ns_wanted))
     valid = gap_ns <= max_gap_s * 1e9
 
+    # Only the poses about the instants asked for: a call per scan must not cost the length of the log.
+    nearby = slice(int(before.min(initial=len(t_ns))), int(after.max(initial=0)) + 1)
+    t_ns, xy_m, yaw_rad = t_ns[nearby], xy_m[nearby], yaw_rad[nearby]
+    if len(t_ns) == 0:
+        return xy, yaw, valid
     start_ns = int(t_ns[0])
     wanted_s, known_s = seconds_since(t_ns_wanted[valid], start_ns), seconds_since(t_ns, start_ns)
     for axis in range(2):

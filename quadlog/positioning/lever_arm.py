@@ -17,6 +17,16 @@ def base_to_tag(base_m: Float, yaw_rad: Float, x_m: float, y_m: float) -> Float:
     return base_m + _turned(yaw_rad, x_m, y_m)
 
 
+def base_covariance(tag_covariance_m2: Float, yaw_rad: Float, yaw_std_rad: Float, x_m: float, y_m: float) -> Float:
+    """Covariance (N, 2, 2) of tag_to_base's positions, from that of the tag's (N, 2, 2) and the std (N,) of yaw.
+
+    To first order, with J = -dR/dyaw (x_m, y_m): the errors of tag and yaw are taken to be independent.
+    """
+    along_m = _turned(yaw_rad, y_m, -x_m) * yaw_std_rad[:, None]
+    covariance: Float = tag_covariance_m2 + along_m[:, :, None] * along_m[:, None, :]
+    return covariance
+
+
 def _turned(yaw_rad: Float, x_m: float, y_m: float) -> Float:
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m], axis=-1)

@@ -8,12 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.positioning.body_motion import BodyMotion, MeasuredVelocity, measure_velocity
 from quadlog.positioning.calibration import AnchorBias, estimate_anchor_bias
-from quadlog.positioning.epochs import Epochs, group_epochs
-from quadlog.positioning.fixes import Fixes, require_spread
-from quadlog.positioning.gauss_newton import solve_gauss_newton
+from quadlog.positioning.epochs import Epochs, derive_epoch_s, group_epochs
+from quadlog.positioning.fixes import Fixes
+from quadlog.positioning.fixing import (
+    FixSettings,
+    Height,
+    Mirror,
+    anchors_on_line,
+    fix_near,
+    fix_on_side,
+    fix_tag,
+    solve_height,
+)
+from quadlog.positioning.interpolation import interpolate_poses
 from quadlog.positioning.screening import RangeCounts, screen_ranges
-from quadlog.positioning.tracker import Track, track_ranges
+from quadlog.positioning.tracker import Track, TrackedRanges, track_ranges
+from quadlog.positioning.velocity import VelocitySeries
+
+HEIGHT_STD_M = 0.5
+"""How far the given height of a tag whose height is tracked may be off: what a person lifts or lowers it by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,16 +42,21 @@ class Anchors:
 
 @dataclass(frozen=True, slots=True)
 class TagInfo:
-    """A tag to locate, and its height in map."""
+    """A tag to locate, and its height in map; body_motion: odometry of what carries it, at x_m, y_m in base."""
 
     id: int
     height_m: float
+    body_motion: BodyMotion | None = None
+    x_m: float = 0.0
+    y_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
     """How ranges become positions.
 
+    method, height, mirror: as the configuration's section `uwb` explains them.
+    epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
     calibrate: estimate each link's constant bias and subtract it where significant.
     smooth: tracks smoothed over the whole log. False makes every pose of the track causal given the
     biases; with calibrate the biases still come from the whole log.
@@ -45,11 +65,19 @@ class LocateSettings:
     range_std_m: float = 0.1
     min_range_m: float = 0.05
     max_range_m: float = 300.0
-    epoch_s: float = 0.05
+    epoch_s: float | None = None
     outlier_m: float = 0.5
     acceleration_std_mps2: float = 1.0
+    method: str = "gauss_newton"
+    height: Height = "auto"
+    mirror: Mirror = "refuse"
     calibrate: bool = True
     smooth: bool = True
+
+    @property
+    def fix(self) -> FixSettings:
+        """What concerns single fixes."""
+        return FixSettings(self.range_std_m, self.outlier_m, self.method, self.height, self.mirror)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +99,17 @@ class RangeRows:
 class TagResult:
     """All that is known of one tag. Fixes are calibrated, not smoothed, one row per epoch at fix_t_ns (E,).
 
+    epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
-    n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges before a track starts.
+    n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
+    restart_ns, excess: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as measured.
+    velocity: what odometry told of the tag's motion, None where there is none.
     """
 
     tag: int
     height_m: float
+    epoch_s: float
+    height_solved: bool
     fix_t_ns: Int
     fixes: Fixes
     ranges: RangeRows
@@ -86,48 +119,73 @@ class TagResult:
     n_too_few: int
     n_degenerate: int
     n_untracked: int
+    restart_ns: Int
+    excess: float
+    epochs: Epochs
+    velocity: MeasuredVelocity | None
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """One result per tag, in the order asked for, and the counts of all ranges."""
+    """One result per tag, in the order asked for, the counts of all ranges, and whether the anchors lie on a line."""
 
     tags: tuple[TagResult, ...]
     counts: RangeCounts
+    on_line: bool
 
 
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
     """Fixes and tracks of each tag by itself, from all ranges of a log.
 
     Raises MissingInput for fewer than three anchors, AnchorsCollinear where all
-    lie on one line, TooLarge for a log beyond what is allocated.
+    lie on one line and no side of it was asked for, UnknownName for a method
+    that is none, TooLarge for a log beyond what is allocated.
     """
-    require_spread(anchors.ids, anchors.position_m, settings.range_std_m)
+    on_line = anchors_on_line(anchors.ids, anchors.position_m, settings.fix)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
-    return Located(tuple(_locate_tag(usable, anchors, tag, settings) for tag in tags), counts)
+    step = _locate_on_side if on_line else _locate_tag
+    return Located(tuple(step(usable, anchors, tag, settings) for tag in tags), counts, on_line)
 
 
 def _locate_tag(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
-    epochs = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
+    epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
     bias, bias_m = _find_bias(epochs, anchors, tag, settings)
-    fixes = solve_gauss_newton(
-        anchors.position_m, epochs.range_m - bias_m, tag.height_m, settings.range_std_m, settings.outlier_m
-    )
-    rows, track = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings)
-    return TagResult(
-        tag=tag.id,
-        height_m=tag.height_m,
-        fix_t_ns=epochs.t_ns,
-        fixes=fixes,
-        ranges=rows,
-        track=track,
-        bias=bias,
-        bias_m=bias_m,
-        n_too_few=int((fixes.n_ranges < 3).sum()),
-        n_degenerate=int(fixes.degenerate.sum()),
-        n_untracked=int(np.isnan(rows.predicted_m).sum()),
-    )
+    unbiased_m = epochs.range_m - bias_m
+    solved = solve_height(anchors.position_m, unbiased_m, tag.height_m, settings.fix)
+    fixes = fix_tag(anchors.position_m, unbiased_m, None if solved else tag.height_m, settings.fix)
+    height_std_m = HEIGHT_STD_M if solved else 0.0
+    rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m)
+    velocity = _measure_velocity(tag, tracked, settings)
+    if velocity is not None and velocity.series is not None:
+        told = velocity.series
+        rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m, told)
+    return _result(tag, epoch_s, solved, epochs, fixes, rows, tracked, bias, bias_m, velocity)
+
+
+def _measure_velocity(tag: TagInfo, tracked: TrackedRanges, settings: LocateSettings) -> MeasuredVelocity | None:
+    if tag.body_motion is None:
+        return None
+    return measure_velocity(tag.body_motion, tracked.track, tag.x_m, tag.y_m, causal=not settings.smooth)
+
+
+def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
+    """With anchors on a line: the track keeps to the side it starts on, and the fixes to the track's."""
+    epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
+    unbiased_m = epochs.range_m - anchors.known_bias_m
+    first = fix_on_side(anchors.position_m, unbiased_m, tag.height_m, settings.fix)
+    rows, tracked = _track_tag(ranges, anchors, tag, anchors.known_bias_m, epochs, first, settings, 0.0)
+    track = tracked.track
+    start_m, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, np.zeros(len(track)), epoch_s)
+    fixes = fix_near(anchors.position_m, unbiased_m, tag.height_m, settings.fix, start_m)
+    return _result(tag, epoch_s, False, epochs, fixes, rows, tracked, None, anchors.known_bias_m, None)
+
+
+def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> tuple[float, Epochs]:
+    epoch_s = settings.epoch_s
+    if epoch_s is None:
+        epoch_s = derive_epoch_s(ranges, tag.id, anchors.ids)
+    return epoch_s, group_epochs(ranges, tag.id, anchors.ids, epoch_s)
 
 
 def _find_bias(
@@ -150,7 +208,9 @@ def _track_tag(
     epochs: Epochs,
     fixes: Fixes,
     settings: LocateSettings,
-) -> tuple[RangeRows, Track]:
+    height_std_m: float,
+    velocity: VelocitySeries | None = None,
+) -> tuple[RangeRows, TrackedRanges]:
     mine = ranges.tag == tag.id
     t_ns, anchor, range_m = ranges.t_ns[mine], ranges.anchor[mine], ranges.range_m[mine]
     order = np.argsort(anchors.ids)
@@ -167,6 +227,41 @@ def _track_tag(
         range_std_m=settings.range_std_m,
         acceleration_std_mps2=settings.acceleration_std_mps2,
         smooth=settings.smooth,
+        tag_height_std_m=height_std_m,
+        velocity=velocity,
     )
-    rows = RangeRows(t_ns, anchor, range_m, tracked.predicted_m + bias_m[column], tracked.weight)
-    return rows, tracked.track
+    return RangeRows(t_ns, anchor, range_m, tracked.predicted_m + bias_m[column], tracked.weight), tracked
+
+
+def _result(
+    tag: TagInfo,
+    epoch_s: float,
+    height_solved: bool,
+    epochs: Epochs,
+    fixes: Fixes,
+    rows: RangeRows,
+    tracked: TrackedRanges,
+    bias: AnchorBias | None,
+    bias_m: Float,
+    velocity: MeasuredVelocity | None,
+) -> TagResult:
+    fewest = 4 if height_solved else 3
+    return TagResult(
+        tag=tag.id,
+        height_m=tag.height_m,
+        epoch_s=epoch_s,
+        height_solved=height_solved,
+        fix_t_ns=epochs.t_ns,
+        fixes=fixes,
+        ranges=rows,
+        track=tracked.track,
+        bias=bias,
+        bias_m=bias_m,
+        n_too_few=int((fixes.n_ranges < fewest).sum()),
+        n_degenerate=int(fixes.degenerate.sum()),
+        n_untracked=int(np.isnan(rows.predicted_m).sum()),
+        restart_ns=tracked.restart_ns,
+        excess=tracked.excess,
+        epochs=epochs,
+        velocity=velocity,
+    )

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
-from quadlog.positioning.kalman import filter_ranges, smooth_states
+from quadlog.positioning.consistency import NOISE_SHARE, Tally, excess_variance, total_excess
+from quadlog.positioning.kalman import Motion
+from quadlog.positioning.range_log import RangeLog, Stretch, predict_rows
+from quadlog.positioning.smoothing import smooth_stretch, smoothed_slope
+from quadlog.positioning.stretches import follow
+from quadlog.positioning.velocity import VelocitySeries, sample_velocity
 
-LOST_AFTER_S = 2.0
-"""After so long without a range the track starts anew from a fix."""
 ACCELERATION_LASTS_S = 0.1
 """Correlation time of a walker's acceleration, about half a step: density = std^2 x this, in m^2/s^3."""
-START_COVARIANCE = np.diag([0.5**2, 0.5**2, 1.0**2, 1.0**2])
-"""How well a first fix and standing still are believed; wide, because the fix's ranges are used again."""
-LONG_STD, SHORT_STD = 1.0, 4.0
-"""Residuals, in std, where the causal filter's weights begin to fall: late paths exist, early ones hardly do."""
-SMOOTHING_SHORT_STD = 8.0
-SMOOTHING_PASSES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +25,7 @@ class Track:
     t_ns: (T,) strictly increasing; position_m, velocity_mps: (T, 2) in map.
     covariance_m2, velocity_covariance_m2ps2: (T, 2, 2) of each of them.
     z_m, z_std_m: (T,) height in map; where it was given instead of tracked, that, and a std of zero.
+    position_excess: (T,) or (1,), by how much covariance_m2 was raised for range errors that are not white.
     """
 
     t_ns: Int
@@ -39,6 +35,7 @@ class Track:
     velocity_covariance_m2ps2: Float
     z_m: Float
     z_std_m: Float
+    position_excess: Float = field(default_factory=lambda: np.ones(1))
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -48,24 +45,16 @@ class Track:
 class TrackedRanges:
     """A track, and what it makes of each of N ranges.
 
-    predicted_m: (N,), NaN before the track starts. weight: (N,), one for full trust, near zero for NLOS,
-    zero before the track starts.
+    predicted_m: (N,), NaN off the track. weight: (N,), one for full trust, near zero for NLOS, zero off the track.
+    restart_ns: (R,) where a track that had left its tag, although ranges kept coming, started anew.
+    excess: variance of what ranges tell over what white noise would make it, see `consistency`.
     """
 
     track: Track
     predicted_m: Float
     weight: Float
-
-
-@dataclass(frozen=True, slots=True)
-class _Stretch:
-    """Rows of ranges between two losses, from the first fix on, indexed by instant."""
-
-    t_s: Float
-    first_row: Int
-    anchor: Int
-    range_m: Float
-    start_state: Float
+    restart_ns: Int
+    excess: float
 
 
 def track_ranges(
@@ -80,104 +69,112 @@ def track_ranges(
     range_std_m: float,
     acceleration_std_mps2: float,
     smooth: bool,
+    tag_height_std_m: float = 0.0,
+    velocity: VelocitySeries | None = None,
 ) -> TrackedRanges:
     """Track one tag from N ranges in time order to anchors_m (A, 3), with anchor (N,) an index into them.
 
-    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts, at
-    the beginning and after LOST_AFTER_S without ranges. Ranges are used one by
-    one, so asynchronous ones need no epoch.
+    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts: at
+    the beginning, after a gap, and where they show that the track has left its
+    tag (`stretches`, `loss`). Ranges are used one by one, so asynchronous ones
+    need no epoch. With tag_height_std_m above zero the height is tracked too,
+    about its known mean. A measured velocity of the tag joins in where given.
 
     Causal (smooth=False): a pose depends on ranges up to its own instant only.
     Long residuals lose weight as 1/residual, so that an NLOS burst pulls with
     bounded force, while no gate ever locks the filter out of the truth.
-    Smoothed: that result, smoothed, then passes with one-sided Cauchy weights
-    from the smoothed residuals; these fall fast enough to silence a burst that
-    the motion before and after it contradicts.
+    Smoothed: that result, smoothed, with weights from its own residuals
+    (`smoothing`). Positions' covariances grow with what the residuals show of
+    errors that are not white (`consistency`).
     """
     instant_ns, first_row = np.unique(t_ns, return_index=True)
-    first_row = np.append(first_row, len(t_ns)).astype(np.int64)
-    density = acceleration_std_mps2**2 * ACCELERATION_LASTS_S
-    slant_m2 = (tag_height_m - anchors_m[:, 2]) ** 2
-    weight, predicted_m = np.zeros(len(t_ns)), np.full(len(t_ns), np.nan)
-    parts: list[tuple[Int, Float, Float]] = []
-    for begin, end in _stretches(instant_ns):
-        fix = int(np.searchsorted(fix_t_ns, instant_ns[begin]))
-        if fix == len(fix_t_ns) or fix_t_ns[fix] > instant_ns[end - 1]:
-            continue
-        begin = int(np.searchsorted(instant_ns, fix_t_ns[fix]))
-        rows = slice(first_row[begin], first_row[end])
-        stretch = _Stretch(
-            seconds_since(instant_ns[begin:end], int(instant_ns[begin])),
-            first_row[begin : end + 1] - first_row[begin],
-            anchor[rows],
-            range_m[rows],
-            np.append(fix_m[fix], [0.0, 0.0]),
+    log = RangeLog(
+        instant_ns,
+        np.append(first_row, len(t_ns)).astype(np.int64),
+        np.asarray(anchor, dtype=np.int64),
+        range_m,
+        *sample_velocity(velocity, instant_ns, causal=not smooth),
+        fix_t_ns,
+        fix_m,
+        anchors_m,
+        range_std_m,
+        Motion(acceleration_std_mps2**2 * ACCELERATION_LASTS_S, tag_height_m, tag_height_std_m),
+    )
+    judge = _judge_smoothed if smooth else _judge_causal
+    return _gather(log, [judge(log, stretch) for stretch in follow(log, causal=not smooth)], causal=not smooth)
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """A stretch, its rows' predicted_m and direction from the anchor, and the slope of weight x residual."""
+
+    stretch: Stretch
+    predicted_m: Float
+    unit: Float
+    slope: Float
+
+
+def _judge_causal(log: RangeLog, stretch: Stretch) -> _Judged:
+    """Beyond a Huber limit the pull does not change with the residual, within it one to one."""
+    return _Judged(stretch, *predict_rows(log, stretch), (stretch.weight >= 1).astype(np.float64))
+
+
+def _judge_smoothed(log: RangeLog, stretch: Stretch) -> _Judged:
+    smoothed = smooth_stretch(log, stretch)
+    return _Judged(smoothed, *predict_rows(log, smoothed), smoothed_slope(log, smoothed))
+
+
+def _gather(log: RangeLog, judged: list[_Judged], *, causal: bool) -> TrackedRanges:
+    weight, predicted_m = np.zeros(len(log.range_m)), np.full(len(log.range_m), np.nan)
+    tally = Tally()
+    excess: list[Float] = [np.empty(0)]
+    for each in judged:
+        stretch = each.stretch
+        rows = slice(log.first_row[stretch.begin], log.first_row[stretch.end])
+        weight[rows], predicted_m[rows] = stretch.weight, each.predicted_m
+        factor, tally = excess_variance(
+            tally,
+            log.first_row[stretch.begin : stretch.end + 1] - rows.start,
+            log.anchor[rows],
+            log.range_m[rows] - each.predicted_m,
+            stretch.weight,
+            each.slope,
+            each.unit,
+            np.ascontiguousarray(stretch.covariances[:, log.where][:, :, log.where]),
+            log.range_std_m,
         )
-        states, covariances, weight[rows] = _track_stretch(
-            stretch, anchors_m[:, :2], slant_m2, range_std_m, density, smooth=smooth
-        )
-        predicted_m[rows] = _predict_rows(stretch, states, anchors_m[:, :2], slant_m2)
-        parts.append((instant_ns[begin:end], states, covariances))
-    return TrackedRanges(_join(parts, tag_height_m), predicted_m, weight)
+        excess.append(factor)
+    total = total_excess(tally, log.range_std_m)
+    factor = np.concatenate(excess)
+    stretches = [each.stretch for each in judged]
+    track = _join(log, stretches, factor if causal else np.full(len(factor), total))
+    restart_ns = np.array([log.instant_ns[each.begin] for each in stretches if each.restarted], dtype=np.int64)
+    return TrackedRanges(track, predicted_m, weight, restart_ns, total)
 
 
-def _stretches(instant_ns: Int) -> list[tuple[int, int]]:
-    """[begin, end) of instants without a gap longer than LOST_AFTER_S."""
-    if len(instant_ns) == 0:
-        return []
-    after_gap = np.flatnonzero(np.diff(instant_ns) > LOST_AFTER_S * 1e9) + 1
-    return list(pairwise([0, *after_gap.tolist(), len(instant_ns)]))
+def _join(log: RangeLog, stretches: list[Stretch], excess: Float) -> Track:
+    """One track, its positions' variance raised by excess (T,) in what ranges brought to it.
 
-
-def _track_stretch(
-    stretch: _Stretch, anchor_xy_m: Float, slant_m2: Float, std_m: float, density: float, *, smooth: bool
-) -> tuple[Float, Float, Float]:
-    """States (T, 4), covariances (T, 4, 4) and weights (N,) of one stretch."""
-
-    def run(given_weight: Float, long_m: float, short_m: float) -> tuple[Float, Float, Float]:
-        return filter_ranges(
-            stretch.t_s,
-            stretch.first_row,
-            stretch.anchor,
-            stretch.range_m,
-            anchor_xy_m,
-            slant_m2,
-            stretch.start_state,
-            START_COVARIANCE,
-            given_weight,
-            std_m,
-            density,
-            long_m,
-            short_m,
-        )
-
-    states, covariances, weight = run(np.ones(len(stretch.range_m)), LONG_STD * std_m, SHORT_STD * std_m)
-    if not smooth:
-        return states, covariances, weight
-    states, covariances = smooth_states(stretch.t_s, states, covariances, density)
-    for _ in range(SMOOTHING_PASSES):
-        residual_m = stretch.range_m - _predict_rows(stretch, states, anchor_xy_m, slant_m2)
-        scale_m = np.where(residual_m > 0, LONG_STD, SMOOTHING_SHORT_STD) * std_m
-        before, weight = weight, 1 / (1 + (residual_m / scale_m) ** 2)
-        filtered = run(weight, np.inf, np.inf)
-        states, covariances = smooth_states(stretch.t_s, filtered[0], filtered[1], density)
-        if np.abs(weight - before).max() < 0.01:
-            break
-    return states, covariances, weight
-
-
-def _predict_rows(stretch: _Stretch, states: Float, anchor_xy_m: Float, slant_m2: Float) -> Float:
-    """(N,) distance of each range's anchor from the state at its instant."""
-    position_m = np.repeat(states[:, :2], np.diff(stretch.first_row), axis=0)
-    offset_m = position_m - anchor_xy_m[stretch.anchor]
-    predicted: Float = np.sqrt((offset_m**2).sum(axis=1) + slant_m2[stretch.anchor])
-    return predicted
-
-
-def _join(parts: list[tuple[Int, Float, Float]], height_m: float) -> Track:
-    none = np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty((0, 4, 4))
-    t_ns, states, covariances = (np.concatenate(column) for column in zip(none, *parts, strict=True))
-    position_m, velocity_mps = states[:, :2].copy(), states[:, 2:].copy()
-    covariance_m2, velocity_covariance_m2ps2 = covariances[:, :2, :2].copy(), covariances[:, 2:, 2:].copy()
-    z_m, z_std_m = np.full(len(t_ns), height_m), np.zeros(len(t_ns))
-    return Track(t_ns, position_m, velocity_mps, covariance_m2, velocity_covariance_m2ps2, z_m, z_std_m)
+    Velocities keep theirs: errors that persist move a place, and hardly a velocity.
+    """
+    n = len(log.where) + 2
+    t_ns = np.concatenate([np.empty(0, np.int64), *(log.instant_ns[each.begin : each.end] for each in stretches)])
+    states = np.concatenate([np.empty((0, n)), *(each.states for each in stretches)])
+    covariances = np.concatenate([np.empty((0, n, n)), *(each.covariances for each in stretches)])
+    position_excess = 1 + NOISE_SHARE * (excess - 1)
+    z_m, z_std_m = np.full(len(t_ns), log.motion.height_m), np.zeros(len(t_ns))
+    if n == 5:
+        variance = covariances[:, 4, 4]
+        # What the known mean tells of a height is no range's doing.
+        from_ranges = variance * (1 - variance / log.motion.height_std_m**2).clip(0)
+        z_m, z_std_m = states[:, 4].copy(), np.sqrt(variance + NOISE_SHARE * (excess - 1) * from_ranges)
+    return Track(
+        t_ns=t_ns,
+        position_m=states[:, :2].copy(),
+        velocity_mps=states[:, 2:4].copy(),
+        covariance_m2=covariances[:, :2, :2] * position_excess[:, None, None],
+        velocity_covariance_m2ps2=covariances[:, 2:4, 2:4].copy(),
+        z_m=z_m,
+        z_std_m=z_std_m,
+        position_excess=position_excess,
+    )

@@ -23,7 +23,9 @@ from quadlog.messages import (
 )
 from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.repeated_stamps import backward_steps, repeated_rows
 from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.words import stamps_go_back
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,10 @@ def gather(
     """Read the named topics once (static transforms apart: they count from before start_ns too).
 
     Times of each series increase strictly: a message whose stamp does not is
-    dropped and counted in warnings. Ranges are sorted instead. Raises ClocksDiffer.
+    dropped and counted in warnings. Ranges are sorted instead, as far as their
+    messages may have overtaken one another; where a link's stamps go back
+    farther, what it stamps a second time is dropped and counted, because two
+    walks would interleave. Raises ClocksDiffer.
     """
     sinks = _Sinks(uwb, odometry, imu, reference, target)
     static = [topic for topic in tf if topic.rsplit("/", 1)[-1] == "tf_static"]
@@ -106,6 +111,8 @@ class _Sinks:
         self.uwb, self.imu_topic = set(uwb), imu
         self.pose_topics = {"odometry": odometry, "reference": reference, "target": target}
         self.ranges = _Columns(4)
+        self.range_topic: array[int] = array("q")  # beside ranges, into range_topics
+        self.range_topics: dict[str, int] = {}
         self.nameless: dict[str, int] = {}
         self.poses = {role: _Columns(13) for role in self.pose_topics}
         self.imu = _Columns(7)
@@ -137,6 +144,7 @@ class _Sinks:
         for anchor, range_m, gap in zip(message.anchor.tolist(), message.range_m.tolist(), gaps.tolist(), strict=True):
             self.ranges.t_ns.append(t_ns)
             self.ranges.values.extend((message.tag, anchor, range_m, gap))
+            self.range_topic.append(self.range_topics.setdefault(topic, len(self.range_topics)))
 
     def _take_pose(self, t_ns: int, topic: str, message: Pose | Odometry) -> None:
         twist = [0.0] * 6
@@ -176,10 +184,35 @@ class _Sinks:
         t_ns, values = self.ranges.arrays()
         if len(t_ns) == 0:
             return None, None
+        t_ns, values = self._on_one_clock(t_ns, values)
         order = np.argsort(t_ns, kind="stable")
         t_ns, values = t_ns[order], values[order]
         tag, anchor = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
         return RangeSeries(t_ns, tag, anchor, values[:, 2].copy()), values[:, 3].copy()
+
+    def _on_one_clock(self, t_ns: Int, values: Float) -> tuple[Int, Float]:
+        """Both columns without what a clock that was set back stamps a second time; each such topic is told.
+
+        Link by link: tags that share a topic may be late by different amounts.
+        """
+        topic = np.array(self.range_topic, np.int64)
+        order = np.lexsort((values[:, 1], values[:, 0], topic))
+        link = np.column_stack([topic, values[:, :2]])[order]
+        repeated, back_ns = np.zeros(len(t_ns), dtype=bool), np.zeros(len(t_ns), dtype=np.int64)
+        for rows in np.split(order, np.flatnonzero((link[1:] != link[:-1]).any(axis=1)) + 1):
+            steps = backward_steps(t_ns[rows])
+            if len(steps):
+                repeated[rows] = repeated_rows(t_ns[rows])
+                back_ns[rows[steps]] = t_ns[rows[steps - 1]] - t_ns[rows[steps]]
+        for name, index in self.range_topics.items():
+            mine = topic == index
+            worst = int(np.argmax(np.where(mine, back_ns, 0)))
+            if back_ns[worst]:
+                self.warnings.append(
+                    f"{stamps_go_back(name, int(back_ns[worst]), int(t_ns[worst]))}; {repeated[mine].sum()} ranges "
+                    "whose stamps repeat or run ahead of others are dropped; take log times with  --stamp log"
+                )
+        return t_ns[~repeated], values[~repeated]
 
     def _pose_series(self, role: str) -> tuple[PoseSeries | None, Float]:
         column = self.poses[role]

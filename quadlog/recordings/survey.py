@@ -32,6 +32,8 @@ class TopicSurvey:
     over the first thousand messages, None without header. clock_jump_s: how far
     apart the largest and the smallest of these differences lie, over all
     messages of types that quadlog reads; static transforms may be of any age.
+    clock_back_ns, clock_back_to_ns: the farthest that header stamps of one sender's
+    ranges go back from message to message, and to when; zero where they never do.
     """
 
     name: str
@@ -45,17 +47,19 @@ class TopicSurvey:
     longest_gap_s: float | None
     clock_offset_s: float | None
     clock_jump_s: float | None
+    clock_back_ns: int
+    clock_back_to_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """The ranges between one tag and one anchor."""
+    """The ranges between one tag and one anchor; None for the ends of ranges that are all no finite numbers."""
 
     tag: int
     anchor: int
     messages: int
-    range_min_m: float
-    range_max_m: float
+    range_min_m: float | None
+    range_max_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +109,13 @@ def _take_ranges(reaches: dict[tuple[int, int], _Reach], message: UwbRanges) -> 
         if message.tag is not None:
             reach = reaches.setdefault((message.tag, anchor), _Reach())
             reach.messages += 1
-            reach.low_m, reach.high_m = min(reach.low_m, range_m), max(reach.high_m, range_m)
+            if math.isfinite(range_m):
+                reach.low_m, reach.high_m = min(reach.low_m, range_m), max(reach.high_m, range_m)
 
 
 def _link(tag: int, anchor: int, reach: _Reach) -> Link:
-    return Link(tag, anchor, reach.messages, reach.low_m, reach.high_m)
+    known = reach.low_m <= reach.high_m
+    return Link(tag, anchor, reach.messages, reach.low_m if known else None, reach.high_m if known else None)
 
 
 @dataclass
@@ -128,6 +134,9 @@ class _Pulse:
     intervals: Counter[int] = field(default_factory=Counter)
     offsets_ns: array[int] = field(default_factory=lambda: array("q"))
     offset_ends_ns: tuple[int, int] | None = None
+    sender_ns: dict[int | None, int] = field(default_factory=dict)
+    back_ns: int = 0
+    back_to_ns: int = 0
     read_stamp: Callable[[Payload], int | None] | None = None
 
     def __post_init__(self) -> None:
@@ -147,6 +156,16 @@ class _Pulse:
             hz = RATE_INTERVALS * 1e9 / span_ns
             self.hz_min, self.hz_max = min(self.hz_min, hz), max(self.hz_max, hz)
         self._take_stamp(t_ns, payload, decoded)
+        for message in decoded:
+            if isinstance(message, UwbRanges) and message.stamp_ns:
+                self._take_sender(message.tag, message.stamp_ns)
+
+    def _take_sender(self, tag: int | None, stamp_ns: int) -> None:
+        # Tag by tag: those that share a topic may be late by different amounts.
+        back_ns = self.sender_ns.get(tag, stamp_ns) - stamp_ns
+        if back_ns > self.back_ns:
+            self.back_ns, self.back_to_ns = back_ns, stamp_ns
+        self.sender_ns[tag] = stamp_ns
 
     def _take_interval(self, interval_ns: int) -> None:
         self.longest_ns = max(self.longest_ns, interval_ns)
@@ -185,6 +204,8 @@ class _Pulse:
             self.longest_ns * 1e-9 if self.longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
             (self.offset_ends_ns[1] - self.offset_ends_ns[0]) * 1e-9 if self.offset_ends_ns else None,
+            self.back_ns,
+            self.back_to_ns,
         )
 
     def _gaps(self) -> int:

@@ -11,12 +11,11 @@ from quadlog.recordings.decoders.stamps import stamp_ns
 
 
 def decode_ranging(message: Any, topic: str) -> UwbRanges:
-    """One range, from millimetres to metres; the radio reports failures as zero or less."""
+    """One range, from millimetres to metres; failures, which the radio reports as zero or less, are passed on."""
     del topic
-    present = int(message.range) > 0
     return UwbRanges(
         stamp_ns(message),
         int(message.tagId),
-        np.array([message.anchorId] if present else [], np.int64),
-        np.array([message.range / 1000] if present else [], np.float64),
+        np.array([message.anchorId], np.int64),
+        np.array([message.range / 1000], np.float64),
     )

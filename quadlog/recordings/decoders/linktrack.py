@@ -1,7 +1,8 @@
 """Nooploop LinkTrack frames, with or without a header: the ranges of tags to anchors.
 
 Packages spell their names differently, so decoding.py matches the last part
-of the type. A distance of 0 means that there was none.
+of the type. A distance of 0 means that there was none; whatever else is no
+distance is passed on, so that it is counted.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def _from_distances(stamp: int | None, tag: int, distances: Iterable[float]) -> 
 
 
 def _ranges(stamp: int | None, tag: int, measured: list[tuple[int, float, float | None]]) -> UwbRanges:
-    present = [each for each in measured if each[1] > 0 and np.isfinite(each[1])]
+    present = [each for each in measured if each[1] != 0]
     gaps = [gap for _, _, gap in present if gap is not None]
     return UwbRanges(
         stamp,

@@ -16,11 +16,12 @@ def decode_range(message: Any, topic: str) -> UwbRanges:
     """One range with tag None and anchor -1.
 
     min_range and max_range are not applied: UWB drivers leave both at zero. An
-    infinite range means "nothing measured" in this message and is left out.
+    infinite range means "nothing measured" in this message and is left out;
+    whatever else is no distance is passed on, so that it is counted.
     """
     del topic
     range_m = float(message.range)
-    present = np.isfinite(range_m) and range_m > 0
+    present = range_m != np.inf
     return UwbRanges(
         stamp_ns(message),
         None,

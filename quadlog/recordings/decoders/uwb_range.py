@@ -11,14 +11,12 @@ from quadlog.recordings.decoders.stamps import stamp_ns
 
 
 def decode_uwb_range(message: Any, topic: str) -> UwbRanges:
-    """One range in metres. Older versions of the message have no requester: tag None then."""
+    """One range in metres, a distance or not. Older versions of the message have no requester: tag None then."""
     del topic
     requester = getattr(message, "requester_id", None)
-    range_m = float(message.distance)
-    present = np.isfinite(range_m) and range_m > 0
     return UwbRanges(
         stamp_ns(message),
         None if requester is None else int(requester),
-        np.array([message.responder_id] if present else [], np.int64),
-        np.array([range_m] if present else [], np.float64),
+        np.array([message.responder_id], np.int64),
+        np.array([message.distance], np.float64),
     )

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.messages import RangeSeries
 from quadlog.positioning import epochs as epochs_module
-from quadlog.positioning.epochs import group_epochs
+from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs
 
 
 def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
@@ -56,6 +56,41 @@ def test_too_many_cells_are_refused(monkeypatch):
     monkeypatch.setattr(epochs_module, "MAX_CELLS", 5)
     with pytest.raises(TooLarge, match="tag 0: 6 exceeds the limit of 5"):
         group_epochs(series([(0, 0, 1, 1.0), (0, 0, 1, 1.0)]), 0, ids(1, 2, 3), 0.1)
+
+
+def rounds(interval_ms: int, anchors: int, count: int = 200, lost: float = 0.0) -> RangeSeries:
+    """Single ranges to each anchor in turn, some of them lost."""
+    heard = np.random.default_rng(0).random(count) >= lost
+    big = 1_700_000_000_000_000_000
+    return series([(big + i * interval_ms * 10**6, 0, i % anchors, 1.0) for i in range(count) if heard[i]])
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+def test_slow_rounds_make_long_epochs(lost):
+    slow = rounds(50, 4, lost=lost)
+    epoch_s = derive_epoch_s(slow, 0, ids(0, 1, 2, 3))
+    assert epoch_s == pytest.approx(0.2)
+    heard = np.isfinite(group_epochs(slow, 0, ids(0, 1, 2, 3), epoch_s).range_m).sum(axis=1)
+    assert (heard >= 3).mean() > (0.99 if lost == 0 else 0.7)
+
+
+def test_an_epoch_stays_below_its_bound():
+    assert derive_epoch_s(rounds(400, 4), 0, ids(0, 1, 2, 3)) == LONGEST_EPOCH_S
+
+
+def test_an_anchor_that_is_rarely_heard_does_not_stretch_the_epochs():
+    slow = rounds(50, 5)
+    rare = (slow.anchor == 4) & (np.arange(200) % 50 > 0)
+    kept = RangeSeries(*(getattr(slow, name)[~rare] for name in ("t_ns", "tag", "anchor", "range_m")))
+    assert derive_epoch_s(kept, 0, ids(0, 1, 2, 3, 4)) == pytest.approx(0.25)
+
+
+def test_frames_and_fast_rounds_keep_the_usual_length():
+    frames = series([(i * 10**9, 0, anchor, 1.0) for i in range(10) for anchor in range(4)])
+    assert derive_epoch_s(frames, 0, ids(0, 1, 2, 3)) == USUAL_EPOCH_S
+    assert derive_epoch_s(rounds(10, 4), 0, ids(0, 1, 2, 3)) == USUAL_EPOCH_S
+    assert derive_epoch_s(series([]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
+    assert derive_epoch_s(series([(0, 0, 1, 1.0)]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
 
 
 row = st.tuples(st.integers(0, 400), st.integers(0, 1), st.integers(0, 4))

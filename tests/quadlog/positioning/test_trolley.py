@@ -78,7 +78,8 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, calibrated):
         ahead_m = float(trolley.lever_m[tag.tag, 0])
         aligned = align_yaw(tag.track, trolley.t_ns, wrap_angle(true_yaw - np.radians(50)), ahead_m)
         assert aligned.offset_rad == pytest.approx(np.radians(50) + slip, abs=np.radians(2))
-        assert aligned.std_rad < np.radians(1)
+        # Tag 0's courses err for tens of seconds at a time, which its std must know: by 1.7 degrees on this walk.
+        assert abs(aligned.offset_rad - np.radians(50) - slip) < 2 * aligned.std_rad < np.radians(4)
 
 
 def test_the_lever_arm_leads_to_the_trolleys_origin(lab, trolley, calibrated):

@@ -61,6 +61,29 @@ def test_ranges_are_sorted_by_time(log: Any) -> None:
     assert streams.ranges.range_m.tolist() == [1, 2, 3]
 
 
+def test_ranges_of_a_clock_that_is_set_back_do_not_interleave(log: Any) -> None:
+    """Two links on one clock, whose stamps repeat two of eight seconds, and one that is sound."""
+    for i in range(8):
+        stamp = T0 + (i if i < 5 else i - 2) * S
+        log.add("/uwb/n_0/n_2", T0 + i * S, log.ros.range(stamp, 1.0 + i))
+        log.add("/uwb/n_0/n_3", T0 + i * S, log.ros.range(stamp, 1.0 + i))
+        log.add("/uwb/n_0/n_4", T0 + i * S, log.ros.range(T0 + i * S, 1.0 + i))
+    topics = ["/uwb/n_0/n_2", "/uwb/n_0/n_3", "/uwb/n_0/n_4"]
+    streams = gather(Recording(log.container), uwb=topics)
+    assert streams.ranges is not None
+    for anchor, expected in ((2, [1, 2, 3, 4, 5, 8]), (3, [1, 2, 3, 4, 5, 8]), (4, [1, 2, 3, 4, 5, 6, 7, 8])):
+        assert streams.ranges.range_m[streams.ranges.anchor == anchor].tolist() == expected
+    assert streams.warnings == [
+        f"{topic}: its header stamps go back by 1.00 s, to 2023-11-14T22:13:23.000Z; 2 ranges whose stamps "
+        "repeat or run ahead of others are dropped; take log times with  --stamp log"
+        for topic in topics[:2]
+    ]
+    by_log = gather(Recording(log.container, stamp="log"), uwb=topics)
+    assert by_log.ranges is not None
+    assert len(by_log.ranges) == 24
+    assert by_log.warnings == []
+
+
 def test_ranges_without_ids_are_left_out_and_counted(log: Any) -> None:
     log.add("/sonar", T0, log.ros.range(T0, 1.0))
     streams = gather(Recording(log.container), uwb=["/sonar"])

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,25 @@ def test_links_and_losses(log: Any) -> None:
     assert (link.tag, link.anchor, link.messages, link.range_min_m, link.range_max_m) == (0, 2, 3, 2.0, 4.0)
     assert [(loss.cause, loss.count) for loss in recording.losses] == [("decode", 1)]
     assert seen.messages == 4
+
+
+def test_reach_of_links_without_a_number(log: Any) -> None:
+    for i, range_m in enumerate([math.nan, 3.0, -1.0, -math.inf]):
+        log.add("/uwb/n_0/n_2", T0 + i, log.ros.range(T0 + i, range_m))
+        log.add("/uwb/n_0/n_3", T0 + i, log.ros.range(T0 + i, math.nan))
+    links = survey(Recording(log.container)).links
+    (some,), (none,) = links["/uwb/n_0/n_2"], links["/uwb/n_0/n_3"]
+    assert (some.messages, some.range_min_m, some.range_max_m) == (4, -1.0, 3.0)
+    assert (none.messages, none.range_min_m, none.range_max_m) == (4, None, None)
+
+
+def test_how_far_stamps_of_ranges_go_back(log: Any) -> None:
+    for i, ms in enumerate([0, 100, 200, 50, 150, 140]):
+        log.add("/uwb/n_0/n_2", T0 + i, log.ros.range(T0 + ms * MS, 1.0))
+        log.add("/uwb/n_0/n_3", T0 + i, log.ros.range(T0 + i * MS, 1.0))
+    back, sound = survey(Recording(log.container)).topics
+    assert (back.clock_back_ns, back.clock_back_to_ns) == (150 * MS, T0 + 50 * MS)
+    assert (sound.clock_back_ns, sound.clock_back_to_ns) == (0, 0)
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")

@@ -67,6 +67,17 @@ def test_tagframe0_leaves_absent_anchors_out(encoding: str, with_header: bool, s
     assert ranges.first_path_gap_db is None
 
 
+def test_only_zero_is_absent() -> None:
+    """Whatever else is no distance is counted where ranges are screened."""
+    store = store_with(["LinktrackTagframe0"], "nlink_parser", header=False, encoding="ros1")
+    distances = np.array([1.5, 0, -2.5, np.nan, np.inf, 0, 0, 0], np.float32)
+    body = (2, 4, 10, 20, 4.2, zeros(3), zeros(3), zeros(3), distances, zeros(3), zeros(4), zeros(3), zeros(3))
+    message = store.types["nlink_parser/msg/LinktrackTagframe0"](*body)
+    (ranges,) = decode(store, message, "ros1", schema=True)
+    assert ranges.anchor.tolist() == [0, 2, 3, 4]
+    np.testing.assert_array_equal(ranges.range_m, [1.5, -2.5, np.nan, np.inf])
+
+
 def test_anchorframe0_holds_the_ranges_of_every_tag() -> None:
     store = store_with(["LinktrackAnchorframe0", "LinktrackTag"], "nlink_parser", header=False, encoding="ros1")
     tag = store.types["nlink_parser/msg/LinktrackTag"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -37,11 +38,20 @@ def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() ->
     assert ranges.range_m.tolist() == [3.25]  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("value", [math.inf, math.nan, 0.0, -1.0])
-def test_a_range_that_measured_nothing_is_empty(ros: Any, value: float) -> None:
+def decode_range(ros: Any, value: float) -> Any:
     message = ros.type("sensor_msgs/msg/Range")(ros.header(T_NS, ""), 0, 0.0, 0.0, 0.0, value)
     (ranges,) = decoder_for(ros.channel("/r", "sensor_msgs/msg/Range"))(ros.serialise(message))  # type: ignore[misc]
+    return ranges
+
+
+def test_a_range_that_measured_nothing_is_empty(ros: Any) -> None:
+    ranges = decode_range(ros, math.inf)
     assert len(ranges.range_m) == len(ranges.anchor) == 0
+
+
+@pytest.mark.parametrize("value", [-math.inf, math.nan, 0.0, -1.0])
+def test_what_is_no_distance_is_passed_on_to_be_counted(ros: Any, value: float) -> None:
+    np.testing.assert_array_equal(decode_range(ros, value).range_m, [value])
 
 
 def bundled(ros: Any, name: str) -> Any:
@@ -49,6 +59,13 @@ def bundled(ros: Any, name: str) -> Any:
         package, _, last = name.split("/")
         ros.store.register(get_types_from_msg((BUNDLED / package / "msg" / f"{last}.msg").read_text(), name))
     return ros.type(name)
+
+
+@pytest.mark.parametrize(("millimetres", "range_m"), [(0, 0.0), (-7, -0.007)])
+def test_gtec_failures_are_passed_on_to_be_counted(ros: Any, millimetres: int, range_m: float) -> None:
+    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, millimetres, 7, -80.0, 0.01)
+    (ranges,) = decoder_for(ros.channel("/gtec", "gtec_msgs/msg/Ranging"))(ros.serialise(message))  # type: ignore[misc]
+    assert (ranges.anchor.tolist(), ranges.range_m.tolist()) == ([11], [range_m])
 
 
 @pytest.mark.parametrize("embedded", [True, False])
@@ -61,11 +78,13 @@ def test_gtec_millimetres_become_metres(ros: Any, embedded: bool) -> None:
     assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == (None, 2, [11], [3.456])
 
 
-def test_uwb_driver_requester_is_the_tag(ros: Any) -> None:
+@pytest.mark.parametrize("range_m", [7.5, 0.0, -2.0, math.nan, math.inf])
+def test_uwb_driver_requester_is_the_tag(ros: Any, range_m: float) -> None:
     kind = bundled(ros, "uwb_driver/msg/UwbRange")
     point = ros.type("geometry_msgs/msg/Point")(0.0, 0.0, 0.0)
-    numbers = (1, 200, 100, 0, 1, 0, 0, 5, 7.5, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
+    numbers = (1, 200, 100, 0, 1, 0, 0, 5, range_m, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
     message = kind(ros.header(T_NS), *numbers, point, point, point, point)
     channel = Channel("/uwb", "uwb_driver/msg/UwbRange", ros.encoding, "", b"")
     (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
-    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == (T_NS, 200, [100], [7.5])
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (T_NS, 200, [100])
+    np.testing.assert_array_equal(ranges.range_m, [range_m])

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from evo.core.geometry import umeyama_alignment
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.metrics.frame_offset import find_frame_offset, frame_offset_words
+
+
+def walk(n: int = 200, noise_m: float = 0.05, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A track with noise, and the truth."""
+    phase = np.linspace(0, 4 * np.pi, n)
+    truth = np.stack([4 + 3 * np.sin(phase), 3 + 2 * np.cos(phase / 2)], axis=1)
+    return truth + noise_m * np.random.default_rng(seed).standard_normal((n, 2)), truth
+
+
+def moved(points: np.ndarray, turn_rad: float, shift_m) -> np.ndarray:
+    turned = Rotation.from_euler("z", turn_rad).apply(np.column_stack([points, np.zeros(len(points))]))[:, :2]
+    return turned + np.asarray(shift_m)
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-20, 20), st.floats(-20, 20), st.integers(0, 20))
+def test_equal_to_umeyama(turn_rad, x_m, y_m, seed):
+    track, truth = walk(50, 0.2, seed)
+    reference = moved(truth, turn_rad, (x_m, y_m))
+    rotation, shift, _ = umeyama_alignment(track.T, reference.T, with_scale=False)
+    got = find_frame_offset(track, reference)
+    wanted = np.arctan2(rotation[1, 0], rotation[0, 0])
+    assert np.cos(got.turn_rad - wanted) == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(got.shift_m, shift, atol=1e-6)
+    after = np.sqrt(np.mean(np.sum((reference - track @ rotation.T - shift) ** 2, axis=1)))
+    assert got.after_m == pytest.approx(after, abs=1e-7)
+    assert got.before_m == pytest.approx(np.sqrt(np.mean(np.sum((reference - track) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "shift_m", "warns"),
+    [
+        (0, (0, 0), False),
+        (0, (0.2, 0), False),
+        (0, (0.4, 0), True),
+        (0, (0, -5), True),
+        (2, (0, 0), False),
+        (8, (0, 0), True),
+        (180, (7, 2), True),
+    ],
+)
+def test_only_what_is_large_and_explains_the_error_is_told(turn_deg, shift_m, warns):
+    track, truth = walk()
+    # Turned about the middle of the walk, so that the turn alone does not shift it.
+    middle = truth.mean(axis=0)
+    reference = moved(truth - middle, np.radians(turn_deg), middle + shift_m)
+    words = frame_offset_words(find_frame_offset(track, reference))
+    assert (words is not None) == warns
+
+
+def test_words_hold_the_motion_that_mends_it():
+    track, truth = walk(noise_m=0.0)
+    words = frame_offset_words(find_frame_offset(track, moved(truth, np.radians(30), (1.5, -2.25))))
+    assert "turned by 30.0 degrees and then shifted by (1.50, -2.25) m" in words
+    assert "to 0.00 m" in words
+
+
+def test_errors_without_a_pattern_are_none_however_large():
+    track, truth = walk(noise_m=2.0)
+    assert frame_offset_words(find_frame_offset(track, truth)) is None
+    # A shift of half a metre under noise of two: it does not explain the error.
+    assert frame_offset_words(find_frame_offset(track, truth + np.array([0.5, 0.0]))) is None
+
+
+def test_a_robot_that_stood_has_no_direction():
+    """Noise about one place has a best turn too, of any size; with a small shift taken out, it is no other frame."""
+    noise = 0.02 * np.random.default_rng(1).standard_normal((100, 2, 2))
+    got = find_frame_offset(noise[:, 0], noise[:, 1] + [0.2, 0.0])
+    assert got.after_m < 0.5 * got.before_m
+    assert abs(got.turn_rad) > np.radians(3)
+    assert frame_offset_words(got) is None
+
+
+def test_silence_of_the_reference_is_left_out_and_too_little_says_nothing():
+    track, truth = walk()
+    reference = moved(truth, 0.5, (1, 2))
+    holes = reference.copy()
+    holes[::3] = np.nan
+    np.testing.assert_allclose(
+        find_frame_offset(track, holes).shift_m,
+        find_frame_offset(track[np.arange(200) % 3 > 0], reference[np.arange(200) % 3 > 0]).shift_m,
+    )
+    assert find_frame_offset(track[:9], reference[:9]) is None
+    assert find_frame_offset(track, np.full((200, 2), np.nan)) is None

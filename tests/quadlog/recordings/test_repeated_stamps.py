@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.recordings.repeated_stamps import REORDERED_NS, backward_steps, repeated_rows
+
+MS = 10**6
+
+
+def stamps(*ms: int) -> np.ndarray:
+    return np.array(ms, dtype=np.int64) * MS
+
+
+@pytest.mark.parametrize(
+    ("t_ns", "left_out"),
+    [
+        (stamps(), []),
+        (stamps(0, 0, 100, 100), []),
+        (stamps(0, 100, 60, 200), []),  # overtaken by 40 ms
+        (np.concatenate([np.arange(0, 100), np.arange(60, 160)]) * 100 * MS, list(range(100, 140))),
+        (stamps(*range(0, 1000, 100), 9000, *range(1000, 3000, 100)), [10]),  # one that ran ahead
+        (stamps(9000, *range(0, 3000, 100)), [0]),
+        (stamps(*range(0, 1000, 100), 500, *range(1000, 3000, 100)), [10]),  # one that is late
+        (stamps(*range(0, 1000, 100), 9000, 9100, 9200, 9300, *range(1000, 3000, 100)), [10, 11, 12, 13]),
+    ],
+)
+def test_what_is_left_out(t_ns, left_out):
+    assert np.flatnonzero(repeated_rows(t_ns)).tolist() == left_out
+
+
+def test_of_a_clock_set_back_twice_the_first_passage_stays():
+    t_ns = np.concatenate([np.arange(0, 50), np.arange(30, 60), np.arange(10, 80)]) * 100 * MS
+    kept = t_ns[~repeated_rows(t_ns)]
+    assert kept.tolist() == (np.arange(0, 80) * 100 * MS).tolist()
+    assert backward_steps(t_ns).tolist() == [50, 80]
+
+
+@given(st.lists(st.integers(0, 400), max_size=40))
+def test_what_is_kept_goes_on(ms):
+    """But for what messages may overtake: twice that, as a run of small steps may end where the next begins."""
+    t_ns = stamps(*ms)
+    repeated = repeated_rows(t_ns)
+    if len(backward_steps(t_ns)) == 0:
+        assert not repeated.any()
+    assert (len(t_ns) == 0) or not repeated.all()
+    kept = t_ns[~repeated]
+    assert (np.diff(kept) >= -REORDERED_NS).all()
