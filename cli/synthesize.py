@@ -29,7 +29,13 @@ MAX_AZIMUTH_STEPS = 4000
     show_default=True,
     help="Seconds recorded.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws every error.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Draws every error, and what stands where in forest and corridor.",
+)
 @click.option(
     "--azimuth-steps",
     type=click.IntRange(min=16, max=MAX_AZIMUTH_STEPS),
@@ -53,8 +59,14 @@ def command(
 ) -> None:
     """Write a recording with known ground truth.
 
-    follow: a robot follows a walking person among boxes, walls and trees. The
-    true poses are in the recording, as /truth/robot/pose and /truth/person/pose.
+    A robot follows a walking person; the true poses are in the recording, as
+    /truth/robot/pose and /truth/person/pose.
+
+    follow: among boxes, walls and trees, on flat ground.
+
+    forest: between trees, saplings and low branches, over uneven ground.
+
+    corridor: round the bends of a corridor two metres wide.
     """
     from quadlog.cli.progress import open_progress
     from quadlog.pipelines.synthesize import make_recording, synthesize

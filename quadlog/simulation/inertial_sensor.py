@@ -9,9 +9,11 @@ import numpy as np
 
 from quadlog.geometry import quat_from_yaw, seconds_since
 from quadlog.messages import Float, Imu, Int, Odometry
-from quadlog.simulation.walk import Walk
+from quadlog.simulation.footing import quat_from_euler, turned_from_level
+from quadlog.simulation.walk import Motion, Walk
 
 GRAVITY_MPS2 = 9.81
+_TILT_STEP_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,25 +39,37 @@ class OdometryErrors:
 
 
 def imu_messages(errors: ImuErrors, walk: Walk, start_ns: int, t_ns: Int, rng: np.random.Generator) -> Iterator[Imu]:
-    """Readings at t_ns (N,) of an IMU in base; the robot is level, so gravity lies along z."""
+    """Readings at t_ns (N,) of an IMU in base; the body's own acceleration up and down is left out."""
     t_s = seconds_since(t_ns, start_ns)
     motion = walk.at(t_s)
     yaw_rad = motion.yaw_rad + errors.yaw_offset_rad + errors.yaw_drift_radps * t_s
-    quat_xyzw = quat_from_yaw(yaw_rad + rng.normal(0.0, errors.yaw_std_rad, len(t_s)))
-    angular_radps = rng.normal(0.0, errors.gyro_std_radps, (len(t_s), 3))
-    angular_radps[:, 2] += motion.yaw_rate_radps + errors.gyro_bias_radps
-    linear_mps2 = rng.normal(0.0, errors.acceleration_std_mps2, (len(t_s), 3))
-    linear_mps2[:, 0] += motion.acceleration_mps2
-    linear_mps2[:, 1] += motion.speed_mps * motion.yaw_rate_radps
-    linear_mps2[:, 2] += GRAVITY_MPS2
+    yaw_rad = yaw_rad + rng.normal(0.0, errors.yaw_std_rad, len(t_s))
+    quat_xyzw = quat_from_euler(yaw_rad, motion.pitch_rad, motion.roll_rad)
+    true_radps = _body_rates(motion, walk.at(t_s - _TILT_STEP_S), walk.at(t_s + _TILT_STEP_S))
+    true_radps[:, 2] += errors.gyro_bias_radps
+    angular_radps = rng.normal(0.0, errors.gyro_std_radps, (len(t_s), 3)) + true_radps
+    sideways_mps2 = motion.speed_mps * motion.yaw_rate_radps
+    force_mps2 = np.column_stack([motion.acceleration_mps2, sideways_mps2, np.full(len(t_s), GRAVITY_MPS2)])
+    linear_mps2 = rng.normal(0.0, errors.acceleration_std_mps2, (len(t_s), 3)) + turned_from_level(motion, force_mps2)
     for index, stamp_ns in enumerate(t_ns):
         yield Imu(int(stamp_ns), "base", quat_xyzw[index], angular_radps[index], linear_mps2[index])
+
+
+def _body_rates(motion: Motion, before: Motion, after: Motion) -> Float:
+    """(N, 3) turn rates about the body's own axes, tilt rates by central differences."""
+    zero = np.zeros(len(motion.yaw_rad))
+    roll_radps = (after.roll_rad - before.roll_rad) / (2 * _TILT_STEP_S)
+    pitch_radps = (after.pitch_rad - before.pitch_rad) / (2 * _TILT_STEP_S)
+    about_z = turned_from_level(motion, np.column_stack([zero, zero, motion.yaw_rate_radps]))
+    # Pitch turns about the y axis between yaw and roll, roll about the body's own x axis.
+    about_y = turned_from_level(motion, np.column_stack([zero, pitch_radps, zero]))
+    return about_z + about_y + np.column_stack([roll_radps, zero, zero])
 
 
 def odometry_messages(
     errors: OdometryErrors, walk: Walk, start_ns: int, t_ns: Int, rng: np.random.Generator
 ) -> Iterator[Odometry]:
-    """Poses at t_ns (N,) in odom, which is base at the first of them, summed up from noisy steps."""
+    """Poses at t_ns (N,) in odom, which is base at the first of them, summed up from noisy steps over a flat floor."""
     t_s = seconds_since(t_ns, start_ns)
     motion = walk.at(t_s)
     step_s = np.diff(t_s, prepend=t_s[0])

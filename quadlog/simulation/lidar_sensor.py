@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PointCloud
+from quadlog.simulation.footing import position_in_map, turned_into_map
 from quadlog.simulation.pedestrian import part_centres, ray_ranges
 from quadlog.simulation.scene import GROUND, NOTHING, RayCaster
-from quadlog.simulation.walk import Walk
+from quadlog.simulation.walk import Motion, Walk
 
 
 class PointClass(IntEnum):
@@ -23,6 +24,7 @@ class PointClass(IntEnum):
     PERSON = 2
     PASSER_BY = 3
     FALSE = 4
+    MISSING = 5
 
 
 REFLECTIVITY = {
@@ -31,13 +33,19 @@ REFLECTIVITY = {
     PointClass.PERSON: 35.0,
     PointClass.PASSER_BY: 30.0,
     PointClass.FALSE: 2.0,
+    PointClass.MISSING: 0.0,
 }
 """Intensity of a return, 0 to 255; a false point is weak."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lidar:
-    """Beams from -15 to +15 degrees, 10 Hz, clockwise from the back [Following, Fig. 4]; the rest as in a VLP-16."""
+    """Beams from -15 to +15 degrees, 10 Hz, clockwise from the back [Following, Fig. 4]; the rest as in a VLP-16.
+
+    false_share of the returns are false: ranges drawn evenly between
+    min_range_m and false_range_m in place of the true ones. keeps_missing: a
+    ray without a return is sent as NaN, as some drivers do; others leave it out.
+    """
 
     azimuth_steps: int = 1875
     beams: int = 16
@@ -50,6 +58,7 @@ class Lidar:
     dropout_share: float = 0.01
     false_share: float = 0.007
     false_range_m: float = 30.0
+    keeps_missing: bool = False
 
     def directions(self) -> Float:
         """(steps * beams, 3) unit vectors in lidar, in firing order: all beams of a step, lowest first."""
@@ -68,7 +77,7 @@ class Scan:
     """One sweep as it is recorded, and what each of its N points really is.
 
     cloud: see PointCloud, in lidar at each point's own instant; intensity: (N,) float32.
-    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points.
+    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points and missing ones.
     """
 
     cloud: PointCloud
@@ -79,20 +88,16 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What a sweep meets: what stands, who carries the sensor, who walks in front of it."""
+    """What a sweep meets: what stands, who carries the sensor, who walks in front of it and as what class."""
 
     caster: RayCaster
     robot: Walk
-    person: Walk
-    passer_by: Walk
+    people: tuple[tuple[Walk, PointClass], ...]
     transform_lidar_to_base: Float
 
 
 def sweep(lidar: Lidar, world: World, start_ns: int, stamp_ns: int, rng: np.random.Generator) -> Scan:
-    """The sweep that starts at stamp_ns, in a world whose walks start at start_ns.
-
-    Rays without a return are left out, as drivers do.
-    """
+    """The sweep that starts at stamp_ns, in a world whose walks start at start_ns."""
     offset_ns = lidar.step_offsets_ns()
     t_s = seconds_since(stamp_ns + offset_ns, start_ns)
     directions = lidar.directions()
@@ -104,8 +109,11 @@ def sweep(lidar: Lidar, world: World, start_ns: int, stamp_ns: int, rng: np.rand
     measured_m = np.where(false, false_m, measured_m)
     measured_m = np.round(measured_m / lidar.resolution_m) * lidar.resolution_m
 
-    kept = np.isfinite(range_m) & ~lost & (measured_m >= lidar.min_range_m) & (measured_m <= lidar.max_range_m)
-    point_class = np.where(false, np.uint8(PointClass.FALSE), point_class)[kept]
+    missing = ~np.isfinite(range_m) | lost | (measured_m < lidar.min_range_m) | (measured_m > lidar.max_range_m)
+    measured_m[missing] = np.nan
+    kept = np.full(len(missing), True) if lidar.keeps_missing else ~missing
+    point_class = np.where(false, np.uint8(PointClass.FALSE), point_class)
+    point_class = np.where(missing, np.uint8(PointClass.MISSING), point_class)[kept]
     intensity = np.array([REFLECTIVITY[each] for each in PointClass], dtype=np.float32)[point_class]
     ring = np.tile(np.arange(lidar.beams, dtype=np.uint16), lidar.azimuth_steps)
     cloud = PointCloud(
@@ -115,7 +123,7 @@ def sweep(lidar: Lidar, world: World, start_ns: int, stamp_ns: int, rng: np.rand
         ring=ring[kept],
         offset_ns=np.repeat(offset_ns, lidar.beams)[kept],
     )
-    return Scan(cloud, intensity, point_class, np.where(false, np.nan, range_m)[kept])
+    return Scan(cloud, intensity, point_class, np.where(false | missing, np.nan, range_m)[kept])
 
 
 def _true_returns(lidar: Lidar, world: World, t_s: Float, directions: Float) -> tuple[Float, NDArray[np.uint8]]:
@@ -124,9 +132,11 @@ def _true_returns(lidar: Lidar, world: World, t_s: Float, directions: Float) -> 
     hits = world.caster.cast(origins_m, directions_map)
     range_m = np.where(hits.what == NOTHING, np.inf, hits.range_m)
     point_class = np.where(hits.what == GROUND, PointClass.GROUND, PointClass.OBSTACLE).astype(np.uint8)
-    for walk, own_class in ((world.person, PointClass.PERSON), (world.passer_by, PointClass.PASSER_BY)):
+    for walk, own_class in world.people:
         centres_m = np.repeat(part_centres(walk, t_s), lidar.beams, axis=0)
-        body_m = ray_ranges(origins_m, directions_map, centres_m)
+        above_ground_m = origins_m.copy()
+        above_ground_m[:, 2] -= np.repeat(walk.at(t_s).height_m, lidar.beams)
+        body_m = ray_ranges(above_ground_m, directions_map, centres_m)
         point_class[body_m < range_m] = own_class
         range_m = np.minimum(range_m, body_m)
     return np.where(range_m <= lidar.max_range_m, range_m, np.inf), point_class
@@ -135,16 +145,8 @@ def _true_returns(lidar: Lidar, world: World, t_s: Float, directions: Float) -> 
 def _rays_in_map(world: World, t_s: Float, directions: Float, beams: int) -> tuple[Float, Float]:
     """Origins and directions (rays, 3) in map; the beams of a step share its instant."""
     motion = world.robot.at(t_s)
-    in_base = directions @ world.transform_lidar_to_base[:3, :3].T
     mount_m = world.transform_lidar_to_base[:3, 3]
-    cos, sin = np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)
-    origins_m = np.column_stack(
-        [
-            motion.position_m[:, 0] + cos * mount_m[0] - sin * mount_m[1],
-            motion.position_m[:, 1] + sin * mount_m[0] + cos * mount_m[1],
-            np.full(len(t_s), mount_m[2]),
-        ]
-    )
-    cos, sin = np.repeat(cos, beams), np.repeat(sin, beams)
-    turned = [cos * in_base[:, 0] - sin * in_base[:, 1], sin * in_base[:, 0] + cos * in_base[:, 1], in_base[:, 2]]
-    return np.repeat(origins_m, beams, axis=0), np.column_stack(turned)
+    origins_m = position_in_map(motion, np.broadcast_to(mount_m, (len(t_s), 3)))
+    of_each_ray = Motion(*(np.repeat(each, beams, axis=0) for each in motion))
+    in_base = directions @ world.transform_lidar_to_base[:3, :3].T
+    return np.repeat(origins_m, beams, axis=0), turned_into_map(of_each_ray, in_base)

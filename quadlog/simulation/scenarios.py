@@ -4,4 +4,6 @@ from __future__ import annotations
 
 SCENARIOS = {
     "follow": "quadlog.simulation.follow",
+    "forest": "quadlog.simulation.forest",
+    "corridor": "quadlog.simulation.corridor",
 }

@@ -1,4 +1,4 @@
-"""What stands on a site: boxes, walls and tree trunks on flat ground, and rays cast against them."""
+"""What stands on a site: boxes, walls and tree trunks on its ground, and rays cast against them."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.open3d_import import import_open3d
+from quadlog.simulation.terrain import FLAT, Terrain
 
 GROUND = 0
 """What a ray hit: the ground; obstacle i of the scene is i + 1, and NOTHING where it hit nothing."""
 NOTHING = -1
 
-_GROUND_EDGE_M = 400.0
 _CYLINDER_SIDES = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box or wall standing on z = 0: centre, full lengths along its own axes and turn about z, in map."""
+    """A box or wall: centre, full lengths along its own axes and turn about z, in map.
+
+    It reaches from bottom_m, 0 for what stands, to height_m above the ground at its centre.
+    """
 
     x_m: float
     y_m: float
@@ -28,16 +31,18 @@ class Box:
     width_m: float
     height_m: float
     yaw_rad: float = 0.0
+    bottom_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """An upright cylinder standing on z = 0, such as a tree trunk, in map."""
+    """An upright cylinder, such as a tree trunk, in map, between bottom_m and height_m above the ground at its axis."""
 
     x_m: float
     y_m: float
     radius_m: float
     height_m: float
+    bottom_m: float = 0.0
 
 
 Obstacle = Box | Cylinder
@@ -53,10 +58,10 @@ class Hits(NamedTuple):
 class RayCaster:
     """Casts rays against everything on the site that does not move (Open3D's RaycastingScene)."""
 
-    def __init__(self, obstacles: tuple[Obstacle, ...]) -> None:
+    def __init__(self, obstacles: tuple[Obstacle, ...], terrain: Terrain = FLAT) -> None:
         self._core = import_open3d().core
         self._scene = import_open3d().t.geometry.RaycastingScene()
-        for vertices_m, triangles in (_ground_mesh(), *(_mesh(obstacle) for obstacle in obstacles)):
+        for vertices_m, triangles in (terrain.mesh(), *(_mesh(obstacle, terrain) for obstacle in obstacles)):
             self._scene.add_triangles(
                 self._core.Tensor(vertices_m.astype(np.float32)), self._core.Tensor(triangles.astype(np.uint32))
             )
@@ -76,25 +81,29 @@ class RayCaster:
         return ~blocked.numpy()
 
 
-def _ground_mesh() -> tuple[Float, Int]:
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * _GROUND_EDGE_M / 2
-    return corners, np.array([[0, 1, 2], [0, 2, 3]])
-
-
-def _mesh(obstacle: Obstacle) -> tuple[Float, Int]:
-    """Vertices (V, 3) in map and triangles (T, 3): the outline drawn up from the ground, and a lid."""
+def _mesh(obstacle: Obstacle, terrain: Terrain) -> tuple[Float, Int]:
+    """Vertices (V, 3) in map and triangles (T, 3): the outline drawn up, a lid, and a lid below where it hangs."""
     outline_m = _box_outline(obstacle) if isinstance(obstacle, Box) else _cylinder_outline(obstacle)
     sides = len(outline_m)
-    low = np.column_stack([outline_m, np.zeros(sides)])
-    high = np.column_stack([outline_m, np.full(sides, obstacle.height_m)])
+    floor_m = float(terrain.height_at(np.array([[obstacle.x_m, obstacle.y_m]]))[0])
+    hangs = obstacle.bottom_m > 0
+    low_m = floor_m + obstacle.bottom_m if hangs else _foot(terrain.height_at(outline_m))
+    low = np.column_stack([outline_m, np.full(sides, low_m)])
+    high = np.column_stack([outline_m, np.full(sides, floor_m + obstacle.height_m)])
     here = np.arange(sides)
     following = (here + 1) % sides
     walls = [
         np.column_stack([here, following, following + sides]),
         np.column_stack([here, following + sides, here + sides]),
     ]
-    lid = np.column_stack([np.full(sides - 2, sides), here[1:-1] + sides, here[2:] + sides])
-    return np.concatenate([low, high]), np.concatenate([*walls, lid])
+    below = np.column_stack([np.zeros(sides - 2, dtype=np.int64), here[1:-1], here[2:]])
+    lids = [below + sides, below] if hangs else [below + sides]
+    return np.concatenate([low, high]), np.concatenate([*walls, *lids])
+
+
+def _foot(around_m: Float) -> float:
+    """How deep an obstacle reaches so that no light falls under it, from the ground's heights along its outline."""
+    return float(around_m.min() - np.ptp(around_m))
 
 
 def _box_outline(box: Box) -> Float:

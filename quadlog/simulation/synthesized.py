@@ -13,9 +13,11 @@ import numpy as np
 
 from quadlog.geometry import quat_from_yaw, seconds_since, transform_from_rpy
 from quadlog.messages import Float, Int, Message, Pose, Transforms
+from quadlog.simulation.footing import quat_from_euler
 from quadlog.simulation.inertial_sensor import ImuErrors, OdometryErrors, imu_messages, odometry_messages
-from quadlog.simulation.lidar_sensor import Lidar, Scan, World, sweep
+from quadlog.simulation.lidar_sensor import Lidar, PointClass, Scan, World, sweep
 from quadlog.simulation.scene import Obstacle, RayCaster
+from quadlog.simulation.terrain import FLAT, Terrain
 from quadlog.simulation.uwb_sensor import CarriedTag, TagRanges, Uwb, measure_ranges
 from quadlog.simulation.walk import Walk
 
@@ -45,13 +47,19 @@ _ROBOT_TAG_X_M = -0.2
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A place and who walks in it: anchors_m (A, 3) in map, obstacles standing on z = 0."""
+    """A place and who walks in it: anchors_m (A, 3) in map, obstacles and foliage on the terrain.
+
+    Foliage is what the lidar sees and UWB passes: leaves and stems thinner than its wavelength. Robot and
+    people walk on the terrain already (see OnTerrain).
+    """
 
     obstacles: tuple[Obstacle, ...]
     anchors_m: Float
     robot: Walk
     person: Walk
     passer_by: Walk
+    foliage: tuple[Obstacle, ...] = ()
+    terrain: Terrain = FLAT
 
 
 class SynthesizedMessage(NamedTuple):
@@ -100,8 +108,13 @@ class SynthesizedRecording:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """Rays against what stands on the site."""
-        return RayCaster(self.site.obstacles)
+        """Light's rays against what stands on the site."""
+        return RayCaster(self.site.obstacles + self.site.foliage, self.site.terrain)
+
+    @cached_property
+    def radio_caster(self) -> RayCaster:
+        """UWB's rays against what holds them up."""
+        return RayCaster(self.site.obstacles, self.site.terrain)
 
     @cached_property
     def ranges(self) -> tuple[TagRanges, TagRanges]:
@@ -111,7 +124,8 @@ class SynthesizedRecording:
 
     def scans(self) -> Iterator[Scan]:
         """Every sweep that ends within the recording, one at a time."""
-        world = World(self.caster, self.site.robot, self.site.person, self.site.passer_by, self.transform_lidar_to_base)
+        people = ((self.site.person, PointClass.PERSON), (self.site.passer_by, PointClass.PASSER_BY))
+        world = World(self.caster, self.site.robot, people, self.transform_lidar_to_base)
         rng = self._generator("lidar")
         for stamp_ns in self._instants(self.lidar.sweep_ns):
             if stamp_ns + self.lidar.sweep_ns <= self._end_ns:
@@ -155,14 +169,15 @@ class SynthesizedRecording:
     def _ranges(self, tag: CarriedTag, first_ns: int) -> TagRanges:
         t_ns = self._instants(self.uwb.period_ns, first_ns)
         rng = self._generator(f"tag {tag.id}")
-        return measure_ranges(self.uwb, tag, self.site.anchors_m, self.bias_m, self.caster, START_NS, t_ns, rng)
+        return measure_ranges(self.uwb, tag, self.site.anchors_m, self.bias_m, self.radio_caster, START_NS, t_ns, rng)
 
     def _true_poses(self, walk: Walk) -> Iterator[Pose]:
         t_ns = self._instants(_TRUTH_PERIOD_NS)
         motion = walk.at(seconds_since(t_ns, START_NS))
-        quat_xyzw = quat_from_yaw(motion.yaw_rad)
+        quat_xyzw = quat_from_euler(motion.yaw_rad, motion.pitch_rad, motion.roll_rad)
+        position_m = np.column_stack([motion.position_m, motion.height_m])
         for index, stamp_ns in enumerate(t_ns):
-            yield Pose(int(stamp_ns), "map", "", np.append(motion.position_m[index], 0.0), quat_xyzw[index])
+            yield Pose(int(stamp_ns), "map", "", position_m[index], quat_xyzw[index])
 
     def _mount(self) -> Transforms:
         place_m = self.transform_lidar_to_base[:3, 3]

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, UwbRanges
+from quadlog.simulation.footing import position_in_map
 from quadlog.simulation.scene import RayCaster
 from quadlog.simulation.walk import Walk
 
@@ -25,7 +26,7 @@ class Uwb:
 
 @dataclass(frozen=True, slots=True)
 class CarriedTag:
-    """A tag, who carries it, and where: (x_m, y_m) in the carrier's frame, height_m above the floor."""
+    """A tag, who carries it, and where: (x_m, y_m, height_m) in the carrier's frame, whose floor is z = 0."""
 
     id: int
     walk: Walk
@@ -35,11 +36,8 @@ class CarriedTag:
 
     def position_m(self, t_s: Float) -> Float:
         """(N, 3) in map at t_s (N,)."""
-        motion = self.walk.at(t_s)
-        cos, sin = np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)
-        x_m = motion.position_m[:, 0] + cos * self.x_m - sin * self.y_m
-        y_m = motion.position_m[:, 1] + sin * self.x_m + cos * self.y_m
-        return np.column_stack([x_m, y_m, np.full(len(t_s), self.height_m)])
+        place_m = np.array([self.x_m, self.y_m, self.height_m])
+        return position_in_map(self.walk.at(t_s), np.broadcast_to(place_m, (len(t_s), 3)))
 
 
 @dataclass(frozen=True, slots=True)

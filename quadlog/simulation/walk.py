@@ -15,13 +15,20 @@ _TABLE_STEP_M = 0.01
 
 
 class Motion(NamedTuple):
-    """N instants: position_m (N, 2) and yaw (N,) in map; speed and acceleration (N,) along it, yaw rate (N,)."""
+    """N instants: position_m (N, 2) and yaw (N,) in map; speed and acceleration (N,) along it, yaw rate (N,).
+
+    height_m (N,) is that of the walker's base above z = 0; roll and pitch (N,)
+    tilt it, as R_z(yaw) R_y(pitch) R_x(roll). Speed is that over the map.
+    """
 
     position_m: Float
     yaw_rad: Float
     speed_mps: Float
     acceleration_mps2: Float
     yaw_rate_radps: Float
+    height_m: Float
+    roll_rad: Float
+    pitch_rad: Float
 
 
 class Walk(Protocol):
@@ -73,7 +80,7 @@ class RouteWalk:
         speed_mps = self.speed_mps + self.sway_m * rate * np.cos(rate * t_s)
         position_m, yaw_rad, curvature = self.route.at(distance_m)
         acceleration_mps2 = -self.sway_m * rate**2 * np.sin(rate * t_s)
-        return Motion(position_m, wrap_angle(yaw_rad), speed_mps, acceleration_mps2, curvature * speed_mps)
+        return _level(position_m, wrap_angle(yaw_rad), speed_mps, acceleration_mps2, curvature * speed_mps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,4 +100,26 @@ class PacingWalk:
         position_m = ends_m.mean(axis=0) - np.cos(rate * t_s)[:, None] * along_m / 2
         yaw_rad = np.full(len(t_s), np.arctan2(along_m[1], along_m[0]))
         speed_mps = half_m * rate * np.sin(rate * t_s)
-        return Motion(position_m, yaw_rad, speed_mps, half_m * rate**2 * np.cos(rate * t_s), np.zeros(len(t_s)))
+        return _level(position_m, yaw_rad, speed_mps, half_m * rate**2 * np.cos(rate * t_s), np.zeros(len(t_s)))
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """At one place of map all the time, tilted or level."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+
+    def at(self, t_s: Float) -> Motion:
+        """See Walk."""
+        place_m = np.tile([self.x_m, self.y_m], (len(t_s), 1))
+        pose = (self.yaw_rad, 0.0, 0.0, 0.0, 0.0, self.roll_rad, self.pitch_rad)
+        return Motion(place_m, *(np.full(len(t_s), value) for value in pose))
+
+
+def _level(position_m: Float, yaw_rad: Float, speed_mps: Float, acceleration_mps2: Float, yaw_rate: Float) -> Motion:
+    zero = np.zeros(len(position_m))
+    return Motion(position_m, yaw_rad, speed_mps, acceleration_mps2, yaw_rate, zero, zero, zero)

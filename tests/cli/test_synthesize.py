@@ -41,3 +41,14 @@ def test_usage_errors_exit_with_2(tmp_path, capsys):
 def test_formats_offered_are_those_there_are():
     (formats,) = [each.type.choices for each in command.params if each.name == "container"]
     assert list(formats) == list(WRITERS)
+
+
+def test_every_scenario_is_offered_and_made(tmp_path, capsys):
+    for scenario in ("follow", "forest", "corridor"):
+        assert run(["synthesize", scenario, "-o", str(tmp_path / f"{scenario}.mcap"), *SMALL]) == 0
+        assert "/lidar/points  2" in capsys.readouterr().out
+    (scenarios,) = [each.type.choices for each in command.params if each.name == "scenario"]
+    assert set(scenarios) == {"follow", "forest", "corridor"}
+    assert run(["synthesize", "--help"]) == 0
+    described = capsys.readouterr().out
+    assert all(f"\n  {scenario}: " in described for scenario in scenarios)

@@ -16,14 +16,15 @@ Distance = Callable[[Float], Float]
 
 
 def signed_distance(obstacle: Obstacle, points_m: Float) -> Float:
-    """(N,) distance of points (N, 3) to an obstacle's surface, negative inside."""
+    """(N,) distance of points (N, 3) to an obstacle's surface on flat ground, negative inside."""
     offset = points_m[:, :2] - [obstacle.x_m, obstacle.y_m]
     if isinstance(obstacle, Box):
         turn = np.exp(-1j * obstacle.yaw_rad) * (offset[:, 0] + 1j * offset[:, 1])
         across = [np.abs(turn.real) - obstacle.length_m / 2, np.abs(turn.imag) - obstacle.width_m / 2]
     else:
         across = [np.hypot(*offset.T) - obstacle.radius_m]
-    outside = np.stack([*across, np.abs(points_m[:, 2] - obstacle.height_m / 2) - obstacle.height_m / 2])
+    middle_m, half_m = (obstacle.height_m + obstacle.bottom_m) / 2, (obstacle.height_m - obstacle.bottom_m) / 2
+    outside = np.stack([*across, np.abs(points_m[:, 2] - middle_m) - half_m])
     return np.linalg.norm(np.maximum(outside, 0.0), axis=0) + np.minimum(outside.max(axis=0), 0.0)
 
 

@@ -6,7 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Imu, Odometry, Pose
 from quadlog.simulation import follow
-from quadlog.simulation.synthesized import IMU_TOPIC, ODOMETRY_TOPIC, ROBOT_TRUTH_TOPIC
+from quadlog.simulation.footing import ROBOT_FEET_M, OnTerrain
+from quadlog.simulation.inertial_sensor import ImuErrors, imu_messages
+from quadlog.simulation.synthesized import IMU_TOPIC, ODOMETRY_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
+from quadlog.simulation.terrain import slope
+from quadlog.simulation.walk import Motion, Route, RouteWalk
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +99,40 @@ def test_odometry_pose_is_the_sum_of_its_twist(by_topic):
     np.testing.assert_allclose(np.diff(turned), rate[1:] * 0.02, atol=1e-9)
     steps = np.linalg.norm(np.diff([each.position_m for each in messages], axis=0), axis=1)
     np.testing.assert_allclose(steps, speed[1:] * 0.02, atol=1e-9)
+
+
+class Rocking:
+    """Turns, pitches and rolls smoothly on the spot."""
+
+    def at(self, t_s):
+        pose = (1.5 * np.sin(0.7 * t_s), 0 * t_s, 0 * t_s, 1.05 * np.cos(0.7 * t_s), 0 * t_s)
+        return Motion(np.zeros((len(t_s), 2)), *pose, 0.3 * np.sin(1.1 * t_s), 0.25 * np.cos(1.7 * t_s))
+
+
+def silent_readings(walk):
+    t_ns = START_NS + np.arange(0, 20_000_000_000, 10_000_000)
+    silent = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    readings = list(imu_messages(silent, walk, START_NS, t_ns, np.random.default_rng(0)))
+    attitude = Rotation.from_quat([each.quat_xyzw for each in readings])
+    turn_radps = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / 0.02
+    return attitude, turn_radps, readings
+
+
+def test_the_gyro_reads_how_the_attitude_changes():
+    _, turn_radps, readings = silent_readings(Rocking())
+    gyro = np.array([each.angular_radps for each in readings])[1:-1]
+    assert (np.abs(gyro).max(axis=0) > 0.3).all()
+    np.testing.assert_allclose(gyro, turn_radps, atol=1e-3)
+
+
+def test_round_a_circle_on_a_slope_the_gyro_turns_about_its_normal_and_gravity_stays_upright():
+    angle = 2 * np.pi * np.arange(40) / 40
+    circle = Route(3.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    walk = OnTerrain(RouteWalk(circle, 0.0, 0.8, 0.0, 10.0), slope(0.3), ROBOT_FEET_M)
+    attitude, turn_radps, readings = silent_readings(walk)
+    gyro = np.array([each.angular_radps for each in readings])[1:-1]
+    np.testing.assert_allclose(gyro[:, :2], 0.0, atol=1e-4)
+    np.testing.assert_allclose(gyro, turn_radps, atol=2e-3)
+    force = attitude.apply([each.linear_mps2 for each in readings])
+    np.testing.assert_allclose(force[:, 2], 9.81, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(force[:, 0], force[:, 1]), 0.8**2 / 3.0, atol=2e-3)

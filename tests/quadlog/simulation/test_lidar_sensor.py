@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from quadlog.geometry import transform_from_rpy
 from quadlog.simulation import follow
-from quadlog.simulation.lidar_sensor import Lidar, PointClass
+from quadlog.simulation.footing import OnTerrain
+from quadlog.simulation.lidar_sensor import Lidar, PointClass, World, sweep
 from quadlog.simulation.pedestrian import BODY, part_centres
+from quadlog.simulation.scene import RayCaster
 from quadlog.simulation.synthesized import START_NS, SynthesizedRecording
+from quadlog.simulation.terrain import slope
+from quadlog.simulation.walk import Standing
 
 MOUNT_M = [0.0, 0.0, 0.45]
 
@@ -100,3 +105,35 @@ def test_a_moving_robot_smears_the_sweep(recording, scans, distance_to_yard):
     frozen = Rotation.from_euler("z", motion.yaw_rad[0]).apply(scan.cloud.xyz_m.astype(float) + MOUNT_M)
     frozen += np.array([*motion.position_m[0], 0.0])
     assert np.quantile(distance_to_yard(frozen[obstacle]), 0.9) > 0.03
+
+
+def test_missing_returns_are_left_out_or_kept_as_nan():
+    left_out, kept = (follow.synthesize(seed=4, duration_s=0.2, azimuth_steps=60) for _ in range(2))
+    object.__setattr__(kept, "lidar", Lidar(azimuth_steps=60, keeps_missing=True))
+    for one, other in zip(left_out.scans(), kept.scans(), strict=True):
+        assert len(other.point_class) == 60 * 16
+        missing = other.point_class == PointClass.MISSING
+        assert 50 < missing.sum() < 900
+        np.testing.assert_array_equal(np.isnan(other.cloud.xyz_m).all(axis=1), missing)
+        assert np.isnan(other.range_m[missing]).all()
+        np.testing.assert_array_equal(other.cloud.xyz_m[~missing], one.cloud.xyz_m)
+        np.testing.assert_array_equal(other.point_class[~missing], one.point_class)
+        assert PointClass.MISSING not in one.point_class
+
+
+def test_a_person_on_a_hill_is_seen_standing_on_it():
+    hill = slope(0.1)
+    robot, person = Standing(0.0, 0.0, 0.0), OnTerrain(Standing(5.0, 0.0, 0.0), hill)
+    mount = transform_from_rpy(np.array([0.0, 0.0, 0.45]), 0.0, 0.0, 0.0)
+    world = World(RayCaster((), hill), robot, ((person, PointClass.PERSON),), mount)
+    clean = Lidar(range_std_m=0.0, dropout_share=0.0, false_share=0.0, resolution_m=1e-6)
+    scan = sweep(clean, world, START_NS, START_NS, np.random.default_rng(0))
+    points = scan.cloud.xyz_m[scan.point_class == PointClass.PERSON] + np.array([0.0, 0.0, 0.45])
+    foot_m = 5.0 * np.tan(0.1)
+    trunk = (points[:, 2] > foot_m + 0.8) & (points[:, 2] < foot_m + 1.48)
+    assert trunk.sum() > 20
+    from_axis_m = np.hypot(points[:, 0] - 5.0, points[:, 1])
+    np.testing.assert_allclose(from_axis_m[trunk], 0.2, atol=1e-3)
+    # Below the trunk there are legs only, 0.1 m to either side and 0.08 m thick.
+    assert np.abs(points[points[:, 2] < foot_m + 0.79, 1]).max() < 0.1801
+    assert points[:, 2].min() > foot_m - 1e-3

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.simulation.scene import GROUND, NOTHING, Box, Cylinder, RayCaster
+from quadlog.simulation.terrain import slope
 
 OBSTACLES = (Box(3.0, 0.5, 1.0, 2.0, 1.5, yaw_rad=0.4), Cylinder(-2.0, 1.0, 0.5, 3.0), Box(0.0, -4.0, 6.0, 0.2, 2.0))
 
@@ -62,3 +63,30 @@ def test_sight_is_lost_exactly_where_the_segment_enters_something(caster, distan
     assert (judged & blocked).sum() > 50
     assert (judged & ~blocked).sum() > 50
     np.testing.assert_array_equal(caster.line_of_sight(start, end)[judged], ~blocked[judged])
+
+
+def test_what_hangs_has_an_underside_and_lets_rays_pass_below():
+    caster = RayCaster((Box(3.0, 0.0, 1.0, 1.0, 2.0, bottom_m=1.2), Cylinder(-3.0, 0.0, 0.5, 2.0, bottom_m=1.5)))
+    ahead = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    from_m = np.array([[0.0, 0.0, 1.1], [0.0, 0.0, 1.3], [3.2, 0.1, 0.5], [-3.1, 0.2, 0.5]])
+    hits = caster.cast(from_m, ahead)
+    assert hits.what.tolist() == [NOTHING, 1, 1, 2]
+    np.testing.assert_allclose(hits.range_m[1:], [2.5, 0.7, 1.0], atol=1e-5)
+
+
+def test_on_a_slope_obstacles_stand_on_the_ground_at_their_middle_with_no_gap_below():
+    terrain = slope(np.deg2rad(20.0))
+    obstacles = (Box(5.0, 0.0, 2.0, 1.0, 0.6, yaw_rad=0.3), Cylinder(-4.0, 2.0, 0.3, 2.0))
+    caster = RayCaster(obstacles, terrain)
+    for index, obstacle in enumerate(obstacles):
+        above = np.array([[obstacle.x_m, obstacle.y_m, 10.0]])
+        hit = caster.cast(above, np.array([[0.0, 0.0, -1.0]]))
+        assert hit.what.tolist() == [index + 1]
+        top = np.tan(np.deg2rad(20.0)) * obstacle.x_m + obstacle.height_m
+        np.testing.assert_allclose(10.0 - hit.range_m, top, atol=1e-5)
+        # Along the ground from every side the obstacle is met, never passed below.
+        around = np.linspace(0, 2 * np.pi, 36)
+        centre = np.array([obstacle.x_m, obstacle.y_m])
+        foot = centre + 3.0 * np.column_stack([np.cos(around), np.sin(around)])
+        ends = [np.column_stack([xy, terrain.height_at(xy) + 0.01]) for xy in (foot, np.tile(centre, (36, 1)))]
+        assert not caster.line_of_sight(*ends).any()

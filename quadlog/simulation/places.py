@@ -1,0 +1,139 @@
+"""Where the lidar's tables are measured: each place by name, drawn anew for every scan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from quadlog.messages import Float
+from quadlog.simulation import corridor, forest
+from quadlog.simulation.footing import ROBOT_FEET_M, OnTerrain
+from quadlog.simulation.scene import Box, Cylinder, Obstacle
+from quadlog.simulation.terrain import FLAT, Terrain, ramp, slope, undulating
+from quadlog.simulation.walk import Standing, Walk
+
+_GAIT_TILT_STD_RAD = float(np.deg2rad(2.0))
+_UNDULATION_M, _CORRELATION_M, _UNDULATING_HALF_WIDTH_M = 0.06, 1.0, 25.0
+_RAMP_RUN_M = 4.0
+# Nothing stands nearer to the robot than it could have walked.
+_NEAREST_M, _FARTHEST_M = 1.2, 18.0
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The ground, what stands on it, who stands there, and the robot: all of them still."""
+
+    terrain: Terrain
+    obstacles: tuple[Obstacle, ...]
+    people: tuple[Walk, ...]
+    robot: Walk
+
+
+def _open_ground(rng: np.random.Generator, index: int) -> Place:
+    return _scattered(rng, FLAT, _anywhere(rng, index))
+
+
+def _undulating(rng: np.random.Generator, index: int) -> Place:
+    terrain = undulating(rng, (0.0, 0.0), _UNDULATING_HALF_WIDTH_M, _UNDULATION_M, _CORRELATION_M)
+    return _scattered(rng, terrain, OnTerrain(_anywhere(rng, index), terrain, ROBOT_FEET_M))
+
+
+def _ramp(angle_deg: float, rng: np.random.Generator, index: int) -> Place:
+    """The robot on the flat, 1.5 to 4 m before the foot of the ramp, looking up it."""
+    terrain = ramp(np.deg2rad(angle_deg), float(rng.uniform(1.5, 4.0)), _RAMP_RUN_M)
+    return _scattered(rng, terrain, _robot(rng, index, np.zeros(2), float(rng.uniform(-0.4, 0.4))))
+
+
+def _slope(angle_deg: float, rng: np.random.Generator, index: int) -> Place:
+    """Any way round on a slope; see labelled_scans for how the robot stands on it."""
+    terrain = slope(np.deg2rad(angle_deg))
+    parallel = index % 4 < 2
+    return _scattered(rng, terrain, OnTerrain(_anywhere(rng, index), terrain, ROBOT_FEET_M if parallel else None))
+
+
+def _corridor(rng: np.random.Generator, index: int) -> Place:
+    """Anywhere along the corridor, up to 0.3 m off its middle, the person 1.5 to 3 m ahead."""
+    way = corridor.route()
+    along_m, aside_m, askew_rad = rng.uniform([0.0, -0.3, -0.3], [way.length_m, 0.3, 0.3]).tolist()
+    (here_m, ahead_m), heading_rad, _ = way.at(np.array([along_m, along_m + rng.uniform(1.5, 3.0)]))
+    left = np.array([-np.sin(heading_rad[0]), np.cos(heading_rad[0])])
+    place_m = here_m + aside_m * left
+    robot = _robot(rng, index, place_m, float(heading_rad[0]) + askew_rad)
+    person = _standing(ahead_m, float(heading_rad[1]))
+    boxes = [each for each in corridor.cartons(rng) if np.linalg.norm(place_m - [each.x_m, each.y_m]) > _NEAREST_M]
+    return Place(FLAT, (*corridor.building(), *boxes), (person,), robot)
+
+
+def _wall_ahead(rng: np.random.Generator, index: int) -> Place:
+    """A wall across the way, 1.5 to 4 m ahead, on flat ground with things about."""
+    away_m, askew_rad, aside_m = rng.uniform([1.5, -0.25, -1.5], [4.0, 0.25, 1.5]).tolist()
+    wide_m, high_m = rng.uniform([6.0, 2.0], [14.0, 3.5]).tolist()
+    wall = Box(away_m + 0.1, aside_m, 0.2, wide_m, high_m, askew_rad)
+    # The robot faces +x; what stands, stands behind it.
+    place = _scattered(rng, FLAT, _robot(rng, index, np.zeros(2), 0.0), between_rad=(2.0, 2 * np.pi - 2.0))
+    return Place(place.terrain, (wall, *place.obstacles), (), place.robot)
+
+
+def _forest(rng: np.random.Generator, index: int) -> Place:
+    """On the way through a forest of its own, the person 2 m ahead."""
+    grown = forest.grow(rng)
+    along_m = float(rng.uniform(0.0, grown.route.length_m))
+    (here_m, ahead_m), heading_rad, _ = grown.route.at(np.array([along_m, along_m + forest.GAP_M]))
+    robot = _robot(rng, index, here_m, float(heading_rad[0]))
+    person = OnTerrain(_standing(ahead_m, float(heading_rad[1])), grown.terrain)
+    on_ground = OnTerrain(robot, grown.terrain, ROBOT_FEET_M)
+    return Place(grown.terrain, (*grown.trunks, *grown.foliage), (person,), on_ground)
+
+
+PLACES: dict[str, Callable[[np.random.Generator, int], Place]] = {
+    "flat": _open_ground,
+    "undulating": _undulating,
+    "ramp_15": partial(_ramp, 15.0),
+    "ramp_20": partial(_ramp, 20.0),
+    "slope_15": partial(_slope, 15.0),
+    "slope_20": partial(_slope, 20.0),
+    "corridor": _corridor,
+    "wall_ahead": _wall_ahead,
+    "forest": _forest,
+}
+
+
+def _robot(rng: np.random.Generator, index: int, place_m: Float, yaw_rad: float) -> Standing:
+    """In every other scan in mid-gait."""
+    roll_rad, pitch_rad = (rng.normal(0.0, _GAIT_TILT_STD_RAD, 2) * (index % 2)).tolist()
+    return _standing(place_m, yaw_rad, roll_rad, pitch_rad)
+
+
+def _standing(place_m: Float, yaw_rad: float, roll_rad: float = 0.0, pitch_rad: float = 0.0) -> Standing:
+    x_m, y_m = place_m.tolist()
+    return Standing(x_m, y_m, yaw_rad, roll_rad, pitch_rad)
+
+
+def _anywhere(rng: np.random.Generator, index: int) -> Standing:
+    return _robot(rng, index, rng.uniform(-5.0, 5.0, 2), float(rng.uniform(-np.pi, np.pi)))
+
+
+def _scattered(
+    rng: np.random.Generator, terrain: Terrain, robot: Walk, between_rad: tuple[float, float] = (-np.pi, np.pi)
+) -> Place:
+    """Boxes, poles and trees round the robot, and a person ahead of it, anywhere between two bearings of map."""
+    motion = robot.at(np.zeros(1))
+    here_m, yaw_rad = motion.position_m[0], float(motion.yaw_rad[0])
+
+    def somewhere(reach_m: float) -> tuple[float, float]:
+        away_m, bearing_rad = rng.uniform(_NEAREST_M + reach_m, _FARTHEST_M), rng.uniform(*between_rad)
+        return float(here_m[0] + away_m * np.cos(bearing_rad)), float(here_m[1] + away_m * np.sin(bearing_rad))
+
+    made: list[Obstacle] = []
+    for _ in range(int(rng.integers(5, 10))):
+        made.append(Box(*somewhere(0.9), *rng.uniform([0.2, 0.2, 0.15, -np.pi], [1.5, 1.0, 1.5, np.pi]).tolist()))
+    for _ in range(int(rng.integers(3, 7))):
+        made.append(Cylinder(*somewhere(0.1), *rng.uniform([0.03, 1.0], [0.08, 3.0]).tolist()))
+    for _ in range(int(rng.integers(4, 9))):
+        made.append(Cylinder(*somewhere(0.4), *rng.uniform([0.1, 3.5], [0.35, 6.0]).tolist()))
+    ahead_m = rng.uniform(1.5, 3.0)
+    person_m = here_m + ahead_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+    return Place(terrain, tuple(made), (OnTerrain(_standing(person_m, yaw_rad), terrain),), robot)
