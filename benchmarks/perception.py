@@ -1,54 +1,174 @@
-"""Replay to the map, on one core: real-time factor and peak memory of whole processes."""
+"""Replay to the map, on one core: both methods against reading alone, start-up, and memory of whole processes."""
 
 from __future__ import annotations
 
 import json
 import os
+import statistics
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 from benchmarks.figures import Figure
 
 ROOT = Path(__file__).parents[1]
 QUADLOG = str(Path(sys.executable).with_name("quadlog"))
 CONFIG = ROOT / "fixtures" / "follow.toml"
-FIXTURE_S, FIXTURE_STEPS, FULL_STEPS = 12, 330, 1875
-LONGER = 5
+FIXTURE = ROOT / "fixtures" / "follow.mcap"
+FULL_S, FULL_STEPS, SCAN_MS = 60, 1875, 100
+LONG_S, LONGER, THIN_STEPS = 120, 5, 330
+UWB_PERIOD_NS = 100_000_000
+ROUNDS = 3
+METHODS = ("range_image", "paper")
+FACTOR_LIMITS = {("range_image", "zstd"): 50.0, ("range_image", "uncompressed"): 70.0, ("paper", "zstd"): 6.0}
+
+Result = TypeVar("Result")
+
+
+class Replayed(NamedTuple):
+    """What one `replay --until map` took.
+
+    factor: recorded seconds per second; scan_ms: median of classifying one; to_first_scan_s: of the whole process but
+    for the scans and the report.
+    """
+
+    factor: float
+    scan_ms: float
+    to_first_scan_s: float
+    wall_s: float
+    memory_mb: float
 
 
 def measure(folder: Path) -> Iterator[Figure]:
-    """The committed recording, one with full scans, and one five times as long."""
-    fixture = ROOT / "fixtures" / "follow.mcap"
-    full = _synthesize(folder / "full.mcap", FIXTURE_S, FULL_STEPS)
-    long = _synthesize(folder / "long.mcap", FIXTURE_S * LONGER, FIXTURE_STEPS)
-    _replay(fixture, folder / "warm")  # compiles, so that the figures are of compiled code
-    factor, memory_mb = _replay(fixture, folder / "fixture")
-    yield Figure("fixture, 5 k points a scan, paper's method", factor, "x real", 5, at_least=True)
-    yield Figure("fixture, peak memory", memory_mb, "MB", 700)
-    full_factor, _ = _replay(full, folder / "full")
-    yield Figure("30 k points a scan, paper's method", full_factor, "x real", 3, at_least=True)
-    _, long_mb = _replay(long, folder / "long")
-    yield Figure(f"peak memory, {LONGER}x as long / fixture", long_mb / memory_mb, "x", 1.1)
+    """Start-up first, whose cache of compiled code is empty then; the other parts find it filled."""
+    os.environ["NUMBA_CACHE_DIR"] = str(folder / "compiled")
+    yield from _startup(folder)
+    yield from _speed(folder)
+    yield from _memory(folder)
 
 
-def _synthesize(path: Path, duration_s: int, azimuth_steps: int) -> Path:
-    options = ["--duration", str(duration_s), "--azimuth-steps", str(azimuth_steps), "--seed", "7"]
-    subprocess.run([QUADLOG, "synthesize", "follow", "-o", str(path), *options], check=True, capture_output=True)
-    return path
+def _startup(folder: Path) -> Iterator[Figure]:
+    """Whole processes; what is before the first scan includes the interpreter, ingest and position of 12 s."""
+    first = _replay(FIXTURE, folder / "first")
+    later = [_replay(FIXTURE, folder / f"later-{index}") for index in range(ROUNDS)]
+    extra_s = first.wall_s - statistics.median(each.wall_s for each in later)
+    yield Figure("first-ever start, above a later one", extra_s, "s", 6)
+    yield Figure("later start, to the first scan", min(each.to_first_scan_s for each in later), "s", 1.5)
+    yield Figure("fixture, 5 k points a scan, peak memory", min(each.memory_mb for each in later), "MB", 700)
 
 
-def _replay(recording: Path, output: Path) -> tuple[float, float]:
-    """Real-time factor and peak MB of `replay --until map`, held to one core where the system allows it."""
-    command = [QUADLOG, "replay", str(recording), "-c", str(CONFIG), "-o", str(output), "--until", "map"]
+def _speed(folder: Path) -> Iterator[Figure]:
+    """Best of some rounds, in which the methods take turns."""
+    files = {"zstd": folder / "full.mcap", "uncompressed": folder / "plain.mcap"}
+    _apart(_write, files["zstd"], FULL_S, FULL_STEPS)
+    _apart(_unpack, files["zstd"], files["uncompressed"])
+    alone_s = {packed: min(_apart(_read_alone_s, path) for _ in range(ROUNDS)) for packed, path in files.items()}
+    _replay(FIXTURE, folder / "paper", "paper")  # compiles
+    for packed, path in files.items():
+        floor = f"floor: reading and decompressing alone, {FULL_S / alone_s[packed]:.0f} x"
+        rounds = [[_replay(path, folder / "full", method) for method in METHODS] for _ in range(ROUNDS)]
+        for method, replays in zip(METHODS, zip(*rounds, strict=True), strict=True):
+            of = f"30 k points, {packed}, {method}"
+            factor = max(each.factor for each in replays)
+            yield Figure(f"{of}: to the map", factor, "x real", FACTOR_LIMITS.get((method, packed)), True, floor)
+            of_it = f"of it to classify: {min(each.scan_ms for each in replays):.2f} ms"
+            yield Figure(f"{of}: a scan", SCAN_MS / factor, "ms", floor=of_it)
+
+
+def _memory(folder: Path) -> Iterator[Figure]:
+    short, long = folder / "short.mcap", folder / "long.mcap"
+    _apart(_write, short, LONG_S, THIN_STEPS)
+    _apart(_write, long, LONG_S * LONGER, THIN_STEPS)
+    short_mb, long_mb = (_replay(path, folder / path.stem).memory_mb for path in (short, long))
+    floor = f"{long_mb:.0f} MB after {LONG_S * LONGER // 60} minutes"
+    yield Figure(f"peak memory, {LONG_S * LONGER} s / {LONG_S} s", long_mb / short_mb, "x", 1.1, floor=floor)
+
+
+def _replay(recording: Path, output: Path, method: str = "range_image") -> Replayed:
+    """Held to one core where the system allows it."""
+    command = [QUADLOG, "replay", str(recording), "-c", str(CONFIG), "-o", str(output), "--until", "map", "--force"]
+    command += ["--set", f"lidar.method={method}"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    before_s = time.perf_counter()
     subprocess.run(command, check=True, capture_output=True, env=environment, preexec_fn=_one_core)
+    wall_s = time.perf_counter() - before_s
     record = json.loads((output / recording.stem / "run.json").read_text())
     stages = {stage["name"]: stage for stage in record["stages"]}
-    return record["realtime_factor"], stages["map"]["peak_memory_mb"]
+    return Replayed(
+        factor=record["realtime_factor"],
+        scan_ms=_median_ms(output / recording.stem / "scans.parquet"),
+        to_first_scan_s=wall_s - sum(stages[each]["seconds"] for each in ("filter", "map", "report")),
+        wall_s=wall_s,
+        memory_mb=stages["map"]["peak_memory_mb"],
+    )
+
+
+def _median_ms(table: Path) -> float:
+    from pyarrow import parquet
+
+    return statistics.median(parquet.read_table(table, columns=["ms"])["ms"].to_pylist())
+
+
+def _apart(work: Callable[..., Result], *arguments: object) -> Result:
+    """In a process of its own on one core: its memory is not to count as that of replays started later."""
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_one_core) as other:
+        return other.submit(work, *arguments).result()
 
 
 def _one_core() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def _write(path: Path, duration_s: int, azimuth_steps: int) -> None:
+    """The scenario of the fixture, with ten UWB fixes a second."""
+    from quadlog.pipelines.synthesize import make_recording, synthesize
+    from quadlog.simulation.uwb_sensor import Uwb
+
+    recording = make_recording("follow", 7, duration_s, azimuth_steps)
+    synthesize(replace(recording, uwb=Uwb(period_ns=UWB_PERIOD_NS)), path)
+
+
+def _unpack(packed: Path, plain: Path) -> None:
+    """The same messages in chunks that are not compressed, with their checksums."""
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+
+    with packed.open("rb") as source, plain.open("wb") as target:
+        writer = Writer(target, compression=CompressionType.NONE, enable_crcs=True)
+        writer.start(profile="ros2", library="quadlog-bench")
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                named = channel.topic, channel.message_encoding, schema_id, channel.metadata
+                channels[channel.id] = writer.register_channel(*named)
+            stamps = message.log_time, message.data, message.publish_time, message.sequence
+            writer.add_message(channels[channel.id], *stamps)
+        writer.finish()
+
+
+def _read_alone_s(path: Path) -> float:
+    """Seconds to read every chunk and decompress it, and look at nothing: what no reader can do without."""
+    import zstandard
+    from mcap.reader import make_reader
+
+    decompressor = zstandard.ZstdDecompressor()
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        before_s = time.perf_counter()
+        for chunk in summary.chunk_indexes:
+            # Before the records: opcode, length, start, end, size, CRC, the name of the compression, their length.
+            stream.seek(chunk.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(chunk.compression) + 8)
+            records = stream.read(chunk.compressed_size)
+            if chunk.compression:
+                decompressor.decompress(records, max_output_size=chunk.uncompressed_size)
+        return time.perf_counter() - before_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -12,6 +13,9 @@ from quadlog.lidar.ground import Ground
 from quadlog.lidar.points import PointClass, in_field_of_view, valid_points
 from quadlog.messages import Float
 
+Route = Literal["rings", "elevations", "height_map", "paper"]
+"""By the driver's beam numbers, by beams the elevations show, by a map of the lowest points, or as the paper does."""
+
 
 @dataclass(frozen=True, slots=True)
 class ClassifiedScan:
@@ -20,11 +24,15 @@ class ClassifiedScan:
     xyz_base_m: (N, 3) float64, NaN where the point is invalid.
     label: (N,) uint8 of PointClass.
     ground: the plane found, its inliers counted over all N points, or None.
+    height_m: (N,) height above the ground at each point's place, NaN where the point is invalid.
+    route: how the scan was looked at.
     """
 
     xyz_base_m: Float
     label: NDArray[np.uint8]
     ground: Ground | None
+    height_m: Float
+    route: Route
 
     @property
     def n_raw(self) -> int:

@@ -19,6 +19,8 @@ from quadlog.messages import Float, Int
 
 # A share of inliers so small that it asks for more is not searched further.
 MOST_ITERATIONS = 100_000
+# Above a steeper plane (a wall that RANSAC took for the ground) no height can be told.
+STEEPEST_GROUND_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,24 @@ def _distinct_triples(n_points: int, n_triples: int, seed: int) -> Int:
     third += third >= low
     third += third >= high
     return np.stack([first, second, third], axis=1)
+
+
+def is_level(ground: Ground | None) -> bool:
+    """Whether there is a ground plane, and one that a robot could stand on."""
+    return ground is not None and bool(ground.normal[2] >= math.cos(math.radians(STEEPEST_GROUND_DEG)))
+
+
+def height_above_ground(xyz_base_m: Float, ground: Ground | None) -> Float:
+    """Vertical height (N,) of points (N, 3) above the plane; above base's own floor when there is none, or none level.
+
+    Without this rule a wall taken for the ground would hide every obstacle
+    that stands farther from it than the greatest height.
+    """
+    if ground is None or not is_level(ground):
+        floor: Float = xyz_base_m[:, 2]
+        return floor
+    above: Float = (xyz_base_m @ ground.normal + ground.d_m) / ground.normal[2]
+    return above
 
 
 @njit(cache=True)

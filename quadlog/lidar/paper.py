@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.lidar.classify import ClassifiedScan, cropped_to_base
-from quadlog.lidar.ground import Ground, fit_ground
+from quadlog.lidar.ground import Ground, fit_ground, height_above_ground
 from quadlog.lidar.outliers import statistical_outliers
 from quadlog.lidar.points import PointClass
 from quadlog.messages import Float
@@ -62,7 +62,8 @@ def classify_scan_paper(
         settings.ground_min_points,
         seed,
     )
-    if plane is None:
-        return ClassifiedScan(xyz_base_m, label, None)
-    label[inside[plane.inliers]] = PointClass.GROUND
-    return ClassifiedScan(xyz_base_m, label, Ground(plane.normal, plane.d_m, label == PointClass.GROUND))
+    ground = None
+    if plane is not None:
+        label[inside[plane.inliers]] = PointClass.GROUND
+        ground = Ground(plane.normal, plane.d_m, label == PointClass.GROUND)
+    return ClassifiedScan(xyz_base_m, label, ground, height_above_ground(xyz_base_m, ground), "paper")

@@ -20,6 +20,16 @@ def inflate(occupied: Grid, radius_cells: float) -> Grid:
     return _stamp(occupied, half_widths)
 
 
+def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
+    """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning] ValueError below 0."""
+    reach = _reach(occupied, radius_cells)
+    return _stamp(occupied, np.full(2 * reach + 1, reach))
+
+
+INFLATIONS = {"euclidean": inflate, "square": inflate_square}
+"""The shapes by which obstacles grow."""
+
+
 def _reach(occupied: Grid, radius_cells: float) -> int:
     """Whole cells to either side that a stamp covers, no more than the grid is large."""
     if not radius_cells >= 0:

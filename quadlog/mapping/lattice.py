@@ -1,16 +1,50 @@
-"""Arrays that grow with the ground a run covers, up to a limit."""
+"""Arrays on the lattice that follow the robot: they grow with the ground a run covers, or slide with a window."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from quadlog.mapping.window import Window
+from quadlog.mapping.window import Window, crop
 
 # Grown in whole blocks, so that a walking robot does not copy the map with every scan.
 BLOCK_CELLS = 128
 # 16.8 million cells: 410 m by 410 m of 0.1 m. A pose that jumps to the moon must not take all memory.
 MOST_CELLS = 4096 * 4096
+
+
+class Layers(Protocol):
+    """Named arrays over one window of the lattice, zero where nothing was written."""
+
+    def cover(self, window: Window) -> bool:
+        """Make room for a window; False, and nothing changes, where there is none."""
+
+    def view(self, name: str, window: Window) -> NDArray:
+        """The layer within a window that is covered; writing to it changes the layer."""
+
+
+class SlidingLattice:
+    """Layers as large as the window: what it leaves behind is forgotten."""
+
+    def __init__(self, layers: dict[str, DTypeLike]) -> None:
+        self._dtypes = layers
+        self._held: Window | None = None
+        self._layers: dict[str, NDArray] = {}
+
+    def cover(self, window: Window) -> bool:
+        """Slide to a window; there is always room for one."""
+        if window != self._held:
+            before, self._held = self._held, window
+            for name, dtype in self._dtypes.items():
+                empty = np.zeros(window.shape, dtype=dtype)
+                self._layers[name] = empty if before is None else crop(self._layers[name], before, window)
+        return True
+
+    def view(self, name: str, window: Window) -> NDArray:
+        """The layer, of the window slid to last."""
+        return self._layers[name]
 
 
 class GrowingLattice:

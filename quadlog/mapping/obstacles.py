@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.ground import Ground
 from quadlog.lidar.points import PointClass
 from quadlog.messages import Float
-
-# Above a steeper plane (a wall that RANSAC took for the ground) no height can be told.
-STEEPEST_GROUND_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,42 +30,34 @@ class ObstacleSettings:
     body_margin_m: float = 0.1
 
 
-def is_level(ground: Ground | None) -> bool:
-    """Whether there is a ground plane, and one that a robot could stand on."""
-    return ground is not None and bool(ground.normal[2] >= math.cos(math.radians(STEEPEST_GROUND_DEG)))
-
-
-def height_above_ground(xyz_base_m: Float, ground: Ground | None) -> Float:
-    """Vertical height (N,) of points (N, 3) above the plane; above base's own floor when there is none, or none level.
-
-    Without this rule a wall taken for the ground would hide every obstacle
-    that stands farther from it than the greatest height.
-    """
-    if ground is None or not is_level(ground):
-        floor: Float = xyz_base_m[:, 2]
-        return floor
-    above: Float = (xyz_base_m @ ground.normal + ground.d_m) / ground.normal[2]
-    return above
-
-
 def obstacle_points(
     scan: ClassifiedScan, pose_base_in_map: Float, target_xy_m: Float | None, settings: ObstacleSettings
 ) -> Float:
-    """The points (M, 2) in map that block the robot. [Following]
+    """The points (M, 3) that block the robot: x and y in map, and height above the ground. [Following]
 
     pose_base_in_map: (3,) x, y in metres and yaw in radians.
     target_xy_m: (2,) in map, or None when nothing is followed.
     """
-    xyz_base_m = scan.of_class(PointClass.OBSTACLE)
-    height_m = height_above_ground(xyz_base_m, scan.ground)
+    is_obstacle = scan.label == PointClass.OBSTACLE
+    xyz_base_m, height_m = scan.xyz_base_m[is_obstacle], scan.height_m[is_obstacle]
     blocks = (height_m >= settings.min_height_m) & (height_m <= settings.max_height_m)
     blocks &= ~_on_body(xyz_base_m, settings)
-    xy_map_m = to_map(xyz_base_m[blocks, :2], pose_base_in_map)
+    points_m = np.column_stack([to_map(xyz_base_m[blocks, :2], pose_base_in_map), height_m[blocks]])
     if target_xy_m is None:
-        return xy_map_m
-    from_target_m = np.hypot(xy_map_m[:, 0] - target_xy_m[0], xy_map_m[:, 1] - target_xy_m[1])
-    others: Float = xy_map_m[from_target_m > settings.target_radius_m]
+        return points_m
+    from_target_m = np.hypot(points_m[:, 0] - target_xy_m[0], points_m[:, 1] - target_xy_m[1])
+    others: Float = points_m[from_target_m > settings.target_radius_m]
     return others
+
+
+def ray_ends(scan: ClassifiedScan, settings: ObstacleSettings) -> tuple[Float, NDArray]:
+    """Where a scan's rays ended: (N, 3) in base and their heights (N,), NaN for points that are no surface.
+
+    Outliers end where nothing is, and the robot's own body is nothing to look past.
+    """
+    surface = (scan.label == PointClass.GROUND) | (scan.label == PointClass.OBSTACLE)
+    surface &= ~_on_body(scan.xyz_base_m, settings)
+    return scan.xyz_base_m, np.where(surface, scan.height_m, np.nan)
 
 
 def to_map(xy_base_m: Float, pose_base_in_map: Float) -> Float:

@@ -10,13 +10,14 @@ written (col, row), like (x, y).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
 
+Cell = TypeVar("Cell", bound=np.generic)
 # Cells beyond this are farther than float64 can tell neighbours apart.
 FARTHEST_CELL = 2.0**50
 
@@ -74,13 +75,13 @@ def window_at(origin_m: Float, cell_m: float, shape: tuple[int, ...]) -> Window:
     return Window(col0, row0, float(cell_m), (int(shape[0]), int(shape[1])))
 
 
-def crop(grid: NDArray[np.bool_], of: Window, to: Window) -> NDArray[np.bool_]:
-    """What a grid (rows, cols) of one window has in another one of the same lattice, False where they do not overlap.
+def crop(grid: NDArray[Cell], of: Window, to: Window) -> NDArray[Cell]:
+    """What a grid (rows, cols) of one window has in another one of the same lattice, zero where they do not overlap.
 
     Raises ValueError when the cells differ in size.
     """
     dcol, drow = of.shift_to(to)
-    cropped = np.zeros(to.shape, dtype=np.bool_)
+    cropped = np.zeros(to.shape, dtype=grid.dtype)
     rows = slice(max(-drow, 0), max(min(of.shape[0] - drow, to.shape[0]), 0))
     cols = slice(max(-dcol, 0), max(min(of.shape[1] - dcol, to.shape[1]), 0))
     if rows.start < rows.stop and cols.start < cols.stop:

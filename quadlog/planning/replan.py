@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.mapping.escape import escape_start
 from quadlog.mapping.goal import project_goal
-from quadlog.mapping.inflation import inflate
+from quadlog.mapping.inflation import INFLATIONS
 from quadlog.mapping.window import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.astar import AStar
@@ -23,12 +23,14 @@ from quadlog.planning.smoothing import smooth_path, straight_path
 class ReplanSettings:
     """How a map becomes a path.
 
-    dilation_m: obstacles grow by this. stop_short_m: the path ends so far from the goal, 0 to reach it.
+    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    stop_short_m: the path ends so far from the goal, 0 to reach it.
     corner_cutting: the rule of the planner, needed for the optimal cost too.
     smooth, merge_m, spacing_m: see smooth_path.
     """
 
     dilation_m: float = 0.3
+    dilation: str = "euclidean"
     stop_short_m: float = 1.0
     corner_cutting: bool = False
     smooth: bool = True
@@ -173,7 +175,8 @@ class Replanner:
     def _query(self, window: Window, occupied: Bool, start_xy_m: Float, goal_xy_m: Float) -> _Query | None:
         """None when the robot is outside the window or walled in, or the goal is not finite."""
         start = _as_cell(window.cell_of(start_xy_m))
-        blocked = inflate(occupied, self._settings.dilation_m / window.cell_m)
+        grow = INFLATIONS[self._settings.dilation]
+        blocked = grow(occupied, self._settings.dilation_m / window.cell_m)
         escape = escape_start(occupied, blocked, start)
         if escape is None:
             return None

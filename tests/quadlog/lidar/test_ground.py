@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.lidar import ground as ground_module
-from quadlog.lidar.ground import fit_ground, ransac_iterations
+from quadlog.lidar.ground import Ground, fit_ground, height_above_ground, is_level, ransac_iterations
 from quadlog.open3d_import import import_open3d
 
 
@@ -123,3 +123,23 @@ def test_three_points_of_a_draw_differ() -> None:
     assert {tuple(sorted(row)) for row in triples.tolist()} == {(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)}
     assert (triples >= 0).all()
     assert (triples < 4).all()
+
+
+def plane_of(normal: tuple[float, float, float], point: tuple[float, float, float]) -> Ground:
+    unit = np.array(normal) / np.linalg.norm(normal)
+    return Ground(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
+
+
+def test_heights_are_vertical_above_a_tilted_plane() -> None:
+    slope = plane_of((-np.tan(np.deg2rad(20)), 0.0, 1.0), (0.0, 0.0, -0.5))
+    on_slope = np.array([3.0, 1.0, -0.5 + 3.0 * np.tan(np.deg2rad(20))])
+    heights = height_above_ground(on_slope + np.array([[0, 0, 0], [0, 0, 0.8], [0, 0, -0.2]]), slope)
+    assert heights == pytest.approx([0.0, 0.8, -0.2])
+
+
+def test_a_wall_is_no_floor_to_measure_from() -> None:
+    wall = plane_of((-1.0, 0.0, 0.05), (6.0, 0.0, 0.0))
+    assert not is_level(wall)
+    assert is_level(plane_of((0.0, 0.9, 1.0), (0.0, 0.0, 0.0)))
+    assert not is_level(None)
+    assert height_above_ground(np.array([[2.0, 0.0, 0.5]]), wall).tolist() == [0.5]

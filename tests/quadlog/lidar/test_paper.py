@@ -91,3 +91,17 @@ def test_real_scans_have_ground_and_obstacles(real_scans) -> None:
             assert scan.n_valid > 3000
             assert scan.ground is not None
             assert scan.n_obstacle > 500
+
+
+def test_heights_are_vertical_above_the_plane(ring_scan) -> None:
+    scan = classify_scan_paper(ring_scan[0].astype(np.float32), LEVEL, ALL_ROUND, seed=0)
+    assert scan.route == "paper"
+    assert scan.ground is not None
+    x, y, z = scan.xyz_base_m.T
+    floor_m = -(scan.ground.normal[0] * x + scan.ground.normal[1] * y + scan.ground.d_m) / scan.ground.normal[2]
+    assert scan.height_m == pytest.approx(z - floor_m, abs=1e-9)
+
+
+def test_without_a_plane_heights_are_those_of_base() -> None:
+    scan = classify_scan_paper(np.array([[3.0, 0, 0.2], [np.nan, 0, 0]], np.float32), LEVEL, ALL_ROUND, seed=0)
+    assert scan.height_m == pytest.approx([0.7, np.nan], nan_ok=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from quadlog.mapping.inflation import inflate
+from quadlog.mapping.inflation import inflate, inflate_square
 
 grids = arrays(np.bool_, st.tuples(st.integers(1, 30), st.integers(1, 30)))
 
@@ -24,6 +24,13 @@ def test_euclidean_agrees_with_scipy(occupied: np.ndarray, radius_cells: float) 
     before = occupied.copy()
     assert (inflate(occupied, radius_cells) == by_distance(occupied, radius_cells)).all()
     assert (occupied == before).all()
+
+
+@settings(deadline=None)
+@given(grids, st.integers(0, 12))
+def test_square_agrees_with_scipy(occupied: np.ndarray, radius_cells: int) -> None:
+    expected = ndimage.binary_dilation(occupied, np.ones((2 * radius_cells + 1,) * 2))
+    assert (inflate_square(occupied, radius_cells) == expected).all()
 
 
 def test_blobs_with_enclosed_cells_agree_with_scipy() -> None:

@@ -5,15 +5,17 @@ import pytest
 
 from quadlog.geometry import apply_transform, transform_from_rpy
 from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.ground import Ground
+from quadlog.lidar.ground import Ground, height_above_ground
 from quadlog.lidar.points import PointClass
-from quadlog.mapping.obstacles import ObstacleSettings, height_above_ground, obstacle_points
+from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
 
 SETTINGS = ObstacleSettings(min_height_m=0.05, max_height_m=1.5, target_radius_m=0.5, body_margin_m=0.1)
 
 
 def scan_of(points: list, ground: Ground | None = None, label: PointClass = PointClass.OBSTACLE) -> ClassifiedScan:
-    return ClassifiedScan(np.array(points, dtype=np.float64), np.full(len(points), label, dtype=np.uint8), ground)
+    xyz_m = np.array(points, dtype=np.float64)
+    labels = np.full(len(points), label, dtype=np.uint8)
+    return ClassifiedScan(xyz_m, labels, ground, height_above_ground(xyz_m, ground), "paper")
 
 
 def plane(normal: tuple[float, float, float], point: tuple[float, float, float]) -> Ground:
@@ -26,14 +28,8 @@ def test_points_are_placed_in_map_by_the_pose() -> None:
     pose = np.array([10.0, -4.0, 0.7])
     base_to_map = transform_from_rpy(np.array([10.0, -4.0, 0.0]), 0.0, 0.0, 0.7)
     expected = apply_transform(base_to_map, np.array(points))[:, :2]
-    assert obstacle_points(scan_of(points), pose, None, SETTINGS) == pytest.approx(expected)
-
-
-def test_heights_are_vertical_above_a_tilted_plane() -> None:
-    slope = plane((-np.tan(np.deg2rad(20)), 0.0, 1.0), (0.0, 0.0, -0.5))
-    on_slope = np.array([3.0, 1.0, -0.5 + 3.0 * np.tan(np.deg2rad(20))])
-    heights = height_above_ground(on_slope + np.array([[0, 0, 0], [0, 0, 0.8], [0, 0, -0.2]]), slope)
-    assert heights == pytest.approx([0.0, 0.8, -0.2])
+    found = obstacle_points(scan_of(points), pose, None, SETTINGS)
+    assert found == pytest.approx(np.column_stack([expected, [0.5, 0.5]]))
 
 
 def test_low_high_and_sunken_points_do_not_block() -> None:
@@ -68,4 +64,18 @@ def test_the_targets_own_returns_do_not_block() -> None:
     pose = np.array([1.0, 1.0, np.pi / 2])
     scan = scan_of([[3.0, 0.0, 1.0], [3.0, 0.45, 1.0], [3.0, 0.55, 1.0]])
     found = obstacle_points(scan, pose, np.array([1.0, 4.0]), SETTINGS)
-    assert found == pytest.approx(np.array([[0.45, 4.0]]))
+    assert found == pytest.approx(np.array([[0.45, 4.0, 1.0]]))
+
+
+def test_rays_end_at_surfaces_and_not_on_the_robot() -> None:
+    scan = scan_of([[3, 0, 0.5], [4, 0, 1.0], [0.2, 0.1, 0.3], [5, 0, 0.2], [6, 0, 2.5]])
+    scan.label[:] = [
+        PointClass.OBSTACLE,
+        PointClass.GROUND,
+        PointClass.OBSTACLE,
+        PointClass.OUTLIER,
+        PointClass.OBSTACLE,
+    ]
+    end_m, height_m = ray_ends(scan, SETTINGS)
+    assert end_m is scan.xyz_base_m
+    assert height_m == pytest.approx([0.5, 1.0, np.nan, np.nan, 2.5], nan_ok=True)

@@ -5,8 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.mapping.occupancy import occupancy
+from quadlog.mapping.occupancy import obstacle_tops
 from quadlog.mapping.window import Window
+
+
+def occupancy(points: np.ndarray, window: Window, min_points: int) -> np.ndarray:
+    return np.isfinite(obstacle_tops(np.column_stack([points, np.ones(len(points))]), window, min_points))
 
 
 @settings(deadline=None)
@@ -29,3 +33,9 @@ def test_points_that_are_nowhere_count_nowhere(bad: float) -> None:
     points = np.array([[bad, 0.0], [0.0, bad], [bad, bad]])
     assert not occupancy(points, Window(-5, -5, 0.1, (10, 10)), 1).any()
     assert not occupancy(np.empty((0, 2)), Window(-5, -5, 0.1, (10, 10)), 1).any()
+
+
+def test_the_highest_point_of_a_cell_is_its_top() -> None:
+    points = np.array([[0.05, 0.05, 0.3], [0.06, 0.01, 1.2], [0.02, 0.03, 0.7], [0.15, 0.05, 0.4]])
+    assert obstacle_tops(points, Window(0, 0, 0.1, (1, 3)), 1).tolist() == [pytest.approx([1.2, 0.4, -np.inf])]
+    assert obstacle_tops(points, Window(0, 0, 0.1, (1, 3)), 2).tolist() == [pytest.approx([1.2, -np.inf, -np.inf])]

@@ -1,0 +1,90 @@
+"""How the robot's body is tilted at the instant of a scan, so that up is up when its points are judged.
+
+[Following] turns a point by roll and pitch before the heading. Only the
+direction that is up in the body matters for that, and it is interpolated: it
+knows no heading, so an IMU whose north is anywhere serves as well.
+
+What this cannot see: an IMU whose mount is tilted by a degree or two, and not
+in tf, tilts every scan by as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadlog.messages import Float, Int
+
+MAX_AGE_NS = 200_000_000
+"""An orientation farther away than this says nothing about the scan."""
+MAX_TILT_RAD = math.radians(40.0)
+"""A robot that walks is tilted less; more is an IMU mounted another way round, or a fall."""
+
+
+class NotLevelled(StrEnum):
+    """Why the body is taken to be upright."""
+
+    STALE = "no orientation within 0.2 s"
+    STEEP = "tilted by more than 40 degrees"
+
+
+@dataclass(frozen=True, slots=True)
+class UpSeries:
+    """Which direction is up in base: up (N, 3) of unit length at t_ns (N,), strictly increasing."""
+
+    t_ns: Int
+    up: Float
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | None = None) -> UpSeries:
+    """What orientations (N, 4) of a sensor, in a world whose z is up, say at t_ns (N,), strictly increasing.
+
+    rotation_sensor_to_base: (3, 3), None for one mounted as base is. Rows
+    that are no rotation (NaN, zero) are left out.
+    """
+    real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
+    up = np.empty((0, 3))
+    if real.any():
+        up = Rotation.from_quat(quat_xyzw[real]).as_matrix()[:, 2, :]
+    if rotation_sensor_to_base is not None:
+        up = up @ rotation_sensor_to_base.T
+    return UpSeries(t_ns[real], up)
+
+
+def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevelled | None]:
+    """(W, 3, 3) rotations R_y(pitch) R_x(roll) that turn base upright at the instants (W,) of one scan. [Following]
+
+    All are the identity, and the reason is told, where one of them cannot be
+    known: half a scan that is levelled would be torn.
+    """
+    upright = np.tile(np.eye(3), (len(t_ns_wanted), 1, 1))
+    if len(series) == 0:
+        return upright, NotLevelled.STALE
+    after = np.searchsorted(series.t_ns, t_ns_wanted, side="left").clip(max=len(series) - 1)
+    before = (np.searchsorted(series.t_ns, t_ns_wanted, side="right") - 1).clip(0)
+    to_before_ns, to_after_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
+    if np.maximum(to_before_ns, to_after_ns).max() > MAX_AGE_NS:
+        return upright, NotLevelled.STALE
+    share = (to_before_ns / np.maximum(to_before_ns + to_after_ns, 1))[:, None]
+    up = (1 - share) * series.up[before] + share * series.up[after]
+    # Opposite directions have no mean, and are steep.
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    if up[:, 2].min() < math.cos(MAX_TILT_RAD):
+        return upright, NotLevelled.STEEP
+    return _rotations(up), None
+
+
+def _rotations(up: Float) -> Float:
+    """R_y(pitch) R_x(roll), whose last row is up: (-sin pitch, cos pitch sin roll, cos pitch cos roll)."""
+    x, y, z = up.T
+    cos_pitch = np.hypot(y, z)
+    sin_roll, cos_roll, zero = y / cos_pitch, z / cos_pitch, np.zeros(len(up))
+    rows = [[cos_pitch, -x * sin_roll, -x * cos_roll], [zero, cos_roll, -sin_roll], [x, y, z]]
+    return np.moveaxis(np.array(rows), -1, 0)

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
+from quadlog.simulation import forest
+from quadlog.simulation.labelled_scans import labelled_scans
+from quadlog.simulation.lidar_sensor import Lidar
+from quadlog.simulation.synthesized import IMU_TOPIC, START_NS
+
+MS = 1_000_000
+T_NS = 1_767_225_600_000_000_000
+tilt = st.floats(-0.45, 0.45)
+heading = st.floats(-3.1, 3.1)
+
+
+def quats(*yaw_pitch_roll) -> np.ndarray:
+    return Rotation.from_euler("ZYX", np.atleast_2d(yaw_pitch_roll)).as_quat()
+
+
+def series(*yaw_pitch_roll, step_ms: int = 10) -> UpSeries:
+    """Orientations from T_NS on."""
+    return up_in_base(T_NS + np.arange(len(yaw_pitch_roll)) * step_ms * MS, quats(*yaw_pitch_roll))
+
+
+def at(*ms: float) -> np.ndarray:
+    return T_NS + np.array([round(each * MS) for each in ms], dtype=np.int64)
+
+
+@settings(deadline=None)
+@given(heading, tilt, tilt, st.booleans())
+def test_roll_and_pitch_are_taken_out_whatever_the_heading(yaw, pitch, roll, flipped):
+    quat = quats([yaw, pitch, roll]) * (-1 if flipped else 1)
+    rotations, why = level_rotations(at(0), up_in_base(at(0), quat))
+    assert why is None
+    np.testing.assert_allclose(rotations[0], Rotation.from_euler("YX", [pitch, roll]).as_matrix(), atol=1e-12)
+
+
+def test_between_two_orientations_it_is_the_share_of_each():
+    turning = series([3.0, 0.10, 0.0], [-3.0, 0.20, -0.08])
+    rotations, why = level_rotations(at(0, 2.5, 5, 10), turning)
+    assert why is None
+    expected = [(0.10, 0.0), (0.125, -0.02), (0.15, -0.04), (0.20, -0.08)]
+    np.testing.assert_allclose(rotations, Rotation.from_euler("YX", expected).as_matrix(), atol=5e-4)
+
+
+def test_the_scans_of_every_place_are_turned_upright():
+    tilted = 0
+    for name in ("flat", "ramp_20", "slope_20"):
+        for scan in labelled_scans(name, seed=7, n=2, lidar=Lidar(azimuth_steps=16)):
+            quat = Rotation.from_matrix(scan.transform_base_to_map[:3, :3]).as_quat()[None]
+            rotations, why = level_rotations(at(0), up_in_base(at(0), quat))
+            assert why is None
+            np.testing.assert_allclose(rotations[0], scan.transform_base_to_level[:3, :3], atol=1e-9)
+            tilted += rotations[0, 2, 2] < 0.9999
+    assert tilted >= 3
+
+
+def test_the_imu_of_a_simulated_walk_over_rough_ground_levels_it():
+    recording = forest.synthesize(seed=3, duration_s=1.0, azimuth_steps=16)
+    imu = [each.message for each in recording.messages() if each.topic == IMU_TOPIC]
+    known = up_in_base(np.array([each.stamp_ns for each in imu]), np.array([each.quat_xyzw for each in imu]))
+    wanted = START_NS + np.arange(103, 900, 97) * MS
+    rotations, why = level_rotations(wanted, known)
+    assert why is None
+    motion = recording.site.robot.at((wanted - START_NS) * 1e-9)
+    truth = Rotation.from_euler("YX", np.column_stack([motion.pitch_rad, motion.roll_rad])).as_matrix()
+    assert np.abs(motion.pitch_rad).max() > 0.01
+    np.testing.assert_allclose(rotations, truth, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("ms", "known"), [((0,), True), ((-200, 0), True), ((-200.001,), False), ((610,), True), ((0, 610.001), False)]
+)
+def test_orientations_hold_for_a_fifth_of_a_second(ms, known):
+    rotations, why = level_rotations(at(*ms), series(*[[0, 0.2, 0]] * 42))
+    assert why is (None if known else NotLevelled.STALE)
+    assert rotations.shape == (len(ms), 3, 3)
+    assert np.allclose(rotations, np.eye(3)) != known
+
+
+def test_a_gap_is_not_bridged():
+    known = series([0, 0.1, 0], [0, 0.1, 0], step_ms=300)
+    assert level_rotations(at(50), known)[1] is NotLevelled.STALE
+    assert level_rotations(at(150), known)[1] is None
+    assert level_rotations(at(0, 300), known)[1] is None
+
+
+def test_without_orientations_nothing_is_levelled():
+    nothing = np.array([[np.nan] * 4, [0.0] * 4, [np.inf, 0, 0, 1]])
+    known = up_in_base(at(0, 1, 2), nothing)
+    assert len(known) == 0
+    rotations, why = level_rotations(at(0, 1), known)
+    assert why is NotLevelled.STALE
+    np.testing.assert_array_equal(rotations, np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_rows_that_are_no_rotation_are_left_out():
+    rows = np.concatenate([quats([0, 0.1, 0]), np.full((1, 4), np.nan), np.zeros((1, 4)), 3 * quats([0, 0.1, 0])])
+    known = up_in_base(at(0, 10, 20, 30), rows)
+    assert known.t_ns.tolist() == at(0, 30).tolist()
+    rotations, why = level_rotations(at(15), known)
+    assert why is None
+    np.testing.assert_allclose(rotations[0], Rotation.from_euler("y", 0.1).as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize(("roll_deg", "steep"), [(39.9, False), (-39.9, False), (40.1, True), (90, True), (180, True)])
+def test_what_no_walking_robot_does_is_not_believed(roll_deg, steep):
+    rotations, why = level_rotations(at(0), series([0.5, 0.0, np.radians(roll_deg)]))
+    assert why is (NotLevelled.STEEP if steep else None)
+    assert np.allclose(rotations, np.eye(3)) == steep
+
+
+def test_a_scan_is_levelled_as_a_whole_or_not_at_all():
+    falling = series([0, 0.1, 0], [0, 0.2, 0], [0, 1.2, 0])
+    rotations, why = level_rotations(at(0, 10, 20), falling)
+    assert why is NotLevelled.STEEP
+    np.testing.assert_array_equal(rotations, np.tile(np.eye(3), (3, 1, 1)))
+
+
+def test_two_opposite_orientations_have_no_mean():
+    known = UpSeries(at(0, 10), np.array([[0.0, 0, 1], [0, 0, -1]]))
+    rotations, why = level_rotations(at(5), known)
+    assert why is NotLevelled.STEEP
+    assert np.isfinite(rotations).all()
+
+
+@settings(deadline=None)
+@given(tilt, tilt, heading, heading, st.floats(-1.4, 1.4), heading)
+def test_an_imu_mounted_turned_tells_the_tilt_of_base(pitch, roll, yaw, mount_yaw, mount_pitch, mount_roll):
+    imu_to_base = Rotation.from_euler("ZYX", [mount_yaw, mount_pitch, mount_roll])
+    imu_to_world = Rotation.from_euler("ZYX", [yaw, pitch, roll]) * imu_to_base
+    known = up_in_base(at(0), imu_to_world.as_quat()[None], imu_to_base.as_matrix())
+    rotations, why = level_rotations(at(0), known)
+    assert why is None
+    np.testing.assert_allclose(rotations[0], Rotation.from_euler("YX", [pitch, roll]).as_matrix(), atol=1e-9)

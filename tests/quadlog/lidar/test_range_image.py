@@ -1,0 +1,339 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from quadlog.geometry import transform_from_rpy
+from quadlog.lidar.points import PointClass
+from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.simulation.labelled_scans import is_true_obstacle, labelled_scans
+
+LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
+ALL_ROUND = RangeImageSettings()
+# The constants were chosen on seed 100.
+HELD_OUT_SEED = 7
+PLACES = ("flat", "undulating", "ramp_15", "ramp_20", "slope_15", "corridor", "wall_ahead", "forest")
+EXTREMES = st.sampled_from([0.0, -0.0, 1.0, -2.5, 7.0, 29.0, 1e-30, 1e30, -3e38, np.nan, np.inf, -np.inf])
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """name -> held-out labelled scans, two of each place: one standing still and one in mid-gait."""
+    return {name: list(labelled_scans(name, HELD_OUT_SEED, 2)) for name in PLACES}
+
+
+def classified(scan, ring=None, transform=None, xyz_m=None):
+    return classify_scan_range_image(
+        scan.xyz_lidar_m if xyz_m is None else xyz_m,
+        scan.ring if ring is None else ring,
+        scan.transform_lidar_to_base if transform is None else transform,
+        ALL_ROUND,
+    )
+
+
+def share(wanted: np.ndarray, among: np.ndarray) -> float:
+    return np.count_nonzero(wanted & among) / max(np.count_nonzero(among), 1)
+
+
+def cells_of(xyz_m: np.ndarray) -> set[tuple[int, int]]:
+    return {(x, y) for x, y in np.floor(xyz_m[:, :2] / 0.1).astype(int).tolist()}
+
+
+@pytest.mark.parametrize(("name", "precision", "recall"), [
+    ("flat", 0.98, 0.98), ("undulating", 0.98, 0.98), ("ramp_15", 0.97, 0.97), ("ramp_20", 0.97, 0.97),
+    ("slope_15", 0.97, 0.97), ("corridor", 0.92, 0.94), ("wall_ahead", 0.96, 0.98), ("forest", 0.96, 0.97),
+])  # fmt: skip
+def test_ground_of_held_out_scans(scans, name: str, precision: float, recall: float) -> None:
+    for scan in scans[name]:
+        found = classified(scan)
+        assert found.route == "rings"
+        looked_at = found.label > PointClass.CROPPED
+        ground, truth = found.label == PointClass.GROUND, scan.truth == PointClass.GROUND
+        assert share(truth, ground) >= precision
+        assert share(ground, truth & looked_at) >= recall
+        on_ground = ground & truth
+        assert np.abs(found.height_m[on_ground]).max() < 0.31
+        assert np.quantile(np.abs(found.height_m[on_ground]), 0.99) < 0.1
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_outliers_of_held_out_scans(scans, name: str) -> None:
+    false, found, good, lost = 0, 0, 0, 0
+    for scan in scans[name]:
+        result = classified(scan)
+        looked_at, outlier = result.label > PointClass.CROPPED, result.label == PointClass.OUTLIER
+        truth = scan.truth == PointClass.OUTLIER
+        false, found = false + (truth & looked_at).sum(), found + (truth & outlier).sum()
+        good, lost = good + (~truth & looked_at).sum(), lost + (~truth & outlier).sum()
+    assert found / false >= 0.85
+    assert lost / good <= 0.003
+
+
+@pytest.mark.parametrize(("name", "recall"), [("flat", 0.95), ("corridor", 0.99), ("wall_ahead", 0.99)])
+def test_obstacle_cells_of_held_out_scans(scans, name: str, recall: float) -> None:
+    for scan in scans[name]:
+        result = classified(scan)
+        near = np.abs(result.xyz_base_m[:, :2]).max(axis=1) < 10
+        high = (result.height_m >= 0.05) & (result.height_m <= 1.5)
+        found = cells_of(result.xyz_base_m[near & high & (result.label == PointClass.OBSTACLE)])
+        truth = cells_of(result.xyz_base_m[near & is_true_obstacle(scan)])
+        assert len(found & truth) / len(truth) >= recall
+        assert len(found - truth) <= 20
+
+
+def test_heights_are_those_above_the_ground_below(scans) -> None:
+    for name in ("flat", "ramp_20", "undulating"):
+        for scan in scans[name]:
+            result = classified(scan)
+            near = np.hypot(*result.xyz_base_m[:, :2].T) < 6
+            both = near & (scan.truth == PointClass.OBSTACLE) & (result.label == PointClass.OBSTACLE)
+            assert np.quantile(np.abs(result.height_m[both] - scan.height_m[both]), 0.9) < 0.1
+
+
+@pytest.mark.parametrize("how", ["shuffled numbers", "gaps", "reversed", "shuffled points"])
+def test_ring_numbers_may_come_in_any_order(scans, how: str) -> None:
+    scan = scans["wall_ahead"][0]
+    expected = classified(scan)
+    names = np.arange(16)
+    order = np.arange(len(scan.ring))
+    match how:
+        case "shuffled numbers":
+            names = np.random.default_rng(0).permutation(16)
+        case "gaps":
+            names = np.arange(16) * 13 + 5
+        case "reversed":
+            names = names[::-1]
+        case "shuffled points":
+            order = np.random.default_rng(1).permutation(len(scan.ring))
+    result = classified(scan, ring=names[scan.ring].astype(np.uint16)[order], xyz_m=scan.xyz_lidar_m[order])
+    assert result.route == "rings"
+    if how == "shuffled points":
+        # Which of the points tells the phase differs, so a few may fall into other cells.
+        assert (result.label == expected.label[order]).mean() > 0.995
+    else:
+        assert result.label.tolist() == expected.label.tolist()
+
+
+@pytest.mark.parametrize("ring", ["none", "random", "short", "column"])
+def test_rings_that_are_none_are_not_believed(scans, ring: str) -> None:
+    scan = scans["wall_ahead"][0]
+    n = len(scan.ring)
+    wrong = {
+        "none": None,
+        "random": np.random.default_rng(0).integers(0, 16, n).astype(np.uint16),
+        "short": scan.ring[:-1],
+        "column": (np.arange(n) // 16).astype(np.uint16),
+    }[ring]
+    result = classify_scan_range_image(scan.xyz_lidar_m, wrong, scan.transform_lidar_to_base, ALL_ROUND)
+    assert result.route == "elevations"
+    assert result.label.tolist() == classified(scan).label.tolist()
+
+
+def test_missing_rings_leave_the_rest_as_it_was(scans) -> None:
+    scan = scans["flat"][0]
+    kept = ~np.isin(scan.ring, [0, 4, 9])
+    result = classified(scan, ring=scan.ring[kept], xyz_m=scan.xyz_lidar_m[kept])
+    ground, truth = result.label == PointClass.GROUND, scan.truth[kept] == PointClass.GROUND
+    assert share(truth, ground) > 0.97
+    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.97
+
+
+@pytest.mark.parametrize(("roll_deg", "yaw_deg"), [(180, 0), (0, 90), (0, 200), (180, -40)])
+def test_a_lidar_may_be_mounted_any_way_round(scans, roll_deg: float, yaw_deg: float) -> None:
+    scan = scans["flat"][0]
+    upright = scan.transform_lidar_to_base
+    turn = transform_from_rpy(np.zeros(3), *np.deg2rad([roll_deg, 0.0, yaw_deg]))
+    turned = (scan.xyz_lidar_m @ turn[:3, :3]).astype(np.float32)
+    result = classified(scan, xyz_m=turned, transform=upright @ turn)
+    assert result.route == "rings"
+    expected = classified(scan)
+    assert (result.label == expected.label).mean() > 0.99
+
+
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(10, 0), (0, 15), (-12, 8), (180, 0)])
+def test_a_tilted_lidar_finds_floor_and_walls(roll_deg: float, pitch_deg: float) -> None:
+    mount = transform_from_rpy(np.array([0.1, 0.0, 0.5]), *np.deg2rad([roll_deg, pitch_deg, 0.0]))
+    xyz_m, ring, floor = room_scan(mount)
+    result = classify_scan_range_image(xyz_m, ring, mount, ALL_ROUND)
+    ground = result.label == PointClass.GROUND
+    assert result.route == "rings"
+    assert share(floor, ground) > 0.95
+    assert share(ground, floor) > 0.95
+    assert result.ground is not None
+    assert result.ground.normal == pytest.approx([0, 0, 1], abs=0.02)
+
+
+def room_scan(mount: np.ndarray, wall_m: float = 6.0, n_azimuth: int = 900, half_view_deg: float = 15.0):
+    """A room of 12 m without a ceiling, seen by 16 beams through a mount: points, rings and which are floor."""
+    azimuth, elevation = np.meshgrid(
+        np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False),
+        np.deg2rad(np.linspace(-half_view_deg, half_view_deg, 16)),
+        indexing="ij",
+    )
+    beams = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    ).reshape(-1, 3)
+    out, start = beams @ mount[:3, :3].T, mount[:3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_walls = (wall_m - np.sign(out[:, :2]) * start[:2]) / np.abs(out[:, :2])
+        to_floor = np.where(out[:, 2] < 0, -start[2] / out[:, 2], np.inf)
+    range_m = np.minimum(to_walls.min(axis=1), to_floor)
+    xyz_m = beams * (range_m + np.random.default_rng(0).normal(0, 0.02, len(range_m)))[:, None]
+    return xyz_m.astype(np.float32), np.tile(np.arange(16, dtype=np.uint16), n_azimuth), to_floor < to_walls.min(axis=1)
+
+
+@pytest.mark.parametrize("half_view_deg", [15, 35])
+def test_an_unknown_mount_finds_the_floor_below_it(half_view_deg: float) -> None:
+    mount = transform_from_rpy(np.array([0.0, 0.0, 0.9]), 0.0, 0.0, 0.0)
+    xyz_m, ring, floor = room_scan(mount, half_view_deg=half_view_deg)
+    result = classify_scan_range_image(xyz_m, ring, np.eye(4), ALL_ROUND)
+    ground = result.label == PointClass.GROUND
+    assert share(floor, ground) > 0.95
+    assert share(ground, floor) > 0.95
+    assert result.ground is not None
+    assert result.ground.d_m == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_several_turns_in_one_message(scans, turns: int) -> None:
+    scan = scans["corridor"][0]
+    noise = np.random.default_rng(0).normal(1.0, 0.002, (turns, len(scan.ring), 1))
+    xyz_m = (scan.xyz_lidar_m * noise).reshape(-1, 3).astype(np.float32)
+    result = classified(scan, ring=np.tile(scan.ring, turns), xyz_m=xyz_m)
+    ground, truth = result.label == PointClass.GROUND, np.tile(scan.truth, turns) == PointClass.GROUND
+    assert share(truth, ground) > 0.85
+    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.9
+
+
+def test_second_returns_are_classified_as_well(scans) -> None:
+    # Every tenth ray also meets something half way, as through a fence; the nearer return comes last.
+    scan = scans["wall_ahead"][0]
+    near = (scan.xyz_lidar_m[::10] * np.float32(0.5)).astype(np.float32)
+    result = classified(
+        scan, ring=np.concatenate([scan.ring, scan.ring[::10]]), xyz_m=np.concatenate([scan.xyz_lidar_m, near])
+    )
+    first = result.label[: len(scan.ring)]
+    assert (result.label == PointClass.INVALID).sum() == (classified(scan).label == PointClass.INVALID).sum() + (
+        np.linalg.norm(near, axis=1) < ALL_ROUND.min_range_m
+    ).sum()
+    assert (first == classified(scan).label)[::10].mean() > 0.85
+    assert (first == classified(scan).label).mean() > 0.95
+
+
+def test_part_of_a_turn_from_any_start(scans) -> None:
+    scan = scans["flat"][0]
+    half = slice(len(scan.ring) // 3, len(scan.ring) * 2 // 3)
+    result = classified(scan, ring=scan.ring[half], xyz_m=scan.xyz_lidar_m[half])
+    expected = classified(scan).label[half]
+    assert (result.label == expected)[200:-200].mean() > 0.99
+
+
+def test_a_cloud_moved_out_of_the_lidars_frame_has_no_beams(scans) -> None:
+    scan = scans["flat"][0]
+    moved = np.array([0.3, 0.2, 0.1])
+    back = transform_from_rpy(-moved, 0.0, 0.0, 0.0)
+    result = classify_scan_range_image(
+        (scan.xyz_lidar_m + moved).astype(np.float32), None, scan.transform_lidar_to_base @ back, ALL_ROUND
+    )
+    assert result.route == "height_map"
+    ground, truth = result.label == PointClass.GROUND, scan.truth == PointClass.GROUND
+    assert share(truth, ground) > 0.95
+    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.9
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_flat_scan_is_all_obstacles(numbered: bool) -> None:
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
+    ring = np.zeros(720, dtype=np.uint16) if numbered else None
+    result = classify_scan_range_image(xyz_m, ring, LEVEL, ALL_ROUND)
+    assert (result.n_obstacle, result.n_ground, result.ground) == (720, 0, None)
+    assert result.height_m == pytest.approx(0.5)
+
+
+def test_a_wall_alone_is_no_ground() -> None:
+    # No floor in view: whatever is seen rises, from the first beam on.
+    y, z = np.meshgrid(np.linspace(-2, 2, 200), np.linspace(0.1, 0.9, 16))
+    xyz_m = np.stack([np.full(y.size, 1.2), y.ravel(), z.ravel() - 0.5], axis=1)
+    elevation = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
+    ring = np.round(np.rad2deg(elevation) / 2 + 20).astype(np.uint16)
+    result = classify_scan_range_image(xyz_m.astype(np.float32), ring, LEVEL, ALL_ROUND)
+    assert result.n_ground < 0.02 * len(ring)
+
+
+def test_only_a_field_of_view_is_kept(scans) -> None:
+    scan = scans["flat"][0]
+    front = classify_scan_range_image(
+        scan.xyz_lidar_m, scan.ring, scan.transform_lidar_to_base, RangeImageSettings(field_of_view_deg=180.0)
+    )
+    whole = classified(scan)
+    behind = front.label == PointClass.CROPPED
+    assert (front.xyz_base_m[behind, 0] <= 0).all()
+    assert behind.sum() == ((whole.label != PointClass.INVALID) & (whole.xyz_base_m[:, 0] < 0)).sum()
+    assert (front.label == whole.label)[~behind].all()
+
+
+@pytest.mark.parametrize("fill", [np.nan, np.inf, 0.0, 1e30, -3e38])
+@pytest.mark.parametrize("n_points", [0, 1, 2, 3, 500])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_bad_clouds_count_nothing(fill: float, n_points: int, numbered: bool) -> None:
+    ring = np.arange(n_points).astype(np.uint16) % 16 if numbered else None
+    scan = classify_scan_range_image(np.full((n_points, 3), fill, dtype=np.float32), ring, LEVEL, ALL_ROUND)
+    assert (scan.n_raw, scan.n_valid, scan.n_outlier, scan.n_ground, scan.n_obstacle) == (n_points, 0, 0, 0, 0)
+    assert scan.ground is None
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, 1e30])
+def test_bad_points_change_nothing_about_the_good_ones(scans, bad: float) -> None:
+    scan = scans["wall_ahead"][0]
+    spoilt = np.repeat(scan.xyz_lidar_m, 2, axis=0)
+    spoilt[::2] = bad
+    result = classified(scan, ring=np.repeat(scan.ring, 2), xyz_m=spoilt)
+    assert (result.label[1::2] == classified(scan).label).mean() > 0.995
+    assert (result.label[::2] == PointClass.INVALID).all()
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    arrays(np.float32, st.tuples(st.integers(0, 150), st.just(3)), elements=EXTREMES | st.floats(width=32)),
+    st.sampled_from(["none", "constant", "counting", "huge", "random"]),
+    st.integers(0, 2**32),
+    st.floats(-np.pi, np.pi),
+    st.floats(-np.pi, np.pi),
+)
+def test_any_cloud_is_classified(cloud: np.ndarray, ring: str, seed: int, roll_rad: float, pitch_rad: float) -> None:
+    n = len(cloud)
+    numbers = {
+        "none": None,
+        "constant": np.zeros(n, np.uint16),
+        "counting": np.arange(n).astype(np.uint16),
+        "huge": np.full(n, 65535, np.uint16),
+        "random": np.random.default_rng(seed).integers(0, 40, n).astype(np.uint16),
+    }[ring]
+    mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), roll_rad, pitch_rad, 0.0)
+    scan = classify_scan_range_image(cloud, numbers, mount, ALL_ROUND)
+    assert scan.n_raw == n
+    assert scan.n_outlier + scan.n_ground + scan.n_obstacle == scan.n_valid
+    with np.errstate(over="ignore", invalid="ignore"):
+        range_m = np.linalg.norm(cloud.astype(np.float64), axis=1)
+    clear = ~(np.abs(range_m - 0.3) < 1e-3) & ~(np.abs(range_m - 30) < 1e-3)
+    valid = (range_m >= 0.3) & (range_m <= 30)
+    assert ((scan.label != PointClass.INVALID) == valid)[clear].all()
+    assert (np.isfinite(scan.height_m) == (scan.label != PointClass.INVALID)).all()
+    again = classify_scan_range_image(cloud, numbers, mount, ALL_ROUND)
+    assert again.label.tobytes() == scan.label.tobytes()
+
+
+def test_real_scans_are_split_by_their_rings_and_without_them(real_scans) -> None:
+    for scans_of in real_scans.values():
+        for cloud in scans_of:
+            scan = classify_scan_range_image(cloud, None, np.eye(4), ALL_ROUND)
+            assert scan.route == "elevations"
+            assert scan.n_ground > 1000
+            assert scan.n_obstacle > 500
+            assert scan.ground is not None
+            assert scan.ground.normal[2] > 0.97
+            assert scan.n_outlier < 0.1 * scan.n_valid

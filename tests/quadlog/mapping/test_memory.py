@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
+from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.window import Window
+
+WINDOW = Window(0, 0, 0.1, (10, 12))
+STEP_NS = 100_000_000
+
+
+def tops(*cells: tuple[int, int], top_m: float = 1.0, shape: tuple[int, int] = WINDOW.shape) -> np.ndarray:
+    top = np.full(shape, -np.inf, dtype=np.float32)
+    for row, col in cells:
+        top[row, col] = top_m
+    return top
+
+
+def rays(lowest_m: float, shape: tuple[int, int] = WINDOW.shape) -> np.ndarray:
+    return np.full(shape, lowest_m, dtype=np.float32)
+
+
+UNSEEN = rays(np.inf)
+SEEN_THROUGH = rays(0.0)
+
+
+def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
+    return LogOddsMemory(SlidingLattice(LogOddsMemory.LAYERS), clear_s)
+
+
+def test_without_memory_a_map_is_its_scan() -> None:
+    memory = ScanMemory()
+    assert np.argwhere(memory.add(0, WINDOW, tops((3, 4)), SEEN_THROUGH)).tolist() == [[3, 4]]
+    assert not memory.add(STEP_NS, WINDOW, tops(), UNSEEN).any()
+
+
+@pytest.mark.parametrize("rate_hz", [5, 10, 20])
+def test_what_has_passed_leaves_no_ghost_after_half_a_second(rate_hz: int) -> None:
+    memory = log_odds()
+    step_ns = 10**9 // rate_hz
+    for k in range(20):
+        assert memory.add(k * step_ns, WINDOW, tops((5, 5)), SEEN_THROUGH)[5, 5]
+    gone = [memory.add((20 + k) * step_ns, WINDOW, tops(), SEEN_THROUGH)[5, 5] for k in range(rate_hz)]
+    assert not any(gone[rate_hz // 2 - 1 :]), "a ghost half a second after the last hit"
+    assert any(gone) or rate_hz == 5, "one glance past an obstacle must not clear it"
+
+
+def test_what_is_out_of_sight_stays() -> None:
+    memory = log_odds()
+    memory.add(0, WINDOW, tops((5, 5)), SEEN_THROUGH)
+    for k in range(1, 600):
+        assert memory.add(k * STEP_NS, WINDOW, tops(), UNSEEN)[5, 5]
+
+
+def test_a_false_point_is_gone_sooner_than_an_obstacle() -> None:
+    memory = log_odds()
+    for k in range(5):
+        memory.add(k * STEP_NS, WINDOW, tops((2, 2), (7, 7)) if k == 4 else tops((2, 2)), SEEN_THROUGH)
+    after = [memory.add((5 + k) * STEP_NS, WINDOW, tops(), SEEN_THROUGH) for k in range(4)]
+    assert [bool(grid[7, 7]) for grid in after] == [True, False, False, False]
+    assert [bool(grid[2, 2]) for grid in after] == [True, True, True, False]
+
+
+def test_rays_above_an_obstacle_do_not_contradict_it() -> None:
+    memory = log_odds()
+    memory.add(0, WINDOW, tops((5, 5), top_m=0.3), UNSEEN)
+    for k in range(1, 50):
+        assert memory.add(k * STEP_NS, WINDOW, tops(), rays(0.31))[5, 5]
+    for k in range(50, 53):
+        kept = memory.add(k * STEP_NS, WINDOW, tops(), rays(0.29))[5, 5]
+    assert not kept
+
+
+def test_a_gap_between_scans_contradicts_nothing() -> None:
+    memory = log_odds()
+    for k in range(5):
+        memory.add(k * STEP_NS, WINDOW, tops((5, 5)), UNSEEN)
+    assert memory.add(100 * STEP_NS, WINDOW, tops(), SEEN_THROUGH)[5, 5]
+
+
+def test_decay_forgets_after_its_time_whatever_was_seen() -> None:
+    memory = DecayMemory(SlidingLattice(DecayMemory.LAYERS), 1.0)
+    memory.add(10**18, WINDOW, tops((5, 5)), UNSEEN)
+    assert memory.add(10**18 + 10**9, WINDOW, tops(), SEEN_THROUGH)[5, 5]
+    assert not memory.add(10**18 + 10**9 + 1, WINDOW, tops(), UNSEEN).any()
+
+
+@pytest.mark.parametrize(
+    ("lattice", "comes_back"), [(SlidingLattice, False), (lambda layers: GrowingLattice(0.1, layers), True)]
+)
+@pytest.mark.parametrize("kind", [LogOddsMemory, DecayMemory])
+def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(kind, lattice, comes_back: bool) -> None:
+    memory: Memory = kind(lattice(kind.LAYERS), 100.0)
+    near, beside, away = WINDOW, Window(3, -2, 0.1, (10, 12)), Window(50, 0, 0.1, (10, 12))
+    memory.add(10**9, near, tops((5, 5)), UNSEEN)
+    assert np.argwhere(memory.add(2 * 10**9, beside, tops(), UNSEEN)).tolist() == [[7, 2]]
+    assert not memory.add(3 * 10**9, away, tops(), UNSEEN).any()
+    assert bool(memory.add(4 * 10**9, near, tops(), UNSEEN)[5, 5]) is comes_back
+
+
+def test_beyond_its_room_a_scan_is_counted_and_stands_alone() -> None:
+    memory = LogOddsMemory(GrowingLattice(0.1, LogOddsMemory.LAYERS, most_cells=200), 0.4)
+    memory.add(0, WINDOW, tops((5, 5)), UNSEEN)
+    far = Window(5000, 0, 0.1, WINDOW.shape)
+    assert np.argwhere(memory.add(STEP_NS, far, tops((1, 1)), UNSEEN)).tolist() == [[1, 1]]
+    assert memory.skipped == 1
