@@ -5,10 +5,13 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo test install lint typecheck unit bench fixture clean
+.PHONY: demo tables test install lint typecheck unit bench fixture clean
 
 demo: install  ## replay the committed recording and print its metrics
 	$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
+
+tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws less
+	$(BIN)/quadlog tables -o tables --force $(if $(filter-out 0,$(FAST)),--fast)
 
 test: install lint typecheck unit  ## everything a change must pass
 

@@ -16,7 +16,7 @@ from quadlog.text import printable
 
 FILE = click.Path(path_type=Path, readable=False)  # what cannot be read is told in one line, not as wrong usage
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
-RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "NLOS"}
+RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "median m", "NLOS", "weak path"}
 
 
 @click.command(name="info", short_help="What is in a recording: topics, rates, roles and why, losses.")
@@ -58,21 +58,32 @@ def print_info(info: dict[str, Any]) -> None:
     for role, choices in info["ambiguous"].items():
         click.echo(printable(AmbiguousTopic(role, choices)))
     if info["links"]:
-        click.echo(f"UWB: tags {_ids(info['links'], 'tag')}; anchors {_ids(info['links'], 'anchor')}")
+        _print_links(info["links"])
+    if info["uwb_tags"]:
+        _print_uwb(info)
+
+
+def _print_links(links: Sequence[dict[str, Any]]) -> None:
+    """Who ranges whom, and how far apart they were."""
+    from quadlog.cli.uwb_text import reach_lines
+
+    click.echo(f"UWB: tags {_ids(links, 'tag')}; anchors {_ids(links, 'anchor')}")
+    for line in reach_lines(links):
+        click.echo(printable(line))
+
+
+def _print_uwb(info: dict[str, Any]) -> None:
+    """What only a log with known anchors has: its links, its tags, and where the geometry is good."""
+    from quadlog.cli.uwb_text import dilution_lines, link_table, tag_lines
+
     if info["uwb"]:
-        _print_uwb(info["uwb"])
-
-
-def _print_uwb(rows: Sequence[dict[str, Any]]) -> None:
-    """Residual, bias and NLOS share of every link, which only a log with known anchors has."""
-    cells = []
-    for row in rows:
-        bias = "" if row["bias_m"] is None else f"{row['bias_m']:+.3f} +- {row['bias_std_m']:.3f}"
-        applied = "applied" if row["bias_applied"] else ""
-        link = [str(row["tag"]), str(row["anchor"]), str(row["n"])]
-        cells.append([*link, f"{row['residual_m']:.3f}", bias, applied, f"{100 * row['nlos_share']:.1f} %"])
-    click.echo("")
-    _print_table(("tag", "anchor", "ranges", "residual m", "bias m", "", "NLOS"), cells)
+        click.echo("")
+        _print_table(*link_table(info["uwb"]))
+    lines = ["", *(line for row in info["uwb_tags"] for line in tag_lines(row))]
+    if info["dilution"] is not None:
+        lines += ["", *dilution_lines(info["dilution"])]
+    for line in lines:
+        click.echo(printable(line))
 
 
 def _span(info: dict[str, Any]) -> str:

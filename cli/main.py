@@ -12,7 +12,7 @@ from quadlog.errors import ExitCode, QuadlogError
 from quadlog.text import printable
 from quadlog.version import __version__
 
-COMMANDS = ("info", "init", "replay", "report", "export", "synthesize")
+COMMANDS = ("info", "init", "replay", "report", "export", "synthesize", "tables")
 
 
 class LazyGroup(click.Group):

@@ -11,9 +11,10 @@ from quadlog.pipelines.opening import open_configured
 from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics
 from quadlog.recordings.clock import FAR_APART_NS
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.repeated_stamps import REORDERED_NS
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.survey import Survey, TopicSurvey, survey
-from quadlog.recordings.words import several
+from quadlog.recordings.words import several, stamps_go_back
 
 FAR_APART_S = FAR_APART_NS * 1e-9
 
@@ -26,9 +27,10 @@ def describe_recording(path: Path, config: Config, msg_path: Sequence[Path] = ()
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
         seen = survey(recording)
-        rows, why_not = uwb_diagnostics(recording, roles, config)
+        uwb, warnings = uwb_diagnostics(recording, roles, config)
         info = _describe(recording, roles, seen)
-        return info | {"uwb": rows, "warnings": [*info["warnings"], *why_not]}
+        jumps = _back_warnings(seen, warnings)
+        return info | uwb | {"warnings": [*info["warnings"], *jumps, *warnings]}
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
@@ -77,6 +79,18 @@ def _clock_warnings(seen: Survey) -> list[str]:
     if unstamped:
         line += f", which {several(len(unstamped), 'topic')} without stamps must use; take log times with  --stamp log"
     return [*jumps, line]
+
+
+def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
+    """Ranges whose stamps go back, unless what is said of their use tells so already."""
+    words = [
+        stamps_go_back(each.name, each.clock_back_ns, each.clock_back_to_ns)
+        for each in seen.topics
+        if each.clock_back_ns > REORDERED_NS
+    ]
+    # How far they go back differs where ranges are missing, so only the words before the amount are compared.
+    new = [text for text in words if not any(each.startswith(text.rpartition(" by ")[0]) for each in said)]
+    return [f"{text}; take log times with  --stamp log" for text in new]
 
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:

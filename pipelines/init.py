@@ -104,8 +104,9 @@ def _radio_skeleton(seen: Survey) -> str:
     for anchor in sorted({link.anchor for link in links}):
         reach = [link for link in links if link.anchor == anchor]
         count = sum(link.messages for link in reach)
-        far_m = max(link.range_max_m for link in reach)
-        lines += ["#", f"# {count} ranges of up to {far_m:.1f} m", "# [[uwb.anchors]]", f"# id = {anchor}"]
+        far_m = max((link.range_max_m for link in reach if link.range_max_m is not None), default=None)
+        length = "" if far_m is None else f" of up to {far_m:.1f} m"
+        lines += ["#", f"# {count} ranges{length}", "# [[uwb.anchors]]", f"# id = {anchor}"]
         lines += ["# x_m = ", "# y_m = ", "# z_m = "]
     lines += [
         "#",

@@ -11,16 +11,14 @@ from quadlog.config import Config
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import Float, PoseSeries
 from quadlog.metrics.metric import Metrics
-from quadlog.metrics.positioning import Trajectory, positions_at, trajectory_metrics, uwb_metrics
+from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
 from quadlog.metrics.search import Replans, search_metrics
 from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
 from quadlog.pipelines.stages.uwb import lever_of
+from quadlog.pipelines.tag_truth import tag_truth
 from quadlog.planning.registry import PLANNERS
-from quadlog.positioning.lever_arm import base_to_tag
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import read_tum
-
-REFERENCE_GAP_NS = 100_000_000
 
 
 def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_frame: bool) -> Metrics:
@@ -37,7 +35,7 @@ def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_f
         own = fixes["tag"] == robot_tag
         error_m = None
         if reference is not None:
-            truth_m = _tag_truth(fixes["t_ns"][own], reference, config, robot_tag)
+            truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
             error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
         metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
     if reference is not None and has_table(run, "poses"):
@@ -96,13 +94,3 @@ def _trajectory(poses: PoseSeries) -> Trajectory:
     """A reference in the plane, as the robot's poses are."""
     position_m = poses.position_m * np.array([1.0, 1.0, 0.0])
     return Trajectory(poses.t_ns, position_m, quat_from_yaw(yaw_from_quat(poses.quat_xyzw)))
-
-
-def _tag_truth(t_ns: np.ndarray, reference: PoseSeries, config: Config, tag: int) -> Float:
-    """Where a tag was in map (N, 2) by the reference, NaN where it is silent."""
-    x_m, y_m = lever_of(config, tag)
-    yaw_rad = yaw_from_quat(reference.quat_xyzw)
-    tag_m = base_to_tag(reference.position_m[:, :2], yaw_rad, x_m, y_m)
-    at_tag = Trajectory(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)
-    truth_m: Float = positions_at(t_ns, at_tag, REFERENCE_GAP_NS)[:, :2]
-    return truth_m

@@ -102,11 +102,30 @@ class Uwb(Section):
         True,
         description="poses and target smoothed over the whole log; false: what the robot could have known then",
     )
-    method: Literal["gauss_newton"] = Field("gauss_newton", description="how ranges become a fix")
+    method: Literal["gauss_newton", "linear", "weighted", "paper", "huber"] = Field(
+        "gauss_newton",
+        description="how ranges become a fix: gauss_newton (maximum likelihood), huber (the same, late ranges count "
+        "less), linear, weighted (linear with the full covariance), paper (linear as weighted in [Following])",
+    )
+    height: Literal["auto", "given", "solved"] = Field(
+        "auto", description="a tag's height: as given, or solved for; auto solves where the anchors' heights tell it"
+    )
+    mirror: Literal["refuse", "left", "right"] = Field(
+        "refuse",
+        description="anchors on a line leave two mirrored tracks: refuse, or the one that starts to the left or right "
+        "of the way from the first anchor to the last",
+    )
+    odometry: bool = Field(
+        True, description="steady the robot's track with the odometry's velocity, where there is one"
+    )
     min_range_m: float = Field(0.05, ge=0, le=1e5, description="shorter ranges are dropped and counted")
     max_range_m: float = Field(300.0, gt=0, le=1e5, description="longer ranges are dropped and counted")
-    epoch_s: float = Field(
-        0.05, ge=0.0001, le=5, description="single ranges of one tag this close together make one fix"
+    epoch_s: float | None = Field(
+        None,
+        ge=0.0001,
+        le=5,
+        description="single ranges of one tag this close together make one fix; unset: one round of the anchors, "
+        "as the log has it",
     )
     outlier_m: float = Field(
         0.5, gt=0, le=1e5, description="a fix whose residual rms exceeds this is marked and not tracked"
@@ -145,9 +164,17 @@ class Mount(Section):
 class Lidar(Section):
     """From a raw scan to its valid points."""
 
-    method: Literal["paper"] = Field("paper", description="paper: statistical outliers and a RANSAC plane [Following]")
+    method: Literal["range_image", "paper"] = Field(
+        "range_image",
+        description="range_image: isolation and a walk up every column of the scan, a height map for scans without "
+        "beams; paper: statistical outliers and a RANSAC plane [Following]",
+    )
     mount: Mount = Mount()
-    field_of_view_deg: float = Field(180.0, gt=0, le=360, description="kept in front of the robot [Following]")
+    field_of_view_deg: float | None = Field(
+        None, gt=0, le=360, description="kept in front of the robot; unset: 180 for paper [Following], else 360"
+    )
+    deskew: bool = Field(True, description="undo the robot's motion during a scan, where its points carry times")
+    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry tells them")
     min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
     max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
     outlier_neighbours: int = Field(
@@ -184,7 +211,24 @@ class Grid(Section):
     min_height_m: Metres = Field(0.05, description="lower obstacle points, above the ground, are ignored")
     max_height_m: Metres = Field(1.5, description="higher points do not block the robot")
     min_points: int = Field(1, ge=1, le=1_000_000, description="obstacle points that make a cell occupied")
+    memory: Literal["log_odds", "decay", "scan"] = Field(
+        "log_odds",
+        description="log_odds: a cell stays until it is seen through; decay: for decay_s; scan: this scan only "
+        "[Following]",
+    )
+    extent: Literal["window", "run"] = Field(
+        "window", description="what the sliding window leaves behind is forgotten, or kept for the whole run"
+    )
+    clear_s: float = Field(
+        0.4, gt=0, le=60, description="log_odds: a cell that is seen through for so long becomes free"
+    )
+    decay_s: float = Field(1.0, gt=0, le=3600, description="decay: a cell stays so long after it was last hit")
     dilation_m: float = Field(0.3, ge=0, le=10, description="obstacles grow by this for planning [Planning, 3 cells]")
+    dilation: Literal["euclidean", "square", "body"] = Field(
+        "euclidean",
+        description="shape of the growth: a disc or a square [Planning] of dilation_m, or a disc that holds the "
+        "robot's body however it turns",
+    )
     target_radius_m: float = Field(
         0.5, ge=0, le=100, description="the target's own returns within this are no obstacle"
     )

@@ -21,8 +21,9 @@ MAX_DEPTH = 4
 
 PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
-        "uwb": {"method": "gauss_newton"},
-        "lidar": {"method": "paper"},
+        "uwb": {"method": "paper", "calibrate": False, "smooth": False, "height": "given", "odometry": False},
+        "lidar": {"method": "paper", "deskew": False, "level": False},
+        "grid": {"memory": "scan", "dilation": "square"},
         "planner": {"name": "ia_star"},
     }
 }

@@ -16,15 +16,19 @@ import numpy as np
 
 from quadlog.config import Config
 from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
+from quadlog.lidar.ground import height_above_ground, is_level
 from quadlog.lidar.points import PointClass
 from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.ground_height import GroundHeight
-from quadlog.mapping.obstacles import ObstacleSettings, is_level, obstacle_points, to_map
-from quadlog.mapping.occupancy import occupancy
+from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
+from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends, to_map
+from quadlog.mapping.occupancy import obstacle_tops
+from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import Float
 from quadlog.pipelines.stages.sampling import EvenSample
+from quadlog.pipelines.stages.scans import Scanner
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.results.maps import MapsWriter
 from quadlog.results.rosmap import write_rosmap
@@ -51,7 +55,9 @@ def filter_scans(walk: Walk) -> None:
 def filter_and_map(walk: Walk) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
     grid = walk.config.grid
-    built = _Built(AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m))
+    built = _Built(
+        make_memory(walk.config), AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m)
+    )
     shape = (grid.size_cells, grid.size_cells)
     with ExitStack() as stack:
         with walk.clock.stage("map"):
@@ -67,24 +73,37 @@ def filter_and_map(walk: Walk) -> None:
 class _Built:
     """What grows over the whole run."""
 
+    memory: Memory
     whole: AccumulatedMap
     ground: GroundHeight
 
 
+def make_memory(config: Config) -> Memory:
+    """What the configured map remembers, and where."""
+    grid = config.grid
+
+    def lattice(layers: dict) -> Layers:
+        return SlidingLattice(layers) if grid.extent == "window" else GrowingLattice(grid.cell_m, layers)
+
+    if grid.memory == "scan":
+        return ScanMemory()
+    if grid.memory == "decay":
+        return DecayMemory(lattice(DecayMemory.LAYERS), grid.decay_s)
+    return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
+
+
 def _filtered(walk: Walk) -> Iterator[Scan]:
     """Classify scan after scan and keep a row of each; the clouds themselves are gone with the next one."""
-    config = walk.config
-    settings = _paper_settings(config)
-    transform_lidar_to_base = walk.transform_lidar_to_base
-    samples: EvenSample[CloudSample] = EvenSample(config.results.cloud_samples)
+    scanner = Scanner(walk)
+    samples: EvenSample[CloudSample] = EvenSample(walk.config.results.cloud_samples)
     walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
-    if np.array_equal(transform_lidar_to_base, np.eye(4)):
+    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
         walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
         for t_ns, cloud in walk.clock.drawn("filter", walk.clouds()):
             with walk.clock.stage("filter"):
                 started = time.perf_counter()
-                points = classify_scan_paper(cloud.xyz_m, transform_lidar_to_base, settings, walk.seed)
+                points = scanner.classify(t_ns, cloud)
                 table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
                 walk.count("scans")
                 if points.ground is not None and not is_level(points.ground):
@@ -95,6 +114,7 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
             walk.progress.advance((t_ns - walk.first_ns) * 1e-9)
     with walk.clock.stage("filter"):
         write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
+    scanner.tell()
     steep = walk.counts.get("scans_with_steep_ground", 0)
     if steep:
         walk.warn(
@@ -107,18 +127,26 @@ def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
     if scan.pose_base_in_map is None:
         walk.count("scans_without_pose")
         return
-    grid = walk.config.grid
-    pose = scan.pose_base_in_map
+    grid, pose = walk.config.grid, scan.pose_base_in_map
+    settings = _obstacle_settings(walk.config)
     window = window_around(pose[:2], grid.cell_m, grid.size_cells)
-    target_xy_m = walk.target_at(scan.t_ns)
-    blocking = obstacle_points(scan.points, pose, target_xy_m, _obstacle_settings(walk.config))
-    occupied = occupancy(blocking, window, grid.min_points)
-    maps.append(scan.t_ns, window.origin_m, occupied)
+    blocking = obstacle_points(scan.points, pose, walk.target_at(scan.t_ns), settings)
+    top_m = obstacle_tops(blocking, window, grid.min_points)
+    lowest_ray_m = lowest_rays(_sensor(walk, scan.points), *ray_ends(scan.points, settings), pose, window)
+    maps.append(scan.t_ns, window.origin_m, built.memory.add(scan.t_ns, window, top_m, lowest_ray_m))
+    # What a ray passes above the robot's back may still be in its way.
+    built.whole.add(window, np.isfinite(top_m), lowest_ray_m < walk.config.robot.height_m)
     # A wall that was taken for the ground says nothing about where the floor is.
-    floor = scan.points.of_class(PointClass.GROUND) if is_level(scan.points.ground) else np.empty((0, 3))
-    floor_xy_m = to_map(floor[:, :2], pose)
-    built.whole.add(window, occupied, pose[:2], seen_free=occupancy(floor_xy_m, window, 1))
-    built.ground.add(floor_xy_m, floor[:, 2])
+    if is_level(scan.points.ground):
+        floor = scan.points.of_class(PointClass.GROUND)
+        built.ground.add(to_map(floor[:, :2], pose), floor[:, 2])
+
+
+def _sensor(walk: Walk, points: ClassifiedScan) -> Float:
+    """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
+    place_m = walk.transform_lidar_to_base[:3, 3].copy()
+    place_m[2] = float(height_above_ground(place_m[None], points.ground)[0])
+    return place_m
 
 
 def _write_built(walk: Walk, built: _Built) -> None:
@@ -134,6 +162,8 @@ def _write_built(walk: Walk, built: _Built) -> None:
     for name, skipped in (("map.pgm", built.whole.skipped), ("ground.npz", built.ground.skipped)):
         if skipped:
             walk.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
+    if built.memory.skipped:
+        walk.warn(f"{built.memory.skipped} maps hold one scan alone: the run covers more than memory may grow to")
     lost = walk.counts.get("scans_without_pose", 0)
     if lost:
         walk.warn(f"{lost} scans are not in the map: no pose within {walk.config.lidar.pose_gap_s} s of them")
@@ -163,21 +193,6 @@ def _sample(scan: Scan) -> CloudSample:
     valid = scan.points.label != PointClass.INVALID
     xyz_m = scan.points.xyz_base_m[valid].astype(np.float32)
     return CloudSample(scan.t_ns, xyz_m, scan.points.label[valid], float(x_m), float(y_m), float(yaw_rad))
-
-
-def _paper_settings(config: Config) -> PaperSettings:
-    lidar, ground = config.lidar, config.ground
-    return PaperSettings(
-        min_range_m=lidar.min_range_m,
-        max_range_m=lidar.max_range_m,
-        field_of_view_deg=lidar.field_of_view_deg,
-        outlier_neighbours=lidar.outlier_neighbours,
-        outlier_std_ratio=lidar.outlier_std_ratio,
-        ground_distance_m=ground.distance_m,
-        ground_confidence=ground.confidence,
-        ground_inlier_share=ground.inlier_share,
-        ground_min_points=ground.min_points,
-    )
 
 
 def _obstacle_settings(config: Config) -> ObstacleSettings:

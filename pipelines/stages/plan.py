@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -86,8 +87,11 @@ def replan_settings(walk: Walk) -> ReplanSettings:
     """The sections grid, planner and smoothing as the algorithms take them."""
     config: Config = walk.config
     keeps_away = walk.target is not None and walk.target.has_body
+    grid = config.grid
+    holds_body_m = math.hypot(config.robot.length_m, config.robot.width_m) / 2
     return ReplanSettings(
-        dilation_m=config.grid.dilation_m,
+        dilation_m=holds_body_m if grid.dilation == "body" else grid.dilation_m,
+        dilation="square" if grid.dilation == "square" else "euclidean",
         stop_short_m=config.planner.stop_short_m if keeps_away else 0.0,
         corner_cutting=config.planner.corner_cutting,
         smooth=config.smoothing.enabled,

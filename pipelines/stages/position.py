@@ -9,24 +9,23 @@ import numpy as np
 
 from quadlog.errors import MissingInput
 from quadlog.geometry import yaw_from_quat
-from quadlog.messages import PoseSeries
+from quadlog.messages import Float, Int, PoseSeries
+from quadlog.metrics.frame_offset import find_frame_offset, frame_offset_words
+from quadlog.pipelines.stages.heading import find_heading
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.pipelines.stages.uwb import UwbPositions, lever_of, locate_tags, write_uwb
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.positioning.heading import align_yaw, align_yaw_causally, course_heading
-from quadlog.positioning.lever_arm import tag_to_base
-from quadlog.positioning.locate import TagResult
+from quadlog.pipelines.tag_truth import tag_truth
+from quadlog.positioning.lever_arm import base_covariance, tag_to_base
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
 from quadlog.results.tum import read_tum, write_tum
 
 AUTO_ORDER = ("uwb", "tf", "odometry", "fixed")
-COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
-UNCERTAIN_HEADING_RAD = np.radians(5.0)
 
 
 def locate_walk(walk: Walk) -> None:
-    """Fills walk.robot and walk.target; writes poses, target, and with UWB fixes and ranges, and trajectory.tum.
+    """Fills walk.robot and walk.target; writes poses, target and trajectory.tum, with UWB fixes, ranges and stds too.
 
     Raises MissingInput where the chosen source is not in the recording.
     """
@@ -40,6 +39,7 @@ def locate_walk(walk: Walk) -> None:
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
+        _compare_frames(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 
@@ -82,36 +82,15 @@ def _from_uwb(walk: Walk, uwb: UwbPositions | None) -> RobotTrack | None:
         return None
     track = uwb.robot.track
     x_m, y_m = lever_of(walk.config, uwb.robot.tag)
-    yaw_rad = _heading(walk, uwb.robot, x_m)
-    return RobotTrack(track.t_ns, tag_to_base(track.position_m, yaw_rad, x_m, y_m), yaw_rad, "uwb")
-
-
-def _heading(walk: Walk, robot: TagResult, tag_ahead_m: float) -> np.ndarray:
-    """Yaw of base at the track's instants: the IMU's or the odometry's turned onto the course, else the course."""
-    # What a robot could have known then: its first course lies in the future of a causal track.
-    before_motion_rad = None if walk.config.uwb.smooth else 0.0
-    imu, odometry = walk.streams.imu, walk.streams.odometry
-    if imu is not None and imu.quat_xyzw is not None:
-        name, t_ns, quat_xyzw = "imu", imu.t_ns, imu.quat_xyzw
-    elif odometry is not None:
-        name, t_ns, quat_xyzw = "odometry", odometry.t_ns, odometry.quat_xyzw
-    else:
-        walk.warn(f"no IMU orientation and no odometry: {COURSE_ONLY}")
-        return course_heading(robot.track, before_motion_rad=before_motion_rad)
-    walk.use(name)
-    yaw_rad = yaw_from_quat(quat_xyzw)
-    aligned = align_yaw(robot.track, t_ns, yaw_rad, tag_ahead_m)
-    if not np.isfinite(aligned.std_rad):
-        walk.warn(f"the robot never moved while {name} gave yaw: {COURSE_ONLY}")
-        return course_heading(robot.track, before_motion_rad=before_motion_rad)
-    if not walk.config.uwb.smooth:
-        walk.note(f"heading from {name}, turned at each instant by what the course had told until then")
-        return align_yaw_causally(robot.track, t_ns, yaw_rad)
-    std_deg = np.degrees(aligned.std_rad)
-    if aligned.std_rad > UNCERTAIN_HEADING_RAD:
-        walk.warn(f"heading is known to {std_deg:.1f} degrees only; 1 degree is 17 cm at 10 m")
-    walk.note(f"heading from {name}, turned by {np.degrees(aligned.offset_rad):.1f} +- {std_deg:.1f} degrees")
-    return aligned.yaw_rad
+    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m)
+    return RobotTrack(
+        track.t_ns,
+        tag_to_base(track.position_m, yaw_rad, x_m, y_m),
+        yaw_rad,
+        "uwb",
+        covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
+        yaw_std_rad=yaw_std_rad,
+    )
 
 
 def _from_tf(walk: Walk) -> RobotTrack | None:
@@ -180,6 +159,8 @@ def _write_tracks(walk: Walk) -> None:
     x_m, y_m = robot.xy_m.T
     columns = {"t_ns": robot.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": robot.yaw_rad, "source": robot.source}
     write_table(folder / "poses.parquet", TABLES["poses"], columns)
+    if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
+        _write_uncertainty(folder, robot.t_ns, robot.covariance_m2, robot.yaw_std_rad)
     write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad)
     if target is not None:
         columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
@@ -187,3 +168,24 @@ def _write_tracks(walk: Walk) -> None:
     if reference is not None:
         x_m, y_m, _ = reference.position_m.T
         write_tum(folder / "reference.tum", reference.t_ns, x_m, y_m, yaw_from_quat(reference.quat_xyzw))
+
+
+def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_rad: Float) -> None:
+    """pose_uncertainty.parquet: beside poses.parquet row by row, whose columns are fixed."""
+    columns = {"t_ns": t_ns, "yaw_std_rad": yaw_std_rad}
+    for name, row, column in (("cov_xx_m2", 0, 0), ("cov_xy_m2", 0, 1), ("cov_yy_m2", 1, 1)):
+        columns[name] = covariance_m2[:, row, column]
+    write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
+
+
+def _compare_frames(walk: Walk) -> None:
+    """A warning where poses and reference differ by a shift and a turn: a user's error rather than the ranges'."""
+    robot, reference = walk.robot, walk.streams.reference
+    if robot is None or reference is None or robot.source == "fixed":
+        return
+    if robot.frame_id and reference.frame_id and robot.frame_id != reference.frame_id:
+        return  # Named frames that differ are no surprise; the report says what follows from them.
+    offset = find_frame_offset(robot.xy_m, tag_truth(robot.t_ns, reference, (0.0, 0.0)))
+    words = None if offset is None else frame_offset_words(offset)
+    if words is not None:
+        walk.warn(words)

@@ -15,13 +15,18 @@ TARGET_GAP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RobotTrack:
-    """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,), where they come from, and what that calls map."""
+    """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,), where they come from, and what that calls map.
+
+    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known.
+    """
 
     t_ns: Int
     xy_m: Float
     yaw_rad: Float
     source: str
     frame_id: str = ""
+    covariance_m2: Float | None = None
+    yaw_std_rad: Float | None = None
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""

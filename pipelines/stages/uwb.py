@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadlog.config import Config
+from quadlog.geometry import yaw_from_quat
 from quadlog.messages import RangeSeries
+from quadlog.pipelines.stages.survey import tell_survey
+from quadlog.pipelines.stages.uwb_tables import write_uwb_tables
+from quadlog.pipelines.stages.uwb_words import tell_located
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.positioning.calibration import AnchorBias
+from quadlog.positioning.body_motion import BodyMotion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
-from quadlog.positioning.screening import RangeCounts
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
-
-MISFIT_STD = 5.0
-"""Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +42,32 @@ def locate_tags(walk: Walk) -> UwbPositions | None:
         walk.warn("anchors are configured, but the recording has no UWB ranges")
         return None
     tags = tags_of(config, ranges)
-    located = locate(ranges, anchors_of(config), list(tags.values()), settings_of(config))
-    _tell(walk, located)
+    robot = roles_of(config, list(tags)).get("robot", -1)
+    if robot in tags and config.uwb.odometry:
+        tags[robot] = replace(tags[robot], body_motion=_body_motion(walk))
+    anchors, settings = anchors_of(config), settings_of(config)
+    located = locate(ranges, anchors, list(tags.values()), settings)
+    tell_located(walk, located)
+    tell_survey(walk, located, anchors, settings)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))
     walk.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)))
+
+
+def _body_motion(walk: Walk) -> BodyMotion | None:
+    """What the odometry says of the robot's own motion; None without one that gives velocities."""
+    odometry, streams = walk.streams.odometry, walk.streams
+    if odometry is None or streams.odometry_linear_mps is None or streams.odometry_angular_radps is None:
+        return None
+    if not streams.odometry_linear_mps.any():
+        return None
+    return BodyMotion(
+        odometry.t_ns,
+        streams.odometry_linear_mps[:, :2],
+        yaw_from_quat(odometry.quat_xyzw),
+        streams.odometry_angular_radps[:, 2],
+    )
 
 
 def wants_uwb(config: Config) -> bool:
@@ -99,13 +119,16 @@ def settings_of(config: Config) -> LocateSettings:
         epoch_s=uwb.epoch_s,
         outlier_m=uwb.outlier_m,
         acceleration_std_mps2=uwb.acceleration_std_mps2,
+        method=uwb.method,
+        height=uwb.height,
+        mirror=uwb.mirror,
         calibrate=uwb.calibrate,
         smooth=uwb.smooth,
     )
 
 
 def write_uwb(walk: Walk, uwb: UwbPositions) -> None:
-    """fixes.parquet and ranges.parquet, tag after tag."""
+    """fixes.parquet and ranges.parquet, tag after tag; and what tells how good they are."""
     with ExitStack() as stack:
         fixes = stack.enter_context(TableWriter(walk.run.path / "fixes.parquet", TABLES["fixes"]))
         ranges = stack.enter_context(TableWriter(walk.run.path / "ranges.parquet", TABLES["ranges"]))
@@ -114,6 +137,7 @@ def write_uwb(walk: Walk, uwb: UwbPositions) -> None:
             rows = result.ranges
             columns = {"t_ns": rows.t_ns, "anchor": rows.anchor, "range_m": rows.range_m}
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})
+    write_uwb_tables(walk, uwb)
 
 
 def _fix_columns(result: TagResult) -> dict[str, object]:
@@ -124,7 +148,7 @@ def _fix_columns(result: TagResult) -> dict[str, object]:
         "tag": result.tag,
         "x_m": fixes.position_m[solved, 0],
         "y_m": fixes.position_m[solved, 1],
-        "z_m": result.height_m,
+        "z_m": fixes.z_m[solved],
         "cov_xx_m2": covariance[:, 0, 0],
         "cov_xy_m2": covariance[:, 0, 1],
         "cov_yy_m2": covariance[:, 1, 1],
@@ -132,68 +156,3 @@ def _fix_columns(result: TagResult) -> dict[str, object]:
         "residual_rms_m": fixes.residual_rms_m[solved],
         "outlier": fixes.outlier[solved],
     }
-
-
-def _tell(walk: Walk, located: Located) -> None:
-    """Counts for `run.json`, and a warning for every range and epoch that could not be used."""
-    counts = located.counts
-    walk.counts |= {"ranges": counts.total, "ranges_used": counts.used}
-    for text in _range_warnings(counts):
-        walk.warn(text)
-    walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
-    for result in located.tags:
-        if result.n_too_few or result.n_degenerate:
-            causes = {"fewer than three ranges": result.n_too_few, "anchors on a line": result.n_degenerate}
-            words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
-            walk.warn(f"tag {result.tag}: of {len(result.fix_t_ns)} epochs, {words} give no fix")
-        misfit = _misfit_warning(result, walk.config)
-        if misfit is not None:
-            walk.warn(misfit)
-        if result.bias is not None:
-            walk.note(_bias_words(result.tag, result.bias, walk.config))
-
-
-def _misfit_warning(result: TagResult, config: Config) -> str | None:
-    """Ranges that fit no position at all: ids or places of anchors are wrong, and the worst anchor is named."""
-    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
-    known = np.isfinite(residual_m)
-    if not known.any() or np.median(residual_m[known]) < MISFIT_STD * config.uwb.range_std_m:
-        return None
-    anchors = np.unique(result.ranges.anchor[known])
-    worst = max(anchors, key=lambda anchor: np.median(residual_m[known & (result.ranges.anchor == anchor)]))
-    return (
-        f"tag {result.tag}: half of its ranges miss its track by more than {np.median(residual_m[known]):.2f} m "
-        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check [[uwb.anchors]], anchor {worst} first"
-    )
-
-
-def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
-    if not bias.significant.any():
-        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
-        return (
-            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
-            f"only to {std_m:.2f} m (a longer walk tells more)"
-        )
-    links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
-    words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
-    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
-
-
-def _range_warnings(counts: RangeCounts) -> list[str]:
-    def words(pairs: tuple[tuple[int, int], ...]) -> str:
-        return ", ".join(f"{number} ({count} ranges)" for number, count in pairs)
-
-    causes = {
-        "that are no numbers": counts.not_finite,
-        "of zero or below": counts.not_positive,
-        "below uwb.min_range_m": counts.too_short,
-        "above uwb.max_range_m": counts.too_long,
-    }
-    texts = [f"{count} ranges {cause} are left out" for cause, count in causes.items() if count]
-    if counts.unknown_anchors:
-        texts.append(f"anchors seen, but not in [[uwb.anchors]]: {words(counts.unknown_anchors)}")
-    if counts.other_tags:
-        texts.append(f"tags seen, but not in [[uwb.tags]]: {words(counts.other_tags)}")
-    if counts.silent_anchors:
-        texts.append(f"anchors configured, but silent: {', '.join(map(str, counts.silent_anchors))}")
-    return texts

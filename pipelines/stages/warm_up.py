@@ -7,31 +7,34 @@ from collections.abc import Collection
 
 import numpy as np
 
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.config import Config
+from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
 from quadlog.mapping.ground_height import GroundHeight
-from quadlog.mapping.occupancy import occupancy
+from quadlog.mapping.occupancy import obstacle_tops
+from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import RangeSeries
+from quadlog.pipelines.stages.scans import classifier
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 
 
-def warm_up(stages: Collection[str]) -> float:
+def warm_up(stages: Collection[str], config: Config) -> float:
     """Load and compile what the given stages need by running them on toys; returns the seconds it took."""
     started = time.perf_counter()
     if "position" in stages:
         _locate_toy_tag()
     if "filter" in stages:
-        cloud = np.random.default_rng(0).uniform(-3, 3, (200, 3)).astype(np.float32)
-        classify_scan_paper(cloud, np.eye(4), PaperSettings(), seed=0)
+        _classify_toy_scan(config)
     if "map" in stages:
         window = window_around(np.zeros(2), 0.1, 11)
-        occupied = occupancy(np.array([[0.2, 0.2]]), window, 1)
-        AccumulatedMap(0.1).add(window, occupied, np.zeros(2))
-        GroundHeight(0.1).add(np.zeros((1, 2)), np.zeros(1))
+        obstacle_tops(np.array([[0.2, 0.2, 1.0]]), window, 1)
+        lowest_rays(
+            np.array([0, 0, 0.4]), np.ones((1, 3), dtype=np.float32), np.zeros(1, np.float32), np.zeros(3), window
+        )
+        GroundHeight(0.1).add(np.zeros((1, 2)), np.zeros(1, dtype=np.float32))
     if "plan" in stages:
         _walk_toy_map()
     return time.perf_counter() - started
@@ -47,6 +50,30 @@ def _locate_toy_tag() -> None:
     ranges = RangeSeries(np.repeat(t_ns, 3), np.zeros(150, dtype=np.int64), np.tile(ids, 50), range_m.ravel())
     locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings())
     locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings(smooth=False))
+
+
+def _classify_toy_scan(config: Config) -> None:
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, and one deskewed."""
+    ring = np.tile(np.arange(16, dtype=np.uint16), 90)
+    azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
+    direction = np.column_stack(
+        [
+            np.cos(elevation_rad) * np.cos(azimuth_rad),
+            np.cos(elevation_rad) * np.sin(azimuth_rad),
+            np.sin(elevation_rad),
+        ]
+    )
+    range_m = np.minimum(0.4 / np.maximum(-direction[:, 2], 1e-3), 6.0)
+    xyz_m = (direction * range_m[:, None]).astype(np.float32)
+    mount = np.eye(4)
+    mount[2, 3] = 0.4
+    offset_ns = np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16)
+    instants_ns = sweep_instants(0, offset_ns, len(xyz_m))
+    assert not isinstance(instants_ns, Skewed)
+    poses = np.column_stack([instants_ns * 1e-9, np.zeros((len(instants_ns), 2))])
+    moved_m = deskew(xyz_m, offset_ns, instants_ns, poses, np.tile(np.eye(3), (len(instants_ns), 1, 1)), mount)
+    assert not isinstance(moved_m, Skewed)
+    classifier(config, 0)(moved_m, ring, mount)
 
 
 def _walk_toy_map() -> None:

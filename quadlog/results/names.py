@@ -15,7 +15,7 @@ OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
         *("run.json", "config.toml", "metrics.json", "report.html"),
-        *("maps.npz", "cloud_samples.npz", "ground.npz"),
+        *("maps.npz", "cloud_samples.npz", "ground.npz", "dilution.npz"),
         *("derived.mcap", "foxglove-layout.json", "trajectory.tum", "reference.tum", "map.pgm", "map.yaml"),
     }
 )

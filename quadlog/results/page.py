@@ -42,6 +42,16 @@ def format_number(value: float) -> str:
     return f"{value:.4g}".replace("-", "\u2212")
 
 
+def format_metres(value: float | None) -> str:
+    """To the millimetre, with a true minus; a dash for no value."""
+    return "–" if value is None else f"{round(value, 3) + 0.0:.3f}".replace("-", "\u2212")
+
+
+def format_share(value: float | None) -> str:
+    """A share as a percentage; a dash for no value."""
+    return "–" if value is None else f"{100 * value:.1f}\u202f%"
+
+
 def format_bytes(size: int) -> str:
     """A file's size in decimal units."""
     value = float(size)
@@ -64,6 +74,8 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["number"] = format_number
     environment.filters["bytes"] = format_bytes
+    environment.filters["metres"] = format_metres
+    environment.filters["share"] = format_share
     return environment
 
 

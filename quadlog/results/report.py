@@ -74,6 +74,7 @@ def _render(data: RunData, pictures: Mapping[str, bytes]) -> bytes:
         stages=[{"name": name, "done": name in done} for name in STAGES],
         total_s=sum(stage.seconds for stage in record.stages),
         metrics=_metrics(data),
+        links=_links(data),
         plots=[
             _picture(plot.name, plot.title, plot.alt, plot.caption, pictures[plot.name])
             for plot in PLOTS
@@ -95,6 +96,13 @@ def _metrics(data: RunData) -> list[dict[str, Any]]:
     names = sorted(data.metrics, key=lambda name: (rank.get(name, len(rank)), name))
     rows = ((name, data.metrics[name]) for name in names)
     return [{"name": name, "value": row["value"], "n": row.get("n"), "unit": row.get("unit", "")} for name, row in rows]
+
+
+def _links(data: RunData) -> list[dict[str, Any]]:
+    """Rows of links.parquet; a number that a link does not have is None."""
+    links = data.table("links") or {}
+    rows = zip(*(column.tolist() for column in links.values()), strict=True)
+    return [{name: None if value != value else value for name, value in zip(links, row, strict=True)} for row in rows]
 
 
 def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:

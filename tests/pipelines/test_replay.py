@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import tomllib
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -24,6 +25,7 @@ CONTRACT_FILES = {
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
     *("paths.parquet", "control.parquet", "resim_plans.parquet", "resim_paths.parquet"),
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
+    *("links.parquet", "dilution.npz", "uwb_errors.parquet", "pose_uncertainty.parquet"),
 }
 TIMINGS = ("ms", "us")
 SHORT_S = 3.0
@@ -242,14 +244,38 @@ def test_swapped_anchors_are_told_from_ranges_that_fit_nowhere(tmp_path, follow_
     assert lines["swapped"]
 
 
-def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(whole_run):
-    record = json.loads((whole_run.run / "run.json").read_text())
+def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(tmp_path, follow_request, fixtures):
+    """By the paper's method only: quadlog's own takes none."""
+    config = load_config(fixtures / "follow.toml", [], {}, preset="paper")
+    paper = replay(replace(follow_request(tmp_path / "run", until="map"), config=config), Silent())
+    record = json.loads((paper.run / "run.json").read_text())
     steep = record["counts"]["scans_with_steep_ground"]
-    scans = table(whole_run.run, "scans")
+    scans = table(paper.run, "scans")
     assert steep == (scans["ground_nz"] < np.cos(np.radians(45))).sum() > 0
-    assert any(f"{steep} of 120 scans" in text for text in record["warnings"])
-    height_m = np.load(whole_run.run / "ground.npz")["height_m"]
+    assert any(f"{steep} of {record['counts']['scans']} scans" in text for text in record["warnings"])
+    height_m = np.load(paper.run / "ground.npz")["height_m"]
     assert np.nanpercentile(np.abs(height_m), 99) < 0.4  # walls of 1.5 m and more, when they are counted as ground
+
+
+def test_no_wall_is_taken_for_the_ground_and_the_scans_say_how_they_were_seen(whole_run):
+    record = json.loads((whole_run.run / "run.json").read_text())
+    assert "scans_with_steep_ground" not in record["counts"]
+    assert "120 of 120 scans classified by the beams their points name" in record["notes"]
+    assert any(note.startswith("tag 0: odometry steadies its track") for note in record["notes"])
+    scans = table(whole_run.run, "scans")
+    assert scans["ground_nz"].min() > np.cos(np.radians(5))
+
+
+def test_what_was_seen_stays_in_the_map_until_it_is_seen_through(tmp_path, follow_request, fixtures):
+    """Without memory cells flicker from scan to scan; with it few of those that were there are gone the next time."""
+    kept = {}
+    for memory in ("log_odds", "scan"):
+        config = load_config(fixtures / "follow.toml", [f"grid.memory={memory}"], {})
+        run = replay(replace(follow_request(tmp_path / memory, until="map", duration_s=2.0), config=config), Silent())
+        maps = list(load_maps(run.run))
+        pairs = [(a, b) for a, b in pairwise(maps) if (a.origin_m == b.origin_m).all()]
+        kept[memory] = np.mean([(a.occupied & b.occupied).sum() / a.occupied.sum() for a, b in pairs])
+    assert kept["log_odds"] > 0.9 > kept["scan"]
 
 
 def test_choices_that_decided_the_result_stand_in_run_json_and_on_the_page(short_run):

@@ -18,6 +18,9 @@ from quadlog.results.plots.scans import draw_scan, draw_scans
 from quadlog.results.plots.terrain import draw_terrain
 from quadlog.results.plots.tracking import draw_tracking_error
 from quadlog.results.plots.trajectory import draw_trajectory
+from quadlog.results.plots.uwb_error import draw_uwb_error
+from quadlog.results.plots.uwb_geometry import draw_uwb_geometry
+from quadlog.results.plots.uwb_links import draw_uwb_links
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,11 +66,38 @@ PLOTS = (
         draw_residuals,
     ),
     Plot(
+        "uwb_links",
+        "UWB links side by side",
+        "For each anchor and tag: quantiles of its residuals, its estimated bias, and its share of late ranges.",
+        "One colour for each tag. Top: residuals at the smoothed track, the applied bias taken out: median, middle "
+        "half (thick) and middle 90 % (thin). Middle: the constant bias of each link, found from this log alone; "
+        "hollow where it was not applied. Bottom: share of ranges late by more than three standard deviations.",
+        draw_uwb_links,
+    ),
+    Plot(
+        "uwb_geometry",
+        "UWB geometry and fixes",
+        "Dilution of precision over the map from above, with anchors, fixes and some of their 95 % ellipses.",
+        "The darker, the worse the anchors' directions tell a position there: a fix's standard deviation is that of a "
+        "range times HDOP, sqrt(trace((Σ u uᵀ)⁻¹)). Each orange ellipse should hold the tag's true place in 95 of 100 "
+        "cases; it knows the noise of ranges, not a bias left in. The robot's track is of its base, fixes are of tags.",
+        draw_uwb_geometry,
+    ),
+    Plot(
+        "uwb_error",
+        "UWB error against the reference",
+        "Distance of UWB fixes and of the track from the reference over time, with the 95 % bound each claims.",
+        "How far fixes and track of each tag on the robot are from where the reference puts that tag, lever arm "
+        "included. Dashed: how far the claimed 95 % ellipse reaches in the direction of the error, as a running "
+        "median. Fewer than 95 % within it means that the claim is too narrow: errors that persist, such as a bias.",
+        draw_uwb_error,
+    ),
+    Plot(
         "scan",
         "One scan, by class",
         "Points of one lidar scan from above and from the side, coloured as ground, obstacle, outlier or left out.",
-        "What the filter made of one scan: statistical outliers (D_i > μ + nσ), RANSAC ground and obstacles "
-        "[Following]. Grey points were out of range or out of the field of view.",
+        "What the filter made of one scan: isolated points, ground, and obstacles [Following]. Grey points lie out of "
+        "the field of view. Above all points; below those between the dotted lines, seen from the right.",
         draw_scan,
     ),
     Plot(
@@ -88,9 +118,10 @@ PLOTS = (
     Plot(
         "grid",
         "One map and its plan",
-        "Occupancy grid at one instant with robot, target and planned path.",
+        "Occupancy grid at one instant with the window's edge, the robot's footprint, target and planned path.",
         "The occupancy grid at one instant, before dilation, as the planner got it [Following], with the path in cells "
-        "and smoothed by the quadratic B-spline [Planning, eq. 14].",
+        "and smoothed by the quadratic B-spline [Planning, eq. 14]. Left the whole window; the dotted square is shown "
+        "on the right, where robot and cells are large enough to tell.",
         draw_grid,
     ),
     Plot(

@@ -6,52 +6,57 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.results.maps import MapSequence
 from quadlog.results.plots import style
+from quadlog.results.plots.body import Pose, draw_body
 from quadlog.results.plots.run_data import RunData, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HEADING_LENGTH_M = 0.6
+LEAST_REACH_M, ROUND_M = 2.0, 0.7
+"""The close view reaches this far to each side, or this far beyond what it has to show."""
+MARGIN = 0.02
 
 
 def draw_grid(run: RunData) -> Figure | None:
-    """The map with most occupied cells among a few of the middle ones that have a path, undilated as it is saved."""
+    """The whole window, and beside it what lies around robot, path and target; undilated, as it is saved.
+
+    The map is the one with most occupied cells among a few of the middle ones that have a path.
+    """
     maps = run.maps
     if maps is None or not len(maps.t_ns):
         return None
-    paths = run.table("paths")
-    index = _instant(maps, paths)
+    index = _instant(maps, run.table("paths"))
     t_ns = int(maps.t_ns[index])
-    left, bottom = (float(value) for value in maps.origin_m[index])
-    rows, columns = maps.shape
-    extent = (left, left + columns * maps.cell_m, bottom, bottom + rows * maps.cell_m)
-    figure = style.new_figure(min(8.0, style.WIDTH_IN * rows / columns) + 0.2)
-    axes = figure.subplots()
-    axes.imshow(
-        np.ma.masked_equal(maps.occupied(index), 0),
-        origin="lower",
-        extent=extent,
-        cmap="Greys",
-        vmin=0,
-        vmax=1.3,
-        zorder=style.ABOVE_GRID,
-    )
-    if paths is not None and np.any(paths["t_ns"] == t_ns):
-        mine = paths["t_ns"] == t_ns
-        axes.plot(paths["x_m"][mine], paths["y_m"][mine], ".", color=style.PLAN, markersize=4, label="path, cells")
-        axes.plot(
-            paths["smooth_x_m"][mine], paths["smooth_y_m"][mine], color=style.PLAN, linewidth=1.8, label="path, smooth"
-        )
-    _draw_mark(axes, run.table("target"), t_ns, "*", "target", style.TARGET)
-    _draw_mark(axes, run.table("poses"), t_ns, "o", "robot and heading", style.ROBOT)
-    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
+    path, target, robot = _path_at(run, t_ns), _row_at(run.table("target"), t_ns), _row_at(run.table("poses"), t_ns)
+    figure = style.new_figure(4.9)
+    whole, close = figure.subplots(1, 2)
+    for axes in (whole, close):
+        _draw_cells(axes, maps, index)
+        if path is not None:
+            axes.plot(
+                path["x_m"], path["y_m"], ".-", color=style.NOTE, markersize=4, linewidth=0.8, label="path, cells"
+            )
+            axes.plot(path["smooth_x_m"], path["smooth_y_m"], color=style.PLAN, linewidth=2.0, label="path, smooth")
+        if target is not None:
+            size = {"markersize": 14, "markeredgecolor": "white", "linestyle": "none"}
+            axes.plot(*target[:2], "*", color=style.TARGET, label="target", **size)
+        if robot is not None:
+            draw_body(axes, robot, run.body_m(), dot=6.0 if axes is whole else 0.0)
+        axes.set(xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
+    _frame(whole, close, _extent(maps, index), _points_to_show(path, target, robot))
     seconds = float(run.seconds(maps.t_ns[index : index + 1])[0])
-    axes.set_title(f"t = {seconds:.2f} s, {columns} × {rows} cells of {maps.cell_m:g} m", pad=22)
-    style.legend_above(axes)
+    rows, columns = maps.shape
+    occupied = style.count(int(maps.occupied(index).sum()))
+    whole.set_title("the whole window")
+    close.set_title("around robot and path")
+    title = f"t = {seconds:.2f} s, {columns} × {rows} cells of {maps.cell_m:g} m, {occupied} of them occupied"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
+    handles, labels = close.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels) or 1)
     return figure
 
 
@@ -66,21 +71,64 @@ def _instant(maps: MapSequence, paths: Table | None) -> int:
     return int(max(few, key=lambda index: int(maps.occupied(int(index)).sum())))
 
 
-def _draw_mark(axes: Axes, table: Table | None, t_ns: int, marker: str, label: str, color: str) -> None:
+def _path_at(run: RunData, t_ns: int) -> Table | None:
+    paths = run.table("paths")
+    if paths is None or not np.any(paths["t_ns"] == t_ns):
+        return None
+    return {name: column[paths["t_ns"] == t_ns] for name, column in paths.items()}
+
+
+def _row_at(table: Table | None, t_ns: int) -> Pose | None:
+    """x, y and, where the table has one, yaw of the nearest row; None where there is no place."""
     if table is None:
-        return
-    nearest = _nearest(table["t_ns"], t_ns)
+        return None
+    nearest = int(np.argmin(np.abs(table["t_ns"] - t_ns)))
     x_m, y_m = float(table["x_m"][nearest]), float(table["y_m"][nearest])
-    size = 15 if marker == "*" else 9
-    axes.plot(
-        [x_m], [y_m], marker, color=color, markersize=size, markeredgecolor="white", label=label, linestyle="none"
+    yaw_rad = float(table["yaw_rad"][nearest]) if "yaw_rad" in table else np.nan
+    return (x_m, y_m, yaw_rad) if np.isfinite([x_m, y_m]).all() else None
+
+
+def _extent(maps: MapSequence, index: int) -> tuple[float, float, float, float]:
+    left, bottom = (float(value) for value in maps.origin_m[index])
+    rows, columns = maps.shape
+    return left, left + columns * maps.cell_m, bottom, bottom + rows * maps.cell_m
+
+
+def _draw_cells(axes: Axes, maps: MapSequence, index: int) -> None:
+    axes.imshow(
+        np.ma.masked_equal(maps.occupied(index), 0),
+        origin="lower",
+        extent=_extent(maps, index),
+        cmap="Greys",
+        vmin=0,
+        vmax=1.3,
+        zorder=style.ABOVE_GRID,
     )
-    if "yaw_rad" in table:
-        direction: Float = HEADING_LENGTH_M * np.array(
-            [np.cos(table["yaw_rad"][nearest]), np.sin(table["yaw_rad"][nearest])]
-        )
-        axes.plot([x_m, x_m + direction[0]], [y_m, y_m + direction[1]], color=color, linewidth=2.5)
 
 
-def _nearest(known_ns: Int, t_ns: int) -> int:
-    return int(np.argmin(np.abs(known_ns - t_ns)))
+def _points_to_show(path: Table | None, target: Pose | None, robot: Pose | None) -> Float:
+    """(N, 2) what the close view must hold."""
+    points = [np.array([pose[:2]]) for pose in (target, robot) if pose is not None]
+    if path is not None:
+        points.append(np.column_stack([path["x_m"], path["y_m"]]))
+    return np.concatenate([np.empty((0, 2)), *points])
+
+
+def _frame(whole: Axes, close: Axes, extent: tuple[float, float, float, float], points_m: Float) -> None:
+    """The window's edge on the left, and there what the right shows: a square, inside the window where it fits."""
+    from matplotlib.patches import Rectangle
+
+    left, right, bottom, top = extent
+    margin_m = MARGIN * max(right - left, top - bottom)
+    whole.set(xlim=(left - margin_m, right + margin_m), ylim=(bottom - margin_m, top + margin_m))
+    for axes in (whole, close):
+        edge = Rectangle((left, bottom), right - left, top - bottom, fill=False, linewidth=1.2, label="window")
+        axes.add_patch(edge)
+    shown = points_m[(points_m >= (left, bottom)).all(axis=1) & (points_m <= (right, top)).all(axis=1)]
+    if not len(shown):
+        shown = np.array([[(left + right) / 2, (bottom + top) / 2]])
+    middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
+    reach_m = max(LEAST_REACH_M, float(np.ptp(shown, axis=0).max()) / 2 + ROUND_M)
+    low, high = middle - reach_m, middle + reach_m
+    close.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    whole.add_patch(Rectangle(low, *(high - low), fill=False, edgecolor=style.GREY, linestyle=":", linewidth=1.2))

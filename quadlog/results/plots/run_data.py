@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from quadlog.errors import NotARun
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
+from quadlog.results.dilution import DilutionGrid, read_dilution
 from quadlog.results.maps import MapSequence, load_maps
 from quadlog.results.record import RunRecord
 from quadlog.results.run_folder import read_metrics, read_run_json
@@ -62,6 +63,11 @@ class RunData:
         return read_ground(self.path) if (self.path / "ground.npz").is_file() else None
 
     @cached_property
+    def dilution(self) -> DilutionGrid | None:
+        """How the anchors' geometry spreads errors over the map, or None."""
+        return read_dilution(self.path) if (self.path / "dilution.npz").is_file() else None
+
+    @cached_property
     def metrics(self) -> dict[str, dict[str, Any]]:
         """metrics.json: name: {value, n, unit}."""
         return read_metrics(self.path) if (self.path / "metrics.json").is_file() else {}
@@ -83,6 +89,14 @@ class RunData:
             return [(int(anchor["id"]), float(anchor["x_m"]), float(anchor["y_m"])) for anchor in anchors]
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise NotARun(self.path / "run.json", f"is damaged: config.uwb.anchors: {error}") from error
+
+    def body_m(self) -> tuple[float, float] | None:
+        """Length and width of the robot in the run's config, None where it has none."""
+        try:
+            robot = self.record.config.get("robot", {})
+            return (float(robot["length_m"]), float(robot["width_m"])) if "length_m" in robot else None
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise NotARun(self.path / "run.json", f"is damaged: config.robot: {error}") from error
 
     def late_beyond_m(self) -> float:
         """A range longer than predicted by more is NLOS: LATE_STD times the configured std of a range."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadlog.messages import Float
 from quadlog.results.plots import style
+from quadlog.results.plots.body import draw_body
 from quadlog.results.plots.run_data import RunData
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # By the names that cloud_samples.npz gives its labels; a class quadlog learns later is drawn in black.
-_CLASS_COLOR = {
+CLASS_COLOR = {
     "invalid": style.LIGHT,
     "cropped": style.LIGHT,
     "outlier": style.NOTE,
@@ -24,10 +24,13 @@ _CLASS_COLOR = {
     "obstacle": style.TARGET,
 }
 POINTS_SHOWN = 20000
+_ON_TOP = "outlier"  # rare points must not be hidden by the many
+STRIP_M = 2.0
+"""The side view shows what lies so far to the left and right of the robot: all of a scan would hide itself."""
 
 
 def draw_scan(run: RunData) -> Figure | None:
-    """The middle one of the saved scans from above and from the side, in metres of `base`, coloured by class."""
+    """The middle one of the saved scans from above, and a strip of it from the side, in `base`, coloured by class."""
     samples, classes = run.cloud_samples
     full = [sample for sample in samples if np.isfinite(sample.xyz_m).all(axis=1).any()]
     if not full:
@@ -35,29 +38,21 @@ def draw_scan(run: RunData) -> Figure | None:
     sample = full[len(full) // 2]
     finite = np.isfinite(sample.xyz_m).all(axis=1)
     xyz_m, label = sample.xyz_m[finite].astype(np.float64), sample.label[finite]
-    reach_m = _reach_m(xyz_m)
-    figure = style.new_figure(8.6)
+    in_strip = np.abs(xyz_m[:, 1]) <= STRIP_M
+    figure = style.new_figure(9.2)
     top, side = figure.subplots(2, 1, height_ratios=[2.6, 1])
-    for index, name in enumerate(classes):
-        mine = np.flatnonzero(label == index)
-        if not len(mine):
+    for index, name in sorted(enumerate(classes), key=lambda each: each[1].lower() == _ON_TOP):
+        mine = label == index
+        if not mine.any():
             continue
-        points = xyz_m[mine[style.thin_points(len(mine), POINTS_SHOWN)]]
-        color = _CLASS_COLOR.get(name.lower(), style.BLACK)
-        top.plot(points[:, 0], points[:, 1], ".", color=color, markersize=2, label=f"{name} ({len(mine)})")
-        side.plot(points[:, 0], points[:, 2], ".", color=color, markersize=2)
-    top.plot([0], [0], marker=(3, 0, -90), color=style.ROBOT, markersize=11, linestyle="none", label="robot")
-    top.set(
-        xlim=(-reach_m, reach_m), ylim=(-reach_m * 0.66, reach_m * 0.66), xlabel="x forward (m)", ylabel="y left (m)"
-    )
-    side.set(xlim=(-reach_m, reach_m), xlabel="x forward (m)", ylabel="z up (m)")
-    _limit_heights(side, xyz_m[:, 2])
-    top.set_aspect("equal")
+        share = style.percent(float(mine.mean()))
+        _draw_class(top, xyz_m[mine][:, [0, 1]], name, f"{name}: {style.count(int(mine.sum()))} ({share})")
+        _draw_class(side, xyz_m[mine & in_strip][:, [0, 2]], name)
+    _frame_views(top, side, xyz_m, xyz_m[in_strip])
+    draw_body(top, (0.0, 0.0, 0.0), run.body_m())
     seconds = float(run.seconds(np.array([sample.t_ns]))[0])
-    figure.suptitle(
-        f"scan at t = {seconds:.2f} s, in base: from above, and from the side (heights stretched)", **_TITLE
-    )
-    style.enlarge_dots(figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=5))
+    figure.suptitle(f"scan at t = {seconds:.2f} s, {style.count(len(label))} points, in base", **_TITLE)
+    style.enlarge_dots(figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3))
     return figure
 
 
@@ -71,7 +66,7 @@ def draw_scans(run: RunData) -> Figure | None:
     counts = {name: scans[f"n_{name}"][keep] for name in ("ground", "obstacle", "outlier")}
     figure = style.new_figure(3.2)
     axes = figure.subplots()
-    colors = [_CLASS_COLOR[name] for name in counts]
+    colors = [CLASS_COLOR[name] for name in counts]
     axes.stackplot(seconds, *counts.values(), labels=list(counts), colors=colors, linewidth=0)
     axes.plot(seconds, scans["n_valid"][keep], color=style.BLACK, linewidth=1.1, label="valid, before the crop")
     lost = ~scans["ground_found"][keep].astype(bool)
@@ -93,12 +88,31 @@ def draw_scans(run: RunData) -> Figure | None:
 _TITLE: dict[str, Any] = {"x": 0.01, "ha": "left", "fontsize": 10.5, "fontweight": "bold"}
 
 
+def _draw_class(axes: Axes, points_m: Float, name: str, label: str | None = None) -> None:
+    some = points_m[style.thin_points(len(points_m), POINTS_SHOWN)]
+    color, size = CLASS_COLOR.get(name.lower(), style.BLACK), 4 if name.lower() == _ON_TOP else 2
+    axes.plot(some[:, 0], some[:, 1], ".", color=color, markersize=size, label=label)
+
+
+def _frame_views(top: Axes, side: Axes, xyz_m: Float, strip_m: Float) -> None:
+    reach_m = _reach_m(xyz_m)
+    along = {"xlim": (-reach_m, reach_m), "xlabel": "x forward (m)"}
+    top.set(**along, ylim=(-reach_m * 0.66, reach_m * 0.66), ylabel="y left (m)", aspect="equal")
+    top.set_title("from above")
+    for edge_m in (-STRIP_M, STRIP_M):
+        top.axhline(edge_m, color=style.GREY, linewidth=0.8, linestyle=":")
+    side.set(**along, ylabel="z up (m)")
+    side.set_title(f"from the side: the strip of ±{STRIP_M:g} m about the robot (heights stretched)")
+    if len(strip_m):
+        _limit_heights(side, strip_m[:, 2])
+
+
 def _reach_m(xyz_m: Float) -> float:
     """Half width of the view from above: nearly all points, at least 3 m."""
     return max(3.0, 1.05 * float(np.percentile(np.abs(xyz_m[:, :2]).max(axis=1), 98)))
 
 
-def _limit_heights(side: Axes, z_m: NDArray[np.float64]) -> None:
+def _limit_heights(side: Axes, z_m: Float) -> None:
     low_m, high_m = np.percentile(z_m, [0.5, 99.5])
     margin_m = max(0.2, 0.1 * float(high_m - low_m))
     side.set_ylim(float(low_m) - margin_m, float(high_m) + margin_m)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from quadlog.results.derived_mcap import write_derived
+from quadlog.results.dilution import DilutionGrid, write_dilution
 from quadlog.results.layout import write_layout
 from quadlog.results.maps import MapsWriter
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
@@ -60,6 +61,7 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
         yaw_rad = np.linspace(0, np.pi / 2, 40)
         robot_m = 3 * np.column_stack([np.sin(yaw_rad), 1 - np.cos(yaw_rad)])
         _write_positions(path, t_ns, robot_m, yaw_rad)
+        _write_uwb_quality(path, t_ns)
         _write_scans(path, t_ns, robot_m)
         _write_plans(path, t_ns, robot_m)
         _write_control(path, t_ns, robot_m, yaw_rad)
@@ -108,6 +110,25 @@ def _write_positions(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb")
     _table(path, "target", t_ns=t_ns, x_m=robot_m[:, 0] + 2, y_m=robot_m[:, 1], source="uwb")
     write_tum(path / "trajectory.tum", t_ns, robot_m[:, 0], robot_m[:, 1], yaw_rad)
+
+
+def _write_uwb_quality(path: Path, t_ns: Any) -> None:
+    """Two tags' links to three anchors, one bias of which is held back; the robot's errors; a plain bowl of HDOP."""
+    applied = np.array([True, True, True, False, True, True])
+    links: dict[str, Any] = {"tag": np.repeat([0, 1], 3), "anchor": np.tile([0, 1, 2], 2), "n": 40}
+    links |= {"x_m": np.tile(ANCHORS_M[:, 0], 2), "y_m": np.tile(ANCHORS_M[:, 1], 2), "z_m": 1.2}
+    links |= {"residual_rms_m": 0.1, "residual_median_m": -0.0004, "bias_m": np.linspace(-0.1, 0.4, 6)}
+    links |= {"bias_std_m": np.where(applied, 0.02, 0.09), "bias_applied": applied, "nlos_share": 0.025}
+    why_not = np.where(applied, "", "known to 0.09 m only")
+    _table(path, "links", **links, why_not=why_not, weak_first_path_share=np.nan)
+    errors: dict[str, Any] = {"t_ns": np.tile(t_ns, 2), "tag": 0, "source": np.repeat(["fixes", "track"], 40)}
+    _table(path, "uwb_errors", **errors, error_x_m=0.03, error_y_m=np.tile([0.04, 0.4], 40), bound_m=0.2)
+    spread = {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "yaw_std_rad": 0.02}
+    _table(path, "pose_uncertainty", t_ns=t_ns, **spread)
+    x, y = np.meshgrid(np.arange(30) - 15, np.arange(24) - 12)
+    hdop = 0.8 + (x**2 + y**2) / 200
+    hdop[0, 0] = np.inf
+    write_dilution(path, DilutionGrid(np.array([-3.0, -6.0]), 0.5, 0.6, hdop))
 
 
 def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.results.page import format_bytes, format_number, render_page
+from quadlog.results.page import format_bytes, format_metres, format_number, format_share, render_page
 
 
 def _folder(title: str) -> str:
@@ -39,6 +39,16 @@ def test_half_a_character_does_not_stop_a_page() -> None:
 )
 def test_numbers_have_four_digits_or_are_whole(value: float, shown: str) -> None:
     assert format_number(value) == shown
+
+
+@pytest.mark.parametrize(("value", "shown"), [(0.12345, "0.123"), (-0.0004, "0.000"), (-0.1, "−0.100"), (None, "–")])
+def test_metres_go_to_the_millimetre(value: float | None, shown: str) -> None:
+    assert format_metres(value) == shown
+
+
+@pytest.mark.parametrize(("share", "shown"), [(0.0253, "2.5\u202f%"), (0.0, "0.0\u202f%"), (None, "–")])
+def test_shares_are_percentages(share: float | None, shown: str) -> None:
+    assert format_share(share) == shown
 
 
 @pytest.mark.parametrize(

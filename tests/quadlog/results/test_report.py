@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from quadlog.errors import CannotWrite, NotARun
@@ -15,6 +16,8 @@ from quadlog.results.plots.figures import PLOTS
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.report import write_page, write_plots, write_report
 from quadlog.results.run_folder import RunFolder
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import read_table, write_table
 from quadlog.stages import STAGES
 
 HOSTILE = "/</script><script>alert(1)</script>\"><img src=x onerror=alert(2)>'{{ 7 * 7 }}&amp;"
@@ -163,6 +166,48 @@ def test_hostile_names_change_no_tag(tmp_path: Path, tiny_record: RunRecord) -> 
     assert shape(hostile) == shape(harmless)
     assert Page(hostile / "report.html").text.count("<script>alert(1)</script>") >= 8
     assert Page(hostile / "report.html").text.count("{{ 7 * 7 }}&amp;") >= 8
+
+
+def test_every_link_is_in_the_table_and_says_why_its_bias_is_left_in(reported: Path) -> None:
+    page = Page(reported / "report.html")
+    assert {"href": "#uwb"} in page.all("a")
+    for words in (
+        "UWB links tag anchor ranges residual (m) median (m) bias ± std (m) bias subtracted NLOS 0 0 40 0.100 0.000 "
+        "−0.100 ± 0.020 yes 2.5\u202f%".replace("\u202f", " "),
+        "1 0 40 0.100 0.000 0.200 ± 0.090 no: known to 0.09 m only 2.5 %",
+    ):
+        assert words in page.text, words
+    assert "weak first path" not in page.text.lower()
+
+
+def test_first_paths_have_a_column_where_a_radio_tells(tiny_run: Path) -> None:
+    links = read_table(tiny_run, "links") | {"weak_first_path_share": np.array([0.31, *[np.nan] * 5])}
+    write_table(tiny_run / "links.parquet", TABLES["links"], links)
+    write_report(tiny_run)
+    text = Page(tiny_run / "report.html").text
+    assert "NLOS weak first path" in text
+    assert "2.5 % 31.0 %" in text
+    assert "2.5 % –" in text
+
+
+def test_a_run_without_uwb_has_no_table_of_links(tiny_run: Path) -> None:
+    (tiny_run / "links.parquet").unlink()
+    write_report(tiny_run)
+    page = Page(tiny_run / "report.html")
+    assert "UWB links" not in page.text.replace("UWB links side by side", "")
+    assert {"href": "#uwb"} not in page.all("a")
+
+
+def test_hostile_text_in_a_table_changes_no_tag(tiny_run: Path) -> None:
+    def shape(text: str) -> list[tuple[str, list[str]]]:
+        links = read_table(tiny_run, "links") | {"why_not": np.array([text] * 6, dtype=object)}
+        write_table(tiny_run / "links.parquet", TABLES["links"], links)
+        write_report(tiny_run)
+        return [(tag, sorted(attributes)) for tag, attributes in Page(tiny_run / "report.html").elements]
+
+    assert shape(HOSTILE) == shape("calibration is off")
+    shape(HOSTILE)
+    assert "no: " + HOSTILE in Page(tiny_run / "report.html").text
 
 
 def test_a_run_that_stopped_early_shows_what_there_is(tmp_path: Path, tiny_record: RunRecord) -> None:

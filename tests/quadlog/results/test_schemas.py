@@ -14,7 +14,11 @@ PLANS = (
 CONTRACT = {
     "fixes": "t_ns tag x_m y_m z_m cov_xx_m2 cov_xy_m2 cov_yy_m2 n_ranges residual_rms_m outlier",
     "ranges": "t_ns tag anchor range_m predicted_m weight",
+    "links": "tag anchor x_m y_m z_m n residual_rms_m residual_median_m bias_m bias_std_m bias_applied why_not "
+    "nlos_share weak_first_path_share",
+    "uwb_errors": "t_ns tag source error_x_m error_y_m bound_m",
     "poses": "t_ns x_m y_m yaw_rad source",
+    "pose_uncertainty": "t_ns cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad",
     "target": "t_ns x_m y_m source",
     "scans": "t_ns n_raw n_valid n_outlier n_ground n_obstacle ground_nx ground_ny ground_nz ground_d_m "
     "ground_found ms",
@@ -33,8 +37,8 @@ CONTRACT = {
     "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor",
 }
 INTEGERS = {"tag", "anchor", "i", "expanded", "generated", "reused_cells", "t_ns", "n_ranges", "exit_code"}
-INTEGERS |= {"n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle"}
-FLAGS = {"outlier", "ground_found", "found", "from_scratch", "goal_projected"}
+INTEGERS |= {"n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle", "n"}
+FLAGS = {"bias_applied", "outlier", "ground_found", "found", "from_scratch", "goal_projected"}
 
 
 def test_there_are_exactly_these_tables() -> None:
@@ -53,7 +57,7 @@ def test_types_say_what_a_column_is(name: str) -> None:
             assert (field.type, field.nullable) == (pa.int64(), False), field
         elif field.name in FLAGS or (name == "control" and field.name == "fallen"):
             assert (field.type, field.nullable) == (pa.bool_(), False), field
-        elif field.name in {"source", "planner", "recording", "reason"}:
+        elif field.name in {"source", "planner", "recording", "reason", "why_not"}:
             assert (field.type, field.nullable) == (pa.string(), False), field
         else:
             assert (field.type, field.nullable) == (pa.float64(), True), field

@@ -1,0 +1,132 @@
+"""From a cloud as it came to the class of every point: undo the robot's motion and tilt, then classify."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
+from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
+from quadlog.lidar.paper import PaperSettings, classify_scan_paper
+from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.messages import Float, Int, PointCloud
+from quadlog.pipelines.stages.walk import Walk
+
+ROUTE_WORDS = {
+    "rings": "by the beams their points name",
+    "elevations": "by the beams their elevations show",
+    "height_map": "as clouds without beams, on a map of the lowest points",
+    "paper": "as in [Following]",
+}
+
+
+class Scanner:
+    """Classifies the clouds of a walk one by one, and counts what could not be done to them."""
+
+    def __init__(self, walk: Walk) -> None:
+        self._walk = walk
+        self._classify = classifier(walk.config, walk.seed)
+        self._up = _up_series(walk) if walk.config.lidar.level else None
+        self._skewed: Counter[Skewed] = Counter()
+        self._tilted: Counter[NotLevelled] = Counter()
+        self._routes: Counter[str] = Counter()
+
+    def classify(self, t_ns: int, cloud: PointCloud) -> ClassifiedScan:
+        """A cloud's points in base, as they were at t_ns, base being upright."""
+        instants_ns: Int | Skewed = Skewed.NO_TIMES
+        if self._walk.config.lidar.deskew and self._moves:
+            instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
+        wanted_ns = np.array([t_ns], dtype=np.int64) if isinstance(instants_ns, Skewed) else instants_ns
+        rotation_base_to_level = self._rotations(wanted_ns)
+        xyz_m: Float | Skewed = (
+            instants_ns
+            if isinstance(instants_ns, Skewed)
+            else self._deskewed(cloud, instants_ns, rotation_base_to_level)
+        )
+        if isinstance(xyz_m, Skewed):
+            self._skewed[xyz_m] += 1
+            xyz_m = cloud.xyz_m
+        transform_lidar_to_level = self._walk.transform_lidar_to_base.copy()
+        transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
+        scan = self._classify(xyz_m, cloud.ring, transform_lidar_to_level)
+        self._routes[scan.route] += 1
+        return scan
+
+    def tell(self) -> None:
+        """How the scans were looked at, and how many were taken as they came although they should not have been."""
+        walk, n = self._walk, self._routes.total()
+        for route, count in self._routes.most_common():
+            walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
+        for skewed, count in self._skewed.items():
+            walk.counts["scans_not_deskewed"] = walk.counts.get("scans_not_deskewed", 0) + count
+            if skewed is not Skewed.NO_TIMES and walk.config.lidar.deskew:
+                walk.warn(f"{count} of {n} scans keep the robot's motion: {skewed.value}")
+        for tilted, count in self._tilted.items():
+            walk.counts["scans_not_levelled"] = walk.counts.get("scans_not_levelled", 0) + count
+            walk.warn(f"{count} of {n} scans keep the robot's tilt: {tilted.value}")
+
+    @property
+    def _moves(self) -> bool:
+        return self._walk.robot is not None and self._walk.robot.source != "fixed"
+
+    def _rotations(self, instants_ns: Int) -> Float:
+        if self._up is None:
+            return np.tile(np.eye(3), (len(instants_ns), 1, 1))
+        rotations, why_not = level_rotations(instants_ns, self._up)
+        if why_not is not None:
+            self._tilted[why_not] += 1
+        return rotations
+
+    def _deskewed(self, cloud: PointCloud, instants_ns: Int, rotation_base_to_level: Float) -> Float | Skewed:
+        assert self._walk.robot is not None
+        assert cloud.offset_ns is not None
+        poses = self._walk.robot.poses_at(instants_ns, self._walk.config.lidar.pose_gap_s)
+        return deskew(
+            cloud.xyz_m,
+            cloud.offset_ns,
+            instants_ns,
+            poses,
+            rotation_base_to_level,
+            self._walk.transform_lidar_to_base,
+        )
+
+
+def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None, Float], ClassifiedScan]:
+    """The configured method: points (N, 3), their rings or None, and the transform to base -> classified scan."""
+    lidar, ground = config.lidar, config.ground
+    if lidar.method == "paper":
+        paper = PaperSettings(
+            min_range_m=lidar.min_range_m,
+            max_range_m=lidar.max_range_m,
+            field_of_view_deg=lidar.field_of_view_deg or 180.0,
+            outlier_neighbours=lidar.outlier_neighbours,
+            outlier_std_ratio=lidar.outlier_std_ratio,
+            ground_distance_m=ground.distance_m,
+            ground_confidence=ground.confidence,
+            ground_inlier_share=ground.inlier_share,
+            ground_min_points=ground.min_points,
+        )
+        return lambda xyz_m, _, transform: classify_scan_paper(xyz_m, transform, paper, seed)
+    settings = RangeImageSettings(
+        min_range_m=lidar.min_range_m,
+        max_range_m=lidar.max_range_m,
+        field_of_view_deg=lidar.field_of_view_deg or 360.0,
+        ground_min_points=ground.min_points,
+    )
+    return lambda xyz_m, ring, transform: classify_scan_range_image(xyz_m, ring, transform, settings)
+
+
+def _up_series(walk: Walk) -> UpSeries | None:
+    """What says how the body is tilted: the IMU, else the odometry; None where neither knows."""
+    imu, odometry = walk.streams.imu, walk.streams.odometry
+    if imu is not None and imu.quat_xyzw is not None:
+        series = up_in_base(imu.t_ns, imu.quat_xyzw)
+    elif odometry is not None:
+        series = up_in_base(odometry.t_ns, odometry.quat_xyzw)
+    else:
+        return None
+    return series if len(series) else None

@@ -1,0 +1,1 @@
+"""The papers' tables: one module per table, which draws, measures and says what it did."""

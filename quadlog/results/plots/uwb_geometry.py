@@ -1,0 +1,120 @@
+"""Where the anchors' geometry lets ranges tell a position well, and what the fixes themselves claim there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from quadlog.messages import Float
+from quadlog.results.dilution import DilutionGrid
+from quadlog.results.plots import style
+from quadlog.results.plots.run_data import RunData, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+POOR_HDOP = 4.0
+"""Fixes are this much worse than a range there; all that is poorer looks alike."""
+LEVELS = (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
+SHOWN_FIXES, SHOWN_ELLIPSES, MAX_TAGS_NAMED = 2000, 24, 4
+SCALE_95 = 2.447746830680816
+"""Of a standard ellipse to that of 95 %: the root of chi squared's quantile for two numbers, 5.991."""
+
+
+def draw_uwb_geometry(run: RunData) -> Figure | None:
+    """HDOP as background; anchors, fixes, some of their 95 % ellipses, the UWB tracks, and the reference."""
+    grid, fixes = run.dilution, run.table("fixes")
+    if grid is None or fixes is None:
+        return None
+    left, right, bottom, top = grid.extent_m
+    figure = style.new_figure(style.WIDTH_IN * 0.8 * (top - bottom) / (right - left) + 1.2)
+    axes = figure.subplots()
+    _draw_dilution(figure, axes, grid)
+    solved = {name: column[np.isfinite(fixes["x_m"]) & ~fixes["outlier"]] for name, column in fixes.items()}
+    if len(solved["x_m"]):
+        _draw_fixes(axes, solved)
+    for name, label, color in (("poses", "robot", style.ROBOT), ("target", "target", style.TARGET)):
+        walk = run.table(name)
+        if walk is not None and (walk["source"] == "uwb").any():
+            keep = style.thin_points(len(walk["t_ns"]), 10000)
+            axes.plot(walk["x_m"][keep], walk["y_m"][keep], color=color, linewidth=1.6, label=f"{label}, track")
+    if (truth_m := run.reference_xy_m) is not None and run.table("uwb_errors") is not None:
+        keep = style.thin_points(len(truth_m), 10000)
+        axes.plot(truth_m[keep, 0], truth_m[keep, 1], "--", color=style.BLACK, linewidth=0.9, label="reference")
+    _draw_ellipses(axes, solved)
+    _draw_anchors(axes, run.anchors())
+    axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
+    style.legend_above(axes, columns=4)
+    return figure
+
+
+def _draw_dilution(figure: Figure, axes: Axes, grid: DilutionGrid) -> None:
+    best, poor = _limits(grid)
+    hdop = np.nan_to_num(grid.hdop, nan=np.inf, posinf=np.inf).clip(max=2 * poor)
+    image = axes.imshow(
+        hdop,
+        origin="lower",
+        extent=grid.extent_m,
+        cmap="Greys",
+        vmin=best,
+        vmax=best + 1.8 * (poor - best),  # darker greys would hide what lies on them
+        zorder=style.ABOVE_GRID,
+        interpolation="bilinear",
+    )
+    levels = [level for level in LEVELS if best < level < poor]
+    bar = figure.colorbar(
+        image, ax=axes, shrink=0.6, pad=0.01, aspect=25, boundaries=np.linspace(best, poor, 101), extend="max"
+    )
+    bar.set_label(f"HDOP: std of a fix per std of a range (1), tag at {grid.tag_height_m:g} m", fontsize=9)
+    bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
+    if levels and min(hdop.shape) >= 2:
+        left, right, bottom, top = grid.extent_m
+        half_m, (rows, columns) = grid.cell_m / 2, hdop.shape
+        x_m = np.linspace(left + half_m, right - half_m, columns)
+        y_m = np.linspace(bottom + half_m, top - half_m, rows)
+        lines = axes.contour(x_m, y_m, hdop, levels, colors=style.GREY, linewidths=0.7, zorder=0.8)
+        axes.clabel(lines, fontsize=8, fmt="%g", inline_spacing=2)
+
+
+def _limits(grid: DilutionGrid) -> tuple[float, float]:
+    """The best HDOP on the map, and the one from which on all looks alike: where most of the map is better."""
+    known = grid.hdop[np.isfinite(grid.hdop)]
+    if not len(known):
+        return 0.0, POOR_HDOP
+    best = float(known.min())
+    return best, max(1.3 * best, min(float(np.percentile(known, 98)), POOR_HDOP))
+
+
+def _draw_fixes(axes: Axes, fixes: Table) -> None:
+    keep = style.thin_points(len(fixes["x_m"]), SHOWN_FIXES)
+    tags = np.unique(fixes["tag"])
+    label = f"fixes, {'tag' if len(tags) == 1 else 'tags'} {', '.join(str(tag) for tag in tags[:MAX_TAGS_NAMED])}"
+    label += ", …" * (len(tags) > MAX_TAGS_NAMED)
+    axes.plot(fixes["x_m"][keep], fixes["y_m"][keep], ".", color=style.FIX, markersize=2.5, alpha=0.6, label=label)
+
+
+def _draw_ellipses(axes: Axes, fixes: Table) -> None:
+    """Outlines of some fixes' 95 % ellipses, chosen evenly over all fixes, which lie in order of tag and time."""
+    label: str | None = "95 % ellipses of some"
+    turn = np.linspace(0, 2 * np.pi, 61)
+    circle = SCALE_95 * np.stack([np.cos(turn), np.sin(turn)])
+    for index in style.thin_points(len(fixes["x_m"]), SHOWN_ELLIPSES):
+        outline = _root(fixes, index) @ circle + np.array([[fixes["x_m"][index]], [fixes["y_m"][index]]])
+        axes.plot(outline[0], outline[1], color=style.NOTE, linewidth=1.1, label=label)
+        label = None
+
+
+def _root(fixes: Table, index: Any) -> Float:
+    """L (2, 2) with L L^T the fix's covariance: it turns a unit circle into the standard ellipse."""
+    xx, xy, yy = (float(fixes[name][index]) for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"))
+    std_x = max(xx, 1e-12) ** 0.5
+    return np.array([[std_x, 0.0], [xy / std_x, max(yy - xy * xy / std_x**2, 0.0) ** 0.5]])
+
+
+def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]]) -> None:
+    x_m, y_m = [anchor[1] for anchor in anchors], [anchor[2] for anchor in anchors]
+    axes.plot(x_m, y_m, "^", color=style.BLACK, markersize=8, linestyle="none", label="anchors")
+    for anchor, x, y in anchors:
+        axes.annotate(f"{anchor}", (x, y), xytext=(6, 4), textcoords="offset points", fontsize=10, fontweight="bold")

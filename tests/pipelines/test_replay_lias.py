@@ -1,0 +1,107 @@
+"""A real recording from file to metrics: three tags on a trolley (uwb_lias), their lever arms from the config."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.config_file import load_config
+from quadlog.pipelines.progress import Kept
+from quadlog.pipelines.replay import ReplayOptions, ReplayOutcome, ReplayRequest, replay
+
+ANCHORS_M = (
+    (-3.4203, 3.0053, 1.0442),
+    (0.0016, 3.0110, 1.0446),
+    (3.6056, 2.9795, 1.0463),
+    (3.6011, -0.0008, 1.0422),
+    (3.5674, -3.0087, 1.0443),
+    (-0.0072, -2.9652, 1.0444),
+    (-3.4673, -2.9587, 1.0445),
+    (-3.4858, -0.0098, 1.0457),
+)
+LEVER_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
+ROBOT = 1
+FIX_LIMIT_M = (0.086, 0.082, 0.075)
+
+
+@dataclass(frozen=True)
+class Run:
+    outcome: ReplayOutcome
+    lines: list[str]
+    truth: np.ndarray
+
+    def table(self, name: str) -> dict[str, np.ndarray]:
+        return {
+            key: column.to_numpy()
+            for key, column in pq.read_table(self.outcome.run / f"{name}.parquet").to_pandas().items()
+        }
+
+    def trolley_at(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position (N, 2) and yaw (N,) of the trolley, from the TUM file that came with the recording."""
+        t_s, yaw = t_ns * 1e-9, np.unwrap(Rotation.from_quat(self.truth[:, 4:8]).as_euler("ZYX")[:, 0])
+        place_m = [np.interp(t_s, self.truth[:, 0], self.truth[:, column]) for column in (1, 2)]
+        return np.stack(place_m, axis=1), np.interp(t_s, self.truth[:, 0], yaw)
+
+
+def config_text() -> str:
+    anchors = [f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, (x, y, z) in enumerate(ANCHORS_M)]
+    roles = ["robot" if tag == ROBOT else "none" for tag in range(3)]
+    tags = [f'{{id={i}, role="{roles[i]}", height_m=0.97, x_m={x}, y_m={y}}}' for i, (x, y) in enumerate(LEVER_M)]
+    return f"[uwb]\nanchors = [{', '.join(anchors)}]\ntags = [{', '.join(tags)}]\n"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    if "QUADLOG_DATASETS" not in os.environ:
+        pytest.skip("QUADLOG_DATASETS is not set")
+    folder = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias"
+    if not folder.exists():
+        pytest.skip(f"{folder} is not there")
+    here = tmp_path_factory.mktemp("lias")
+    (here / "quadlog.toml").write_text(config_text())
+    kept = Kept()
+    config = load_config(here / "quadlog.toml", environ={})
+    request = ReplayRequest(folder / "lias_fast.mcap", here / "run", config, ReplayOptions(until="position"))
+    return Run(replay(request, kept), kept.lines, np.loadtxt(folder / "lias_fast_mocap.tum"))
+
+
+def test_fixes_of_every_tag_where_the_tag_was(run):
+    """Against motion capture and each tag's own place on the trolley: lever arms are taken for what they are."""
+    fixes = run.table("fixes")
+    assert set(fixes["tag"]) == {0, 1, 2}
+    for tag, (x_m, y_m) in enumerate(LEVER_M):
+        mine = fixes["tag"] == tag
+        place_m, yaw = run.trolley_at(fixes["t_ns"][mine])
+        place_m += np.column_stack([np.cos(yaw) * x_m - np.sin(yaw) * y_m, np.sin(yaw) * x_m + np.cos(yaw) * y_m])
+        error_m = np.column_stack([fixes["x_m"][mine], fixes["y_m"][mine]]) - place_m
+        rmse_m = np.sqrt((error_m**2).sum(axis=1).mean())
+        assert rmse_m <= FIX_LIMIT_M[tag]
+        if tag == ROBOT:
+            assert run.outcome.metrics["uwb_rmse_m"]["value"] == pytest.approx(rmse_m, abs=1e-3)
+            assert run.outcome.metrics["uwb_rmse_m"]["n"] == pytest.approx(mine.sum(), abs=5)
+
+
+def test_poses_are_those_of_the_trolley(run):
+    """Without IMU or odometry the lever arm turns with the course, which is said, and costs little for this tag."""
+    poses = run.table("poses")
+    place_m, _ = run.trolley_at(poses["t_ns"])
+    error_m = np.hypot(*(np.column_stack([poses["x_m"], poses["y_m"]]) - place_m).T)
+    rmse_m = float(np.sqrt((error_m**2).mean()))
+    assert rmse_m <= 0.065
+    assert run.outcome.metrics["ate_rmse_m"]["value"] == pytest.approx(rmse_m, abs=1e-3)
+    assert any("heading is the course" in line for line in run.lines)
+
+
+def test_nothing_is_lost_in_silence(run):
+    assert run.outcome.exit_code == 0
+    assert any("145 of 17234 stamps do not increase" in line for line in run.lines)
+    ranges = run.table("ranges")
+    assert len(ranges["range_m"]) == 323_514
+    assert (ranges["range_m"] > 0).all()
+    assert np.isfinite(ranges["predicted_m"]).all()

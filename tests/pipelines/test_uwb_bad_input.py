@@ -1,0 +1,460 @@
+"""UWB that is not as it should be, from the file to the exit code: no traceback, and a line that names the cause."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from quadlog.cli.main import run as run_cli
+from quadlog.messages import UwbRanges
+from quadlog.simulation.recording_writer import McapRecording, write_recording
+from quadlog.simulation.synthesized import SynthesizedMessage
+
+START_NS = 1_700_000_000 * 10**9
+HOUR_NS = 3600 * 10**9
+SQUARE_M = np.array([(0.0, 0.0, 1.2), (8.0, 0.0, 1.2), (8.0, 7.0, 1.2), (0.0, 7.0, 1.2)])
+RANGE = "sensor_msgs/msg/Range"
+
+
+def walk(t_ns: np.ndarray) -> np.ndarray:
+    phase = 2 * np.pi * (t_ns - START_NS) * 1e-9 / 20
+    return np.array([4.0, 3.5]) + np.stack([2.5 * np.sin(phase), 1.8 * np.sin(2 * phase)], axis=1)
+
+
+def measure(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Five seconds at 20 Hz, t_ns (T,) and range_m (T, 4), of a tag at 0.6 m."""
+    t_ns = START_NS + np.arange(100, dtype=np.int64) * 50_000_000
+    xyz_m = np.column_stack([walk(t_ns), np.full(len(t_ns), 0.6)])
+    noise_m = 0.05 * np.random.default_rng(seed).standard_normal((len(t_ns), 4))
+    return t_ns, np.linalg.norm(xyz_m[:, None] - SQUARE_M, axis=2) + noise_m
+
+
+Frame = tuple[int, int, int, np.ndarray]
+"""Log time, header's stamp, tag, and ranges to anchors 0 to 3."""
+
+
+def frames_of(t_ns: np.ndarray, range_m: np.ndarray, tag: int = 0, stamp_ns: np.ndarray | None = None) -> list[Frame]:
+    stamps = t_ns if stamp_ns is None else stamp_ns
+    return [(int(t), int(stamp), tag, row) for t, stamp, row in zip(t_ns, stamps, range_m, strict=True)]
+
+
+def write_frames(path: Path, frames: Iterable[Frame]) -> Path:
+    """LinkTrack frames, as `quadlog synthesize` writes them."""
+    messages = (
+        SynthesizedMessage("/uwb", log_ns, UwbRanges(stamp_ns, tag, np.arange(4), range_m))
+        for log_ns, stamp_ns, tag, range_m in sorted(frames, key=lambda frame: frame[0])
+    )
+    write_recording(McapRecording(path), messages)
+    return path
+
+
+def write_topics(path: Path, rows: Sequence[tuple[str, int, float]]) -> Path:
+    """Single ranges: topic, time, metres."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    make: dict[str, Callable[..., Any]] = store.types
+    text, _ = store.generate_msgdef(RANGE, ros_version=2)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(RANGE, "ros2msg", text.encode())
+        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in sorted({row[0] for row in rows})}
+        for topic, t_ns, range_m in sorted(rows, key=lambda row: row[1]):
+            stamp = make["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
+            message = make[RANGE](make["std_msgs/msg/Header"](stamp, ""), 0, 0.0, 0.0, 0.0, range_m)
+            writer.add_message(channels[topic], t_ns, bytes(store.serialize_cdr(message, RANGE)), t_ns)
+        writer.finish()
+    return path
+
+
+def anchor_table(ids: Sequence[int] = (0, 1, 2, 3), position_m: Any = SQUARE_M) -> str:
+    rows = (f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, (x, y, z) in zip(ids, position_m, strict=False))
+    return f"[uwb]\nanchors = [{', '.join(rows)}]\n"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a user gets from `replay --until position`."""
+
+    code: int
+    err: str
+    run: Path
+
+    def poses_error_m(self) -> np.ndarray:
+        poses = pq.read_table(self.run / "poses.parquet").to_pydict()
+        assert set(poses["source"]) == {"uwb"}
+        t_ns = np.array(poses["t_ns"])
+        return np.hypot(*(np.column_stack([poses["x_m"], poses["y_m"]]) - walk(t_ns)).T)
+
+    def counts(self) -> dict[str, int]:
+        return json.loads((self.run / "run.json").read_text())["counts"]
+
+
+@pytest.fixture
+def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., Result]:
+    """Replays a recording in-process. One line each on stderr, no traceback, nothing half made."""
+
+    def go(recording: Path, config: str, *flags: str) -> Result:
+        (tmp_path / "quadlog.toml").write_text(config)
+        runs = tmp_path / "runs"
+        known = ["-c", str(tmp_path / "quadlog.toml")]
+        code = run_cli(["replay", str(recording), *known, "-o", str(runs), "--until", "position", *flags])
+        err = capsys.readouterr().err
+        assert "Traceback" not in err
+        result = Result(code, err, runs / recording.stem)
+        assert (result.run / "run.json").exists() == (code in (0, 3))
+        return result
+
+    return go
+
+
+@pytest.fixture
+def told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[dict[str, Any], str]]:
+    """`info --json` with a config, and stderr."""
+
+    def go(recording: Path, config: str) -> tuple[dict[str, Any], str]:
+        (tmp_path / "quadlog.toml").write_text(config)
+        assert run_cli(["info", str(recording), "-c", str(tmp_path / "quadlog.toml"), "--json"]) == 0
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return json.loads(out), err
+
+    return go
+
+
+def test_a_sound_log_says_nothing_of_ranges(tmp_path, replayed):
+    result = replayed(write_frames(tmp_path / "sound.mcap", frames_of(*measure())), anchor_table())
+    assert result.code == 0
+    assert result.poses_error_m().max() < 0.2
+    assert "give no fix" not in result.err
+    assert "left out" not in result.err
+
+
+def test_epochs_of_two_ranges_are_counted_and_bridged(tmp_path, replayed):
+    t_ns, range_m = measure()
+    range_m[40:60, 2:] = 0
+    result = replayed(write_frames(tmp_path / "few.mcap", frames_of(t_ns, range_m)), anchor_table())
+    assert result.code == 0
+    assert "of 100 epochs, 20 with fewer than three ranges" in result.err
+    assert len(result.poses_error_m()) == 100
+    assert result.poses_error_m().max() < 0.3
+
+
+@pytest.mark.parametrize("broken", ["two anchors heard", "no range at all"])
+def test_a_log_that_gives_no_fix_is_told_from_one_that_does(tmp_path, replayed, told, broken):
+    t_ns, range_m = measure()
+    range_m[:, (2 if broken == "two anchors heard" else 0) :] = 0
+    path = write_frames(tmp_path / "none.mcap", frames_of(t_ns, range_m))
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert "no pose source in the recording" in result.err
+    if broken == "two anchors heard":
+        assert "of 100 epochs, 100 with fewer than three ranges" in result.err
+        assert "anchors configured, but silent: 2, 3" in result.err
+    else:
+        assert "the recording has no UWB ranges" in result.err
+    info, _ = told(path, anchor_table())
+    assert info["uwb"] == []
+
+
+def test_ranges_no_radio_can_measure_are_left_out(tmp_path, replayed):
+    """In LinkTrack frames zero means absent; beyond the limits is counted; what is no number never reaches a fix."""
+    t_ns, range_m = measure()
+    range_m[10, 1], range_m[11, 1], range_m[12, 1] = np.nan, -3.0, np.inf
+    range_m[13, 1], range_m[14, 2], range_m[15, 2] = 1e6, 3e38, 0.01
+    result = replayed(write_frames(tmp_path / "values.mcap", frames_of(t_ns, range_m)), anchor_table())
+    assert result.code == 0
+    assert "2 ranges that are no numbers are left out" in result.err
+    assert "1 ranges of zero or below are left out" in result.err
+    assert "2 ranges above uwb.max_range_m are left out" in result.err
+    assert "1 ranges below uwb.min_range_m are left out" in result.err
+    assert result.counts()["ranges_used"] == 400 - 6
+    assert result.poses_error_m().max() < 0.2
+
+
+def test_an_anchor_id_that_comes_twice_is_refused(tmp_path, replayed):
+    path = write_frames(tmp_path / "twice.mcap", frames_of(*measure()))
+    result = replayed(path, anchor_table((0, 1, 1, 3)))
+    assert result.code == 1
+    assert "id 1 appears more than once" in result.err
+
+
+def test_anchors_of_the_log_and_of_the_config_are_compared_by_name(tmp_path, replayed):
+    path = write_frames(tmp_path / "other.mcap", frames_of(*measure()))
+    result = replayed(path, anchor_table((0, 1, 2, 7)))
+    assert result.code == 0
+    assert "anchors seen, but not in [[uwb.anchors]]: 3 (100 ranges)" in result.err
+    assert "anchors configured, but silent: 7" in result.err
+    assert result.poses_error_m().max() < 0.3
+
+
+def test_a_config_for_another_site_lists_the_ids_of_the_log(tmp_path, replayed):
+    path = write_frames(tmp_path / "site.mcap", frames_of(*measure()))
+    result = replayed(path, anchor_table((10, 11, 12, 13)))
+    assert result.code == 0
+    for anchor in range(4):
+        assert f"{anchor} (100 ranges)" in result.err
+    assert "silent: 10, 11, 12, 13" in result.err
+
+
+@pytest.mark.parametrize(
+    ("position_m", "cause"),
+    [
+        (SQUARE_M[:2], "2 UWB anchors are known, a fix needs three"),
+        (SQUARE_M[:, [0, 0, 2]], "every fix has a mirror image"),
+        (SQUARE_M[[0, 0, 0, 0]], "every fix has a mirror image"),
+    ],
+    ids=["two", "on a diagonal", "in one place"],
+)
+def test_anchors_that_give_no_fix_are_refused(tmp_path, replayed, told, position_m, cause):
+    path = write_frames(tmp_path / "line.mcap", frames_of(*measure()))
+    result = replayed(path, anchor_table(position_m=position_m))
+    assert result.code == 1
+    assert cause in result.err
+    assert "[[uwb.anchors]]" in result.err
+    info, err = told(path, anchor_table(position_m=position_m))
+    assert info["uwb"] == []
+    assert cause in err
+
+
+@pytest.mark.parametrize("hours", [3, -3])
+def test_a_clock_that_jumps_by_hours_is_refused_and_mended_as_it_says(tmp_path, replayed, hours):
+    t_ns, range_m = measure()
+    stamp_ns = np.where(np.arange(100) < 50, t_ns, t_ns + hours * HOUR_NS)
+    path = write_frames(tmp_path / "jump.mcap", frames_of(t_ns, range_m, stamp_ns=stamp_ns))
+    refused = replayed(path, anchor_table())
+    assert refused.code == 1
+    assert "10800 s apart" in refused.err
+    assert "--stamp log" in refused.err
+    mended = replayed(path, anchor_table(), "--stamp", "log")
+    assert mended.code == 0
+    assert mended.poses_error_m().max() < 0.2
+
+
+def test_a_single_stamp_hours_off_is_dropped_and_said(tmp_path, replayed):
+    t_ns, range_m = measure()
+    stamp_ns = np.where(np.arange(100) == 50, t_ns + 3 * HOUR_NS, t_ns)
+    path = write_frames(tmp_path / "spike.mcap", frames_of(t_ns, range_m, stamp_ns=stamp_ns))
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert "/uwb: 1 header stamps lie more than an hour from its others" in result.err
+    assert len(result.poses_error_m()) == 99
+    assert result.poses_error_m().max() < 0.2
+
+
+def test_stamps_that_stand_still_for_a_while(tmp_path, replayed):
+    """Ten frames under one stamp make one pose of it, and no division by zero."""
+    t_ns, range_m = measure()
+    stamp_ns = np.where((np.arange(100) >= 50) & (np.arange(100) < 60), t_ns[55], t_ns)
+    path = write_frames(tmp_path / "still.mcap", frames_of(t_ns, range_m, stamp_ns=stamp_ns))
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert len(result.poses_error_m()) == 91
+    assert result.poses_error_m().max() < 0.3
+
+
+def test_a_tag_that_appears_half_way(tmp_path, replayed):
+    t_ns, range_m = measure()
+    person_ns, person_m = t_ns[50:] + 10_000_000, measure(1)[1][50:]
+    path = write_frames(tmp_path / "late.mcap", [*frames_of(t_ns, range_m), *frames_of(person_ns, person_m, tag=5)])
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    target = pq.read_table(result.run / "target.parquet").to_pydict()
+    assert set(target["source"]) == {"uwb"}
+    assert target["t_ns"][0] == person_ns[0]
+    assert result.poses_error_m().max() < 0.2
+
+
+def test_tags_whose_ids_are_also_anchors_are_not_confused(tmp_path, replayed, told):
+    t_ns, range_m = measure()
+    frames = [*frames_of(t_ns, range_m, tag=1), *frames_of(t_ns + 10_000_000, measure(1)[1], tag=2)]
+    path = write_frames(tmp_path / "ids.mcap", frames)
+    info, _ = told(path, anchor_table())
+    assert [(row["tag"], row["anchor"]) for row in info["uwb"]] == [(tag, a) for tag in (1, 2) for a in range(4)]
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert result.poses_error_m().max() < 0.2
+
+
+def round_robin(pattern: str, name: Callable[[int], object] = str) -> list[tuple[str, int, float]]:
+    """Four anchors in turn, 10 ms apart, one topic each."""
+    t_ns, range_m = measure()
+    return [
+        (pattern.format(name(anchor)), int(t) + anchor * 10_000_000, float(row[anchor]))
+        for t, row in zip(t_ns, range_m, strict=True)
+        for anchor in range(4)
+    ]
+
+
+@pytest.mark.parametrize("pattern", ["/uwb/tof/n_9/n_{}/distance", "/uwb/anchor_{}/range"])
+def test_one_topic_for_each_anchor(tmp_path, replayed, pattern):
+    """Asynchronous ranges need no epoch: every one of them moves the track."""
+    result = replayed(write_topics(tmp_path / "topics.mcap", round_robin(pattern)), anchor_table())
+    assert result.code == 0
+    assert "fewer than three" not in result.err
+    assert len(result.poses_error_m()) > 390
+    assert np.sqrt(np.mean(result.poses_error_m() ** 2)) < 0.06
+
+
+def test_range_topics_that_name_no_ends_are_named_themselves_and_can_be_mapped(tmp_path, replayed, told):
+    path = write_topics(tmp_path / "letters.mcap", round_robin("/uwb/range/{}", "abcd".__getitem__))
+    info, err = told(path, anchor_table())
+    assert "no UWB ranges" in err
+    assert all("[[uwb.range_topics]]" in topic["why"] for topic in info["topics"])
+    refused = replayed(path, anchor_table())
+    assert refused.code == 1
+    assert "see  quadlog info" in refused.err
+    rows = (f'{{topic="/uwb/range/{letter}", tag=3, anchor={anchor}}}' for anchor, letter in enumerate("abcd"))
+    mapped = replayed(path, anchor_table() + f"range_topics = [{', '.join(rows)}]\n")
+    assert mapped.code == 0
+    assert np.sqrt(np.mean(mapped.poses_error_m() ** 2)) < 0.06
+
+
+def test_range_topics_with_values_that_are_none(tmp_path, replayed):
+    """In sensor_msgs/Range +inf means nothing there, -inf too near, NaN an error."""
+    rows = round_robin("/uwb/tof/n_9/n_{}/distance")
+    for index, value in enumerate((np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)):
+        rows[100 + index] = (*rows[100 + index][:2], value)
+    result = replayed(write_topics(tmp_path / "none.mcap", rows), anchor_table())
+    assert result.code == 0
+    assert "2 ranges that are no numbers are left out" in result.err
+    assert "2 ranges of zero or below are left out" in result.err
+    assert "1 ranges above uwb.max_range_m" in result.err
+    assert result.counts()["ranges_used"] == 400 - 6
+    assert np.sqrt(np.mean(result.poses_error_m() ** 2)) < 0.06
+
+
+def test_a_log_of_negative_ranges_is_not_one_without_ranges(tmp_path, replayed, told):
+    t_ns, range_m = measure()
+    range_m[:, 3] = np.nan
+    path = write_frames(tmp_path / "negative.mcap", frames_of(t_ns, -range_m))
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert "300 ranges of zero or below are left out" in result.err
+    assert "100 ranges that are no numbers are left out" in result.err
+    assert "no UWB ranges" not in result.err
+    assert "a longer walk tells more" not in result.err
+    info, err = told(path, anchor_table())
+    assert "300 ranges of zero or below are left out" in err
+    assert [(row["anchor"], row["n"], row["range_max_m"] is None) for row in info["links"]] == [
+        (0, 100, False),
+        (1, 100, False),
+        (2, 100, False),
+        (3, 100, True),
+    ]
+    assert run_cli(["init", str(path), "-o", str(tmp_path / "form.toml")]) == 0
+    assert "# 100 ranges\n# [[uwb.anchors]]\n# id = 3" in (tmp_path / "form.toml").read_text()
+
+
+@pytest.mark.parametrize("back_s", [2, 0.5])
+def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replayed, told, back_s):
+    """Half of the log is stamped early from there on: every pose is of the walk before or of the one after."""
+    t_ns, range_m = measure()
+    stamp_ns = np.where(np.arange(100) < 60, t_ns, t_ns - round(back_s * 1e9))
+    path = write_frames(tmp_path / "back.mcap", frames_of(t_ns, range_m, stamp_ns=stamp_ns))
+    result = replayed(path, anchor_table(), "--set", "uwb.smooth=false")
+    assert result.code == 0
+    line = next(line for line in result.err.splitlines() if "go back by" in line)
+    assert "/uwb: its header stamps go back by" in line
+    assert f"{back_s - 0.05:.2f} s, to 2023-11-14T22:13:" in line
+    assert f"; {back_s * 80:.0f} ranges" in line
+    assert "--stamp log" in line
+    poses = pq.read_table(result.run / "poses.parquet").to_pydict()
+    pose_ns, xy_m = np.array(poses["t_ns"]), np.column_stack([poses["x_m"], poses["y_m"]])
+    early = pose_ns <= t_ns[59]
+    assert early.sum() == 60
+    true_ns = np.where(early, pose_ns, pose_ns + round(back_s * 1e9))
+    settled = early | (pose_ns > t_ns[59] + 400_000_000)
+    assert np.hypot(*(xy_m - walk(true_ns)).T)[settled].max() < 0.3
+    info, _ = told(path, anchor_table())
+    assert [text for text in info["warnings"] if "go back" in text] == [line.removeprefix("warning: ")]
+    unplaced, _ = told(path, "")
+    (text,) = [text for text in unplaced["warnings"] if "go back" in text]
+    assert text.startswith("/uwb: its header stamps go back by")
+    assert "--stamp log" in text
+    by_log = replayed(path, anchor_table(), "--stamp", "log", "--force")
+    assert "go back" not in by_log.err
+    assert by_log.poses_error_m().max() < 0.2
+
+
+def test_slow_rounds_make_fixes_too(tmp_path, replayed):
+    """One range each 50 ms: no three within 0.05 s. A round is derived from the log and said; a set length counts."""
+    rows = round_robin("/uwb/anchor_{}/range")
+    slow = [(topic, START_NS + index * 50_000_000, 0.0) for index, (topic, _, _) in enumerate(rows)]
+    xyz_m = np.column_stack([walk(np.array([t_ns for _, t_ns, _ in slow])), np.full(len(slow), 0.6)])
+    true_m = np.linalg.norm(xyz_m - np.tile(SQUARE_M, (100, 1)), axis=1)
+    noise_m = 0.05 * np.random.default_rng(0).standard_normal(len(slow))
+    path = tmp_path / "slow.mcap"
+    write_topics(path, [(row[0], row[1], float(m)) for row, m in zip(slow, true_m + noise_m, strict=True)])
+    result = replayed(path, anchor_table())
+    assert result.code == 0
+    assert "single ranges within 0.20 s make one fix" in result.err
+    assert "fewer than three" not in result.err
+    assert np.sqrt(np.mean(result.poses_error_m() ** 2)) < 0.08
+    fixed = replayed(path, anchor_table(), "--set", "uwb.epoch_s=0.05", "--force")
+    assert "make one fix" not in fixed.err
+    assert "with fewer than three ranges give no fix" in fixed.err
+    assert "a longer walk tells more" not in fixed.err
+
+
+def test_frames_say_nothing_of_epochs(tmp_path, replayed):
+    result = replayed(write_frames(tmp_path / "frames.mcap", frames_of(*measure())), anchor_table())
+    assert "make one fix" not in result.err
+
+
+def test_topics_that_name_the_anchor_first(tmp_path, replayed):
+    """Tag 2, whose number is an anchor's too."""
+    rows = round_robin("/uwb/anchor_{}/tag_2")
+    result = replayed(write_topics(tmp_path / "ends.mcap", rows), anchor_table())
+    assert result.code == 0
+    assert set(pq.read_table(result.run / "fixes.parquet").column("tag").to_pylist()) == {2}
+    assert np.sqrt(np.mean(result.poses_error_m() ** 2)) < 0.06
+
+
+def test_info_names_unknown_and_silent_anchors_as_replay_does(tmp_path, replayed, told):
+    path = write_frames(tmp_path / "named.mcap", frames_of(*measure()))
+    _, err = told(path, anchor_table((0, 1, 2, 7)))
+    assert "anchors seen, but not in [[uwb.anchors]]: 3 (100 ranges)" in err
+    assert "anchors configured, but silent: 7" in err
+    warned = [line for line in replayed(path, anchor_table((0, 1, 2, 7))).err.splitlines() if "anchors" in line]
+    assert set(warned) <= set(err.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("method", "calibrate", "warned"), [("huber", "false", 1), ("huber", "true", 0), ("linear", "false", 0)]
+)
+def test_huber_without_calibration_is_warned_of(tmp_path, replayed, method, calibrate, warned):
+    path = write_frames(tmp_path / "huber.mcap", frames_of(*measure()))
+    flags = ["--set", f"uwb.method={method}", "--set", f"uwb.calibrate={calibrate}"]
+    assert replayed(path, anchor_table(), *flags).err.count("needs calibrated ranges") == warned
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_side_of_anchors_on_a_line_is_said(tmp_path, replayed, side):
+    line_m = np.array([(0.0, 0.0, 1.2), (3.0, 0.0, 1.2), (6.0, 0.0, 1.2), (9.0, 0.0, 1.2)])
+    t_ns, _ = measure()
+    xyz_m = np.column_stack([walk(t_ns), np.full(len(t_ns), 0.6)])
+    path = write_frames(tmp_path / "line.mcap", frames_of(t_ns, np.linalg.norm(xyz_m[:, None] - line_m, axis=2)))
+    flags = ["--set", f"uwb.mirror={side}", "--set", "uwb.method=huber", "--set", "uwb.calibrate=false"]
+    result = replayed(path, anchor_table(position_m=line_m), *flags)
+    assert result.code == 0
+    assert f"tracks start to the {side} of the way from anchor 0 to anchor 3" in result.err
+    assert "needs calibrated ranges" not in result.err
+    y_m = pq.read_table(result.run / "poses.parquet").column("y_m").to_pylist()
+    assert (np.array(y_m) > 0).all() == (side == "left")
+
+
+def test_info_prints_every_link(tmp_path, capsys):
+    path = write_frames(tmp_path / "text.mcap", frames_of(*measure(), tag=7))
+    assert run_cli(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    for anchor in range(4):
+        assert f"/uwb  tag 7  anchor {anchor}  100 ranges" in out
