@@ -104,7 +104,7 @@ def _orientations(walk: Walk) -> list[_YawSensor]:
     """Every orientation of the recording, the IMU's first."""
     imu, odometry = walk.streams.imu, walk.streams.odometry
     sensors: list[_YawSensor] = []
-    if imu is not None and imu.quat_xyzw is not None and not _frozen(imu):
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
         sensors.append(_YawSensor("imu", imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT))
     if odometry is not None:
         sensors.append(_YawSensor("odometry", odometry.t_ns, yaw_from_quat(odometry.quat_xyzw), ODOMETRY_DRIFT))
@@ -114,7 +114,7 @@ def _orientations(walk: Walk) -> list[_YawSensor]:
 def _rate_only(walk: Walk) -> ImuSeries | None:
     """The IMU where it gives yaw rates, but no orientation; gaps, in which turns are lost, are told."""
     imu = walk.streams.imu
-    if imu is None or (imu.quat_xyzw is not None and not _frozen(imu)):
+    if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
         return None
     if imu.quat_xyzw is not None:
         walk.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
@@ -124,7 +124,7 @@ def _rate_only(walk: Walk) -> ImuSeries | None:
     return imu
 
 
-def _frozen(imu: ImuSeries) -> bool:
+def frozen(imu: ImuSeries) -> bool:
     """Drivers without an orientation may send the same one all the time."""
     return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
 

@@ -91,10 +91,12 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     locates = wants_uwb(config)
     # Under auto an odometry may have to be the position, and beside UWB it is the heading.
     needs_odometry = position in ("auto", "uwb", "odometry")
+    # Elsewhere an IMU only tells scans how the body was tilted.
+    upright = _unless_ambiguous(roles, "imu") if config.lidar.level else None
     return {
         "uwb": roles.topics("uwb") if locates else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
-        "imu": roles.topic("imu") if locates and position in ("auto", "uwb") else None,
+        "imu": roles.topic("imu") if locates and position in ("auto", "uwb") else upright,
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),

@@ -14,6 +14,7 @@ from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_i
 from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
 from quadlog.messages import Float, Int, PointCloud
+from quadlog.pipelines.stages.heading import frozen
 from quadlog.pipelines.stages.walk import Walk
 
 ROUTE_WORDS = {
@@ -123,7 +124,7 @@ def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None,
 def _up_series(walk: Walk) -> UpSeries | None:
     """What says how the body is tilted: the IMU, else the odometry; None where neither knows."""
     imu, odometry = walk.streams.imu, walk.streams.odometry
-    if imu is not None and imu.quat_xyzw is not None:
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
         series = up_in_base(imu.t_ns, imu.quat_xyzw)
     elif odometry is not None:
         series = up_in_base(odometry.t_ns, odometry.quat_xyzw)

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.positioning.anchor_order import MIN_RANGES, Exchanges, TagEpochs, find_exchanges, layout_misfit
+from quadlog.positioning.anchor_order import (
+    CLEARLY_BETTER,
+    MIN_RANGES,
+    Exchanges,
+    TagEpochs,
+    find_exchanges,
+    layout_misfit,
+)
 from quadlog.positioning.anchor_shifts import MIN_EPOCHS, AnchorShift, fit_anchor_shift
 
 SIGNIFICANT_STD = 3.2
@@ -137,13 +144,13 @@ def _exchange_explains(
     anchors_m: Float,
     range_std_m: float,
 ) -> bool:
-    """Whether there is an exchange, and no single displaced anchor fits better than it."""
+    """Whether there is an exchange, and no single displaced anchor, free to go anywhere, fits clearly better."""
     if not (exchanges.swapped or exchanges.turned):
         return False
     for anchor, shift in shifts.items():
         placed_m = anchors_m.copy()
         placed_m[anchor, :2] += shift.shift_m
-        if layout_misfit(logs, placed_m, range_std_m) < exchanges.misfit:
+        if layout_misfit(logs, placed_m, range_std_m) < CLEARLY_BETTER * exchanges.misfit:
             return False
     return True
 
