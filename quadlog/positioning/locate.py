@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -150,11 +150,12 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
 
 def _locate_tag(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
     epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
-    bias, bias_m = _find_bias(epochs, anchors, tag, settings)
-    unbiased_m = epochs.range_m - bias_m
-    solved = solve_height(anchors.position_m, unbiased_m, tag.height_m, settings.fix)
-    fixes = fix_tag(anchors.position_m, unbiased_m, None if solved else tag.height_m, settings.fix)
+    known_m = epochs.range_m - anchors.known_bias_m
+    solved = solve_height(anchors.position_m, known_m, tag.height_m, settings.fix)
     height_std_m = HEIGHT_STD_M if solved else 0.0
+    bias, bias_m = _find_bias(replace(epochs, range_m=known_m), anchors, tag, settings, height_std_m)
+    height_m = None if solved else tag.height_m
+    fixes = fix_tag(anchors.position_m, epochs.range_m - bias_m, height_m, settings.fix)
     rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m)
     velocity = _measure_velocity(tag, tracked, settings)
     if velocity is not None and velocity.series is not None:
@@ -189,13 +190,18 @@ def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
 
 
 def _find_bias(
-    epochs: Epochs, anchors: Anchors, tag: TagInfo, settings: LocateSettings
+    known: Epochs, anchors: Anchors, tag: TagInfo, settings: LocateSettings, height_std_m: float
 ) -> tuple[AnchorBias | None, Float]:
+    """What is estimated beyond the known biases, which are taken out already, and both together."""
     if not settings.calibrate:
         return None, anchors.known_bias_m
-    known = Epochs(epochs.t_ns, epochs.last_ns, epochs.range_m - anchors.known_bias_m)
     bias = estimate_anchor_bias(
-        known, anchors.position_m, tag.height_m, settings.range_std_m, settings.acceleration_std_mps2
+        known,
+        anchors.position_m,
+        tag.height_m,
+        settings.range_std_m,
+        settings.acceleration_std_mps2,
+        tag_height_std_m=height_std_m,
     )
     return bias, anchors.known_bias_m + bias.applied_m
 
