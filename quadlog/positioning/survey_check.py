@@ -96,6 +96,9 @@ def check_survey(
     if reason:
         return SurveyCheck((), (), (), nowhere, False, reason)
     exchanges = find_exchanges(logs, anchors_m, range_std_m)
+    span_s = max(float(np.ptp(log.epochs.t_ns)) * 1e-9 for log in logs if len(log.epochs))
+    if span_s < MIN_LOG_S and not (exchanges.swapped or exchanges.turned):
+        return SurveyCheck((), (), (), nowhere, False, f"{span_s:.0f} s of ranges, {MIN_LOG_S:.0f} s are needed")
     shifts = {}
     for anchor in range(len(anchors_m)):
         fits = [fit_anchor_shift(log, anchors_m, anchor, range_std_m, acceleration_std_mps2) for log in logs]
