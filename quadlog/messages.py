@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float = NDArray[np.floating[Any]]
+Float32 = NDArray[np.float32]
 Int = NDArray[np.int64]
 
 

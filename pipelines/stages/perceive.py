@@ -22,7 +22,7 @@ from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.ground_height import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends, to_map
+from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
 from quadlog.mapping.occupancy import obstacle_tops
 from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
@@ -103,12 +103,12 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
         for t_ns, cloud in walk.clock.drawn("filter", walk.clouds()):
             with walk.clock.stage("filter"):
                 started = time.perf_counter()
-                points = scanner.classify(t_ns, cloud)
+                points, pose = scanner.classify(t_ns, cloud)
                 table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
                 walk.count("scans")
                 if points.ground is not None and not is_level(points.ground):
                     walk.count("scans_with_steep_ground")
-                scan = Scan(t_ns, points, walk.robot_pose_at(t_ns))
+                scan = Scan(t_ns, points, pose)
                 samples.offer(partial(_sample, scan))
             yield scan
             walk.progress.advance((t_ns - walk.first_ns) * 1e-9)
@@ -138,8 +138,7 @@ def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
     built.whole.add(window, np.isfinite(top_m), lowest_ray_m < walk.config.robot.height_m)
     # A wall that was taken for the ground says nothing about where the floor is.
     if is_level(scan.points.ground):
-        floor = scan.points.of_class(PointClass.GROUND)
-        built.ground.add(to_map(floor[:, :2], pose), floor[:, 2])
+        built.ground.add(scan.points.xyz_base_m, scan.points.label, pose)
 
 
 def _sensor(walk: Walk, points: ClassifiedScan) -> Float:

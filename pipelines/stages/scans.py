@@ -36,17 +36,18 @@ class Scanner:
         self._tilted: Counter[NotLevelled] = Counter()
         self._routes: Counter[str] = Counter()
 
-    def classify(self, t_ns: int, cloud: PointCloud) -> ClassifiedScan:
-        """A cloud's points in base, as they were at t_ns, base being upright."""
+    def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedScan, Float | None]:
+        """A cloud's points in base, as they were at t_ns, base being upright; and base's pose (3,) in map, if known."""
         instants_ns: Int | Skewed = Skewed.NO_TIMES
         if self._walk.config.lidar.deskew and self._moves:
             instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
         wanted_ns = np.array([t_ns], dtype=np.int64) if isinstance(instants_ns, Skewed) else instants_ns
+        poses = self._poses(wanted_ns)
         rotation_base_to_level = self._rotations(wanted_ns)
         xyz_m: Float | Skewed = (
             instants_ns
             if isinstance(instants_ns, Skewed)
-            else self._deskewed(cloud, instants_ns, rotation_base_to_level)
+            else self._deskewed(cloud, instants_ns, poses, rotation_base_to_level)
         )
         if isinstance(xyz_m, Skewed):
             self._skewed[xyz_m] += 1
@@ -55,7 +56,7 @@ class Scanner:
         transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
         scan = self._classify(xyz_m, cloud.ring, transform_lidar_to_level)
         self._routes[scan.route] += 1
-        return scan
+        return scan, poses[0] if np.isfinite(poses[0]).all() else None
 
     def tell(self) -> None:
         """How the scans were looked at, and how many were taken as they came although they should not have been."""
@@ -82,10 +83,16 @@ class Scanner:
             self._tilted[why_not] += 1
         return rotations
 
-    def _deskewed(self, cloud: PointCloud, instants_ns: Int, rotation_base_to_level: Float) -> Float | Skewed:
-        assert self._walk.robot is not None
+    def _poses(self, instants_ns: Int) -> Float:
+        """(M, 3) of base in map at instants (M,), NaN where there is none near."""
+        if self._walk.robot is None:
+            return np.full((len(instants_ns), 3), np.nan)
+        return self._walk.robot.poses_at(instants_ns, self._walk.config.lidar.pose_gap_s)
+
+    def _deskewed(
+        self, cloud: PointCloud, instants_ns: Int, poses: Float, rotation_base_to_level: Float
+    ) -> Float | Skewed:
         assert cloud.offset_ns is not None
-        poses = self._walk.robot.poses_at(instants_ns, self._walk.config.lidar.pose_gap_s)
         return deskew(
             cloud.xyz_m,
             cloud.offset_ns,

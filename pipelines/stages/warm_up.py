@@ -8,12 +8,17 @@ from collections.abc import Collection
 import numpy as np
 
 from quadlog.config import Config
+from quadlog.lidar.classify import ClassifiedScan
 from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
+from quadlog.lidar.points import PointClass
+from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.ground_height import GroundHeight
+from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
 from quadlog.mapping.occupancy import obstacle_tops
 from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import RangeSeries
+from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import classifier
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
@@ -29,12 +34,7 @@ def warm_up(stages: Collection[str], config: Config) -> float:
     if "filter" in stages:
         _classify_toy_scan(config)
     if "map" in stages:
-        window = window_around(np.zeros(2), 0.1, 11)
-        obstacle_tops(np.array([[0.2, 0.2, 1.0]]), window, 1)
-        lowest_rays(
-            np.array([0, 0, 0.4]), np.ones((1, 3), dtype=np.float32), np.zeros(1, np.float32), np.zeros(3), window
-        )
-        GroundHeight(0.1).add(np.zeros((1, 2)), np.zeros(1, dtype=np.float32))
+        _map_toy_scan(config)
     if "plan" in stages:
         _walk_toy_map()
     return time.perf_counter() - started
@@ -74,6 +74,19 @@ def _classify_toy_scan(config: Config) -> None:
     moved_m = deskew(xyz_m, offset_ns, instants_ns, poses, np.tile(np.eye(3), (len(instants_ns), 1, 1)), mount)
     assert not isinstance(moved_m, Skewed)
     classifier(config, 0)(moved_m, ring, mount)
+
+
+def _map_toy_scan(config: Config) -> None:
+    """One scan of two points laid on every map there is."""
+    window = window_around(np.zeros(2), 0.1, 11)
+    xyz_m, label = np.ones((2, 3), np.float32), np.array([PointClass.GROUND, PointClass.OBSTACLE], np.uint8)
+    scan = ClassifiedScan(xyz_m, label, None, np.ones(2, np.float32), "rings")
+    pose, settings = np.zeros(3), ObstacleSettings()
+    top_m = obstacle_tops(obstacle_points(scan, pose, None, settings), window, 1)
+    lowest_ray_m = lowest_rays(np.array([0, 0, 0.4]), *ray_ends(scan, settings), pose, window)
+    make_memory(config).add(0, window, top_m, lowest_ray_m)
+    AccumulatedMap(0.1).add(window, np.isfinite(top_m), np.isfinite(lowest_ray_m))
+    GroundHeight(0.1).add(xyz_m, label, pose)
 
 
 def _walk_toy_map() -> None:

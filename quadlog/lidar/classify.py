@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quadlog.lidar.ground import Ground
 from quadlog.lidar.points import PointClass, in_field_of_view, valid_points
-from quadlog.messages import Float
+from quadlog.messages import Float, Float32
 
 Route = Literal["rings", "elevations", "height_map", "paper"]
 """By the driver's beam numbers, by beams the elevations show, by a map of the lowest points, or as the paper does."""
@@ -21,17 +21,17 @@ Route = Literal["rings", "elevations", "height_map", "paper"]
 class ClassifiedScan:
     """Every point of a scan in base, with its class.
 
-    xyz_base_m: (N, 3) float64, NaN where the point is invalid.
+    xyz_base_m: (N, 3) float32, NaN where the point is invalid.
     label: (N,) uint8 of PointClass.
     ground: the plane found, its inliers counted over all N points, or None.
-    height_m: (N,) height above the ground at each point's place, NaN where the point is invalid.
+    height_m: (N,) float32 height above the ground at each point's place, NaN where the point is invalid.
     route: how the scan was looked at.
     """
 
-    xyz_base_m: Float
+    xyz_base_m: Float32
     label: NDArray[np.uint8]
     ground: Ground | None
-    height_m: Float
+    height_m: Float32
     route: Route
 
     @property
@@ -58,11 +58,6 @@ class ClassifiedScan:
     def n_obstacle(self) -> int:
         """Points that are left."""
         return self._count(PointClass.OBSTACLE)
-
-    def of_class(self, wanted: PointClass) -> Float:
-        """The points (M, 3) of one class, in base."""
-        points: Float = self.xyz_base_m[self.label == wanted]
-        return points
 
     def _count(self, wanted: PointClass) -> int:
         return int(np.count_nonzero(self.label == wanted))

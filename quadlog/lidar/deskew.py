@@ -14,7 +14,8 @@ import numpy as np
 from numba import njit
 
 from quadlog.geometry import invert_transform
-from quadlog.messages import Float, Int
+from quadlog.lidar.points import columns_of
+from quadlog.messages import Float, Float32, Int
 
 MAX_OFFSET_NS = 1_000_000_000
 """No scan takes longer, and no stamp is farther from its points."""
@@ -81,7 +82,10 @@ def deskew(
     if (np.abs(change[:, :, 3]).max(axis=1) + _FAR_M * np.abs(change[:, :, :3]).max(axis=(1, 2))).max() < _NEGLIGIBLE_M:
         return xyz_lidar_m
     first_ns, lasts_ns = int(instants_ns[1] - instants_ns[0]), int(instants_ns[-1] - instants_ns[1])
-    return _moved(np.ascontiguousarray(xyz_lidar_m), offset_ns, first_ns, lasts_ns, _slots(change))
+    x_m, y_m, z_m = columns_of(xyz_lidar_m)
+    moved_m = np.empty((3, len(x_m)), np.float32)
+    _move(x_m, y_m, z_m, offset_ns, first_ns, lasts_ns, _slots(change), *moved_m)
+    return moved_m.T
 
 
 def _jumps(t_ns: Int, pose: Float) -> bool:
@@ -105,23 +109,36 @@ def _lidar_to_map(pose: Float, rotation_base_to_level: Float, transform_lidar_to
     return transform
 
 
-def _slots(change: Float) -> Float:
-    """(S, 3, 4) float32: SLOTS changes from each of (K, 3, 4) to the next, so that points need no interpolation."""
-    share = np.arange(SLOTS)[:, None, None] / SLOTS
-    between = change[:-1, None] + share * np.diff(change, axis=0)[:, None]
-    return np.concatenate([between.reshape(-1, 3, 4), change[-1:]]).astype(np.float32)
+def _slots(change: Float) -> Float32:
+    """(S, 12): SLOTS changes from each of (K, 3, 4) to the next, so that points need no interpolation."""
+    flat = change.reshape(-1, 12).astype(np.float32)
+    share = np.arange(SLOTS, dtype=np.float32)[:, None] / np.float32(SLOTS)
+    between = flat[:-1, None] + share * np.diff(flat, axis=0)[:, None]
+    return np.concatenate([between.reshape(-1, 12), flat[-1:]])
 
 
 @njit(cache=True, error_model="numpy")
-def _moved(xyz_m: Float, offset_ns: Int, first_ns: int, lasts_ns: int, changes: Float) -> Float:
-    """Each point by that of the changes (S, 3, 4), even in time, transforms less the identity, nearest to its time."""
-    out = np.empty_like(xyz_m)
-    per_ns = (len(changes) - 1) / lasts_ns
-    for i in range(len(xyz_m)):
-        x, y, z = xyz_m[i, 0], xyz_m[i, 1], xyz_m[i, 2]
-        change = changes[min(max(int((offset_ns[i] - first_ns) * per_ns + 0.5), 0), len(changes) - 1)]
-        returned = np.float32(x != 0 or y != 0 or z != 0)
-        for row in range(3):
-            moved = change[row, 0] * x + change[row, 1] * y + change[row, 2] * z + change[row, 3]
-            out[i, row] = xyz_m[i, row] + returned * moved
-    return out
+def _move(
+    x_m: Float32,
+    y_m: Float32,
+    z_m: Float32,
+    offset_ns: Int,
+    first_ns: int,
+    lasts_ns: int,
+    changes: Float32,
+    moved_x_m: Float32,
+    moved_y_m: Float32,
+    moved_z_m: Float32,
+) -> None:
+    """Each point by that of the changes (S, 12), even in time, transforms less the identity, nearest to its time."""
+    last = len(changes) - 1
+    per_ns = np.float32(last / lasts_ns)
+    for i in range(len(x_m)):
+        x, y, z = x_m[i], y_m[i], z_m[i]
+        slot = np.int64(np.float32(offset_ns[i] - first_ns) * per_ns + np.float32(0.5))
+        m = changes[np.uint64(min(max(slot, 0), last))]
+        # What is no return (0, 0, 0) stays so.
+        returned = np.float32(1) if (x != 0) | (y != 0) | (z != 0) else np.float32(0)
+        moved_x_m[i] = x + returned * (m[0] * x + m[1] * y + m[2] * z + m[3])
+        moved_y_m[i] = y + returned * (m[4] * x + m[5] * y + m[6] * z + m[7])
+        moved_z_m[i] = z + returned * (m[8] * x + m[9] * y + m[10] * z + m[11])

@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.isolation import isolate, supported
-from quadlog.lidar.organise import beams_by_bins, range_image
+from quadlog.lidar.beams import beams_by_bins
+from quadlog.lidar.image import range_image
+from quadlog.lidar.isolation import BOTH_LAYERS, isolate, supported
 from quadlog.lidar.points import PointClass
-from quadlog.lidar.polar import Float32, Polar
-from quadlog.messages import Float, Int
+from quadlog.lidar.polar import Polar
+from quadlog.messages import Float, Float32, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
 _REACH_CELLS = 5
@@ -81,7 +82,7 @@ def _drop_isolated(
         row, c = cells[i] // columns, cells[i] % columns
         if ranges_m[i] == 0:
             label[i] = np.uint8(PointClass.INVALID)
-        elif (point[row, c] == i and good[row, c]) or supported(range_m, 2, row, c, ranges_m[i]):
+        elif (point[row, c] == i and good[row, c]) or supported(range_m, BOTH_LAYERS, row, c, ranges_m[i]):
             label[i] = np.uint8(PointClass.OBSTACLE)
         else:
             label[i] = np.uint8(PointClass.OUTLIER)

@@ -66,4 +66,5 @@ def classify_scan_paper(
     if plane is not None:
         label[inside[plane.inliers]] = PointClass.GROUND
         ground = Ground(plane.normal, plane.d_m, label == PointClass.GROUND)
-    return ClassifiedScan(xyz_base_m, label, ground, height_above_ground(xyz_base_m, ground), "paper")
+    height_m = height_above_ground(xyz_base_m, ground).astype(np.float32)
+    return ClassifiedScan(xyz_base_m.astype(np.float32), label, ground, height_m, "paper")

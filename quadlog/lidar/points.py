@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.messages import Float
+from quadlog.messages import Float, Float32
 
 
 class PointClass(IntEnum):
@@ -19,6 +19,16 @@ class PointClass(IntEnum):
     OUTLIER = 2
     GROUND = 3
     OBSTACLE = 4
+
+
+def columns_of(xyz_m: Float) -> Float32:
+    """x, y and z (3, N) of points (N, 3), float32 and each side by side in memory; no copy where they lie so already.
+
+    That is how decoders make them: compiled loops over them become vector instructions.
+    """
+    # What is beyond float32 is infinity, which is no return.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.ascontiguousarray(xyz_m.T, dtype=np.float32)
 
 
 def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.lidar.beams import Beams, beams_by_elevation, beams_by_ring
 from quadlog.lidar.classify import ClassifiedScan, Route
 from quadlog.lidar.column_walk import walk_columns
 from quadlog.lidar.ground import Ground
 from quadlog.lidar.ground_profile import SECTOR_COLUMNS, ground_profile, level_plane, profile_height
 from quadlog.lidar.height_map import classify_unorganised
-from quadlog.lidar.isolation import isolate, supported
-from quadlog.lidar.organise import Beams, Image, beams_by_elevation, beams_by_ring, range_image
-from quadlog.lidar.points import PointClass, in_field_of_view
-from quadlog.lidar.polar import Float32, Polar, to_polar
-from quadlog.messages import Float
+from quadlog.lidar.image import Image, range_image
+from quadlog.lidar.isolation import BOTH_LAYERS, isolate, supported
+from quadlog.lidar.points import PointClass, columns_of, in_field_of_view
+from quadlog.lidar.polar import Polar, to_polar
+from quadlog.messages import Float, Float32
 
 FEWEST_BEAMS = 3
 """Below that no slope from beam to beam tells ground from walls: everything is an obstacle."""
@@ -30,7 +30,7 @@ FLATTEST_CLOUD = 0.05
 """In sines of elevation; a cloud that spans less is a scan in a plane."""
 NEAR_FLOOR_M = 5.0
 # Height off the ground of what is ground: after the walk said so, without it, and at the foot of a wall.
-_WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = 0.10, 0.04, 0.01, 0.3
+_WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
 
 _INVALID, _OUTLIER = np.uint8(PointClass.INVALID), np.uint8(PointClass.OUTLIER)
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
@@ -156,48 +156,71 @@ def _label(
 
     marks: which cells are good, ground, and near a wall; places_m: their smoothed distance and z.
     """
-    label, above_m = np.empty(len(polar.range_m), np.uint8), np.empty(len(polar.range_m), np.float32)
-    x_m, y_m = float(transform[0, 3]), float(transform[1, 3])
-    points = (polar.xyz_base_m, polar.range_m, polar.turn)
-    _fill_labels(*points, image.range_m, image.cell, image.point, *marks, *places_m, profile, x_m, y_m, label, above_m)
+    n, (good, ground, wall), (distance_m, z_m) = len(polar.range_m), marks, places_m
+    cell_label, cell_above_m = np.empty(good.shape, np.uint8), np.empty(good.shape, np.float32)
+    _label_cells(good, ground, wall, distance_m, z_m, profile, cell_label, cell_above_m)
+    label, above_m = np.empty(n, np.uint8), np.empty(n, np.float32)
+    places = (*columns_of(polar.xyz_base_m), polar.range_m, polar.turn)
+    cells = (image.point.reshape(-1), good.reshape(-1), cell_label.reshape(-1), cell_above_m.reshape(-1))
+    lidar_m = float(transform[0, 3]), float(transform[1, 3])
+    _label_points(*places, image.range_m, image.cell, *cells, profile, *lidar_m, label, above_m)
     return label, above_m
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_labels(
-    xyz_m: Float32,
-    ranges_m: Float32,
-    turn: Float32,
-    range_m: Float32,
-    cells: NDArray[np.int32],
-    point: NDArray[np.int32],
+def _label_cells(
     good: NDArray[np.bool_],
     ground: NDArray[np.bool_],
     wall: NDArray[np.bool_],
     distance_m: Float32,
     z_m: Float32,
     profile: Float32,
+    label: NDArray[np.uint8],
+    above_m: Float32,
+) -> None:
+    for row in range(good.shape[0]):
+        for c in range(good.shape[1]):
+            if not good[row, c]:
+                continue
+            above = z_m[row, c] - profile_height(profile, c, distance_m[row, c])
+            near = _FOOT_M if wall[row, c] else (_WALKED_M if ground[row, c] else _LEVEL_M)
+            sunken = ground[row, c] and _SUNKEN_M < above < 0
+            label[row, c] = _GROUND if abs(above) <= near or sunken else _OBSTACLE
+            above_m[row, c] = above
+
+
+@njit(cache=True, error_model="numpy")
+def _label_points(
+    base_x_m: Float32,
+    base_y_m: Float32,
+    base_z_m: Float32,
+    ranges_m: Float32,
+    turn: Float32,
+    range_m: Float32,
+    cells: NDArray[np.int32],
+    point: NDArray[np.int32],
+    good: NDArray[np.bool_],
+    cell_label: NDArray[np.uint8],
+    cell_above_m: Float32,
+    profile: Float32,
     x_m: float,
     y_m: float,
     label: NDArray[np.uint8],
     above_m: Float32,
 ) -> None:
-    columns = good.shape[1]
+    """What the cells say; points that share a cell with a nearer one, or have none, are looked at on their own."""
+    columns = range_m.shape[2]
     for i in range(len(label)):
-        label[i], above_m[i] = _INVALID, np.nan
-        if ranges_m[i] == 0:
-            continue
         cell = cells[i]
+        if cell >= 0 and point[cell] == i and good[cell]:
+            label[i], above_m[i] = cell_label[cell], cell_above_m[cell]
+            continue
+        if ranges_m[i] == 0:
+            label[i], above_m[i] = _INVALID, np.nan
+            continue
         row, c = (cell // columns, cell % columns) if cell >= 0 else (0, int(turn[i] * columns))
-        if cell >= 0 and point[row, c] == i and good[row, c]:
-            above = z_m[row, c] - profile_height(profile, c, distance_m[row, c])
-            near = _FOOT_M if wall[row, c] else (_WALKED_M if ground[row, c] else _LEVEL_M)
-            sunken = ground[row, c] and -_SUNKEN_M < above < 0
-            label[i] = _GROUND if abs(above) <= near or sunken else _OBSTACLE
-        else:
-            dx, dy = xyz_m[i, 0] - x_m, xyz_m[i, 1] - y_m
-            above = xyz_m[i, 2] - profile_height(profile, c, math.sqrt(dx * dx + dy * dy))
-            label[i] = _GROUND if abs(above) <= _LEVEL_M else _OBSTACLE
-            if cell >= 0 and not supported(range_m, 2, row, c, ranges_m[i]):
-                label[i] = _OUTLIER
-        above_m[i] = above
+        dx, dy = base_x_m[i] - np.float32(x_m), base_y_m[i] - np.float32(y_m)
+        above_m[i] = base_z_m[i] - profile_height(profile, c, np.sqrt(dx * dx + dy * dy))
+        label[i] = _GROUND if abs(above_m[i]) <= _LEVEL_M else _OBSTACLE
+        if cell >= 0 and not supported(range_m, BOTH_LAYERS, row, c, ranges_m[i]):
+            label[i] = _OUTLIER

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
@@ -35,8 +36,7 @@ class AccumulatedMap:
         if not self._lattice.cover(window):
             self.skipped += 1
             return
-        self._lattice.view("hits", window)[...] += hit
-        self._lattice.view("passes", window)[...] += crossed & ~hit
+        _count(hit, crossed, self._lattice.view("hits", window), self._lattice.view("passes", window))
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
@@ -48,3 +48,12 @@ class AccumulatedMap:
         cells[passes > 0] = FREE
         cells[(hits > 0) & (hits >= OCCUPIED_SHARE * (hits + passes))] = OCCUPIED
         return cells, window
+
+
+# Compiled, because numpy adds truth values to counts through a buffer.
+@njit(cache=True, error_model="numpy")
+def _count(hit: Grid, crossed: Grid, hits: NDArray[np.int32], passes: NDArray[np.int32]) -> None:
+    for row in range(hit.shape[0]):
+        for col in range(hit.shape[1]):
+            hits[row, col] += hit[row, col]
+            passes[row, col] += crossed[row, col] and not hit[row, col]

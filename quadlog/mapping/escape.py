@@ -10,11 +10,12 @@ from heapq import heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.mapping.occupancy import Grid
-from quadlog.messages import Int
+
+# Steps from a cell as (dcol, drow), by row, then column.
+STEPS = [(dcol, drow) for drow in (-1, 0, 1) for dcol in (-1, 0, 1)]
 
 
 class Escape(NamedTuple):
@@ -36,51 +37,44 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> 
     col, row = start_cell
     if not (0 <= col < cols and 0 <= row < rows):
         return None
-    indices = _cheapest_way_out(occupied, blocked, col, row)
-    if len(indices) == 0:
-        return None
-    path = np.stack([indices % cols, indices // cols], axis=1).astype(np.int32)
-    return Escape((int(path[-1, 0]), int(path[-1, 1])), path)
+    way = _cheapest_way_out(occupied, blocked, col, row)
+    return Escape(way[-1], np.array(way, dtype=np.int32)) if way else None
 
 
-@njit(cache=True)
-def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> Int:
-    """Dijkstra's search to the first unblocked cell: flat indices of the way, empty when there is none."""
+def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> list[tuple[int, int]]:
+    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, none when there is none.
+
+    Plain Python: growth is some cells deep, so there is little to search.
+    """
     rows, cols = occupied.shape
-    cost = np.full(rows * cols, np.iinfo(np.int64).max)
-    came_from = np.full(rows * cols, -1, dtype=np.int64)
+    solid, closed_off = occupied.tobytes(), blocked.tobytes()
     start = start_row * cols + start_col
-    cost[start] = 0
-    waiting = [(np.int64(0), np.int64(start))]
-    while len(waiting) > 0:
+    cost, came_from = {start: 0}, {start: -1}
+    waiting = [(0, start)]
+    while waiting:
         at_cost, at = heappop(waiting)
         if at_cost > cost[at]:
             continue
+        if not closed_off[at]:
+            return _way_to(came_from, at, cols)
         row, col = divmod(at, cols)
-        if not blocked[row, col]:
-            return _way_to(came_from, at)
-        for drow in range(-1, 2):
-            for dcol in range(-1, 2):
-                r, c = row + drow, col + dcol
-                if not (0 <= r < rows and 0 <= c < cols) or occupied[r, c]:
-                    continue
-                if drow != 0 and dcol != 0 and (occupied[row, c] or occupied[r, col]):
-                    continue
-                step_cost = at_cost + (14 if drow != 0 and dcol != 0 else 10)
-                step = r * cols + c
-                if step_cost < cost[step]:
-                    cost[step], came_from[step] = step_cost, at
-                    heappush(waiting, (step_cost, step))
-    return np.empty(0, dtype=np.int64)
+        for dcol, drow in STEPS:
+            c, r = col + dcol, row + drow
+            if not (0 <= r < rows and 0 <= c < cols) or solid[r * cols + c]:
+                continue
+            diagonal = drow != 0 and dcol != 0
+            if diagonal and (solid[row * cols + c] or solid[r * cols + col]):
+                continue
+            step, step_cost = r * cols + c, at_cost + (14 if diagonal else 10)
+            if step not in cost or step_cost < cost[step]:
+                cost[step], came_from[step] = step_cost, at
+                heappush(waiting, (step_cost, step))
+    return []
 
 
-@njit(cache=True)
-def _way_to(came_from: Int, end: np.int64) -> Int:
-    length, at = 1, end
-    while came_from[at] >= 0:
-        length, at = length + 1, came_from[at]
-    way = np.empty(length, dtype=np.int64)
-    at = end
-    for i in range(length - 1, -1, -1):
-        way[i], at = at, came_from[at]
-    return way
+def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:
+    way, at = [], end
+    while at >= 0:
+        way.append((at % cols, at // cols))
+        at = came_from[at]
+    return way[::-1]

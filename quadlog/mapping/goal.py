@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from quadlog.mapping.occupancy import Grid
 from quadlog.mapping.window import Window
@@ -55,27 +55,9 @@ def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
     A diagonal step needs both cells beside it free, so two straight steps do
     as well: 8-connected without cutting corners reaches what 4-connected does.
     """
-    return _flood(blocked, start_cell[0], start_cell[1])
-
-
-@njit(cache=True)
-def _flood(blocked: Grid, start_col: int, start_row: int) -> Grid:
-    rows, cols = blocked.shape
-    reached = np.zeros((rows, cols), dtype=np.bool_)
-    waiting = np.empty(rows * cols, dtype=np.int64)
-    waiting[0] = start_row * cols + start_col
-    reached[start_row, start_col] = True
-    n_waiting = 1
-    while n_waiting > 0:
-        n_waiting -= 1
-        row, col = divmod(waiting[n_waiting], cols)
-        for drow, dcol in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-            r, c = row + drow, col + dcol
-            if 0 <= r < rows and 0 <= c < cols and not blocked[r, c] and not reached[r, c]:
-                reached[r, c] = True
-                waiting[n_waiting] = r * cols + c
-                n_waiting += 1
-    return reached
+    regions, _ = ndimage.label(~blocked)
+    reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
+    return reachable
 
 
 def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:

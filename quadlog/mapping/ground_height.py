@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.lidar.points import PointClass, columns_of
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
-from quadlog.mapping.window import Window
-from quadlog.messages import Float, Int
+from quadlog.mapping.window import FARTHEST_CELL, Window
+from quadlog.messages import Float, Float32, Int
+
+_GROUND = np.uint8(PointClass.GROUND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +42,22 @@ class GroundHeight:
         self._lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, most_cells)
         self.skipped = 0
 
-    def add(self, xy_map_m: Float, height_m: Float) -> None:
-        """Count one scan's ground: finite points (N, 2) in map and their heights (N,)."""
-        if len(xy_map_m) == 0:
+    def add(self, xyz_base_m: Float32, label: NDArray[np.uint8], pose_base_in_map: Float) -> None:
+        """Count one scan's points (N, 3) that are ground by their label (N,); pose_base_in_map: (3,) x, y, yaw."""
+        x_m, y_m, yaw_rad = (float(value) for value in pose_base_in_map)
+        place = np.array([math.cos(yaw_rad), math.sin(yaw_rad), x_m, y_m]) / self._cell_m
+        cells, bounds = np.empty((len(label), 2), np.int64), np.empty(4, np.int64)
+        base_x_m, base_y_m, base_z_m = columns_of(xyz_base_m)
+        n = _cells_of_ground(base_x_m, base_y_m, label, place, cells, bounds)
+        if n == 0:
             return
-        cells = Window(0, 0, self._cell_m, (0, 0)).cell_of(xy_map_m)
-        (col0, row0), (col1, row1) = cells.min(axis=0), cells.max(axis=0)
-        window = Window(int(col0), int(row0), self._cell_m, (int(row1 - row0) + 1, int(col1 - col0) + 1))
+        col0, row0, col1, row1 = (int(bound) for bound in bounds)
+        window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
         if not self._lattice.cover(window):
             self.skipped += 1
             return
-        within = cells - np.array([col0, row0])
-        _add(self._lattice.view("sum_m", window), self._lattice.view("count", window), within, height_m)
+        sums, counts = self._lattice.view("sum_m", window), self._lattice.view("count", window)
+        _add(base_z_m, label, cells, col0, row0, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
@@ -63,8 +71,48 @@ class GroundHeight:
         return HeightMap(window.origin_m, window.cell_m, height_m, count)
 
 
-@njit(cache=True)
-def _add(sum_m: Float, count: NDArray[np.int32], cells: Int, height_m: Float) -> None:
-    for i in range(len(cells)):
-        sum_m[cells[i, 1], cells[i, 0]] += height_m[i]
-        count[cells[i, 1], cells[i, 0]] += 1
+@njit(cache=True, error_model="numpy")
+def _cells_of_ground(
+    base_x_m: Float32,
+    base_y_m: Float32,
+    label: NDArray[np.uint8],
+    place: Float,
+    cells: Int,
+    bounds: Int,
+) -> int:
+    """The lattice's cells (col, row) of the ground's points one after the other, their bounds, and how many.
+
+    place: cosine and sine of base's yaw, and its x and y, all in cells.
+    """
+    cos, sin, n = place[0], place[1], 0
+    bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
+    for i in range(len(label)):
+        if label[i] != _GROUND:
+            continue
+        x, y = base_x_m[i], base_y_m[i]
+        col, row = np.floor(place[2] + cos * x - sin * y), np.floor(place[3] + sin * x + cos * y)
+        cells[n, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
+        cells[n, 1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
+        bounds[0], bounds[2] = min(bounds[0], cells[n, 0]), max(bounds[2], cells[n, 0])
+        bounds[1], bounds[3] = min(bounds[1], cells[n, 1]), max(bounds[3], cells[n, 1])
+        n += 1
+    return n
+
+
+@njit(cache=True, error_model="numpy")
+def _add(
+    base_z_m: Float32,
+    label: NDArray[np.uint8],
+    cells: Int,
+    col0: int,
+    row0: int,
+    sum_m: Float,
+    count: NDArray[np.int32],
+) -> None:
+    n = 0
+    for i in range(len(label)):
+        if label[i] == _GROUND:
+            row, col = cells[n, 1] - row0, cells[n, 0] - col0
+            sum_m[row, col] += base_z_m[i]
+            count[row, col] += 1
+            n += 1

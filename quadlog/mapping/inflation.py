@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from quadlog.mapping.occupancy import Grid
 from quadlog.messages import Int
@@ -13,17 +12,16 @@ from quadlog.messages import Int
 
 def inflate(occupied: Grid, radius_cells: float) -> Grid:
     """Every cell whose centre lies within radius_cells of an occupied cell's centre. Raises ValueError below 0."""
-    reach = _reach(occupied, radius_cells)
-    rows_away = np.arange(-reach, reach + 1)
+    rows_away = np.arange(_reach(occupied, radius_cells) + 1)
     # A hair more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
     half_widths = np.floor(np.sqrt(np.maximum((radius_cells + 1e-9) ** 2 - rows_away**2, 0.0))).astype(np.int64)
-    return _stamp(occupied, half_widths)
+    return _stamp(occupied, np.minimum(half_widths, rows_away[-1]))
 
 
 def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
     """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning] ValueError below 0."""
     reach = _reach(occupied, radius_cells)
-    return _stamp(occupied, np.full(2 * reach + 1, reach))
+    return _stamp(occupied, np.full(reach + 1, reach))
 
 
 INFLATIONS = {"euclidean": inflate, "square": inflate_square}
@@ -37,29 +35,29 @@ def _reach(occupied: Grid, radius_cells: float) -> int:
     return math.floor(min(radius_cells + 1e-9, max(occupied.shape)))
 
 
-@njit(cache=True)
 def _stamp(occupied: Grid, half_widths: Int) -> Grid:
-    """Stamp a shape, given by its half width in each row, on every occupied cell that has a free neighbour.
+    """Grow by a shape, symmetric and convex, given by its half width in the rows 0, 1, ... away from its middle.
 
-    A cell between four occupied ones adds nothing: on the way from it to any
-    cell that its stamp reaches, the last occupied cell is nearer to that cell.
+    The grid is widened by one cell at a time, and what every row of the shape
+    has widened is moved up and down to where that row lies. Within a frame of
+    free cells, a move along the flat array leaves no row by more than the frame.
     """
-    rows, cols = occupied.shape
-    reach = len(half_widths) // 2
-    grown = occupied.copy()
-    for row in range(rows):
-        for col in range(cols):
-            if not occupied[row, col]:
-                continue
-            enclosed = (
-                (row == 0 or occupied[row - 1, col])
-                and (row == rows - 1 or occupied[row + 1, col])
-                and (col == 0 or occupied[row, col - 1])
-                and (col == cols - 1 or occupied[row, col + 1])
-            )
-            if enclosed:
-                continue
-            for near_row in range(max(row - reach, 0), min(row + reach + 1, rows)):
-                half = half_widths[near_row - row + reach]
-                grown[near_row, max(col - half, 0) : min(col + half + 1, cols)] = True
-    return grown
+    reach = len(half_widths) - 1
+    framed = np.zeros((occupied.shape[0] + 2 * reach, occupied.shape[1] + 2 * reach), dtype=np.bool_)
+    inside = np.s_[reach : reach + occupied.shape[0], reach : reach + occupied.shape[1]]
+    framed[inside] = occupied
+    seeds = framed.reshape(-1)
+    widened, grown = seeds.copy(), np.zeros_like(seeds)
+    half = 0
+    for rows_away in range(reach, -1, -1):
+        while half < half_widths[rows_away]:
+            half += 1
+            _add_moved(widened, seeds, half)
+        _add_moved(grown, widened, rows_away * framed.shape[1])
+    return grown.reshape(framed.shape)[inside].copy()
+
+
+def _add_moved(to: Grid, what: Grid, by: int) -> None:
+    """Set in flat `to` what is set in flat `what` moved by so many cells either way."""
+    to[by:] |= what[: len(what) - by]
+    to[: len(to) - by] |= what[by:]

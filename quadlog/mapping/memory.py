@@ -5,16 +5,19 @@ from __future__ import annotations
 from typing import ClassVar, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.mapping.lattice import Layers
 from quadlog.mapping.occupancy import Grid
 from quadlog.mapping.window import Window
+from quadlog.messages import Float32
 
 HIT_S = 0.2
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
 LONGEST_STEP_S = 0.2
 """A gap between scans says nothing: it contradicts no longer than this."""
+_LEAST_S = 1e-3
 
 
 class Memory(Protocol):
@@ -81,19 +84,37 @@ class LogOddsMemory:
 
     def add(self, t_ns: int, window: Window, top_m: NDArray[np.float32], lowest_ray_m: NDArray[np.float32]) -> Grid:
         """The cells hit now, and those hit before that nothing contradicts."""
-        hit = np.isfinite(top_m)
         if not self._layers.cover(window):
             self.skipped += 1
-            return hit
+            return np.isfinite(top_m)
         passed_s = 0.0 if self._last_ns is None else min(max((t_ns - self._last_ns) * 1e-9, 0.0), LONGEST_STEP_S)
         self._last_ns = t_ns
-        evidence_s, remembered_m = self._layers.view("evidence_s", window), self._layers.view("top_m", window)
-        crossed = ~hit & (lowest_ray_m < remembered_m)
-        evidence_s[crossed] = np.maximum(evidence_s[crossed] - passed_s, 0.0)
-        # Rounding must not leave a cell occupied by a hundredth of a scan.
-        evidence_s[evidence_s < 1e-3] = 0.0
-        evidence_s[hit] = np.minimum(evidence_s[hit] + HIT_S, self._clear_s)
-        remembered_m[hit] = np.maximum(remembered_m[hit], top_m[hit])
-        remembered_m[evidence_s == 0.0] = 0.0
-        occupied: Grid = evidence_s > 0.0
+        occupied: Grid = np.empty(window.shape, np.bool_)
+        layers = self._layers.view("evidence_s", window), self._layers.view("top_m", window)
+        _remember(top_m, lowest_ray_m, *layers, passed_s, self._clear_s, occupied)
         return occupied
+
+
+# Compiled: a dozen masks of the window took numpy as long as all of a scan's points.
+@njit(cache=True, error_model="numpy")
+def _remember(
+    top_m: Float32,
+    lowest_ray_m: Float32,
+    evidence_s: Float32,
+    remembered_m: Float32,
+    passed_s: float,
+    clear_s: float,
+    occupied: Grid,
+) -> None:
+    for row in range(top_m.shape[0]):
+        for col in range(top_m.shape[1]):
+            evidence, remembered, top = evidence_s[row, col], remembered_m[row, col], top_m[row, col]
+            if top > -np.inf:
+                evidence = min(evidence + HIT_S, clear_s)
+                remembered = max(remembered, top)
+            elif evidence > 0 and lowest_ray_m[row, col] < remembered:
+                evidence -= passed_s
+            # Rounding must not leave a cell occupied by a hundredth of a scan.
+            occupied[row, col] = evidence >= _LEAST_S
+            evidence_s[row, col] = evidence if evidence >= _LEAST_S else 0.0
+            remembered_m[row, col] = remembered if evidence >= _LEAST_S else 0.0

@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.points import PointClass
-from quadlog.messages import Float
+from quadlog.lidar.points import PointClass, columns_of
+from quadlog.messages import Float, Float32
+
+_GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,39 +41,75 @@ def obstacle_points(
     pose_base_in_map: (3,) x, y in metres and yaw in radians.
     target_xy_m: (2,) in map, or None when nothing is followed.
     """
-    is_obstacle = scan.label == PointClass.OBSTACLE
-    xyz_base_m, height_m = scan.xyz_base_m[is_obstacle], scan.height_m[is_obstacle]
-    blocks = (height_m >= settings.min_height_m) & (height_m <= settings.max_height_m)
-    blocks &= ~_on_body(xyz_base_m, settings)
-    points_m = np.column_stack([to_map(xyz_base_m[blocks, :2], pose_base_in_map), height_m[blocks]])
-    if target_xy_m is None:
-        return points_m
-    from_target_m = np.hypot(points_m[:, 0] - target_xy_m[0], points_m[:, 1] - target_xy_m[1])
-    others: Float = points_m[from_target_m > settings.target_radius_m]
-    return others
+    x_m, y_m, yaw_rad = (float(value) for value in pose_base_in_map)
+    # A place that is not a number is near to nothing.
+    target_x_m, target_y_m = (math.nan, math.nan) if target_xy_m is None else target_xy_m
+    place = np.array([math.cos(yaw_rad), math.sin(yaw_rad), x_m, y_m, target_x_m, target_y_m])
+    heights_m = np.array([settings.min_height_m, settings.max_height_m])
+    points_m = np.empty((len(scan.label), 3))
+    arrays = *columns_of(scan.xyz_base_m)[:2], scan.label, scan.height_m
+    n = _pick_blocking(*arrays, heights_m, _half_body_m(settings), place, settings.target_radius_m**2, points_m)
+    return points_m[:n]
 
 
-def ray_ends(scan: ClassifiedScan, settings: ObstacleSettings) -> tuple[Float, NDArray]:
+def ray_ends(scan: ClassifiedScan, settings: ObstacleSettings) -> tuple[Float32, Float32]:
     """Where a scan's rays ended: (N, 3) in base and their heights (N,), NaN for points that are no surface.
 
     Outliers end where nothing is, and the robot's own body is nothing to look past.
     """
-    surface = (scan.label == PointClass.GROUND) | (scan.label == PointClass.OBSTACLE)
-    surface &= ~_on_body(scan.xyz_base_m, settings)
-    return scan.xyz_base_m, np.where(surface, scan.height_m, np.nan)
+    height_m = np.empty(len(scan.label), np.float32)
+    half_length_m, half_width_m = _half_body_m(settings)
+    arrays = *columns_of(scan.xyz_base_m)[:2], scan.label, scan.height_m
+    _keep_surfaces(*arrays, half_length_m, half_width_m, height_m)
+    return scan.xyz_base_m, height_m
 
 
-def to_map(xy_base_m: Float, pose_base_in_map: Float) -> Float:
-    """Points (N, 2) of base turned by the pose's yaw and moved by its position: (N, 2) in map. [Following]"""
-    x_m, y_m, yaw_rad = (float(value) for value in pose_base_in_map)
-    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
-    rotation_base_to_map = np.array([[cosine, -sine], [sine, cosine]])
-    moved: Float = xy_base_m @ rotation_base_to_map.T + np.array([x_m, y_m])
-    return moved
+def _half_body_m(settings: ObstacleSettings) -> Float:
+    return np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
 
 
-def _on_body(xyz_base_m: Float, settings: ObstacleSettings) -> NDArray[np.bool_]:
-    half_length_m = settings.body_length_m / 2 + settings.body_margin_m
-    half_width_m = settings.body_width_m / 2 + settings.body_margin_m
-    on_body: NDArray[np.bool_] = np.abs(xyz_base_m[:, 0]) <= half_length_m
-    return on_body & (np.abs(xyz_base_m[:, 1]) <= half_width_m)
+# Compiled, because every mask of a scan that numpy makes costs as much as this whole pass.
+@njit(cache=True, error_model="numpy")
+def _pick_blocking(
+    base_x_m: Float32,
+    base_y_m: Float32,
+    label: NDArray[np.uint8],
+    height_m: Float32,
+    heights_m: Float,
+    half_body_m: Float,
+    place: Float,
+    target_radius_m2: float,
+    points_m: Float,
+) -> int:
+    cos, sin, x_m, y_m, target_x_m, target_y_m = place[0], place[1], place[2], place[3], place[4], place[5]
+    n = 0
+    for i in range(len(label)):
+        if label[i] != _OBSTACLE or not heights_m[0] <= height_m[i] <= heights_m[1]:
+            continue
+        x, y = np.float64(base_x_m[i]), np.float64(base_y_m[i])
+        if abs(x) <= half_body_m[0] and abs(y) <= half_body_m[1]:
+            continue
+        map_x, map_y = x_m + cos * x - sin * y, y_m + sin * x + cos * y
+        dx, dy = map_x - target_x_m, map_y - target_y_m
+        if dx * dx + dy * dy <= target_radius_m2:
+            continue
+        points_m[n, 0], points_m[n, 1], points_m[n, 2] = map_x, map_y, height_m[i]
+        n += 1
+    return n
+
+
+@njit(cache=True, error_model="numpy")
+def _keep_surfaces(
+    base_x_m: Float32,
+    base_y_m: Float32,
+    label: NDArray[np.uint8],
+    height_m: Float32,
+    half_length_m: float,
+    half_width_m: float,
+    kept_m: Float32,
+) -> None:
+    length, width, none = np.float32(half_length_m), np.float32(half_width_m), np.float32(np.nan)
+    for i in range(len(kept_m)):
+        surface = (label[i] == _GROUND) | (label[i] == _OBSTACLE)
+        beside = (abs(base_x_m[i]) > length) | (abs(base_y_m[i]) > width)
+        kept_m[i] = height_m[i] if surface & beside else none

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.mapping.window import Window
-from quadlog.messages import Float
+from quadlog.messages import Float, Float32
 
 Grid = NDArray[np.bool_]
 
@@ -19,17 +19,17 @@ def obstacle_tops(points_m: Float, window: Window, min_points: int) -> NDArray[n
     fewer than min_points of them is not occupied. Points outside the window,
     and any that are not finite, count nowhere.
     """
-    points_m = np.asarray(points_m, dtype=np.float64)
-    rows, cols = window.shape
-    return _tops(points_m, window.col0, window.row0, window.cell_m, rows, cols, min_points)
+    top_m = np.full(window.shape, -np.inf, dtype=np.float32)
+    count = np.zeros(window.shape, dtype=np.int32)
+    _raise_tops(np.asarray(points_m, dtype=np.float64), window.col0, window.row0, window.cell_m, count, top_m)
+    if min_points > 1:
+        top_m[count < min_points] = -np.inf
+    return top_m
 
 
-@njit(cache=True)
-def _tops(
-    points_m: Float, col0: int, row0: int, cell_m: float, rows: int, cols: int, min_points: int
-) -> NDArray[np.float32]:
-    count = np.zeros((rows, cols), dtype=np.int32)
-    top_m = np.full((rows, cols), -np.inf, dtype=np.float32)
+@njit(cache=True, error_model="numpy")
+def _raise_tops(points_m: Float, col0: int, row0: int, cell_m: float, count: NDArray[np.int32], top_m: Float32) -> None:
+    rows, cols = top_m.shape
     for i in range(len(points_m)):
         # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
         col = np.floor(points_m[i, 0] / cell_m) - col0
@@ -37,6 +37,3 @@ def _tops(
         if col >= 0.0 and col < cols and row >= 0.0 and row < rows:
             count[int(row), int(col)] += 1
             top_m[int(row), int(col)] = max(top_m[int(row), int(col)], points_m[i, 2])
-    if min_points > 1:
-        top_m = np.where(count >= min_points, top_m, np.float32(-np.inf))
-    return top_m

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.lidar.points import columns_of
 from quadlog.mapping.window import Window
-from quadlog.messages import Float
+from quadlog.messages import Float, Float32
 
 LINES = 512
 """Directions followed; at the edge of a 20 m window they are about as far apart as a cell of 0.1 m is wide."""
@@ -20,7 +21,7 @@ STEEPEST, FLATTEST, BINS = -1.0, 0.25, 40
 
 
 def lowest_rays(
-    origin_base_m: Float, end_base_m: Float, end_height_m: Float, pose_base_in_map: Float, window: Window
+    origin_base_m: Float, end_base_m: Float32, end_height_m: Float32, pose_base_in_map: Float, window: Window
 ) -> NDArray[np.float32]:
     """How high above the ground the lowest ray crossed each cell: (rows, cols) in metres, inf where none did.
 
@@ -34,77 +35,118 @@ def lowest_rays(
     """
     lowest_m = np.full(window.shape, np.inf, dtype=np.float32)
     x_m, y_m, height_m = (float(each) for each in origin_base_m)
-    sectors = 2 ** int(np.log2(np.clip(len(end_base_m) // RAYS_IN_SECTOR, 64, LINES)))
-    reach_m, slope = _by_sector(x_m, y_m, height_m, end_base_m, end_height_m, sectors)
+    n = len(end_base_m)
+    sectors = 2 ** int(np.log2(np.clip(n // RAYS_IN_SECTOR, 64, LINES)))
+    reach_m, slope = np.zeros((sectors, BINS), np.float32), np.zeros((sectors, BINS), np.float32)
+    place, length_m, rise = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.float32)
+    end_x_m, end_y_m, _ = columns_of(end_base_m)
+    _length(end_x_m, end_y_m, x_m, y_m, length_m)
+    _climb(end_height_m, length_m, height_m, rise)
+    _choose_bins(end_x_m, end_y_m, x_m, y_m, rise, sectors, place)
+    _gather(place, length_m, rise, reach_m.reshape(-1), slope.reshape(-1))
     cos, sin = math.cos(pose_base_in_map[2]), math.sin(pose_base_in_map[2])
     start_m = pose_base_in_map[0] + cos * x_m - sin * y_m, pose_base_in_map[1] + sin * x_m + cos * y_m
     col, row = start_m[0] / window.cell_m - window.col0, start_m[1] / window.cell_m - window.row0
-    _walk(reach_m / window.cell_m, slope * window.cell_m, float(col), float(row), (cos, sin), height_m, lowest_m)
+    if 0 <= col < window.shape[1] and 0 <= row < window.shape[0]:
+        _walk(reach_m, slope, window.cell_m, float(col), float(row), cos, sin, height_m, lowest_m)
     return lowest_m
 
 
-@njit(cache=True)
-def _by_sector(
-    x_m: float, y_m: float, height_m: float, end_m: Float, end_height_m: Float, sectors: int
-) -> tuple[Float, Float]:
-    """Horizontal length and slope (sectors, BINS) of the ray that stands for each bin; length zero where none does."""
-    reach_m, slope = np.zeros((sectors, BINS)), np.zeros((sectors, BINS))
-    per_bin = BINS / (FLATTEST - STEEPEST)
-    for i in range(len(end_m)):
-        dx, dy = end_m[i, 0] - x_m, end_m[i, 1] - y_m
+# The first three have no branches, and few arrays each, so that they become vector instructions.
+@njit(cache=True, error_model="numpy")
+def _length(end_x_m: Float32, end_y_m: Float32, x_m: float, y_m: float, length_m: Float32) -> None:
+    x0, y0 = np.float32(x_m), np.float32(y_m)
+    for i in range(len(length_m)):
+        dx, dy = end_x_m[i] - x0, end_y_m[i] - y0
+        length_m[i] = np.sqrt(dx * dx + dy * dy)
+
+
+@njit(cache=True, error_model="numpy")
+def _climb(end_height_m: Float32, length_m: Float32, height_m: float, rise: Float32) -> None:
+    z0 = np.float32(height_m)
+    for i in range(len(rise)):
+        rise[i] = (end_height_m[i] - z0) / length_m[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _choose_bins(
+    end_x_m: Float32, end_y_m: Float32, x_m: float, y_m: float, rise: Float32, sectors: int, place: NDArray[np.int32]
+) -> None:
+    """Sector * BINS + bin of each ray, -1 for those that count for nothing."""
+    x0, y0, nothing, one = np.float32(x_m), np.float32(y_m), np.float32(0), np.float32(1)
+    per_turn, per_bin = np.float32(sectors / 4), np.float32(BINS / (FLATTEST - STEEPEST))
+    last, steepest, flattest = np.float32(sectors - 1), np.float32(STEEPEST), np.float32(FLATTEST)
+    for i in range(len(place)):
+        dx, dy = end_x_m[i] - x0, end_y_m[i] - y0
         size = abs(dx) + abs(dy)
-        # NaN and infinity fail this comparison as well.
-        if not 1e-3 < size < 1e6:
-            continue
         # The diamond's angle: it grows with the true one, and costs no arctangent.
-        turn = dy / size + 1.0 if dx >= 0.0 else 3.0 - dy / size
-        sector = min(int(turn * (sectors / 4)), sectors - 1)
-        length_m = np.sqrt(dx * dx + dy * dy)
-        rise = (end_height_m[i] - height_m) / length_m
-        if not rise < FLATTEST:
+        part = dy / size
+        sector = (part + one if dx >= nothing else np.float32(3) - part) * per_turn
+        sector = sector if sector < last else last
+        k = (rise[i] - steepest) * per_bin
+        k = k if k > nothing else nothing
+        # NaN and infinity fail these comparisons as well.
+        counts = (size > np.float32(1e-3)) & (size < np.float32(1e6)) & (rise[i] < flattest)
+        place[i] = np.int32(sector) * np.int32(BINS) + np.int32(k) if counts else np.int32(-1)
+
+
+@njit(cache=True, error_model="numpy")
+def _gather(place: NDArray[np.int32], length_m: Float32, rise: Float32, reach_m: Float32, slope: Float32) -> None:
+    """Horizontal length and slope of the ray that stands for each bin; length zero where none does."""
+    for i in range(len(place)):
+        if place[i] < 0:
             continue
-        k = max(int((rise - STEEPEST) * per_bin), 0)
-        if reach_m[sector, k] == 0.0 or length_m < reach_m[sector, k]:
-            reach_m[sector, k] = length_m
-        if slope[sector, k] == 0.0 or rise > slope[sector, k]:
-            slope[sector, k] = rise
-    return reach_m, slope
+        k = np.uint32(place[i])
+        reached = reach_m[k]
+        if reached == 0 or length_m[i] < reached:
+            reach_m[k] = length_m[i]
+        if reached == 0 or rise[i] > slope[k]:
+            slope[k] = rise[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _walk(
-    reach: Float,
-    rise: Float,
+    reach_m: Float32,
+    slope: Float32,
+    cell_m: float,
     start_col: float,
     start_row: float,
-    turn_base_to_map: tuple[float, float],
+    cos: float,
+    sin: float,
     height_m: float,
-    lowest_m: NDArray[np.float32],
+    lowest_m: Float32,
 ) -> None:
-    """Go through the cells along every line; lengths are in cells, rise in metres per cell, the turn (cos, sin)."""
-    cos, sin = turn_base_to_map
+    """Go through the cells along every line from a start in them; cos, sin: of the turn from base to map.
+
+    reach_m, slope: (sectors, BINS) as `_gather` leaves them. Ways along a line are counted in cells.
+    """
     rows, cols = lowest_m.shape
+    cells_per_m = 1.0 / cell_m
     for line in range(LINES):
-        sector = line * len(reach) // LINES
+        sector = line * len(reach_m) // LINES
         turn = (line + 0.5) * (4.0 / LINES) - 1.0
         dy = turn if turn <= 1.0 else 2.0 - turn
         dx = 1.0 - abs(dy) if turn <= 1.0 else abs(dy) - 1.0
         size = np.sqrt(dx * dx + dy * dy)
         dx, dy = (cos * dx - sin * dy) / size, (sin * dx + cos * dy) / size
+        # How far it is to where the line leaves the window.
+        way_col = (cols - start_col) / dx if dx > 0.0 else (start_col / -dx if dx < 0.0 else np.inf)
+        way_row = (rows - start_row) / dy if dy > 0.0 else (start_row / -dy if dy < 0.0 else np.inf)
+        most = min(way_col, way_row)
         # Along the longer axis cell by cell: every step enters the next column or row.
         step = 1.0 / max(abs(dx), abs(dy))
         along, k = 0.5 * step, 0
-        while True:
+        while along < most:
             # A ray that ended stays ended, and flatter ones pass higher: the bin only ever goes up.
-            while k < BINS and reach[sector, k] <= along + 1.0:
+            while k < BINS and reach_m[sector, k] * cells_per_m <= along + 1.0:
                 k += 1
             if k == BINS:
                 break
-            # Compared as floats: a start far outside the window must not reach the cast to an index.
-            col, row = np.floor(start_col + along * dx), np.floor(start_row + along * dy)
-            if not (col >= 0 and col < cols and row >= 0 and row < rows):
-                break
-            passed_m = height_m + rise[sector, k] * along
-            if passed_m < lowest_m[int(row), int(col)]:
-                lowest_m[int(row), int(col)] = passed_m
-            along += step
+            until, climb = min(most, reach_m[sector, k] * cells_per_m - 1.0), slope[sector, k] * cell_m
+            while along < until:
+                # Rounding may put the last step on the window's edge.
+                col, row = min(int(start_col + along * dx), cols - 1), min(int(start_row + along * dy), rows - 1)
+                passed_m = np.float32(height_m + climb * along)
+                if passed_m < lowest_m[row, col]:
+                    lowest_m[row, col] = passed_m
+                along += step

@@ -51,14 +51,6 @@ class Block:
         )
         return values.reshape(-1)
 
-    def triple(self, first: Column) -> NDArray:
-        """(N, 3) copy of three neighbouring fields of one type.
-
-        Copied as opaque lumps: on unaligned points numpy moves those twice as fast as numbers.
-        """
-        lumps = self.column(Column(first.offset, np.dtype(f"V{3 * first.dtype.itemsize}")))
-        return lumps.copy().view(first.dtype).reshape(-1, 3)
-
 
 def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column]) -> None:
     """Raise DecodeError unless all points lie in `size` bytes of data, and the fields quadlog reads in a point."""
@@ -103,15 +95,12 @@ def cloud_from_block(
 
 
 def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
-    x, y, z = (fields[name] for name in "xyz")
-    size = x.dtype.itemsize
-    xyz_m = np.empty((block.rows * block.columns, 3), np.float32)
+    """(N, 3), each coordinate side by side in memory: what is computed from them goes several at a time."""
+    xyz_m = np.empty((3, block.rows * block.columns), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no valid point
-        if x.dtype == y.dtype == z.dtype and (y.offset - x.offset, z.offset - y.offset) == (size, size):
-            return block.triple(x).astype(np.float32, copy=False)
-        for axis, column in enumerate((x, y, z)):
-            xyz_m[:, axis] = block.column(column)
-    return xyz_m
+        for axis, name in enumerate("xyz"):
+            xyz_m[axis] = block.column(fields[name])
+    return xyz_m.T
 
 
 def _rings(values: NDArray) -> NDArray[np.uint16] | None:

@@ -76,14 +76,16 @@ def ground_tilt_deg(scan) -> float:
 @pytest.mark.parametrize(("level", "expected_deg"), [("true", 0.0), ("false", 8.0)])
 def test_the_bodys_tilt_is_taken_out_where_wanted(level: str, expected_deg: float) -> None:
     told = walk(f"lidar.level={level}", roll_deg=8.0)
-    scan = Scanner(told).classify(T_NS, cloud(roll_deg=8.0))
+    scan, pose = Scanner(told).classify(T_NS, cloud(roll_deg=8.0))
+    assert pose == pytest.approx(np.zeros(3))
     assert ground_tilt_deg(scan) == pytest.approx(expected_deg, abs=0.3)
 
 
 def test_an_orientation_that_is_too_old_is_not_used_and_said() -> None:
     told = walk(roll_deg=8.0)
     scanner = Scanner(told)
-    scan = scanner.classify(T_NS + 1_000_000_000, cloud(roll_deg=8.0))
+    scan, pose = scanner.classify(T_NS + 1_000_000_000, cloud(roll_deg=8.0))
+    assert pose is None
     assert ground_tilt_deg(scan) == pytest.approx(8.0, abs=0.3)
     scanner.tell()
     assert told.warnings == ["1 of 1 scans keep the robot's tilt: no orientation within 0.2 s"]
@@ -100,9 +102,9 @@ def test_a_driver_that_always_sends_the_same_orientation_has_none() -> None:
 
 def test_a_moving_robots_points_are_put_where_they_were_at_the_scans_instant() -> None:
     offset_ns = np.repeat(np.arange(900, dtype=np.int64) * 100_000, 16)
-    still = Scanner(walk()).classify(T_NS, cloud(offset_ns=offset_ns))
-    moving = Scanner(walk(speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
-    kept = Scanner(walk("lidar.deskew=false", speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
+    still, _ = Scanner(walk()).classify(T_NS, cloud(offset_ns=offset_ns))
+    moving, _ = Scanner(walk(speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
+    kept, _ = Scanner(walk("lidar.deskew=false", speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
     np.testing.assert_array_equal(kept.xyz_base_m, still.xyz_base_m)
     shift_m = moving.xyz_base_m - still.xyz_base_m
     np.testing.assert_allclose(shift_m[:, 0], 2.0 * offset_ns * 1e-9, atol=5e-3)
@@ -127,5 +129,5 @@ def test_every_scan_says_how_it_was_seen() -> None:
     scanner.tell()
     assert told.notes == ["3 of 3 scans classified by the beams their points name"]
     paper = walk("lidar.method=paper")
-    labels = Scanner(paper).classify(T_NS, cloud()).label
+    labels = Scanner(paper).classify(T_NS, cloud())[0].label
     assert (labels == PointClass.CROPPED).mean() > 0.4, "the paper keeps the front half"

@@ -8,6 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from quadlog.lidar.polar import Polar, to_polar
+
 
 @pytest.fixture(scope="session")
 def ring_scan():
@@ -69,3 +71,18 @@ def xyz_of(cloud) -> np.ndarray:
     rows = np.frombuffer(bytes(cloud.data), dtype=np.uint8).reshape(cloud.height, cloud.row_step)
     table = np.frombuffer(rows[:, : cloud.width * cloud.point_step].tobytes(), dtype=points)
     return np.stack([table["x"], table["y"], table["z"]], axis=-1)
+
+
+@pytest.fixture(scope="session")
+def sweep():
+    """Every beam at every step, `phase` steps off the x axis: a function that makes the Polar and its rings."""
+
+    def make(columns: int, phase: float, elevations_deg: list[float], range_m: float = 5.0) -> tuple[Polar, np.ndarray]:
+        turn = 2 * np.pi * (np.arange(columns) + phase) / columns
+        azimuth, elevation = np.meshgrid(turn, np.deg2rad(elevations_deg), indexing="ij")
+        flat = np.cos(elevation)
+        xyz = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+        ring = np.tile(np.arange(len(elevations_deg), dtype=np.uint16), columns)
+        return to_polar((range_m * xyz).astype(np.float32), np.eye(4), 0.3, 30.0), ring
+
+    return make

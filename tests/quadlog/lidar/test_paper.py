@@ -99,7 +99,7 @@ def test_heights_are_vertical_above_the_plane(ring_scan) -> None:
     assert scan.ground is not None
     x, y, z = scan.xyz_base_m.T
     floor_m = -(scan.ground.normal[0] * x + scan.ground.normal[1] * y + scan.ground.d_m) / scan.ground.normal[2]
-    assert scan.height_m == pytest.approx(z - floor_m, abs=1e-9)
+    assert scan.height_m == pytest.approx(z - floor_m, abs=1e-6)
 
 
 def test_without_a_plane_heights_are_those_of_base() -> None:

@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 from scipy.stats import binned_statistic_2d
 
+from quadlog.geometry import apply_transform, transform_from_rpy
+from quadlog.lidar.points import PointClass
 from quadlog.mapping.ground_height import GroundHeight
+
+
+def add(ground: GroundHeight, xy_m: np.ndarray, height_m: np.ndarray, pose: tuple = (0.0, 0.0, 0.0)) -> None:
+    """Points of base that are all ground, with one of another class between."""
+    xyz_m = np.column_stack([xy_m, height_m]).astype(np.float32)
+    label = np.full(len(xyz_m), PointClass.GROUND, dtype=np.uint8)
+    other = np.array([[3.0, 3.0, 99.0]], dtype=np.float32)
+    at = len(xyz_m) // 2
+    xyz_m, label = np.insert(xyz_m, at, other, axis=0), np.insert(label, at, PointClass.OBSTACLE)
+    ground.add(xyz_m, label, np.array(pose))
 
 
 def test_mean_heights_agree_with_scipy() -> None:
@@ -13,7 +25,7 @@ def test_mean_heights_agree_with_scipy() -> None:
     scans = [random.uniform(-20, 15, (4000, 2)) + np.array([5 * i, 0]) for i in range(4)]
     heights = [random.normal(0, 0.1, 4000) for _ in scans]
     for xy_m, height_m in zip(scans, heights, strict=True):
-        ground.add(xy_m, height_m)
+        add(ground, xy_m, height_m)
 
     terrain = ground.to_map()
 
@@ -28,16 +40,26 @@ def test_mean_heights_agree_with_scipy() -> None:
     assert terrain.height_m == pytest.approx(mean_m, abs=1e-6, nan_ok=True)
 
 
+def test_points_are_placed_in_map_by_the_pose() -> None:
+    ground = GroundHeight(0.5)
+    add(ground, np.array([[2.2, 1.3]]), np.array([0.25]), (10.0, -4.0, 0.7))
+    terrain = ground.to_map()
+    x_m, y_m, _ = apply_transform(transform_from_rpy(np.array([10, -4, 0]), 0, 0, 0.7), np.array([[2.2, 1.3, 0]]))[0]
+    assert terrain is not None
+    assert terrain.origin_m == pytest.approx(np.floor(np.array([x_m, y_m]) / 0.5) * 0.5)
+    assert terrain.height_m.tolist() == [[0.25]]
+
+
 def test_nothing_seen_is_none() -> None:
     ground = GroundHeight(0.2)
-    ground.add(np.empty((0, 2)), np.empty(0))
+    add(ground, np.empty((0, 2)), np.empty(0))
     assert ground.to_map() is None
 
 
 def test_a_scan_beyond_the_limit_is_skipped_and_counted() -> None:
     ground = GroundHeight(0.2, most_cells=10_000)
-    ground.add(np.array([[0.1, 0.1]]), np.array([0.5]))
-    ground.add(np.array([[0.1, 0.1], [1e9, 0.0]]), np.array([0.5, 0.5]))
+    add(ground, np.array([[0.1, 0.1]]), np.array([0.5]))
+    add(ground, np.array([[0.1, 0.1], [1e9, 0.0]]), np.array([0.5, 0.5]))
     terrain = ground.to_map()
     assert ground.skipped == 1
     assert terrain is not None

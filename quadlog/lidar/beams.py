@@ -1,8 +1,7 @@
-"""Which beam each point came from, and how the points lie in an image of beams by azimuth."""
+"""Which beam each point came from: as the driver numbers them, or as the elevations show."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.polar import Float32, Polar
-from quadlog.messages import Float, Int
+from quadlog.lidar.polar import Polar
+from quadlog.messages import Float, Float32, Int
 
 MOST_BEAMS = 256
 FEWEST_COLUMNS, MOST_COLUMNS = 90, 3600
@@ -134,13 +133,9 @@ class _Statistics(NamedTuple):
 
 
 def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
-    statistics = _Statistics(
-        np.zeros(MOST_BEAMS, np.int64),
-        np.zeros(MOST_BEAMS),
-        np.zeros(MOST_BEAMS),
-        np.zeros(MOST_BEAMS),
-        np.zeros((MOST_BEAMS, _ARCS), np.int64),
-    )
+    beams = min(int(beam.max(initial=0)) + 1, MOST_BEAMS)
+    sums = np.zeros((3, beams))
+    statistics = _Statistics(np.zeros(beams, np.int64), *sums, np.zeros((beams, _ARCS), np.int64))
     _gather(polar.range_m, polar.sine, polar.turn, beam, *statistics)
     return statistics
 
@@ -170,85 +165,3 @@ def _gather(
         total[b] += apart
         squares[b] += apart * apart
         arcs[b, int(turn[i] * _ARCS)] += 1
-
-
-class Image(NamedTuple):
-    """Cells (rows, columns) of the nearest return of each beam and step, 0 where there is none.
-
-    range_m: (2, rows, columns), of the nearest return and of the next one in the same cell. distance_m: horizontal,
-    from below the lidar; z_m: in base. cell: (N,) int32 of each point, row * columns + column, -1 for none.
-    point: (rows, columns) int32, which point is in a cell, -1 for none. doubled: whether any cell holds two.
-    """
-
-    range_m: Float32
-    distance_m: Float32
-    z_m: Float32
-    cell: NDArray[np.int32]
-    point: NDArray[np.int32]
-    doubled: bool
-
-
-def range_image(polar: Polar, beams: Beams, x_m: float, y_m: float) -> Image:
-    """Lay the points into the image; the lidar stands at (x_m, y_m) of base."""
-    shape = (len(beams.descending), beams.columns)
-    range_m, distance_m, z_m = (
-        np.zeros((2, *shape), np.float32),
-        np.zeros(shape, np.float32),
-        np.zeros(shape, np.float32),
-    )
-    cell, point = np.full(len(beams.beam), -1, np.int32), np.full(shape, -1, np.int32)
-    doubled = _lay(
-        polar.xyz_base_m,
-        polar.range_m,
-        polar.turn,
-        beams.beam,
-        beams.row,
-        beams.phase,
-        x_m,
-        y_m,
-        range_m,
-        distance_m,
-        z_m,
-        cell,
-        point,
-    )
-    return Image(range_m, distance_m, z_m, cell, point, doubled)
-
-
-@njit(cache=True, error_model="numpy")
-def _lay(
-    xyz_m: Float32,
-    ranges_m: Float32,
-    turn: Float32,
-    beam: NDArray[np.uint16],
-    row: Int,
-    phase: float,
-    x_m: float,
-    y_m: float,
-    range_m: Float32,
-    distance_m: Float32,
-    z_m: Float32,
-    cell: NDArray[np.int32],
-    point: NDArray[np.int32],
-) -> bool:
-    doubled, columns = False, point.shape[1]
-    for i in range(len(beam)):
-        r = ranges_m[i]
-        if r == 0 or beam[i] >= len(row) or row[beam[i]] < 0:
-            continue
-        k, c = row[beam[i]], int(turn[i] * columns + np.float32(1.5 - phase)) - 1
-        if c < 0:
-            c += columns
-        elif c >= columns:
-            c -= columns
-        cell[i] = k * columns + c
-        nearest = range_m[0, k, c]
-        if nearest > 0:
-            doubled = True
-            range_m[1, k, c] = r if r > nearest else nearest
-            if r >= nearest:
-                continue
-        range_m[0, k, c], point[k, c] = r, i
-        dx, dy = xyz_m[i, 0] - x_m, xyz_m[i, 1] - y_m
-        distance_m[k, c], z_m[k, c] = math.sqrt(dx * dx + dy * dy), xyz_m[i, 2]
-    return doubled
