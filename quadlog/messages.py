@@ -22,7 +22,7 @@ Int = NDArray[np.int64]
 class PointCloud:
     """One lidar message, as it came: nothing filtered, nothing moved.
 
-    xyz_m: (N, 3) float32 in frame_id, non-finite points included.
+    xyz_m: (N, 3) float32 in frame_id, non-finite points included, best with each coordinate side by side in memory.
     ring: (N,) uint16 beam index, or None where the sensor gives none.
     offset_ns: (N,) int64 time of each point relative to stamp_ns, or None.
     """

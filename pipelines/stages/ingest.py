@@ -19,7 +19,7 @@ from quadlog.pipelines.stages.walk import Walk, needed_lidar
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Streams, gather
-from quadlog.results.record import describe_input
+from quadlog.results.record import describe_input_aside
 from quadlog.results.run_folder import RunFolder
 from quadlog.stages import stages_until
 
@@ -38,7 +38,7 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
         recording = open_configured(request.recording, config, options.msg_path, options.stamp)
     with recording:
         with clock.stage("ingest"):
-            described = describe_input(request.recording)
+            describing = describe_input_aside(request.recording)
             roles = detect_roles(recording, config.topics)
             if "filter" in stages_until(options.until):
                 needed_lidar(roles)
@@ -46,6 +46,7 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
             start_ns, end_ns = _window(recording, _played(roles), options.start_s, options.duration_s)
             streams = gather(recording, **topics, start_ns=start_ns, end_ns=end_ns)
             first_ns, last_ns = _seen(recording, roles, streams, (start_ns, end_ns))
+            described = describing.result()
             # A run of other input or config is no part of this one: what is not reused as a whole is replaced.
             run = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
             run.write_config(config.model_dump(exclude_none=True))

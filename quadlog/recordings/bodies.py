@@ -9,42 +9,82 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
 
 from quadlog.recordings.pieces import Piece, PieceFormat
 
 # Bodies kept while pieces overlap in time; beyond this they are dropped and read again.
 _KEPT_BYTES = 1 << 27
+# Bodies of the file's beginning kept for the next look.
+_FIRST_BYTES = 1 << 24
 _AHEAD = 2
 _LARGE_BYTES = 1 << 24
 
 
-class Bodies:
-    """Bodies of the due pieces, which are asked for in order of their start; memory stays bounded."""
+class FirstBodies:
+    """The first few bodies that were read of a file: every look at some topic's first messages wants them again.
 
-    def __init__(self, form: PieceFormat, due: Iterable[Piece]) -> None:
-        self._form = form
+    A pass that comes to its end forgets them, so that of a recording in many files only one holds any.
+    """
+
+    def __init__(self) -> None:
+        self._bodies: dict[int, memoryview] = {}
+        self._room = _FIRST_BYTES
+
+    def get(self, piece: Piece) -> memoryview | None:
+        """The body, None where it is not one of the first."""
+        return self._bodies.get(piece.offset)
+
+    def keep(self, piece: Piece, body: memoryview) -> None:
+        """Keep the body as long as there is room; what once had none ends the beginning."""
+        if piece.offset not in self._bodies:
+            self._room -= len(body)
+            if self._room >= 0:
+                self._bodies[piece.offset] = body
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._bodies.clear()
+        self._room = _FIRST_BYTES
+
+
+class Bodies:
+    """Bodies of the due pieces, which are asked for in order of their start; memory stays bounded.
+
+    The next ones are read ahead once a second one is asked for: a look at the first messages ends before.
+    """
+
+    def __init__(self, form: PieceFormat, due: Iterable[Piece], first: FirstBodies) -> None:
+        self._form, self._first = form, first
+        self._begun = False
+        self._latest: Piece | None = None  # asked for most messages of a run: the last of _bodies
         self._bodies: OrderedDict[int, memoryview] = OrderedDict()
         self._bytes = 0
-        self._waiting = deque(sorted(due, key=lambda piece: piece.start_ns))
+        self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=_start_ns))
         self._coming: dict[int, Future[memoryview]] = {}
         self._readers = ThreadPoolExecutor(_AHEAD, thread_name_prefix="quadlog-read")
         _let_freed_memory_be_reused()
 
     def get(self, piece: Piece) -> memoryview:
         """The body, read again when it was dropped. Raises Damaged."""
+        if piece is self._latest:
+            return self._bodies[piece.offset]
         body = self._bodies.get(piece.offset)
         if body is not None:
             self._bodies.move_to_end(piece.offset)
+            self._latest = piece
             return body
         body = self._arrived(piece)
         while self._bodies and self._bytes + len(body) > _KEPT_BYTES:
             self._bytes -= len(self._bodies.popitem(last=False)[1])
         self._bodies[piece.offset] = body
         self._bytes += len(body)
+        self._latest = piece
         return body
 
     def drop(self, piece: Piece) -> None:
         """Forget the body of a piece that is read to its end."""
+        self._latest = None
         self._bytes -= len(self._bodies.pop(piece.offset, b""))
 
     def close(self) -> None:
@@ -52,9 +92,19 @@ class Bodies:
         self._readers.shutdown(cancel_futures=True)
 
     def _arrived(self, piece: Piece) -> memoryview:
-        self._read_ahead()
+        body = self._first.get(piece)
+        if body is None:
+            body = self._read(piece)
+            self._first.keep(piece, body)
+        self._begun = True
+        return body
+
+    def _read(self, piece: Piece) -> memoryview:
+        if self._waiting and self._waiting[0] is piece:
+            self._waiting.popleft()
         coming = self._coming.pop(piece.offset, None)
-        self._read_ahead()
+        if self._begun:
+            self._read_ahead()
         return self._form.load(piece) if coming is None else coming.result()
 
     def _read_ahead(self) -> None:
@@ -63,6 +113,11 @@ class Bodies:
             self._coming[piece.offset] = self._readers.submit(self._form.load, piece)
 
 
+def _start_ns(piece: Piece) -> int:
+    return piece.start_ns
+
+
+@cache
 def _let_freed_memory_be_reused() -> None:
     """Keep Linux's allocator from returning every freed body to the system only to ask for the next one.
 

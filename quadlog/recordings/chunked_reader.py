@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from quadlog.errors import NothingReadable
-from quadlog.recordings.bodies import Bodies
+from quadlog.recordings.bodies import Bodies, FirstBodies
 from quadlog.recordings.bounded import MAX_TIME_NS, Damaged
 from quadlog.recordings.container import Channel, Loss, RawMessage
 from quadlog.recordings.merging import merge_by_time
@@ -43,6 +43,7 @@ class ChunkedReader:
         self._contents, self._form = contents, form
         self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False
+        self._first = FirstBodies()
         # Kept by place in the file, so that reading twice reports once.
         self._lost: dict[int, LostPiece] = {}
         self._wrong_index: set[int] = set()
@@ -75,11 +76,12 @@ class ChunkedReader:
         tally: Counter[int] = Counter()
         within = (0 if start_ns is None else start_ns, MAX_TIME_NS + 1 if end_ns is None else end_ns)
         due = [piece for piece in self._contents.pieces if piece.may_hold(wanted, start_ns, end_ns)]
-        bodies = Bodies(self._form, due)
+        bodies = Bodies(self._form, due, self._first)
         try:
             yield from merge_by_time(
                 (piece.start_ns, partial(self._read_piece, piece, bodies, wanted, within, tally)) for piece in due
             )
+            self._first.forget()
             if start_ns is None and end_ns is None:
                 self._compare_counts(wanted, due, tally)
         finally:
@@ -98,12 +100,9 @@ class ChunkedReader:
             entries.sort(key=_log_time)
             for log_time_ns, begin, end, channel_id in entries:
                 channel = wanted.get(channel_id)
-                if channel is None:
-                    continue
-                if start_ns <= log_time_ns < end_ns:
-                    payload = bodies.get(piece)[begin:end]
+                if channel is not None and start_ns <= log_time_ns < end_ns:
                     tally[channel_id] += 1
-                    yield RawMessage(channel, log_time_ns, payload)
+                    yield RawMessage(channel, log_time_ns, bodies.get(piece)[begin:end])
         except Damaged as damage:
             counts = piece.counts if piece.counts is not None else self._form.counts(piece)
             self._lost[piece.offset] = LostPiece(piece, damage, None if counts is None else sum(counts.values()))

@@ -23,7 +23,7 @@ from quadlog.recordings.decoders.livox import livox_decoder
 from quadlog.recordings.decoders.point_cloud2 import point_cloud2_decoder
 from quadlog.recordings.payload_reader import Payload
 from quadlog.recordings.protobuf_messages import protobuf_deserialiser
-from quadlog.recordings.ros_messages import Definitions
+from quadlog.recordings.ros_messages import Definitions, Plain
 
 Result = TypeVar("Result")
 
@@ -51,6 +51,17 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "uwb_driver/msg/UwbRange": uwb_range.decode_uwb_range,
 }
 
+# The same from the bare values of the message, for types that come often and whose definition usually is plain.
+PLAIN: dict[str, Plain] = {
+    "geometry_msgs/msg/PoseStamped": [(pose.POSE_STAMPED, pose.pose_of_values)],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": [(pose.POSE_WITH_COVARIANCE, pose.pose_of_values)],
+    "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_of_values)],
+    "nav_msgs/msg/Odometry": [(odometry.ODOMETRY, odometry.odometry_of_values)],
+    "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_of_values)],
+    "tf/msg/tfMessage": [(tf.TF, tf.tf_of_values)],
+    "tf2_msgs/msg/TFMessage": [(tf.TF, tf.tf_of_values)],
+}
+
 # LinkTrack packages have many names: matched by the last part of the type.
 LINKTRACK: dict[str, Callable[[Any, str], tuple[Message, ...]]] = {
     "LinktrackAnchorframe0": linktrack.decode_anchorframe0,
@@ -69,6 +80,13 @@ FOXGLOVE_PROTOBUF: dict[str, Callable[[Any, str], Message]] = {
 FOXGLOVE_JSON: dict[str, Callable[[str], Callable[[Payload], Message]]] = {
     "foxglove.PointCloud": foxglove.json_point_cloud_decoder,
     "foxglove.PoseInFrame": foxglove.json_pose_decoder,
+}
+
+PLAIN_LINKTRACK: dict[str, Plain] = {
+    "LinktrackTagframe0": [
+        (linktrack.STAMPED_TAGFRAME0, linktrack.stamped_tagframe0_of_values),
+        (linktrack.TAGFRAME0, linktrack.tagframe0_of_values),
+    ],
 }
 
 # Types that look as if they held what quadlog wants, and why they do not.
@@ -114,10 +132,11 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Dec
         return _single(_chain(protobuf_deserialiser(channel), FOXGLOVE_PROTOBUF[name], topic))
     if name in BY_HAND:
         return _single(BY_HAND[name](topic, encoding))
-    deserialise = (definitions or Definitions()).deserialiser(channel)
+    definitions = definitions or Definitions()
     if name in ROS:
-        return _single(_chain(deserialise, ROS[name], topic))
-    return _chain(deserialise, LINKTRACK[last_part(name)], topic)
+        return _single(definitions.decoder(channel, ROS[name], PLAIN.get(name, ())))
+    last = last_part(name)
+    return definitions.decoder(channel, LINKTRACK[last], PLAIN_LINKTRACK.get(last, ()))
 
 
 def _single(decode: Callable[[Payload], Message]) -> Decoder:

@@ -7,10 +7,11 @@ the chunk that holds them.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
+
+from isal.isal_zlib import crc32
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import mcap_records as mcap
@@ -119,7 +120,7 @@ def _check_loose_messages(file: BinaryIO, scan: McapScan) -> list[Loss]:
     crc, position = 0, 0
     while position < scan.ended_at:
         block = read_at(file, position, min(1 << 20, scan.ended_at - position))
-        crc = zlib.crc32(block, crc)
+        crc = crc32(block, crc)
         position += len(block)
     if crc == scan.data_crc:
         return []

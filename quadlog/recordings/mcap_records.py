@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+
+from isal.isal_zlib import crc32
 
 from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged
 from quadlog.recordings.compression import decompress
@@ -109,7 +110,7 @@ def read_chunk(content: memoryview) -> tuple[int, int, memoryview]:
     start_ns, end_ns, size, crc = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u32()
     compression = cursor.text()
     body = decompress(compression, cursor.take(cursor.u64()), size)
-    if crc and zlib.crc32(body) != crc:
+    if crc and crc32(body) != crc:
         raise Damaged("its checksum (CRC) does not match", "crc")
     return start_ns, end_ns, body
 

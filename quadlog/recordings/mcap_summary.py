@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass, field
 from typing import BinaryIO
+
+from isal.isal_zlib import crc32
 
 from quadlog.recordings import mcap_records as mcap
 from quadlog.recordings.bounded import MAX_INDEX_BYTES, Cursor, Damaged, read_at
@@ -52,7 +53,7 @@ def read_summary(file: BinaryIO, size: int) -> tuple[Summary | None, list[Loss]]
         if start > footer_offset:
             raise Damaged("the footer points beyond the file", "summary")
         section = read_at(file, start, footer_offset - start, MAX_INDEX_BYTES)
-        if crc and zlib.crc32(footer[: mcap.FRAME.size + 16], zlib.crc32(section)) != crc:
+        if crc and crc32(footer[: mcap.FRAME.size + 16], crc32(section)) != crc:
             raise Damaged("the summary's checksum (CRC) does not match", "summary")
         return _parse(section), []
     except Damaged as damage:

@@ -227,19 +227,20 @@ class Recording:
             reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
             raise DecodeError(raw.channel.topic, reason)
         decoded = decoder(raw.payload)
-        if isinstance(decoded[0] if decoded else None, UwbRanges):
+        if decoded and isinstance(decoded[0], UwbRanges):
             return tuple(self._named(raw.channel.topic, each) for each in decoded if isinstance(each, UwbRanges))
         return decoded
 
     def _decoder(self, channel: Channel) -> Decoder | None:
-        if id(channel) not in self._decoders:
+        known = self._decoders.get(id(channel))
+        if known is None:
             decoder = None
             try:
                 decoder = decoder_for(channel, self._definitions)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
-            self._decoders[id(channel)] = (channel, decoder)  # the channel is kept, so its id stays its own
-        return self._decoders[id(channel)][1]
+            known = self._decoders[id(channel)] = (channel, decoder)  # the channel is kept, so its id stays its own
+        return known[1]
 
     def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:
         """Ranges whose ends only the topic tells, with their ids."""

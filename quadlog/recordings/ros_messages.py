@@ -1,4 +1,4 @@
-"""From ROS payloads to objects with the message's fields, by whatever definition there is.
+"""From ROS payloads to quadlog's messages, by whatever definition there is.
 
 Order: the definition embedded in the recording; then folders given with
 ``--msg-path``; then the standard messages; then quadlog's bundled ones.
@@ -19,12 +19,17 @@ from rosbags.typesys.store import Typestore
 from quadlog.errors import DecodeError
 from quadlog.recordings.container import Channel
 from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.plain_fields import Wanted, plain_fields
+from quadlog.recordings.plain_messages import PlainReader, Values
 from quadlog.recordings.type_definitions import BadDefinition, Types, needed_types, parse_definition
 
 BUNDLED = Path(__file__).parent / "definitions"
 HEADER_FIELD = "std_msgs/Header header\n"
 
 Deserialise = Callable[[Payload], Any]
+Interpret = Callable[[Any, str], Any]
+# The same from the bare values of a definition that has them, without an object for every part of the message.
+Plain = Sequence[tuple[Wanted, Callable[[Values, str], Any]]]
 
 
 class Definitions:
@@ -35,25 +40,33 @@ class Definitions:
 
     def deserialiser(self, channel: Channel) -> Deserialise:
         """A function from payload to message object; raises DecodeError, here or per payload, with the reason."""
+        return self.decoder(channel, lambda message, _: message)
+
+    def decoder(self, channel: Channel, interpret: Interpret, plain: Plain = ()) -> Callable[[Payload], Any]:
+        """A function from payload to what interpret makes of (message object, topic), or plain of its bare values.
+
+        Raises DecodeError, here or per payload, with the reason.
+        """
         if channel.message_encoding not in ("ros1", "cdr"):
             raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
-        method = "deserialize_ros1" if channel.message_encoding == "ros1" else "deserialize_cdr"
-        stores = self._stores(channel)
-        return _Deserialiser(channel, [getattr(store, method) for store in stores])
-
-    def _stores(self, channel: Channel) -> list[Typestore]:
         try:
-            if channel.schema.strip(b"\0 \n"):
-                types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
-                return [_typestore(types, channel, self._standard(channel))]
-            found = [_typestore(types, channel, lookup) for types, lookup in self._unembedded(channel)]
+            found = [_way(types, channel, interpret, plain) for types in self._candidates(channel)]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
             raise DecodeError(
                 channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
             )
-        return found
+        return _FirstFitting(channel, found)
+
+    def _candidates(self, channel: Channel) -> Iterator[Types]:
+        """The checked table of every definition the type may have. Raises BadDefinition."""
+        if channel.schema.strip(b"\0 \n"):
+            types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
+            yield needed_types(types, channel.type_name, self._standard(channel))
+            return
+        for types, lookup in self._unembedded(channel):
+            yield needed_types(types, channel.type_name, lookup)
 
     def _unembedded(self, channel: Channel) -> Iterator[tuple[Types, Callable[[str], Types]]]:
         name, standard = channel.type_name, self._standard(channel)
@@ -89,30 +102,48 @@ class Definitions:
         return lambda name: standard_types(channel.message_encoding, name)
 
 
-class _Deserialiser:
-    """Tries each candidate on the first payload and keeps the one that fits it exactly."""
+class _FirstFitting:
+    """Tries each way to read on the first payload and keeps the one that fits it exactly."""
 
-    def __init__(self, channel: Channel, candidates: list[Callable[..., Any]]) -> None:
-        self.channel, self.candidates = channel, candidates
+    def __init__(self, channel: Channel, ways: list[tuple[Deserialise, Interpret]]) -> None:
+        self.channel, self.ways = channel, ways
 
     def __call__(self, payload: Payload) -> Any:
         reason: Exception | None = None
-        for candidate in self.candidates:
+        for deserialise, interpret in self.ways:
             try:
-                message = candidate(payload, self.channel.type_name)
+                message = deserialise(payload)
             except Exception as error:  # generated code on a stranger's bytes: any failure is this message's
                 reason = reason or error
                 continue
-            self.candidates = [candidate]
-            return message
+            if len(self.ways) > 1:
+                self.ways = [(deserialise, interpret)]
+            return self._interpreted(interpret, message)
         raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
 
+    def _interpreted(self, interpret: Interpret, message: Any) -> Any:
+        try:
+            return interpret(message, self.channel.topic)
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:  # a definition of another shape
+            reason = f"not the usual {self.channel.type_name}: {error}"
+            raise DecodeError(self.channel.topic, reason) from error
 
-def _typestore(types: Types, channel: Channel, elsewhere: Callable[[str], Types]) -> Typestore:
+
+def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> tuple[Deserialise, Interpret]:
+    """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags."""
+    for wanted, interpret_values in plain:
+        fields = plain_fields(types, channel.type_name, wanted)
+        if fields is not None:
+            return PlainReader(fields, channel.message_encoding), interpret_values
+    store = _typestore(types, channel)
+    deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
+    return partial(deserialise, typename=channel.type_name), interpret
+
+
+def _typestore(types: Types, channel: Channel) -> Typestore:
     store = get_typestore(Stores.EMPTY)
-    needed = needed_types(types, channel.type_name, elsewhere)
     try:
-        store.register(needed)
+        store.register(types)
         store.get_msgdef(channel.type_name)
     except Exception as error:  # rosbags compiles the definition; what it cannot is refused
         raise BadDefinition(f"its definition cannot be compiled ({error})") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 
@@ -79,6 +80,10 @@ def gather(
     return sinks.streams()
 
 
+_NO_QUATERNION = [nan] * 4
+_NO_TWIST = [0.0] * 6
+
+
 @dataclass
 class _Columns:
     """Rows of numbers as they come: a time and `width` values each."""
@@ -115,47 +120,40 @@ class _Sinks:
         self.range_topics: dict[str, int] = {}
         self.nameless: dict[str, int] = {}
         self.poses = {role: _Columns(13) for role in self.pose_topics}
+        self.columns_of_topic: dict[str, list[_Columns]] = {}
+        for role, topic in self.pose_topics.items():
+            self.columns_of_topic.setdefault(topic or "", []).append(self.poses[role])
         self.imu = _Columns(7)
         self.tree = TransformTree()
         self.warnings: list[str] = []
 
     def take(self, t_ns: int, topic: str, message: Message, stamp: str) -> None:
         """File one message under every role its topic has."""
-        if isinstance(message, Transforms):
-            for pose in message.transforms:
-                own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
-                self.tree.add(own_ns, pose, static=message.static)
+        if isinstance(message, Imu):
+            self.imu.t_ns.append(t_ns)
+            self.imu.values.extend(message.angular_radps.tolist())
+            self.imu.values.extend(_NO_QUATERNION if message.quat_xyzw is None else message.quat_xyzw.tolist())
+        elif isinstance(message, (Pose, Odometry)):
+            for column in self.columns_of_topic.get(topic, ()):
+                _take_pose(t_ns, message, column)
         elif isinstance(message, UwbRanges):
             if topic in self.uwb:
                 self._take_ranges(t_ns, topic, message)
-        elif isinstance(message, Imu):
-            quaternion = np.full(4, np.nan) if message.quat_xyzw is None else message.quat_xyzw
-            self.imu.t_ns.append(t_ns)
-            self.imu.values.extend((*message.angular_radps.tolist(), *quaternion.tolist()))
-        elif isinstance(message, Pose | Odometry):
-            self._take_pose(t_ns, topic, message)
+        elif isinstance(message, Transforms):
+            for pose in message.transforms:
+                own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
+                self.tree.add(own_ns, pose, static=message.static)
 
     def _take_ranges(self, t_ns: int, topic: str, message: UwbRanges) -> None:
         if message.tag is None:
             self.nameless[topic] = self.nameless.get(topic, 0) + len(message.range_m)
             return
-        gaps = message.first_path_gap_db
-        gaps = np.full(len(message.range_m), np.nan) if gaps is None else gaps
-        for anchor, range_m, gap in zip(message.anchor.tolist(), message.range_m.tolist(), gaps.tolist(), strict=True):
+        anchors, given = message.anchor.tolist(), message.first_path_gap_db
+        gaps = [nan] * len(anchors) if given is None else given.tolist()
+        for anchor, range_m, gap in zip(anchors, message.range_m.tolist(), gaps, strict=True):
             self.ranges.t_ns.append(t_ns)
             self.ranges.values.extend((message.tag, anchor, range_m, gap))
             self.range_topic.append(self.range_topics.setdefault(topic, len(self.range_topics)))
-
-    def _take_pose(self, t_ns: int, topic: str, message: Pose | Odometry) -> None:
-        twist = [0.0] * 6
-        if isinstance(message, Odometry):
-            twist = [*message.linear_mps.tolist(), *message.angular_radps.tolist()]
-        for role, wanted in self.pose_topics.items():
-            if wanted == topic:
-                column = self.poses[role]
-                column.t_ns.append(t_ns)
-                column.values.extend((*message.position_m.tolist(), *message.quat_xyzw.tolist(), *twist))
-                column.frame_id, column.child_frame_id = message.frame_id, message.child_frame_id
 
     def streams(self) -> Streams:
         """Everything taken so far, as series."""
@@ -231,3 +229,15 @@ class _Sinks:
         if not oriented and np.isfinite(quaternions).any():
             self.warnings.append(f"{self.imu_topic}: not every message has an orientation; none is used")
         return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None)
+
+
+def _take_pose(t_ns: int, message: Pose | Odometry, column: _Columns) -> None:
+    column.t_ns.append(t_ns)
+    column.values.extend(message.position_m.tolist())
+    column.values.extend(message.quat_xyzw.tolist())
+    if isinstance(message, Odometry):
+        column.values.extend(message.linear_mps.tolist())
+        column.values.extend(message.angular_radps.tolist())
+    else:
+        column.values.extend(_NO_TWIST)
+    column.frame_id, column.child_frame_id = message.frame_id, message.child_frame_id

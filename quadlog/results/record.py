@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from quadlog.errors import RecordingNotFound
@@ -117,3 +119,17 @@ def describe_input(path: Path) -> InputRecord:
     except OSError as error:
         raise RecordingNotFound(path, error.strerror or str(error)) from error
     return InputRecord(str(path), size, digest.hexdigest())
+
+
+def describe_input_aside(path: Path) -> Future[InputRecord]:
+    """`describe_input` while others work: hashing does not hold Python's lock, and its end is no one's to wait for."""
+    described: Future[InputRecord] = Future()
+
+    def describe() -> None:
+        try:
+            described.set_result(describe_input(path))
+        except BaseException as error:  # whoever asks for the result gets it
+            described.set_exception(error)
+
+    Thread(target=describe, name="quadlog-hash", daemon=True).start()
+    return described

@@ -128,7 +128,7 @@ def _json_stamp(message: dict[str, Any]) -> int | None:
 def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:
     at, turn = pose["position"], pose["orientation"]
     position = np.array([float(at[axis]) for axis in "xyz"], np.float64)
-    return position, normalised(np.array([float(turn[axis]) for axis in "xyzw"], np.float64), topic)
+    return position, normalised([float(turn[axis]) for axis in "xyzw"], topic)
 
 
 def _numeric(kind: int | str) -> int:

@@ -13,15 +13,33 @@ from typing import Any
 import numpy as np
 
 from quadlog.messages import UwbRanges
-from quadlog.recordings.decoders.stamps import stamp_ns
+from quadlog.recordings.decoders.stamps import nanoseconds, stamp_ns
+from quadlog.recordings.plain_fields import ABSENT, WHOLE, header_of
+from quadlog.recordings.plain_messages import Values
 
 ROLE_ANCHOR, ROLE_TAG = 1, 2
+STAMPED_TAGFRAME0 = header_of("header") | {"id": WHOLE, "dis_arr": 8}
+TAGFRAME0 = {"header.stamp.sec": ABSENT, "id": WHOLE, "dis_arr": 8}
 
 
 def decode_tagframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
     """A tag's own distances to anchors 0 to 7."""
     del topic
     return (_from_distances(stamp_ns(message), int(message.id), message.dis_arr),)
+
+
+def tagframe0_of_values(values: Values, topic: str) -> tuple[UwbRanges, ...]:
+    """The values of TAGFRAME0."""
+    del topic
+    _, (tag, *distances) = values
+    return (_from_distances(None, tag, distances),)
+
+
+def stamped_tagframe0_of_values(values: Values, topic: str) -> tuple[UwbRanges, ...]:
+    """The values of STAMPED_TAGFRAME0."""
+    del topic
+    _, (seconds, nanos, tag, *distances) = values
+    return (_from_distances(nanoseconds(seconds, nanos), tag, distances),)
 
 
 def decode_anchorframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:

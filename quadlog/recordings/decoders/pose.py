@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Pose
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
+from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
+from quadlog.recordings.plain_fields import TEXT, each_of, header_of
+from quadlog.recordings.plain_messages import Values
+
+POSE_STAMPED = header_of("header") | each_of("pose.position", "xyz") | each_of("pose.orientation", "xyzw")
+POSE_WITH_COVARIANCE = (
+    header_of("header") | each_of("pose.pose.position", "xyz") | each_of("pose.pose.orientation", "xyzw")
+)
+TRANSFORM_STAMPED = (
+    header_of("header")
+    | {"child_frame_id": TEXT}
+    | each_of("transform.translation", "xyz")
+    | each_of("transform.rotation", "xyzw")
+)
 
 
 def decode_pose_stamped(message: Any, topic: str) -> Pose:
@@ -32,6 +47,14 @@ def decode_transform(message: Any, topic: str) -> Pose:
     )
 
 
+def pose_of_values(values: Values, topic: str) -> Pose:
+    """The values of POSE_STAMPED, POSE_WITH_COVARIANCE or TRANSFORM_STAMPED."""
+    texts, (seconds, nanos, *xyz, qx, qy, qz, qw) = values
+    child = frame_name(texts[1]) if len(texts) > 1 else ""
+    numbers = np.array((*xyz, *unit(qx, qy, qz, qw, topic)), np.float64)
+    return Pose(nanoseconds(seconds, nanos), frame_name(texts[0]), child, numbers[:3], numbers[3:])
+
+
 def _pose(message: Any, child: str, position: Any, orientation: Any, topic: str) -> Pose:
     return Pose(stamp_ns(message), frame_id(message), child, vector(position), unit_quaternion(orientation, topic))
 
@@ -43,12 +66,18 @@ def vector(xyz: Any) -> Float:
 
 def unit_quaternion(xyzw: Any, topic: str) -> Float:
     """(4,) unit quaternion of a message with fields x, y, z, w; see normalised."""
-    return normalised(np.array([xyzw.x, xyzw.y, xyzw.z, xyzw.w], np.float64), topic)
+    return normalised((xyzw.x, xyzw.y, xyzw.z, xyzw.w), topic)
 
 
-def normalised(quat_xyzw: Float, topic: str) -> Float:
-    """The quaternion at unit length; all zeros, which many trackers send for "no orientation", is no rotation."""
-    length = float(np.sqrt(quat_xyzw @ quat_xyzw))
-    if not np.isfinite(length):
+def normalised(xyzw: Sequence[float], topic: str) -> Float:
+    """(4,) the quaternion at unit length; all zeros, which many trackers send for "no orientation", is no rotation."""
+    x, y, z, w = xyzw
+    return np.array(unit(x, y, z, w, topic), np.float64)
+
+
+def unit(x: float, y: float, z: float, w: float, topic: str) -> tuple[float, float, float, float]:
+    """The same as plain numbers."""
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(length):
         raise DecodeError(topic, "its quaternion is not finite")
-    return quat_xyzw / length if length > 0 else np.array([0.0, 0.0, 0.0, 1.0])
+    return (x / length, y / length, z / length, w / length) if length > 0 else (0.0, 0.0, 0.0, 1.0)

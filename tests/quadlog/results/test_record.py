@@ -9,7 +9,7 @@ import pytest
 
 from quadlog.errors import RecordingNotFound
 from quadlog.results import read_run_json
-from quadlog.results.record import RunRecord, describe_input
+from quadlog.results.record import RunRecord, describe_input, describe_input_aside
 
 
 def test_run_json_says_all_the_contract_names(tiny_run: Path) -> None:
@@ -78,3 +78,10 @@ def test_a_folders_hash_sees_names_borders_and_contents(tmp_path: Path) -> None:
 def test_a_missing_recording_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingNotFound, match=r"gone\.mcap: no such file"):
         describe_input(tmp_path / "gone.mcap")
+
+
+def test_what_is_described_aside_is_the_same_and_so_is_what_goes_wrong(tmp_path: Path) -> None:
+    (tmp_path / "walk.mcap").write_bytes(bytes(1 << 22))
+    assert describe_input_aside(tmp_path / "walk.mcap").result() == describe_input(tmp_path / "walk.mcap")
+    with pytest.raises(RecordingNotFound, match=r"gone\.mcap: no such file"):
+        describe_input_aside(tmp_path / "gone.mcap").result()

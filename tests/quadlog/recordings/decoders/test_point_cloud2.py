@@ -86,7 +86,7 @@ def test_any_layout_is_read_like_a_structured_array(
     assert cloud.stamp_ns == T_NS
     assert cloud.frame_id == "lidar"
     assert cloud.xyz_m.dtype == np.float32
-    assert cloud.xyz_m.flags.c_contiguous
+    assert cloud.xyz_m.T.flags.c_contiguous  # each coordinate side by side
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([points[axis].astype(np.float32) for axis in "xyz"]))
     if layout["count"]:
         assert cloud.ring is not None
