@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from quadlog.config import Config
-from quadlog.messages import Float, PointCloud
+from quadlog.messages import Float, ImuSeries, PointCloud
 from quadlog.recordings.clock import Stamp
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.tf_tree import TransformTree
@@ -30,3 +33,19 @@ def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, 
         return None
     clouds = [each for each in recording.sample(topic, 1) if isinstance(each, PointCloud)]
     return tree.static_transform(clouds[0].frame_id, base) if clouds else None
+
+
+def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
+    """The same turned into base's axes, where static tf tells how the IMU is mounted; else as it came."""
+    base = tree.base_frame(base_frame)
+    mount = None if base is None else tree.static_transform(imu.frame_id, base)
+    if base is None or mount is None or np.array_equal(mount[:3, :3], np.eye(3)):
+        return imu
+    imu_to_base = Rotation.from_matrix(mount[:3, :3])
+    quat_xyzw = imu.quat_xyzw
+    if quat_xyzw is not None:
+        real = np.abs(quat_xyzw).max(axis=1) > 0
+        turned = Rotation.from_quat(quat_xyzw[real]) * imu_to_base.inv()
+        quat_xyzw = np.zeros_like(quat_xyzw)
+        quat_xyzw[real] = turned.as_quat()
+    return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)

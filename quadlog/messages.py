@@ -134,11 +134,12 @@ class PoseSeries:
 
 @dataclass(frozen=True, slots=True)
 class ImuSeries:
-    """t_ns (N,) strictly increasing, angular_radps (N, 3), quat_xyzw (N, 4) or None."""
+    """t_ns (N,) strictly increasing, angular_radps (N, 3), quat_xyzw (N, 4) or None; of and about frame_id's axes."""
 
     t_ns: Int
     angular_radps: Float
     quat_xyzw: Float | None
+    frame_id: str = ""
 
     def __len__(self) -> int:
         return len(self.t_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -12,7 +13,7 @@ from quadlog.config import Config, Mount
 from quadlog.errors import AmbiguousTopic, EmptyWindow, NothingReadable, QuadlogError
 from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
-from quadlog.pipelines.opening import lidar_in_base, open_configured
+from quadlog.pipelines.opening import imu_in_base, lidar_in_base, open_configured
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.pipelines.stages.uwb import wants_uwb
 from quadlog.pipelines.stages.walk import Walk, needed_lidar
@@ -45,6 +46,8 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
             topics = _topics_to_read(recording, roles, config)
             start_ns, end_ns = _window(recording, _played(roles), options.start_s, options.duration_s)
             streams = gather(recording, **topics, start_ns=start_ns, end_ns=end_ns)
+            if streams.imu is not None:
+                streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
             first_ns, last_ns = _seen(recording, roles, streams, (start_ns, end_ns))
             described = describing.result()
             # A run of other input or config is no part of this one: what is not reused as a whole is replaced.

@@ -13,7 +13,7 @@ from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
-from quadlog.messages import Float, Int, PointCloud
+from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.heading import frozen
 from quadlog.pipelines.stages.walk import Walk
 
@@ -129,12 +129,16 @@ def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None,
 
 
 def _up_series(walk: Walk) -> UpSeries | None:
-    """What says how the body is tilted: the IMU, else the odometry; None where neither knows."""
-    imu, odometry = walk.streams.imu, walk.streams.odometry
+    """What says how the body is tilted: the IMU, else the odometry, else moving tf; None where none of them knows."""
+    poses: ImuSeries | PoseSeries | None = walk.streams.odometry
+    imu = walk.streams.imu
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
-        series = up_in_base(imu.t_ns, imu.quat_xyzw)
-    elif odometry is not None:
-        series = up_in_base(odometry.t_ns, odometry.quat_xyzw)
-    else:
+        poses = imu
+    elif poses is None:
+        topics, tree = walk.config.topics, walk.streams.tf
+        base = tree.base_frame(topics.base_frame)
+        poses = None if base is None else tree.pose_series(base, topics.map_frame)
+    if poses is None or poses.quat_xyzw is None:
         return None
+    series = up_in_base(poses.t_ns, poses.quat_xyzw)
     return series if len(series) else None

@@ -131,6 +131,7 @@ class _Sinks:
         """File one message under every role its topic has."""
         if isinstance(message, Imu):
             self.imu.t_ns.append(t_ns)
+            self.imu.frame_id = message.frame_id
             self.imu.values.extend(message.angular_radps.tolist())
             self.imu.values.extend(_NO_QUATERNION if message.quat_xyzw is None else message.quat_xyzw.tolist())
         elif isinstance(message, (Pose, Odometry)):
@@ -228,7 +229,7 @@ class _Sinks:
         oriented = bool(np.isfinite(quaternions).all())
         if not oriented and np.isfinite(quaternions).any():
             self.warnings.append(f"{self.imu_topic}: not every message has an orientation; none is used")
-        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None)
+        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None, self.imu.frame_id)
 
 
 def _take_pose(t_ns: int, message: Pose | Odometry, column: _Columns) -> None:

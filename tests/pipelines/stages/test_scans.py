@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from quadlog.config import Config
 from quadlog.config_file import load_config
 from quadlog.lidar.points import PointClass
-from quadlog.messages import ImuSeries, PointCloud
+from quadlog.messages import ImuSeries, PointCloud, Pose
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.pipelines.stages.tracks import RobotTrack
+from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
 MOUNT_M = 0.4
@@ -51,7 +52,7 @@ def walk(*settings: str, roll_deg=0.0, speed_mps=0.0, orientations=21) -> Told:
     xy_m = np.column_stack([speed_mps * (t_ns - T_NS) * 1e-9, np.zeros(21)])
     mount = np.eye(4)
     mount[2, 3] = MOUNT_M
-    streams = SimpleNamespace(imu=imu, odometry=None)
+    streams = SimpleNamespace(imu=imu, odometry=None, tf=TransformTree())
     return Told(config, streams, RobotTrack(t_ns, xy_m, np.zeros(21), "uwb"), mount)
 
 
@@ -79,6 +80,15 @@ def test_the_bodys_tilt_is_taken_out_where_wanted(level: str, expected_deg: floa
     scan, pose = Scanner(told).classify(T_NS, cloud(roll_deg=8.0))
     assert pose == pytest.approx(np.zeros(3))
     assert ground_tilt_deg(scan) == pytest.approx(expected_deg, abs=0.3)
+
+
+def test_where_nothing_else_tells_the_tilt_moving_tf_does() -> None:
+    told = walk(roll_deg=8.0)
+    imu, told.streams.imu = told.streams.imu, None
+    for t_ns, quat_xyzw in zip(imu.t_ns.tolist(), imu.quat_xyzw, strict=True):
+        told.streams.tf.add(t_ns, Pose(t_ns, "map", "base_link", np.zeros(3), quat_xyzw), static=False)
+    scan, _ = Scanner(told).classify(T_NS, cloud(roll_deg=8.0))
+    assert ground_tilt_deg(scan) == pytest.approx(0.0, abs=0.3)
 
 
 def test_an_orientation_that_is_too_old_is_not_used_and_said() -> None:
