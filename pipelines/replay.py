@@ -106,7 +106,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     todo = stages_until(request.options.until)
     clock = StageClock()
     progress.begin("start-up", None)
-    startup_s = warm_up(todo, request.config)
+    startup_s = warm_up(todo, request.config, progress.say)
     with open_walk(request, clock, progress) as walk:
         if "position" in todo:
             locate_walk(walk)

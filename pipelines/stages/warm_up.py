@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from quadlog.mapping.occupancy import obstacle_tops
 from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import RangeSeries
+from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
 from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import classifier
 from quadlog.planning.registry import make_planner
@@ -26,18 +28,30 @@ from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 
 
-def warm_up(stages: Collection[str], config: Config) -> float:
-    """Load and compile what the given stages need by running them on toys; returns the seconds it took."""
+def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None]) -> float:
+    """Load and compile what the given stages need by running them on toys; returns the seconds it took.
+
+    say: told in one line when there is anything to compile.
+    """
     started = time.perf_counter()
-    if "position" in stages:
-        _locate_toy_tag()
-    if "filter" in stages:
-        _classify_toy_scan(config)
-    if "map" in stages:
-        _map_toy_scan(config)
-    if "plan" in stages:
-        _walk_toy_map()
+    scans = [name for name in ("filter", "map") if name in stages]
+    others = [name for name in ALIKE if name in stages]
+    elsewhere = python("-m", __name__, *others) if scans else None
+    with compiled_elsewhere(elsewhere, say):
+        if "filter" in scans:
+            _classify_toy_scan(config)
+        if "map" in scans:
+            _map_toy_scan(config)
+        if not scans:
+            _run(others)
+    if scans:
+        _run(others)
     return time.perf_counter() - started
+
+
+def _run(names: Collection[str]) -> None:
+    for name in names:
+        ALIKE[name]()
 
 
 def _locate_toy_tag() -> None:
@@ -97,3 +111,10 @@ def _walk_toy_map() -> None:
     instants = [MapInstant(t_ns, window, occupied, occupied) for t_ns in (0, 100_000_000)]
     replanner = Replanner(make_planner("ia_star"), ReplanSettings())
     resimulate(instants, lambda t_ns: np.tile([5.0, 0.5], (len(t_ns), 1)), np.zeros(3), replanner, PursuitSettings())
+
+
+ALIKE = {"position": _locate_toy_tag, "plan": _walk_toy_map}
+"""What is compiled alike whatever the configuration says."""
+
+if __name__ == "__main__":
+    _run(sys.argv[1:])
