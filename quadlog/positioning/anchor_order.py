@@ -11,6 +11,7 @@ import numpy as np
 from quadlog.messages import Float, Int
 from quadlog.positioning.epochs import Epochs
 from quadlog.positioning.gauss_newton import solve_gauss_newton
+from quadlog.positioning.shared_errors import column_medians
 
 MIN_RANGES = 4
 """Three ranges agree with almost any order of their anchors."""
@@ -87,9 +88,7 @@ def layout_misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: floa
 def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
     range_m = log.epochs.range_m[thin_rows(np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES, MAX_EPOCHS)]
     fixes = solve_gauss_newton(anchors_m, range_m, log.height_m, range_std_m, np.inf)
-    bias_m = np.zeros(len(anchors_m))
-    told = np.isfinite(fixes.residual_m).any(axis=0)
-    bias_m[told] = np.nanmedian(fixes.residual_m[:, told], axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
+    bias_m = column_medians(fixes.residual_m).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
     off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
     cost = np.log1p((off_std / COST_STD) ** 2)
     return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])

@@ -10,13 +10,14 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.epochs import Epochs
 from quadlog.positioning.gauss_newton import solve_gauss_newton
+from quadlog.positioning.range_log import log_ranges, walker
 from quadlog.positioning.shared_errors import (
     bias_covariance_at,
     scatter_covariances,
     solve_shared_errors,
     weigh_by_lateness,
 )
-from quadlog.positioning.tracker import track_ranges
+from quadlog.positioning.tracker import smooth_places
 
 PRIOR_STD_M = 0.2
 """Biases of real sets lie within 0 and 0.4 m. What the geometry cannot see stays near zero, with this std."""
@@ -124,23 +125,19 @@ def track_epochs(
     """(E, 3) smoothed places at the epochs, and how many axes are from ranges: 3, or 2 where the height is given."""
     fixes = solve_gauss_newton(anchors_m, epochs.range_m, tag_height_m, range_std_m, np.inf)
     row, column = np.nonzero(np.isfinite(epochs.range_m))
-    track = track_ranges(
+    log = log_ranges(
         epochs.t_ns[row],
         column,
         epochs.range_m[row, column],
         anchors_m,
-        tag_height_m,
         epochs.t_ns[fixes.solved],
         fixes.position_m[fixes.solved],
-        range_std_m=range_std_m,
-        acceleration_std_mps2=acceleration_std_mps2,
-        smooth=True,
-        tag_height_std_m=tag_height_std_m,
-    ).track
-    if len(track) == 0:
+        range_std_m,
+        walker(acceleration_std_mps2, tag_height_m, tag_height_std_m),
+    )
+    t_ns, track_m = smooth_places(log)
+    if len(t_ns) == 0:
         return np.tile(np.append(anchors_m[:, :2].mean(axis=0), tag_height_m), (len(epochs), 1)), 2
-    start_ns = int(track.t_ns[0])
-    wanted_s, known_s = seconds_since(epochs.t_ns, start_ns), seconds_since(track.t_ns, start_ns)
-    xyz_m = (track.position_m[:, 0], track.position_m[:, 1], track.z_m)
-    place_m = np.stack([np.interp(wanted_s, known_s, along_m) for along_m in xyz_m], axis=1)
-    return place_m, 3 if track.z_std_m.any() else 2
+    wanted_s, known_s = seconds_since(epochs.t_ns, int(t_ns[0])), seconds_since(t_ns, int(t_ns[0]))
+    place_m = np.stack([np.interp(wanted_s, known_s, along_m) for along_m in track_m.T], axis=1)
+    return place_m, log.axes

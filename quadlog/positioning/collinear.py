@@ -51,8 +51,6 @@ def solve_on_side(
     those epochs are degenerate, as are those whose start is NaN or whose
     descent crosses the line (one in 10 000 from within 2 m).
     """
-    anchors_m = np.ascontiguousarray(anchors_m, dtype=np.float64)
-    range_m = np.ascontiguousarray(range_m, dtype=np.float64)
     centre_m, _, across = _anchor_line(anchors_m)
     enough = np.isfinite(range_m).sum(axis=1) >= 3
     place_m = np.column_stack([np.where(enough[:, None], start_m, np.nan), np.full(len(range_m), float(tag_height_m))])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from quadlog.messages import Float, Int
 
@@ -50,12 +49,16 @@ def excess_variance(
     it is), and the rest is compared with white noise. For robust weights this
     is the sandwich H^-1 S H^-1, with S the scores' and H the slopes' sum.
     """
-    sums = _tally_blocks(
-        first_row, anchor, residual_m, weight, slope, unit, covariance_m2, range_std_m, int(anchor.max(initial=-1)) + 1
-    )
-    sums = sums + np.array([tally.square, tally.dof, tally.weight, tally.slope, tally.links])
-    before = sums[:-1].T
-    return _excess(before, range_std_m), Tally(*(float(each) for each in sums[-1]))
+    axes = unit.shape[1]
+    steps = weight[:, None, None] * unit[:, :, None] * unit[:, None, :] / range_std_m**2
+    told = np.concatenate([np.zeros((1, axes, axes)), np.cumsum(steps, axis=0)])[first_row]
+    ends = _block_ends(told, covariance_m2)
+    block = np.searchsorted(first_row[ends], np.arange(len(anchor)), side="right")
+    scores = _score_blocks(block, len(ends), anchor, residual_m, weight, slope, unit)
+    start = np.array([tally.square, tally.dof, tally.weight, tally.slope, tally.links])
+    running = np.concatenate([start[None], start + np.cumsum(scores, axis=0)])
+    over = np.searchsorted(ends, np.arange(len(first_row) - 1), side="right")
+    return _excess(running[over].T, range_std_m), Tally(*(float(each) for each in running[-1]))
 
 
 def total_excess(tally: Tally, range_std_m: float) -> float:
@@ -75,53 +78,54 @@ def _excess(sums: Float, range_std_m: float) -> Float:
     return excess
 
 
-@njit(cache=True)
-def _tally_blocks(
-    first_row: Int,
-    anchor: Int,
-    residual_m: Float,
-    weight: Float,
-    slope: Float,
-    unit: Float,
-    covariance_m2: Float,
-    std_m: float,
-    n_anchors: int,
+def _block_ends(told: Float, covariance_m2: Float) -> Int:
+    """(B,) the instant behind each block, from information (T + 1, D, D) before and after T instants.
+
+    A block is over where its information, times the covariance of the place there, has come to what one pose takes.
+    """
+    count, axes = len(covariance_m2), covariance_m2.shape[1]
+    since_start = np.einsum("kij,kij->k", told[1:], covariance_m2)
+    ends, begin, look = [], 0, 16
+    while begin < count:
+        part = slice(begin, begin + look)
+        own = since_start[part] - np.einsum("ij,kij->k", told[begin], covariance_m2[part])
+        full = NOISE_SHARE * own >= axes
+        if full.any():
+            begin += int(np.argmax(full)) + 1
+            ends.append(begin)
+        elif begin + look >= count:
+            break
+        else:
+            look *= 2
+    return np.array(ends, dtype=np.int64)
+
+
+def _score_blocks(
+    block: Int, blocks: int, anchor: Int, residual_m: Float, weight: Float, slope: Float, unit: Float
 ) -> Float:
-    """(T + 1, 5) running sums over the blocks that ended before each instant, and before the end."""
-    instants, d = len(first_row) - 1, unit.shape[1]
-    sums = np.zeros((instants + 1, 5))
-    # per link: rows, weight, slope, weighted residual, weighted direction
-    link = np.zeros((n_anchors, 4 + d))
-    information = np.zeros((d, d))
-    for k in range(instants):
-        sums[k + 1] = sums[k]
-        for j in range(first_row[k], first_row[k + 1]):
-            each = link[anchor[j]]
-            each[0] += 1
-            each[1] += weight[j]
-            each[2] += slope[j]
-            each[3] += weight[j] * residual_m[j]
-            each[4:] += weight[j] * unit[j]
-            for a in range(d):
-                for b in range(d):
-                    information[a, b] += weight[j] * unit[j, a] * unit[j, b] / std_m**2
-        if NOISE_SHARE * np.sum(information * covariance_m2[k]) >= d:
-            sums[k + 1] += _score_block(link)
-            link[:] = 0.0
-            information[:] = 0.0
-    return sums
+    """(B, 5) what each block adds: squared scores left by its best place, degrees of freedom, weight, slope, links.
 
+    block (N,): of each range, B and more for those of none.
+    """
+    axes, n_anchors = unit.shape[1], int(anchor.max(initial=-1)) + 1
+    shape, over = (blocks, n_anchors), block < blocks
+    cell = (block * n_anchors + anchor)[over]
 
-@njit(cache=True)
-def _score_block(link: Float) -> Float:
-    """(5,) what one block adds: squared scores left by the best place, degrees of freedom, weight, slope, links."""
-    d = link.shape[1] - 4
-    heard = link[link[:, 1] > 1e-9]
-    if len(heard) <= d:
-        return np.zeros(5)
-    direction = heard[:, 4:] / heard[:, 1:2]
-    weighted = np.ascontiguousarray(heard[:, 4:].T)
-    normal = weighted @ direction + 1e-9 * np.eye(d)
-    place_m = np.linalg.solve(normal, weighted @ (heard[:, 3] / heard[:, 1]))
-    score = heard[:, 3] - heard[:, 1] * (direction @ place_m)
-    return np.array([np.sum(score**2), len(heard) - d, np.sum(heard[:, 1]), np.sum(heard[:, 2]), float(len(heard))])
+    def total(each: Float) -> Float:
+        sums: Float = np.bincount(cell, each[over], blocks * n_anchors).astype(np.float64).reshape(shape)
+        return sums
+
+    trust, pull = total(weight), total(weight * residual_m)
+    heard = trust > 1e-9
+    links = heard.sum(axis=1)
+    heard &= (links > axes)[:, None]
+    trust, pull = np.where(heard, trust, 0.0), np.where(heard, pull, 0.0)
+    lever = np.stack([np.where(heard, total(weight * each), 0.0) for each in unit.T], axis=2)
+    direction = lever / np.where(heard, trust, 1.0)[:, :, None]
+    normal = np.einsum("bai,baj->bij", lever, direction) + 1e-9 * np.eye(axes)
+    place_m = np.linalg.solve(normal, np.einsum("bai,ba->bi", direction, pull)[:, :, None])[:, :, 0]
+    score = pull - trust * np.einsum("bai,bi->ba", direction, place_m)
+    told = links > axes
+    slopes = np.where(heard, total(slope), 0.0).sum(axis=1)
+    dof, counted = np.where(told, links - axes, 0), np.where(told, links, 0)
+    return np.column_stack([(score**2).sum(axis=1), dof, trust.sum(axis=1), slopes, counted]).astype(np.float64)

@@ -14,6 +14,8 @@ MARGIN_SHARE = 0.15
 """Of the shown extent, on every side, so that what happens just outside the anchors is seen."""
 MAX_FACTOR = 2.0
 """A track that strays farther from the anchors than this, in their extent, does not stretch the map."""
+MAP_PARTS = 20
+"""A map is worked out in so many pieces: all at once it leaves the cache."""
 ROUND = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.5)
 """Widths of cells, times any power of ten."""
 
@@ -41,10 +43,10 @@ def dilution_at(position_m: Float, anchors_m: Float, tag_height_m: float) -> Flo
     """
     if len(anchors_m) < 3:
         return np.full(len(position_m), np.inf)
-    offset_m = position_m[:, None, :] - anchors_m[None, :, :2]
-    distance_m = np.sqrt((offset_m**2).sum(axis=2) + (tag_height_m - anchors_m[:, 2]) ** 2)
-    direction = offset_m / np.maximum(distance_m, 1e-9)[:, :, None]
-    xx, xy, yy = ((direction[:, :, i] * direction[:, :, j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+    x_m, y_m = (position_m[:, axis] - anchors_m[:, axis, None] for axis in range(2))
+    level_m2 = x_m**2 + y_m**2
+    square_m2 = np.maximum(level_m2 + (tag_height_m - anchors_m[:, 2, None]) ** 2, 1e-18)
+    xx, xy, yy = ((each / square_m2).sum(axis=0) for each in (x_m**2, x_m * y_m, y_m**2))
     trace, determinant = xx + yy, xx * yy - xy * xy
     sharp = determinant > 1e-6 * trace**2
     hdop: Float = np.sqrt(np.where(sharp, trace, np.inf) / np.where(sharp, determinant, 1.0))
@@ -59,8 +61,9 @@ def map_dilution(anchors_m: Float, tag_height_m: float, track_m: Float, max_rows
     low_m, high_m = _extent(anchors_m[:, :2], track_m)
     cell_m, first, last = _cells(low_m, high_m, max_rows, max_columns)
     x_m, y_m = ((np.arange(first[axis], last[axis]) + 0.5) * cell_m for axis in range(2))
-    rows = [dilution_at(np.column_stack([x_m, np.full(len(x_m), y)]), anchors_m, tag_height_m) for y in y_m]
-    return DilutionMap(first * cell_m, cell_m, tag_height_m, np.array(rows))
+    place_m = np.stack(np.meshgrid(x_m, y_m), axis=2)
+    rows = [dilution_at(some.reshape(-1, 2), anchors_m, tag_height_m) for some in np.array_split(place_m, MAP_PARTS)]
+    return DilutionMap(first * cell_m, cell_m, tag_height_m, np.concatenate(rows).reshape(len(y_m), len(x_m)))
 
 
 def _extent(anchor_xy_m: Float, track_m: Float) -> tuple[Float, Float]:

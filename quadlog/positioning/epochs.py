@@ -55,7 +55,8 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
         column, mine = place, np.zeros_like(mine)
     t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
 
-    epoch, count = _number_epochs(t_ns, column, len(anchor_ids), round(epoch_s * 1e9))
+    epoch, last_of = np.empty(len(t_ns), dtype=np.int64), np.full(len(anchor_ids), -1, dtype=np.int64)
+    count = _number_epochs(t_ns, column, round(epoch_s * 1e9), epoch, last_of)
     if count * len(anchor_ids) > MAX_CELLS:
         raise TooLarge(f"UWB epochs times anchors of tag {tag}", count * len(anchor_ids), MAX_CELLS)
     table = np.full((count, len(anchor_ids)), np.nan)
@@ -88,26 +89,22 @@ def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
 
 
 @njit(cache=True)
-def _number_epochs(t_ns: Int, column: Int, n_anchors: int, epoch_ns: int) -> tuple[Int, int]:
-    """(N,) the epoch of each range, and how many there are."""
-    n = len(t_ns)
-    epoch = np.empty(n, dtype=np.int64)
-    member_of = np.full(n_anchors, -1, dtype=np.int64)  # last epoch that has the anchor
+def _number_epochs(t_ns: Int, column: Int, epoch_ns: int, epoch: Int, last_of: Int) -> int:
+    """How many epochs there are; epoch (N,) takes that of each range, last_of (A,) each anchor's last."""
     current, start_ns, i = -1, 0, 0
-    while i < n:
-        end = i
-        while end < n and t_ns[end] == t_ns[i]:
+    while i < len(t_ns):
+        now_ns = t_ns[i]
+        fits, end = current >= 0 and now_ns - start_ns <= epoch_ns, i
+        while end < len(t_ns) and t_ns[end] == now_ns:
+            fits &= last_of[column[end]] != current
             end += 1
-        fits = current >= 0 and t_ns[i] - start_ns <= epoch_ns
-        for j in range(i, end):
-            fits = fits and member_of[column[j]] != current
         if not fits:
             current += 1
-            start_ns = t_ns[i]
+            start_ns = now_ns
         for j in range(i, end):
-            if member_of[column[j]] == current:  # the same anchor twice under one stamp
+            anchor = column[j]
+            if last_of[anchor] == current:  # the same anchor twice under one stamp
                 current += 1
-            member_of[column[j]] = current
-            epoch[j] = current
+            last_of[anchor] = epoch[j] = current
         i = end
-    return epoch, current + 1
+    return current + 1

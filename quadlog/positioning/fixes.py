@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from quadlog.errors import AnchorsCollinear, MissingInput
 from quadlog.messages import Float, Int
-from quadlog.positioning.descent import gather_heard, invert_normal, normal_equations
+from quadlog.positioning.descent import invert_normal
 
 SPREAD_OF_RANGE_STD = 0.5
 """Anchors nearer to one line than this share of a range's std (rms) cannot tell a fix from its mirror image."""
@@ -71,57 +70,47 @@ def complete_fixes(
     D is 2 where the height was given and 3 where it was solved for. A solution
     where the directions to the anchors are all but parallel is none: degenerate.
     """
-    residual_m, rms_m, hdop, n_ranges, xy_m, z_m, horizontal_m2, z_std_m = _judge(
-        np.ascontiguousarray(anchors_m, dtype=np.float64),
-        np.ascontiguousarray(range_m, dtype=np.float64),
-        position_m,
-        covariance_m2,
-    )
+    heard = np.isfinite(range_m)
+    n_ranges, axes = heard.sum(axis=1), covariance_m2.shape[1]
+    variance_m2 = np.einsum("eii->e", covariance_m2)
+    offset_m = position_m[:, None, :] - anchors_m
+    distance_m = np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m))
+    known = np.isfinite(position_m.sum(axis=1) + variance_m2)
+    hdop = np.where(known, _dilution(offset_m, distance_m, heard, axes), np.nan)
     solved = np.isfinite(hdop)
+    blank = np.where(solved, 0.0, np.nan)
+    residual_m = range_m - distance_m + blank[:, None]
+    rms_m = np.sqrt(np.where(heard, residual_m**2, 0.0).sum(axis=1) / np.maximum(n_ranges, 1)) + blank
     return Fixes(
-        position_m=xy_m,
-        covariance_m2=horizontal_m2,
-        z_m=z_m,
-        z_std_m=z_std_m,
+        position_m=position_m[:, :2] + blank[:, None],
+        covariance_m2=covariance_m2[:, :2, :2] + blank[:, None, None],
+        z_m=position_m[:, 2] + blank,
+        z_std_m=np.sqrt(covariance_m2[:, 2, 2] + blank) if axes == 3 else blank,
         hdop=hdop,
         n_ranges=n_ranges,
         residual_rms_m=rms_m,
         residual_m=residual_m,
         solved=solved,
-        degenerate=(n_ranges > covariance_m2.shape[1]) & ~solved,
+        degenerate=(n_ranges > axes) & ~solved,
         outlier=rms_m > outlier_m,
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _judge(
-    anchors_m: Float, range_m: Float, position_m: Float, covariance_m2: Float
-) -> tuple[Float, Float, Float, Int, Float, Float, Float, Float]:
-    """Residuals (E, A), their rms (E,), dilution (E,), number of ranges (E,), and the solutions that are sharp."""
-    (n_epochs, n_anchors), solve_z = range_m.shape, covariance_m2.shape[1] == 3
-    residual_m, xy_m = np.full((n_epochs, n_anchors), np.nan), np.full((n_epochs, 2), np.nan)
-    rms_m, hdop = np.full(n_epochs, np.nan), np.full(n_epochs, np.nan)
-    z_m, z_std_m = np.full(n_epochs, np.nan), np.full(n_epochs, np.nan)
-    horizontal_m2, n_ranges = np.full((n_epochs, 2, 2), np.nan), np.zeros(n_epochs, dtype=np.int64)
-    heard_m, heard = np.empty((n_anchors, 3)), np.empty(n_anchors)
-    for e in range(n_epochs):
-        x, y, z = position_m[e, 0], position_m[e, 1], position_m[e, 2]
-        n = gather_heard(anchors_m, range_m, e, heard_m, heard)
-        n_ranges[e] = n
-        variance_m2 = covariance_m2[e, 0, 0] + covariance_m2[e, 1, 1] + (covariance_m2[e, 2, 2] if solve_z else 0.0)
-        if not np.isfinite(x + y + z + variance_m2):
-            continue
-        normal = normal_equations(x, y, z, solve_z, heard_m, heard, n, np.inf, np.inf)
-        inverse = invert_normal(*normal[:6])
-        if not inverse[0]:
-            continue
-        hdop[e], rms_m[e] = np.sqrt(inverse[1] + inverse[3]), np.sqrt(normal[9] / n)
-        xy_m[e, 0], xy_m[e, 1], z_m[e] = x, y, z
-        z_std_m[e] = np.sqrt(covariance_m2[e, 2, 2]) if solve_z else 0.0
-        for i in range(2):
-            for j in range(2):
-                horizontal_m2[e, i, j] = covariance_m2[e, i, j]
-        for a in range(n_anchors):
-            dx, dy, dz = x - anchors_m[a, 0], y - anchors_m[a, 1], z - anchors_m[a, 2]
-            residual_m[e, a] = range_m[e, a] - np.sqrt(dx * dx + dy * dy + dz * dz)
-    return residual_m, rms_m, hdop, n_ranges, xy_m, z_m, horizontal_m2, z_std_m
+def _dilution(offset_m: Float, distance_m: Float, heard: np.ndarray, axes: int) -> Float:
+    """(E,) root of the horizontal trace of (sum u u^T)^-1 of the ranges heard (E, A), NaN where that is not sharp."""
+    told, inverse = invert_directions(offset_m / np.maximum(distance_m, 1e-9)[:, :, None], heard, axes)
+    return np.sqrt(np.where(told, inverse[0] + inverse[2], np.nan))
+
+
+def invert_directions(direction: Float, heard: np.ndarray, axes: int) -> tuple[np.ndarray, list[Float]]:
+    """Whether (sum u u^T)^-1 of directions (E, A, 3) is sharp (E,), and its xx, xy, yy, xz, yz, zz.
+
+    Summed over those heard (E, A), in two axes or three.
+    """
+    x, y, z = (np.where(heard, direction[:, :, i], 0.0) for i in range(3))
+    xx, xy, yy, xz, yz, zz = (np.einsum("ea,ea->e", *pair) for pair in ((x, x), (x, y), (y, y), (x, z), (y, z), (z, z)))
+    if axes == 2:
+        xz, yz, zz = 0 * xz, 0 * yz, xx + yy
+    with np.errstate(divide="ignore", invalid="ignore"):
+        told, *inverse = invert_normal(xx, xy, yy, xz, yz, zz)
+    return told, inverse

@@ -57,8 +57,6 @@ def _solve(
     long_m: float,
     short_m: float,
 ) -> Fixes:
-    anchors_m = np.ascontiguousarray(anchors_m, dtype=np.float64)
-    range_m = np.ascontiguousarray(range_m, dtype=np.float64)
     start_m, spread_m2 = start_linear(anchors_m, range_m, tag_height_m, range_std_m)
     solve_z = tag_height_m is None
     position_m, inverse, _ = descend_all(anchors_m, range_m, start_m, solve_z, long_m, short_m)

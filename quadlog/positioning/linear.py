@@ -13,11 +13,12 @@ std of the ranges, one or (A,). Its covariance is that of its own weights, not o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numba import njit
 
 from quadlog.messages import Float
-from quadlog.positioning.descent import invert_normal, spread_of, write_symmetric
+from quadlog.positioning.descent import invert_normal
 from quadlog.positioning.fixes import SPREAD_OF_RANGE_STD, Fixes, complete_fixes
 
 
@@ -66,12 +67,42 @@ def start_linear(
     and that spread (E,), as `spread_of` has it.
     """
     fit = _fit(anchors_m, range_m, tag_height_m, range_std_m, np.ones_like(range_m), against_last=False)
-    return fit[0], fit[3]
+    return fit.position_m, fit.spread_m2
 
 
-def _complete(anchors_m: Float, range_m: Float, fit: tuple[Float, Float, Float, Float], outlier_m: float) -> Fixes:
-    position_m, inverse, noise, _ = fit
-    return complete_fixes(anchors_m, range_m, position_m, inverse @ noise @ inverse, outlier_m)
+def spread_of(anchors_m: Float, heard: np.ndarray, solve_z: bool) -> Float:
+    """(E,) mean square distance in m^2 of the anchors heard (E, A) from the line, in space the plane, that fits best.
+
+    Taken as 1/trace(S^-1) of their scatter S, which is that where it is small:
+    then it decides whether a fix can be told from its mirror image.
+    """
+    n = heard.sum(axis=1)
+    share = heard / np.maximum(n, 1)[:, None]
+    x, y, z = (np.where(heard, each - (share @ each)[:, None], 0.0) for each in anchors_m.T)
+    xx, xy, yy, xz, yz, zz = (_along(*pair) for pair in ((x, x), (x, y), (y, y), (x, z), (y, z), (z, z)))
+    if solve_z:
+        minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
+        det = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    else:
+        minors, det = xx + yy, xx * yy - xy * xy
+    flat = ~(minors > 0)
+    return np.where(flat, 0.0, det / np.where(flat, 1.0, minors * n))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Positions (E, 3) in map, (sum w b b^T)^-1 (E, D, D) with b = a - pivot, and the spread (E,) of the anchors heard.
+
+    What is not spread is NaN. lever: D times (E, A), w b; noise_m4: (E, A) v of the rows; last_m4 (E,) of what all
+    rows have in common, zero where that is none.
+    """
+
+    position_m: Float
+    inverse: Float
+    spread_m2: Float
+    lever: list[Float]
+    noise_m4: Float
+    last_m4: Float
 
 
 def _fit(
@@ -82,126 +113,67 @@ def _fit(
     weight: Float,
     *,
     against_last: bool,
-) -> tuple[Float, Float, Float, Float]:
-    """Positions (E, 3) in map, what their covariance is made of, bread and filling (E, D, D), and the spread (E,)."""
+) -> _Fit:
     origin_m = anchors_m.mean(axis=0)
     if tag_height_m is not None:
         origin_m = np.append(origin_m[:2], tag_height_m)
-    variance_m2 = np.ascontiguousarray(np.broadcast_to(np.square(range_std_m), len(anchors_m)), dtype=np.float64)
     # About the centroid, so that maps with large coordinates lose no digits.
-    position_m, inverse, noise, spread_m2 = _fit_all(
-        np.ascontiguousarray(anchors_m - origin_m, dtype=np.float64),
-        np.ascontiguousarray(range_m, dtype=np.float64),
-        tag_height_m is None,
-        variance_m2,
-        np.ascontiguousarray(weight, dtype=np.float64),
-        against_last,
-        SPREAD_OF_RANGE_STD**2 * float(variance_m2.mean()),
-    )
-    position_m += origin_m
-    return position_m, inverse, noise, spread_m2
+    around_m, heard, solve_z = anchors_m - origin_m, np.isfinite(range_m), tag_height_m is None
+    axes = 3 if solve_z else 2
+    variance_m2 = np.broadcast_to(np.square(range_std_m), len(anchors_m))
+    spread_m2 = np.where(heard.sum(axis=1) > axes, spread_of(anchors_m, heard, solve_z), 0.0)
+    sharp = spread_m2 > SPREAD_OF_RANGE_STD**2 * float(variance_m2.mean())
+    square_m2 = np.where(heard, range_m, 0.0) ** 2
+    noise_m4 = 4 * variance_m2 * square_m2 + 2 * variance_m2**2
+    if not solve_z:
+        square_m2 = np.maximum(square_m2 - around_m[:, 2] ** 2, 0.0)
+    row_m2 = square_m2 - variance_m2 - (around_m[:, :axes] ** 2).sum(axis=1)
+
+    weight = np.where(heard, weight, 0.0)
+    pick = _last_heard(heard) if against_last else weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    offset = [np.where(heard, each - (pick @ each)[:, None], 0.0) for each in around_m.T[:axes]]
+    pull = (_along(pick, row_m2)[:, None] - row_m2) / 2
+    lever = [weight * each for each in offset]
+    inverse = _invert([[_along(lever[i], offset[j]) for j in range(axes)] for i in range(axes)], sharp)
+    position_m = np.full((len(range_m), 3), np.nan)
+    position_m[:, :axes] = (inverse @ np.stack([_along(each, pull) for each in lever], axis=1)[:, :, None])[:, :, 0]
+    if not solve_z:
+        position_m[:, 2] = 0.0 * position_m[:, 0]
+    last_m4 = _along(pick, noise_m4) if against_last else np.zeros(len(range_m))
+    return _Fit(position_m + origin_m, inverse, spread_m2, lever, noise_m4, last_m4)
 
 
-@njit(cache=True, error_model="numpy")
-def _fit_all(
-    anchors_m: Float,
-    range_m: Float,
-    solve_z: bool,
-    variance_m2: Float,
-    weight: Float,
-    against_last: bool,
-    least_m2: float,
-) -> tuple[Float, Float, Float, Float]:
-    """Positions, (sum w b b^T)^-1 and the variance of 1/2 sum w b y, with b = a - pivot; NaN where not spread."""
-    n_epochs, n_anchors = range_m.shape
-    unknowns = 3 if solve_z else 2
-    position_m = np.full((n_epochs, 3), np.nan)
-    inverse = np.full((n_epochs, unknowns, unknowns), np.nan)
-    noise = np.full((n_epochs, unknowns, unknowns), np.nan)
-    spread_m2 = np.zeros(n_epochs)
-    rows, pivot = np.empty((n_anchors, 6)), np.empty(4)
-    for e in range(n_epochs):
-        n = _write_rows(rows, anchors_m, range_m, weight, e, solve_z, variance_m2)
-        if n > unknowns:
-            spread_m2[e] = spread_of(rows, n, solve_z)
-        if not spread_m2[e] > least_m2:
-            continue
-        _choose_pivot(rows, n, against_last, pivot)
-        sxx, sxy, syy, sxz, syz, szz, gx, gy, gz = _sum_rows(rows, n, pivot)
-        ok, ixx, ixy, iyy, ixz, iyz, izz = invert_normal(sxx, sxy, syy, sxz, syz, szz if solve_z else sxx + syy)
-        if not ok:
-            continue
-        position_m[e, 0] = ixx * gx + ixy * gy + ixz * gz
-        position_m[e, 1] = ixy * gx + iyy * gy + iyz * gz
-        position_m[e, 2] = ixz * gx + iyz * gy + izz * gz
-        write_symmetric(inverse, e, ixx, ixy, iyy, ixz, iyz, izz)
-        _sum_noise(rows, n, pivot, against_last, noise, e)
-    return position_m, inverse, noise, spread_m2
+def _along(first: Float, second: Float) -> Float:
+    """(E,) sums over the anchors of the products (E, A)."""
+    return np.einsum("ea,ea->e", first, second)
 
 
-@njit(cache=True, error_model="numpy")
-def _write_rows(
-    rows: Float, anchors_m: Float, range_m: Float, weight: Float, e: int, solve_z: bool, variance_m2: Float
-) -> int:
-    """How many ranges there are; each gives a row x, y, z, y_i, v_i, w_i. Where the height is given, every z is zero.
+def _last_heard(heard: np.ndarray) -> Float:
+    """(E, A) one at the last anchor of each epoch: the row that is subtracted from all."""
+    last = heard.shape[1] - 1 - np.argmax(heard[:, ::-1], axis=1)
+    return np.where(heard & (np.arange(heard.shape[1]) == last[:, None]), 1.0, 0.0)
 
-    That height is the origin's, and max(d^2 - dz^2, 0) the horizontal square.
+
+def _invert(normal: list[list[Float]], sharp: np.ndarray) -> Float:
+    """(E, D, D) inverses of a symmetric matrix of (E,) each, NaN where not sharp."""
+    (xx, xy), yy, axes = normal[0][:2], normal[1][1], len(normal)
+    xz, yz, zz = (normal[0][2], normal[1][2], normal[2][2]) if axes == 3 else (0 * xx, 0 * xx, xx + yy)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        told, ixx, ixy, iyy, ixz, iyz, izz = invert_normal(xx, xy, yy, xz, yz, zz)
+    whole = np.stack([ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz], axis=1).reshape(-1, 3, 3)
+    whole[~(told & sharp)] = np.nan
+    return whole[:, :axes, :axes]
+
+
+def _complete(anchors_m: Float, range_m: Float, fit: _Fit, outlier_m: float) -> Fixes:
+    """Fixes with the covariance H^-1 (1/4 sum w^2 v b b^T) H^-1; the last row's own noise is in every difference.
+
+    That adds v_n/4 (sum w b)(sum w b)^T; about the weighted mean the sum is zero.
     """
-    n = 0
-    for a in range(len(anchors_m)):
-        if np.isfinite(range_m[e, a]):
-            x, y, z, square = anchors_m[a, 0], anchors_m[a, 1], anchors_m[a, 2], range_m[e, a] ** 2
-            rows[n, 4], rows[n, 5] = 4 * variance_m2[a] * square + 2 * variance_m2[a] ** 2, weight[e, a]
-            if not solve_z:
-                square, z = max(square - z * z, 0.0), 0.0
-            rows[n, 0], rows[n, 1], rows[n, 2] = x, y, z
-            rows[n, 3] = square - variance_m2[a] - x * x - y * y - z * z
-            n += 1
-    return n
-
-
-@njit(cache=True, error_model="numpy")
-def _choose_pivot(rows: Float, n: int, against_last: bool, pivot: Float) -> None:
-    """The row that is subtracted from all: the last one, or the weighted mean, as if |p|^2 were one more unknown."""
-    total = 0.0
-    for i in range(n):
-        total += rows[i, 5]
-    for k in range(4):
-        pivot[k] = 0.0
-        for i in range(n):
-            pivot[k] += rows[i, 5] / total * rows[i, k]
-        if against_last:
-            pivot[k] = rows[n - 1, k]
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_rows(
-    rows: Float, n: int, pivot: Float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Sum of w b b^T as xx, xy, yy, xz, yz, zz, and -1/2 sum w b (y - y_pivot) as x, y, z."""
-    sxx, sxy, syy, sxz, syz, szz, gx, gy, gz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        x, y, z, w = rows[i, 0] - pivot[0], rows[i, 1] - pivot[1], rows[i, 2] - pivot[2], rows[i, 5]
-        sxx, sxy, syy = sxx + w * x * x, sxy + w * x * y, syy + w * y * y
-        sxz, syz, szz = sxz + w * x * z, syz + w * y * z, szz + w * z * z
-        pull = w * (pivot[3] - rows[i, 3]) / 2
-        gx, gy, gz = gx + pull * x, gy + pull * y, gz + pull * z
-    return sxx, sxy, syy, sxz, syz, szz, gx, gy, gz
-
-
-@njit(cache=True, error_model="numpy")
-def _sum_noise(rows: Float, n: int, pivot: Float, against_last: bool, noise: Float, e: int) -> None:
-    """Row e of noise (E, D, D): 1/4 sum w^2 v b b^T, and where the last row is in every difference, its own noise.
-
-    That is v_n/4 (sum w b)(sum w b)^T; about the weighted mean the sum is zero.
-    """
-    unknowns = noise.shape[1]
-    last = rows[n - 1, 4] if against_last else 0.0
-    for j in range(unknowns):
-        for k in range(unknowns):
-            own, lever_j, lever_k = 0.0, 0.0, 0.0
-            for i in range(n):
-                bj, bk, w = rows[i, j] - pivot[j], rows[i, k] - pivot[k], rows[i, 5]
-                own += w * w * rows[i, 4] * bj * bk
-                lever_j, lever_k = lever_j + w * bj, lever_k + w * bk
-            noise[e, j, k] = (own + last * lever_j * lever_k) / 4
+    axes = len(fit.lever)
+    noise_m4 = np.empty((len(range_m), axes, axes))
+    for i, first in enumerate(fit.lever):
+        for j, second in enumerate(fit.lever):
+            shared = fit.last_m4 * first.sum(axis=1) * second.sum(axis=1)
+            noise_m4[:, i, j] = (_along(first * second, fit.noise_m4) + shared) / 4
+    return complete_fixes(anchors_m, range_m, fit.position_m, fit.inverse @ noise_m4 @ fit.inverse, outlier_m)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numba import njit
 
 from quadlog.messages import Float, Int
 
@@ -18,72 +19,101 @@ AGREE_SHARE = 1 / 3
 """The fixes' scatter about their mean offset, as a share of it; a turn makes offsets that grow, which scatter more."""
 BAD_STD, BAD_SHARE = 4.0, 0.5
 """Residuals beyond so many std are bad; so many of them must be, which a few blocked paths cannot bring about."""
+LOOK_AHEAD = 500
+"""Fixes asked at a time, before the next ones."""
 
 
-@njit(cache=True)
-def find_loss(
-    fix_t_s: Float,
-    fix_m: Float,
-    fix_end_row: Int,
-    state: Float,
-    place_m: Float,
-    row_t_s: Float,
-    row_anchor_m: Float,
-    range_m: Float,
-    std_m: float,
-    still_far: bool,
-    first: int,
-) -> tuple[int, int]:
-    """The fix that first contradicted the causal track, and the one that made it certain; (-1, -1) for none.
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What speaks for or against a causal track.
 
     Of F fixes in time order: fix_t_s (F,), fix_m (F, 2), the row fix_end_row
-    (F,) behind the last range known with each, and state (F, 4) and place_m
-    (F, 3) of the track then. Of N ranges: row_t_s, range_m (N,), row_anchor_m
-    (N, 3). The filter may have found back by itself, so the track is continued
-    straight from before the window. A loss is certain at a fix when, since
-    then, fixes lie far from there, agree among themselves, and most ranges
-    contradict that place too. Nothing later than that fix is used.
-    still_far: only where the track itself is still far from it. first: the first fix asked.
+    (F,) behind the last range known with each, and the states (F, 5) of the
+    track then, places and velocities. Of N ranges: row_t_s, range_m (N,) and
+    anchor_m (N, 3).
     """
-    for known in range(first, len(fix_t_s)):
-        before = known - FEWEST_FIXES
-        while before > 0 and fix_t_s[known] - fix_t_s[before] < WINDOW_S:
-            before -= 1
-        lasted_s = fix_t_s[known] - fix_t_s[max(before, 0)]
-        if before < 0 or lasted_s < WINDOW_S or lasted_s > LONGEST_S:
-            continue
-        straight, limit_m = state[before, 2:4], FAR_STD * std_m
-        off_m = fix_m[known] - state[before, :2] - straight * lasted_s
-        if np.hypot(off_m[0], off_m[1]) < limit_m:
-            continue
-        coasted_m = fix_m[before + 1 : known + 1] - state[before, :2]
-        for i in range(len(coasted_m)):
-            coasted_m[i] -= straight * (fix_t_s[before + 1 + i] - fix_t_s[before])
-        mean_x, mean_y = coasted_m[:, 0].mean(), coasted_m[:, 1].mean()
-        far_m = np.hypot(mean_x, mean_y)
-        scatter_m = np.sqrt(((coasted_m[:, 0] - mean_x) ** 2 + (coasted_m[:, 1] - mean_y) ** 2).mean())
-        off_m = fix_m[known] - state[known, :2]
-        found_back = np.hypot(off_m[0], off_m[1]) < limit_m
-        if far_m < limit_m or scatter_m > AGREE_SHARE * far_m or (still_far and found_back):
-            continue
-        rows = slice(fix_end_row[before], fix_end_row[known])
-        since_s = row_t_s[rows] - fix_t_s[before]
-        bad = _bad_share(place_m[before], straight, since_s, row_anchor_m[rows], range_m[rows], std_m)
-        if bad > BAD_SHARE:
-            contradicts = np.hypot(coasted_m[:, 0], coasted_m[:, 1]) > far_m / 2
-            return before + 1 + int(np.argmax(contradicts)), known
+
+    fix_t_s: Float
+    fix_m: Float
+    fix_end_row: Int
+    states: Float
+    row_t_s: Float
+    anchor_m: Float
+    range_m: Float
+
+
+def find_loss(evidence: Evidence, std_m: float, still_far: bool, first: int) -> tuple[int, int]:
+    """The fix that first contradicted the causal track, and the one that made it certain; (-1, -1) for none.
+
+    The filter may have found back by itself, so the track is continued straight
+    from before the window. A loss is certain at a fix when, since then, fixes
+    lie far from there, agree among themselves, and most ranges contradict that
+    place too. Nothing later than that fix is used. still_far: only where the
+    track itself is still far from it. first: the first fix asked.
+    """
+    for begin in range(max(first, FEWEST_FIXES), len(evidence.fix_t_s), LOOK_AHEAD):
+        for before, known in _agreeing(evidence, _far_fixes(evidence, FAR_STD * std_m, still_far, begin), std_m):
+            if _ranges_contradict(evidence, before, known, std_m):
+                coasted_m, _ = _coasted(evidence, np.array([[before, known]]))
+                far_m = np.hypot(*coasted_m[0].mean(axis=0))
+                return int(before + 1 + np.argmax(np.hypot(*coasted_m[0].T) > far_m / 2)), int(known)
     return -1, -1
 
 
-@njit(cache=True)
-def _bad_share(
-    place_m: Float, velocity_mps: Float, since_s: Float, anchor_m: Float, range_m: Float, std_m: float
-) -> float:
-    """Share of M ranges that contradict going on straight from place_m (3,)."""
-    bad = 0
-    for j in range(len(range_m)):
-        dx = place_m[0] + velocity_mps[0] * since_s[j] - anchor_m[j, 0]
-        dy = place_m[1] + velocity_mps[1] * since_s[j] - anchor_m[j, 1]
-        dz = place_m[2] - anchor_m[j, 2]
-        bad += abs(range_m[j] - np.sqrt(dx * dx + dy * dy + dz * dz)) > BAD_STD * std_m
-    return bad / max(len(range_m), 1)
+def _far_fixes(evidence: Evidence, limit_m: float, still_far: bool, begin: int) -> Int:
+    """(K, 2) fixes from begin on that are far from where the track was going, after the fix before their window."""
+    t_s = evidence.fix_t_s
+    known = np.arange(begin, min(begin + LOOK_AHEAD, len(t_s)))
+    before = _window_starts(t_s, known)
+    lasted_s = t_s[known] - t_s[before]
+    off_m = evidence.fix_m[known] - evidence.states[before, :2] - evidence.states[before, 3:] * lasted_s[:, None]
+    far = (np.hypot(*off_m.T) >= limit_m) & (lasted_s >= WINDOW_S) & (lasted_s <= LONGEST_S)
+    if still_far:
+        far &= np.hypot(*(evidence.fix_m[known] - evidence.states[known, :2]).T) >= limit_m
+    return np.column_stack([before, known])[far]
+
+
+def _window_starts(t_s: Float, known: Int) -> Int:
+    """(K,) the last fix by FEWEST_FIXES or more, and WINDOW_S or more, before each; zero where there is none."""
+    start = np.searchsorted(t_s, t_s[known] - WINDOW_S, side="right")
+    # The difference decides: the sum that is searched for is rounded.
+    start -= t_s[known] - t_s[start.clip(max=len(t_s) - 1)] < WINDOW_S
+    start -= t_s[known] - t_s[start.clip(0)] < WINDOW_S
+    return np.minimum(start, known - FEWEST_FIXES).clip(0)
+
+
+def _coasted(evidence: Evidence, windows: Int) -> tuple[Float, np.ndarray]:
+    """(K, W, 2) fixes behind each (before, known) up to known, less where going straight on led; and which are (K, W).
+
+    W is the longest window; beyond its end a shorter one has zeros.
+    """
+    before, known = windows.T
+    index = before[:, None] + np.arange(1, int((known - before).max()) + 1)
+    inside = index <= known[:, None]
+    index = np.minimum(index, known[:, None])
+    since_s = evidence.fix_t_s[index] - evidence.fix_t_s[before][:, None]
+    place_m, straight_mps = evidence.states[before, :2], evidence.states[before, 3:]
+    coasted_m = evidence.fix_m[index] - place_m[:, None] - since_s[:, :, None] * straight_mps[:, None]
+    return coasted_m * inside[:, :, None], inside
+
+
+def _agreeing(evidence: Evidence, windows: Int, std_m: float) -> Int:
+    """Those of windows (K, 2) whose fixes are far on average as well, and agree among themselves."""
+    if len(windows) == 0:
+        return windows
+    coasted_m, inside = _coasted(evidence, windows)
+    n = inside.sum(axis=1)
+    mean_m = coasted_m.sum(axis=1) / n[:, None]
+    apart_m = (coasted_m - mean_m[:, None]) * inside[:, :, None]
+    far_m, scatter_m = np.hypot(*mean_m.T), np.sqrt((apart_m**2).sum(axis=(1, 2)) / n)
+    return windows[(far_m >= FAR_STD * std_m) & (scatter_m <= AGREE_SHARE * far_m)]
+
+
+def _ranges_contradict(evidence: Evidence, before: int, known: int, std_m: float) -> bool:
+    """Whether most ranges of the window do not fit going straight on from before it."""
+    rows = slice(evidence.fix_end_row[before], evidence.fix_end_row[known])
+    offset_m = evidence.states[before, :3] - evidence.anchor_m[rows]
+    since_s = evidence.row_t_s[rows] - evidence.fix_t_s[before]
+    offset_m[:, :2] += since_s[:, None] * evidence.states[before, 3:]
+    off_m = np.abs(evidence.range_m[rows] - np.sqrt((offset_m**2).sum(axis=1)))
+    return bool(np.count_nonzero(off_m > BAD_STD * std_m) > BAD_SHARE * len(off_m))

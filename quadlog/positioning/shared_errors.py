@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int
+from quadlog.positioning.descent import invert_normal
 
 HALF_TRUST_STD = 2.0
 """A range so many std off its link's median is well on its way to not counting."""
@@ -34,10 +35,10 @@ class SharedErrors:
 
 @dataclass(frozen=True, slots=True)
 class _Equations:
-    """Normal equations of the shared errors, the fixes eliminated, and what ties the fixes to them.
+    """Normal equations of the shared errors, the fixes eliminated, and what ties the fixes to them; epochs come last.
 
-    reach, pull: as in SharedErrors; information: (K, K).
-    absorb: (E, D, K) how far a fix gives way to each error; fix_step_m: (E, D) where the residuals draw it.
+    reach (K, A, E), pull (K, E): as in SharedErrors; information: (K, K).
+    absorb: (D, K, E) how far a fix gives way to each error; fix_step_m: (D, E) where the residuals draw it.
     """
 
     reach: Float
@@ -58,25 +59,27 @@ def solve_shared_errors(
     Fixing and averaging residuals in turn creeps, because a fix absorbs most of
     a bias; here the fixes are eliminated from the normal equations.
     """
-    n_links, placed_m, position_m = len(anchors_m), anchors_m.copy(), position_m.copy()
-    value = np.zeros(len(prior))
-    equations = _eliminate_fixes(placed_m, moving, range_m, weight, position_m, free_axes)
+    n_links, placed_m, place_m = len(anchors_m), anchors_m.copy(), position_m.T.copy()
+    value, range_m, weight = np.zeros(len(prior)), np.ascontiguousarray(range_m.T), np.ascontiguousarray(weight.T)
+    equations = _eliminate_fixes(placed_m, moving, range_m, weight, place_m, free_axes)
     for _ in range(ITERATIONS):
-        step_m = np.linalg.solve(equations.information + prior, equations.pull.sum(axis=0) - prior @ value)
+        step_m = np.linalg.solve(equations.information + prior, equations.pull.sum(axis=1) - prior @ value)
         value = value + step_m
         placed_m[moving, :2] = anchors_m[moving, :2] + value[n_links:].reshape(-1, 2)
-        position_m[:, :free_axes] += equations.fix_step_m - equations.absorb @ step_m
-        equations = _eliminate_fixes(placed_m, moving, range_m - value[:n_links], weight, position_m, free_axes)
+        place_m[:free_axes] += equations.fix_step_m - np.einsum("dke,k->de", equations.absorb, step_m)
+        unbiased_m = range_m - value[:n_links, None]
+        equations = _eliminate_fixes(placed_m, moving, unbiased_m, weight, place_m, free_axes)
         if np.abs(step_m).max() < 1e-4:
             break
     covariance_m2 = np.linalg.inv(equations.information + prior)
-    return SharedErrors(value[:n_links], value[n_links:].reshape(-1, 2), covariance_m2, equations.reach, equations.pull)
+    reach, pull = equations.reach.transpose(2, 0, 1), equations.pull.T
+    return SharedErrors(value[:n_links], value[n_links:].reshape(-1, 2), covariance_m2, reach, pull)
 
 
 def bias_covariance_at(anchors_m: Float, weight: Float, position_m: Float, free_axes: int, prior: Float) -> Float:
     """(A, A) in m^2, how well biases could be told if the fixes were at position_m (E, 3)."""
     none = np.empty(0, dtype=np.int64)
-    equations = _eliminate_fixes(anchors_m, none, np.zeros_like(weight), weight, position_m, free_axes)
+    equations = _eliminate_fixes(anchors_m, none, np.zeros_like(weight.T), weight.T, position_m.T, free_axes)
     return np.asarray(np.linalg.inv(equations.information + prior))
 
 
@@ -113,48 +116,77 @@ def weigh_by_lateness(residual_m: Float, range_std_m: float) -> Float:
     About each link's median, for a bias is no reason for distrust; and alike on
     both sides, since trimming one side only would shift what is estimated.
     """
-    heard = np.isfinite(residual_m).any(axis=0)
-    median_m = np.zeros(residual_m.shape[1])
-    median_m[heard] = np.nanmedian(residual_m[:, heard], axis=0)
-    off_m = residual_m - median_m
-    std_m = max(range_std_m, 1.4826 * float(np.nanmedian(np.abs(off_m))))
-    return np.nan_to_num(1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2) / std_m**2
+    off_m = residual_m - column_medians(residual_m)
+    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
+    weight = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+    return np.where(np.isfinite(weight), weight, 0.0)
+
+
+def column_medians(values: Float) -> Float:
+    """(C,) median of each column of (R, C) without its NaN, zero where there is nothing else."""
+    if len(values) == 0:
+        return np.zeros(values.shape[1])
+    ordered = np.sort(values, axis=0)
+    n = np.isfinite(values).sum(axis=0)
+    column = np.arange(len(n))
+    middle = (ordered[(n - 1).clip(0) // 2, column] + ordered[(n // 2).clip(max=len(values) - 1), column]) / 2
+    return np.where(n > 0, middle, 0.0)
 
 
 def _eliminate_fixes(
-    anchors_m: Float, moving: Int, range_m: Float, weight: Float, position_m: Float, free_axes: int
+    anchors_m: Float, moving: Int, range_m: Float, weight: Float, place_m: Float, free_axes: int
 ) -> _Equations:
-    """The normal equations at position_m (E, 3) and anchors_m (A, 3).
+    """The normal equations at place_m (3, E) and anchors_m (A, 3), for ranges and weights (A, E).
 
     With W the weights, U the directions of an epoch and G what the shared
     errors do to its ranges, the fix moves by F (r - G dv), F = (U^T W U)^-1 U^T W.
     That leaves the gradient R r and the information R G with the reach
-    R = G^T W - G^T W U F. Epochs that their weights leave without a sharp fix
-    do not count.
+    R = G^T (W - W U F). Epochs that their weights leave without a sharp fix do
+    not count.
     """
-    n_links = len(anchors_m)
-    offset_m = position_m[:, None, :] - anchors_m[None, :, :]
-    distance_m = np.maximum(np.linalg.norm(offset_m, axis=2), 1e-9)
-    towards = offset_m / distance_m[:, :, None]
-    direction = towards[:, :, :free_axes]
-    normal = np.einsum("ea,eai,eaj->eij", weight, direction, direction)
-    sharp = np.linalg.eigvalsh(normal)[:, 0] > 0.05 * weight.max(initial=0.0)
-    weight = weight * sharp[:, None]
-    normal[~sharp] = np.eye(free_axes)
-
-    effect = np.zeros((*weight.shape, n_links + 2 * len(moving)))
-    effect[:, np.arange(n_links), np.arange(n_links)] = 1.0
-    for i, anchor in enumerate(moving):
-        effect[:, anchor, n_links + 2 * i : n_links + 2 * i + 2] = -towards[:, anchor, :2]
-
+    offset_m = place_m[:, None, :] - anchors_m.T[:, :, None]
+    distance_m = np.maximum(np.sqrt((offset_m**2).sum(axis=0)), 1e-9)
+    towards = offset_m / distance_m
+    pulled = weight * towards[:free_axes]
+    inverse, sharp = _invert_normal(pulled, towards, 0.05 * weight.max(initial=0.0))
+    pulled, weight = pulled * sharp, weight * sharp
+    follow = np.stack([sum(row[j] * pulled[j] for j in range(free_axes)) for row in inverse])
     residual_m = np.where(weight > 0, range_m - distance_m, 0.0)
-    follow = np.linalg.inv(normal) @ (weight[:, :, None] * direction).transpose(0, 2, 1)
-    weighted = effect.transpose(0, 2, 1) * weight[:, None, :]
-    reach = weighted - (weighted @ direction) @ follow
+
+    share = -sum(pulled[i][:, None] * follow[i] for i in range(free_axes))
+    link = np.arange(len(anchors_m))
+    share[link, link] += weight
+    # An anchor's displacement makes its range shorter by so much of it as lies along the way to the tag.
+    turn = [(anchor, -towards[axis, anchor]) for anchor in moving for axis in range(2)]
+    reach = np.concatenate([share, *(each * share[anchor][None] for anchor, each in turn)])
+    absorb = np.concatenate([follow, *((each * follow[:, anchor])[:, None] for anchor, each in turn)], axis=1)
+    information = [reach.sum(axis=2), *((reach[:, anchor] @ each)[:, None] for anchor, each in turn)]
     return _Equations(
         reach=reach,
-        pull=np.einsum("eka,ea->ek", reach, residual_m),
-        information=np.tensordot(reach, effect, axes=((0, 2), (0, 1))),
-        absorb=follow @ effect,
-        fix_step_m=np.einsum("eia,ea->ei", follow, residual_m),
+        pull=np.einsum("kae,ae->ke", reach, residual_m),
+        information=np.concatenate(information, axis=1),
+        absorb=absorb,
+        fix_step_m=np.einsum("dae,ae->de", follow, residual_m),
     )
+
+
+def _invert_normal(pulled: Float, towards: Float, least: float) -> tuple[list[list[Float]], np.ndarray]:
+    """Rows of (U^T W U)^-1, entries (E,), and where its smallest eigenvalue is above least; elsewhere that of one.
+
+    By Sylvester: it is above where all leading minors of the matrix less that are positive.
+    """
+    axes = len(pulled)
+    xx, xy, yy, xz, yz, zz = (
+        (pulled[i] * towards[j]).sum(axis=0) if j < axes else np.zeros(pulled.shape[2]) + (i == j)
+        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+    )
+    least_z = least if axes == 3 else 0.0
+    lower_xx, lower_yy, lower_zz = xx - least, yy - least, zz - least_z
+    minor = lower_xx * lower_yy - xy * xy
+    det = minor * lower_zz - yz * (lower_xx * yz - xy * xz) + xz * (xy * yz - lower_yy * xz)
+    sharp = (lower_xx > 0) & (minor > 0) & (det > 0)
+    entries = [np.where(sharp, each, one) for each, one in ((xx, 1), (xy, 0), (yy, 1), (xz, 0), (yz, 0), (zz, 1))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _, ixx, ixy, iyy, ixz, iyz, izz = invert_normal(*entries)
+    rows = [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
+    return [row[:axes] for row in rows[:axes]], sharp

@@ -8,9 +8,9 @@ import numpy as np
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
-from quadlog.positioning.kalman import smooth_states
 from quadlog.positioning.lateness import LinkWindows, link_windows, weigh_lateness
 from quadlog.positioning.range_log import RangeLog, Stretch, filter_stretch, predict_rows
+from quadlog.positioning.rts import smooth_states
 
 SMOOTHING_PASSES = 8
 SETTLED = 0.01
@@ -22,32 +22,36 @@ def smooth_stretch(log: RangeLog, stretch: Stretch) -> Stretch:
 
     These fall fast enough to silence a burst that the motion before and after it contradicts.
     """
-    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
+    instants = slice(stretch.begin, stretch.end)
+    t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
+    velocity_mps, velocity_variance = log.velocity_mps[instants], log.velocity_variance[instants]
+    rows = log.first_row[stretch.begin : stretch.end + 1]
     windows = _windows(log, stretch)
-    states, covariances = smooth_states(t_s, stretch.states, stretch.covariances, log.motion)
-    stretch = replace(stretch, states=states, covariances=covariances)
+    instant_of_row = np.repeat(np.arange(len(t_s)), np.diff(rows))
+    anchor_m, range_m = log.anchor_m[rows[0] : rows[-1]], log.range_m[rows[0] : rows[-1]]
+    states, filtered, weight = np.empty((len(t_s), 5)), stretch.filtered, stretch.weight
+    smooth_states(t_s, velocity_mps, velocity_variance, filtered, states)
     for _ in range(SMOOTHING_PASSES):
-        weight = weigh_lateness(windows, _residuals(log, stretch), log.range_std_m)
-        settled = np.abs(weight - stretch.weight).max() < SETTLED
-        states, covariances, _ = filter_stretch(log, stretch.begin, stretch.end, stretch.start, weight, np.inf, np.inf)
-        states, covariances = smooth_states(t_s, states, covariances, log.motion)
-        stretch = replace(stretch, states=states, covariances=covariances, weight=weight)
+        offset_m = states[instant_of_row, :3] - anchor_m
+        residual_m = range_m - np.sqrt(np.einsum("ni,ni->n", offset_m, offset_m))
+        before, weight = weight, weigh_lateness(windows, residual_m, log.range_std_m)
+        settled = np.abs(weight - before).max() < SETTLED
+        weight, filtered = filter_stretch(log, stretch.begin, stretch.end, stretch.start, weight, np.inf, np.inf)
+        smooth_states(t_s, velocity_mps, velocity_variance, filtered, states)
         if settled:
             break
-    return stretch
+    return replace(stretch, weight=weight, filtered=filtered, states=states)
 
 
 def smoothed_slope(log: RangeLog, stretch: Stretch) -> Float:
     """(N,) how weight x residual of each range changes where the residuals about it change alike."""
-    windows, residual_m, step_m = _windows(log, stretch), _residuals(log, stretch), 0.01 * log.range_std_m
+    rows = slice(log.first_row[stretch.begin], log.first_row[stretch.end])
+    residual_m = log.range_m[rows] - predict_rows(log, stretch)[0]
+    windows, step_m = _windows(log, stretch), 0.01 * log.range_std_m
     after, before = (
         each * weigh_lateness(windows, each, log.range_std_m) for each in (residual_m + step_m, residual_m - step_m)
     )
     return (after - before) / (2 * step_m)
-
-
-def _residuals(log: RangeLog, stretch: Stretch) -> Float:
-    return log.range_m[log.first_row[stretch.begin] : log.first_row[stretch.end]] - predict_rows(log, stretch)[0]
 
 
 def _windows(log: RangeLog, stretch: Stretch) -> LinkWindows:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from quadlog.messages import Float
-from quadlog.positioning.descent import descend_all, gather_heard, invert_normal, normal_equations
+from quadlog.positioning.descent import descend_all
+from quadlog.positioning.fixes import invert_directions
 from quadlog.positioning.mirror import reflect_places
 
 TOLD_STD_M = 0.3
@@ -41,9 +41,11 @@ def height_std_m(anchors_m: Float, position_m: Float, height_m: float, heard: np
     Infinite with fewer than four anchors, and where the directions to them do not span space.
     """
     place_m = np.column_stack([position_m, np.full(len(position_m), float(height_m))])
-    ranges_m = np.where(heard, 1.0, np.nan)
-    dilution = _vertical_dilution(np.ascontiguousarray(anchors_m, dtype=np.float64), ranges_m, place_m)
-    return range_std_m * dilution
+    offset_m = place_m[:, None, :] - anchors_m
+    direction = offset_m / np.maximum(np.linalg.norm(offset_m, axis=2), 1e-9)[:, :, None]
+    told, inverse = invert_directions(direction, heard, 3)
+    told &= heard.sum(axis=1) > 3
+    return range_std_m * np.sqrt(np.where(told, inverse[5], np.inf))
 
 
 def mirror_apart_std(
@@ -54,7 +56,6 @@ def mirror_apart_std(
     The image is the minimum downhill from the reflection in the plane of the
     anchors heard. Infinite where there is none but the place itself.
     """
-    anchors_m = np.ascontiguousarray(anchors_m, dtype=np.float64)
     place_m = np.column_stack([position_m, np.full(len(position_m), float(height_m))])
     distance_m = np.linalg.norm(place_m[:, None, :] - anchors_m, axis=2)
     range_m = np.where(heard, distance_m, np.nan)
@@ -63,18 +64,3 @@ def mirror_apart_std(
     )
     itself = ~(np.linalg.norm(image_m - place_m, axis=1) > 1e-3)
     return np.where(itself, np.inf, np.sqrt(cost_m2) / range_std_m)
-
-
-@njit(cache=True, error_model="numpy")
-def _vertical_dilution(anchors_m: Float, range_m: Float, position_m: Float) -> Float:
-    """(E,) root of the zz of (sum u u^T)^-1 for anchors whose range (E, A) is there."""
-    dilution = np.full(len(range_m), np.inf)
-    heard_m, heard = np.empty_like(anchors_m), np.empty(len(anchors_m))
-    for e in range(len(range_m)):
-        n = gather_heard(anchors_m, range_m, e, heard_m, heard)
-        x, y, z = position_m[e, 0], position_m[e, 1], position_m[e, 2]
-        normal = normal_equations(x, y, z, True, heard_m, heard, n, np.inf, np.inf)
-        inverse = invert_normal(*normal[:6])
-        if n > 3 and inverse[0]:
-            dilution[e] = np.sqrt(inverse[6])
-    return dilution

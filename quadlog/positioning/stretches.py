@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from quadlog.geometry import seconds_since
-from quadlog.positioning.loss import WINDOW_S, find_loss
-from quadlog.positioning.range_log import RangeLog, Stretch, filter_stretch, places, predict_rows
+from quadlog.positioning.kalman import STATE
+from quadlog.positioning.loss import WINDOW_S, Evidence, find_loss
+from quadlog.positioning.range_log import RangeLog, Stretch, filter_stretch, predict_rows
 from quadlog.positioning.smoothing import smooth_stretch
 
 LOST_AFTER_S = 2.0
@@ -63,11 +64,7 @@ def _follow_gapless(log: RangeLog, begin: int, end: int, *, causal: bool) -> Ite
 def _shorten(log: RangeLog, stretch: Stretch, end: int) -> Stretch:
     n, rows = end - stretch.begin, log.first_row[end] - log.first_row[stretch.begin]
     return replace(
-        stretch,
-        end=end,
-        states=stretch.states[:n],
-        covariances=stretch.covariances[:n],
-        weight=stretch.weight[:rows],
+        stretch, end=end, weight=stretch.weight[:rows], filtered=stretch.filtered[:n], states=stretch.states[:n]
     )
 
 
@@ -78,43 +75,40 @@ def _filter_until_lost(
 
     Looking further ahead step by step keeps the time linear in the log, however often the tag is lost.
     """
-    start = np.concatenate([log.fix_m[fix], [0.0, 0.0], [log.motion.height_m] * (len(log.where) - 2)])
+    start = np.array([*log.fix_m[fix], log.motion.height_m, 0.0, 0.0])
     limits_m = LONG_STD * log.range_std_m, SHORT_STD * log.range_std_m
     look, first = FIRST_LOOK, 0
     while True:
         stop = min(begin + look, end)
         all_trusted = np.ones(log.first_row[stop] - log.first_row[begin])
-        filtered = filter_stretch(log, begin, stop, start, all_trusted, *limits_m)
-        stretch = Stretch(begin, stop, start, restarted, *filtered)
-        since, known = _look_for_loss(log, stretch, fix, first, causal=causal)
-        while known >= 0 and not _is_certain(log, stretch, fix, since, known):
-            first = int(np.searchsorted(log.fix_t_ns, log.fix_t_ns[known] + round(ASK_AGAIN_S * 1e9))) - fix
-            since, known = _look_for_loss(log, stretch, fix, first, causal=causal)
+        weight, filtered = filter_stretch(log, begin, stop, start, all_trusted, *limits_m)
+        stretch = Stretch(begin, stop, start, restarted, weight, filtered, filtered[:, STATE])
+        evidence = _evidence(log, stretch, fix)
+        since, known = find_loss(evidence, log.range_std_m, causal, first)
+        while known >= 0 and not _is_certain(log, stretch, fix, fix + since, fix + known):
+            first = int(np.searchsorted(log.fix_t_ns, log.fix_t_ns[fix + known] + round(ASK_AGAIN_S * 1e9))) - fix
+            since, known = find_loss(evidence, log.range_std_m, causal, first)
         if known >= 0 or stop == end:
-            return stretch, (since, known)
+            return stretch, ((fix + since, fix + known) if known >= 0 else (-1, -1))
         look *= 4
 
 
-def _look_for_loss(log: RangeLog, stretch: Stretch, fix: int, first: int, *, causal: bool) -> tuple[int, int]:
+def _evidence(log: RangeLog, stretch: Stretch, fix: int) -> Evidence:
+    """What fixes from that one on, and the ranges, tell of the stretch."""
     instants = slice(stretch.begin, stretch.end)
     rows = log.first_row[stretch.begin : stretch.end + 1]
     behind = int(np.searchsorted(log.fix_t_ns, log.instant_ns[stretch.end - 1], side="right"))
     at = np.searchsorted(log.instant_ns[instants], log.fix_t_ns[fix:behind])
     t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
-    since, known = find_loss(
-        t_s[at],
-        log.fix_m[fix:behind],
-        (rows[1:] - rows[0])[at],
-        np.ascontiguousarray(stretch.states[at, :4]),
-        places(log, stretch.states[at]),
-        np.repeat(t_s, np.diff(rows)),
-        log.anchors_m[log.anchor[rows[0] : rows[-1]]],
-        log.range_m[rows[0] : rows[-1]],
-        log.range_std_m,
-        causal,
-        first,
+    return Evidence(
+        fix_t_s=t_s[at],
+        fix_m=log.fix_m[fix:behind],
+        fix_end_row=(rows[1:] - rows[0])[at],
+        states=stretch.states[at],
+        row_t_s=np.repeat(t_s, np.diff(rows)),
+        anchor_m=log.anchor_m[rows[0] : rows[-1]],
+        range_m=log.range_m[rows[0] : rows[-1]],
     )
-    return (fix + since, fix + known) if known >= 0 else (-1, -1)
 
 
 def _is_certain(log: RangeLog, stretch: Stretch, fix: int, since: int, known: int) -> bool:
@@ -138,10 +132,11 @@ def _is_certain(log: RangeLog, stretch: Stretch, fix: int, since: int, known: in
     at = slice(begin - stretch.begin, end - stretch.begin)
     rows = log.first_row[begin : end + 1]
     start = stretch.start if begin == stretch.begin else stretch.states[at.start]
-    piece = Stretch(begin, end, start, False, stretch.states[at], stretch.covariances[at], np.ones(rows[-1] - rows[0]))
+    all_trusted = np.ones(rows[-1] - rows[0])
+    piece = Stretch(begin, end, start, False, all_trusted, stretch.filtered[at], stretch.states[at])
     smoothed = smooth_stretch(log, piece)
     low, high = max(low, begin), min(high, end)
-    velocity_mps = smoothed.states[low - begin : high - begin, 2:4]
+    velocity_mps = smoothed.states[low - begin : high - begin, 3:]
     leap_mps = np.hypot(*(velocity_mps.max(axis=0) - velocity_mps.min(axis=0)))
     too_short = log.range_m[rows[0] : rows[-1]] - predict_rows(log, smoothed)[0] < -SHORT_RANGE_STD * log.range_std_m
     near = slice(log.first_row[low] - rows[0], log.first_row[high] - rows[0])

@@ -6,16 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.consistency import NOISE_SHARE, Tally, excess_variance, total_excess
-from quadlog.positioning.kalman import Motion
-from quadlog.positioning.range_log import RangeLog, Stretch, predict_rows
+from quadlog.positioning.range_log import RangeLog, Stretch, log_ranges, predict_rows, walker
+from quadlog.positioning.rts import smooth_covariances
 from quadlog.positioning.smoothing import smooth_stretch, smoothed_slope
 from quadlog.positioning.stretches import follow
-from quadlog.positioning.velocity import VelocitySeries, sample_velocity
-
-ACCELERATION_LASTS_S = 0.1
-"""Correlation time of a walker's acceleration, about half a step: density = std^2 x this, in m^2/s^3."""
+from quadlog.positioning.velocity import VelocitySeries
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,28 +85,35 @@ def track_ranges(
     (`smoothing`). Positions' covariances grow with what the residuals show of
     errors that are not white (`consistency`).
     """
-    instant_ns, first_row = np.unique(t_ns, return_index=True)
-    log = RangeLog(
-        instant_ns,
-        np.append(first_row, len(t_ns)).astype(np.int64),
-        np.asarray(anchor, dtype=np.int64),
+    log = log_ranges(
+        t_ns,
+        anchor,
         range_m,
-        *sample_velocity(velocity, instant_ns, causal=not smooth),
+        anchors_m,
         fix_t_ns,
         fix_m,
-        anchors_m,
         range_std_m,
-        Motion(acceleration_std_mps2**2 * ACCELERATION_LASTS_S, tag_height_m, tag_height_std_m),
+        walker(acceleration_std_mps2, tag_height_m, tag_height_std_m),
+        velocity,
+        causal=not smooth,
     )
     judge = _judge_smoothed if smooth else _judge_causal
     return _gather(log, [judge(log, stretch) for stretch in follow(log, causal=not smooth)], causal=not smooth)
 
 
+def smooth_places(log: RangeLog) -> tuple[Int, Float]:
+    """Instants t_ns (T,) and smoothed places (T, 3) of a log: of track_ranges no more than that."""
+    smoothed = [smooth_stretch(log, stretch) for stretch in follow(log, causal=False)]
+    t_ns = np.concatenate([np.empty(0, np.int64), *(log.instant_ns[each.begin : each.end] for each in smoothed)])
+    return t_ns, np.concatenate([np.empty((0, 3)), *(each.states[:, :3] for each in smoothed)])
+
+
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """A stretch, its rows' predicted_m and direction from the anchor, and the slope of weight x residual."""
+    """A stretch, its covariances (T, 5, 5), its rows' predicted_m and direction, and the slope of weight x residual."""
 
     stretch: Stretch
+    covariances: Float
     predicted_m: Float
     unit: Float
     slope: Float
@@ -116,12 +121,14 @@ class _Judged:
 
 def _judge_causal(log: RangeLog, stretch: Stretch) -> _Judged:
     """Beyond a Huber limit the pull does not change with the residual, within it one to one."""
-    return _Judged(stretch, *predict_rows(log, stretch), (stretch.weight >= 1).astype(np.float64))
+    return _Judged(stretch, stretch.covariances, *predict_rows(log, stretch), (stretch.weight >= 1).astype(np.float64))
 
 
 def _judge_smoothed(log: RangeLog, stretch: Stretch) -> _Judged:
     smoothed = smooth_stretch(log, stretch)
-    return _Judged(smoothed, *predict_rows(log, smoothed), smoothed_slope(log, smoothed))
+    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
+    covariances = smooth_covariances(t_s, smoothed.filtered, log.motion)
+    return _Judged(smoothed, covariances, *predict_rows(log, smoothed), smoothed_slope(log, smoothed))
 
 
 def _gather(log: RangeLog, judged: list[_Judged], *, causal: bool) -> TrackedRanges:
@@ -140,40 +147,40 @@ def _gather(log: RangeLog, judged: list[_Judged], *, causal: bool) -> TrackedRan
             stretch.weight,
             each.slope,
             each.unit,
-            np.ascontiguousarray(stretch.covariances[:, log.where][:, :, log.where]),
+            each.covariances[:, : log.axes, : log.axes],
             log.range_std_m,
         )
         excess.append(factor)
     total = total_excess(tally, log.range_std_m)
     factor = np.concatenate(excess)
     stretches = [each.stretch for each in judged]
-    track = _join(log, stretches, factor if causal else np.full(len(factor), total))
+    track = _join(log, judged, factor if causal else np.full(len(factor), total))
     restart_ns = np.array([log.instant_ns[each.begin] for each in stretches if each.restarted], dtype=np.int64)
     return TrackedRanges(track, predicted_m, weight, restart_ns, total)
 
 
-def _join(log: RangeLog, stretches: list[Stretch], excess: Float) -> Track:
+def _join(log: RangeLog, judged: list[_Judged], excess: Float) -> Track:
     """One track, its positions' variance raised by excess (T,) in what ranges brought to it.
 
     Velocities keep theirs: errors that persist move a place, and hardly a velocity.
     """
-    n = len(log.where) + 2
+    stretches = [each.stretch for each in judged]
     t_ns = np.concatenate([np.empty(0, np.int64), *(log.instant_ns[each.begin : each.end] for each in stretches)])
-    states = np.concatenate([np.empty((0, n)), *(each.states for each in stretches)])
-    covariances = np.concatenate([np.empty((0, n, n)), *(each.covariances for each in stretches)])
+    states = np.concatenate([np.empty((0, 5)), *(each.states for each in stretches)])
+    covariances = np.concatenate([np.empty((0, 5, 5)), *(each.covariances for each in judged)])
     position_excess = 1 + NOISE_SHARE * (excess - 1)
     z_m, z_std_m = np.full(len(t_ns), log.motion.height_m), np.zeros(len(t_ns))
-    if n == 5:
-        variance = covariances[:, 4, 4]
+    if log.axes == 3:
+        variance = covariances[:, 2, 2]
         # What the known mean tells of a height is no range's doing.
         from_ranges = variance * (1 - variance / log.motion.height_std_m**2).clip(0)
-        z_m, z_std_m = states[:, 4].copy(), np.sqrt(variance + NOISE_SHARE * (excess - 1) * from_ranges)
+        z_m, z_std_m = states[:, 2].copy(), np.sqrt(variance + NOISE_SHARE * (excess - 1) * from_ranges)
     return Track(
         t_ns=t_ns,
         position_m=states[:, :2].copy(),
-        velocity_mps=states[:, 2:4].copy(),
+        velocity_mps=states[:, 3:].copy(),
         covariance_m2=covariances[:, :2, :2] * position_excess[:, None, None],
-        velocity_covariance_m2ps2=covariances[:, 2:4, 2:4].copy(),
+        velocity_covariance_m2ps2=covariances[:, 3:, 3:].copy(),
         z_m=z_m,
         z_std_m=z_std_m,
         position_excess=position_excess,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from quadlog.positioning.descent import descend_all, invert_normal, normal_equations, spread_of
+from quadlog.positioning.descent import descend_all, invert_normal, invert_one, normal_equations
+from quadlog.positioning.linear import spread_of
 
 RNG = np.random.default_rng(1)
 ANCHORS_M = RNG.uniform(-6, 6, (6, 3))
@@ -17,9 +18,9 @@ def test_the_gradient_is_that_of_the_cost(limits):
     place_m = np.array([0.7, 0.8, 0.1])
 
     def cost(p):
-        return normal_equations(*p, True, ANCHORS_M, RANGE_M, 6, *limits)[9]
+        return normal_equations(*p, 1.0, ANCHORS_M, RANGE_M[None], 0, *limits)[9]
 
-    normal = normal_equations(*place_m, True, ANCHORS_M, RANGE_M, 6, *limits)
+    normal = normal_equations(*place_m, 1.0, ANCHORS_M, RANGE_M[None], 0, *limits)
     np.testing.assert_allclose(approx_fprime(place_m, cost, 1e-7), -2 * np.array(normal[6:9]), rtol=1e-4)
 
 
@@ -27,7 +28,7 @@ def test_weights_are_hubers():
     """One range, along x: weight times residual is the limit, and the cost goes on in a straight line."""
     anchor_m = np.zeros((1, 3))
     for range_m, weight, cost in ((5.05, 1.0, 0.0025), (5.4, 0.25, 0.1 * 0.7), (4.6, 0.5, 0.2 * 0.6)):
-        normal = normal_equations(5.0, 0.0, 0.0, True, anchor_m, np.array([range_m]), 1, 0.1, 0.2)
+        normal = normal_equations(5.0, 0.0, 0.0, 1.0, anchor_m, np.array([[range_m]]), 0, 0.1, 0.2)
         assert normal[0] == pytest.approx(weight)
         assert normal[6] == pytest.approx(weight * (range_m - 5))
         assert normal[9] == pytest.approx(cost)
@@ -38,9 +39,14 @@ def test_the_inverse_is_one_and_refuses_what_has_none():
     ok, xx, xy, yy, xz, yz, zz = invert_normal(*matrix[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
     assert ok
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], np.linalg.inv(matrix), rtol=1e-9)
-    assert not invert_normal(1.0, 1.0, 1.0, 0.0, 0.0, 1.0)[0]
-    assert not invert_normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[0]
-    assert not invert_normal(np.nan, 0.0, 1.0, 0.0, 0.0, 1.0)[0]
+    flat, none, unknown = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (np.nan, 0.0, 1.0, 0.0, 0.0, 1.0)
+    for entries in (flat, none, unknown):
+        assert not invert_one(*entries)[0]
+    one = matrix[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sharp, *inverse = invert_normal(*np.array([one, flat, none, unknown]).T)
+    np.testing.assert_array_equal(sharp, [True, False, False, False])
+    np.testing.assert_allclose([each[0] for each in inverse], invert_one(*one)[1:], rtol=1e-12)
 
 
 @pytest.mark.parametrize("unknowns", [2, 3])
@@ -49,8 +55,14 @@ def test_spread_is_the_distance_from_the_plane_that_fits_best(unknowns):
     flat_m[:, unknowns - 1] *= 0.004
     known_m = flat_m[:, :unknowns] - flat_m[:, :unknowns].mean(axis=0)
     expected_m2 = np.linalg.svd(known_m, compute_uv=False)[-1] ** 2 / 7
-    assert spread_of(flat_m, 7, unknowns == 3) == pytest.approx(expected_m2, rel=1e-4)
-    assert spread_of(flat_m * 0, 7, unknowns == 3) == 0
+    heard = np.ones((3, 7), dtype=bool)
+    heard[1, 5:] = heard[2, 1:] = False
+    found_m2 = spread_of(flat_m, heard, unknowns == 3)
+    assert found_m2[0] == pytest.approx(expected_m2, rel=1e-4)
+    alone_m2 = spread_of(flat_m[:5], np.ones((1, 5), dtype=bool), unknowns == 3)
+    assert found_m2[1] == pytest.approx(alone_m2[0], rel=1e-9)
+    assert found_m2[2] == 0
+    assert not spread_of(flat_m * 0, heard, unknowns == 3).any()
 
 
 def test_a_frozen_height_stays(lab):

@@ -8,6 +8,7 @@ from quadlog.messages import Float
 from quadlog.positioning.shared_errors import (
     SharedErrors,
     bias_covariance_at,
+    column_medians,
     scatter_covariances,
     solve_shared_errors,
     wander_covariance,
@@ -130,3 +131,28 @@ def test_weights_forgive_a_bias_and_distrust_what_is_late_or_early():
     assert max(weight[7, 1], weight[8, 1]) < 0.01 * 100
     np.testing.assert_allclose(np.median(weight, axis=0), np.median(weight), rtol=0.05)
     assert np.median(weight) > 0.7 * 100
+
+
+def test_medians_pass_over_what_is_not_there():
+    rng = np.random.default_rng(6)
+    values = rng.standard_normal((41, 4))
+    values[rng.random(values.shape) < 0.4] = np.nan
+    values[:, 2] = np.nan
+    got = column_medians(values)
+    np.testing.assert_array_equal(got[[0, 1, 3]], np.nanmedian(values[:, [0, 1, 3]], axis=0))
+    assert got[2] == 0
+    assert not column_medians(np.empty((0, 3))).any()
+
+
+@pytest.mark.parametrize("free_axes", [2, 3])
+def test_epochs_without_a_sharp_fix_do_not_count(free_axes):
+    """Those whose directions hardly differ, as the smallest eigenvalue of U^T W U has it."""
+    rng = np.random.default_rng(8)
+    place_m = rng.uniform(-9, 15, (60, 3))
+    weight = rng.uniform(0, 100, (60, 5)) * (rng.random((60, 5)) < 0.8)
+    errors = solve_shared_errors(ANCHORS_M, NONE, ranges(place_m, ANCHORS_M), weight, place_m, free_axes, np.eye(5))
+    towards = (place_m[:, None] - ANCHORS_M) / ranges(place_m, ANCHORS_M)[:, :, None]
+    normal = np.einsum("ea,eai,eaj->eij", weight, towards[:, :, :free_axes], towards[:, :, :free_axes])
+    sharp = np.linalg.eigvalsh(normal)[:, 0] > 0.05 * weight.max()
+    assert 0 < sharp.sum() < 60
+    np.testing.assert_array_equal(errors.reach.any(axis=(1, 2)), sharp)
