@@ -21,7 +21,6 @@ from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome, Rep
 from quadlog.recordings.find import find_recordings
 from quadlog.results.names import run_names
 from quadlog.results.record import own_files
-from quadlog.results.report import write_folder_report
 from quadlog.results.schemas import METRIC_NAMES, TABLES
 from quadlog.results.tables import has_table, read_table, write_table
 
@@ -171,6 +170,8 @@ def _tell(progress: Progress, outcome: ReplayOutcome, lines: Sequence[str]) -> R
 
 def _summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
     """summary.parquet and report.html of each output folder; rows of earlier commands stay, and others' files too."""
+    from quadlog.results.folder_report import write_folder_report
+
     for folder in sorted(folders):
         if not folder.is_dir():
             continue

@@ -95,12 +95,9 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         progress.say(f"{request.run}: already done with the same input, config and version")
         return finished
 
-    from quadlog.pipelines.stages.control import resimulate_walk
     from quadlog.pipelines.stages.ingest import open_walk
     from quadlog.pipelines.stages.perceive import filter_and_map, filter_scans
-    from quadlog.pipelines.stages.plan import replan_walk
     from quadlog.pipelines.stages.position import locate_walk
-    from quadlog.pipelines.stages.report import finish_walk
     from quadlog.pipelines.stages.warm_up import warm_up
 
     todo = stages_until(request.options.until)
@@ -115,9 +112,16 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         elif "filter" in todo:
             filter_scans(walk)
         if "plan" in todo:
+            from quadlog.pipelines.stages.plan import replan_walk
+
             replan_walk(walk)
         if "control" in todo:
+            from quadlog.pipelines.stages.control import resimulate_walk
+
             resimulate_walk(walk)
+        # Drawing is not loaded before there is something to draw.
+        from quadlog.pipelines.stages.report import finish_walk
+
         metrics = finish_walk(walk, request, startup_s)
         losses = walk.losses
     reason = "; ".join(loss.detail for loss in losses)

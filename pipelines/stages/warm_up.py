@@ -22,10 +22,7 @@ from quadlog.messages import RangeSeries
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
 from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import classifier
-from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
-from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 
 
 def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None]) -> float:
@@ -105,6 +102,10 @@ def _map_toy_scan(config: Config) -> None:
 
 def _walk_toy_map() -> None:
     """Two replans and a few ticks about an obstacle, from inside its dilation to a goal outside the window."""
+    from quadlog.planning.registry import make_planner
+    from quadlog.planning.replan import Replanner, ReplanSettings
+    from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+
     window = window_around(np.zeros(2), 0.1, 41)
     occupied = np.zeros(window.shape, dtype=np.bool_)
     occupied[18:23, 22] = True

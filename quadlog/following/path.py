@@ -1,11 +1,11 @@
-"""Where a robot is beside its path, and what lies ahead on it. Compiled: asked at every tick of a controller."""
+"""Where a robot is beside its path, and what lies ahead on it."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-from numba import njit
+import numpy as np
 
 from quadlog.messages import Float
 
@@ -27,33 +27,24 @@ class PathPosition(NamedTuple):
     heading_rad: float
 
 
-@njit(cache=True)
 def nearest_on_path(path: Float, x_m: float, y_m: float) -> PathPosition:
     """The nearest point of a polyline (K, 2); among equals the first. Repeated points and K = 1 are fine."""
-    best, best_fraction, best_squared = 0, 0.0, math.inf
-    for i in range(max(len(path) - 1, 1)):
-        j = min(i + 1, len(path) - 1)
-        dx, dy = path[j, 0] - path[i, 0], path[j, 1] - path[i, 1]
-        squared_length = dx * dx + dy * dy
-        fraction = 0.0
-        if squared_length > 0:
-            fraction = ((x_m - path[i, 0]) * dx + (y_m - path[i, 1]) * dy) / squared_length
-            fraction = min(max(fraction, 0.0), 1.0)
-        away_x, away_y = path[i, 0] + fraction * dx - x_m, path[i, 1] + fraction * dy - y_m
-        squared = away_x * away_x + away_y * away_y
-        if squared < best_squared:
-            best, best_fraction, best_squared = i, fraction, squared
-    j = min(best + 1, len(path) - 1)
-    dx, dy = path[j, 0] - path[best, 0], path[j, 1] - path[best, 1]
-    near_x, near_y = path[best, 0] + best_fraction * dx, path[best, 1] + best_fraction * dy
+    x, y = path[:, 0], path[:, 1]
+    starts = slice(None, -1) if len(path) > 1 else slice(None)
+    dx, dy = _steps(path)
+    squared_length = dx * dx + dy * dy
+    along = (x_m - x[starts]) * dx + (y_m - y[starts]) * dy
+    fraction = np.minimum(np.maximum(along / np.where(squared_length > 0, squared_length, 1.0), 0.0), 1.0)
+    near_x, near_y = x[starts] + fraction * dx, y[starts] + fraction * dy
+    squared = (near_x - x_m) ** 2 + (near_y - y_m) ** 2
+    best = int(squared.argmin())
+    distance, at_x, at_y = math.sqrt(squared[best]), float(near_x[best]), float(near_y[best])
     heading = segment_heading(path, best)
-    distance = math.sqrt(best_squared)
-    if math.cos(heading) * (y_m - near_y) - math.sin(heading) * (x_m - near_x) < 0:
+    if math.cos(heading) * (y_m - at_y) - math.sin(heading) * (x_m - at_x) < 0:
         distance = -distance
-    return PathPosition(best, best_fraction, near_x, near_y, distance, heading)
+    return PathPosition(best, float(fraction[best]), at_x, at_y, distance, heading)
 
 
-@njit(cache=True)
 def segment_heading(path: Float, segment: int) -> float:
     """Direction in radians of a segment, or of the nearest one that has a length; NaN if none has."""
     last = len(path) - 2
@@ -66,29 +57,19 @@ def segment_heading(path: Float, segment: int) -> float:
     return math.nan
 
 
-@njit(cache=True)
 def remaining_length(path: Float, segment: int, fraction: float) -> float:
     """Metres along the path (K, 2) from a point on it to its end."""
-    length = 0.0
-    for i in range(segment, len(path) - 1):
-        step = math.hypot(path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1])
-        length += step * (1 - fraction) if i == segment else step
-    return length
+    length_m = np.hypot(*_steps(path))[segment:]
+    length_m[:1] *= 1 - fraction
+    return float(length_m.sum())
 
 
-@njit(cache=True)
-def point_at_length(path: Float, length_m: float) -> tuple[float, float]:
-    """The point so far along the path (K, 2) from its start; its end beyond that."""
-    for i in range(len(path) - 1):
-        dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
-        step = math.hypot(dx, dy)
-        if length_m <= step and step > 0:
-            return path[i, 0] + dx * length_m / step, path[i, 1] + dy * length_m / step
-        length_m -= step
-    return path[-1, 0], path[-1, 1]
+def points_at_lengths(path: Float, length_m: Float) -> Float:
+    """The points (N, 2) so far along the path (K, 2) from its start, (N,); its ends beyond that."""
+    arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*_steps(path)))])[: len(path)]
+    return np.stack([np.interp(length_m, arc_m, path[:, axis]) for axis in (0, 1)], axis=1)
 
 
-@njit(cache=True)
 def lookahead_point(path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float) -> tuple[float, float]:
     """The first point of the path, from the nearest one on, that is lookahead_m away from the robot.
 
@@ -97,15 +78,24 @@ def lookahead_point(path: Float, x_m: float, y_m: float, near: PathPosition, loo
     start_x, start_y = near.x_m, near.y_m
     if math.hypot(start_x - x_m, start_y - y_m) >= lookahead_m:
         return start_x, start_y
-    for i in range(near.segment + 1, len(path)):
-        end_x, end_y = path[i, 0], path[i, 1]
-        if math.hypot(end_x - x_m, end_y - y_m) >= lookahead_m:
-            # |start + s d - robot| = l, from inside the circle to outside: one root in 0..1.
-            dx, dy = end_x - start_x, end_y - start_y
-            from_x, from_y = start_x - x_m, start_y - y_m
-            a, b = dx * dx + dy * dy, from_x * dx + from_y * dy
-            c = from_x * from_x + from_y * from_y - lookahead_m * lookahead_m
-            s = (-b + math.sqrt(max(b * b - a * c, 0.0))) / a
-            return start_x + s * dx, start_y + s * dy
-        start_x, start_y = end_x, end_y
-    return path[-1, 0], path[-1, 1]
+    away_m = np.hypot(path[near.segment + 1 :, 0] - x_m, path[near.segment + 1 :, 1] - y_m)
+    outside = int((away_m >= lookahead_m).argmax()) if len(away_m) else 0
+    if len(away_m) == 0 or away_m[outside] < lookahead_m:
+        return float(path[-1, 0]), float(path[-1, 1])
+    end_x, end_y = path[near.segment + 1 + outside].tolist()
+    if outside > 0:
+        start_x, start_y = path[near.segment + outside].tolist()
+    # |start + s d - robot| = l, from inside the circle to outside: one root in 0..1.
+    dx, dy = end_x - start_x, end_y - start_y
+    from_x, from_y = start_x - x_m, start_y - y_m
+    a, b = dx * dx + dy * dy, from_x * dx + from_y * dy
+    c = from_x * from_x + from_y * from_y - lookahead_m * lookahead_m
+    s = (-b + math.sqrt(max(b * b - a * c, 0.0))) / a
+    return start_x + s * dx, start_y + s * dy
+
+
+def _steps(path: Float) -> tuple[Float, Float]:
+    """(dx, dy), (K - 1,) each, from point to point; one of no length for a path of one point."""
+    if len(path) == 1:
+        return np.zeros(1), np.zeros(1)
+    return path[1:, 0] - path[:-1, 0], path[1:, 1] - path[:-1, 1]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
-from quadlog.following.path import lookahead_point, nearest_on_path, remaining_length
+from quadlog.following.path import PathPosition, lookahead_point, nearest_on_path, remaining_length
 from quadlog.messages import Float
 
 # Within this of its end the path has been walked.
@@ -27,7 +25,6 @@ class Command(NamedTuple):
     lookahead_y_m: float
 
 
-@njit(cache=True)
 def pure_pursuit(
     x_m: float,
     y_m: float,
@@ -37,15 +34,30 @@ def pure_pursuit(
     speed_mps: float,
     max_yaw_rate_radps: float,
 ) -> Command:
-    """The command for a robot at a pose beside a path (K, 2) in map, K >= 1.
+    """The command for a robot at a pose beside a path (K, 2) in map, K >= 1; see `pursue`."""
+    near = nearest_on_path(path, x_m, y_m)
+    return pursue(x_m, y_m, yaw_rad, path, near, lookahead_m, speed_mps, max_yaw_rate_radps)
+
+
+def pursue(
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    path: Float,
+    near: PathPosition,
+    lookahead_m: float,
+    speed_mps: float,
+    max_yaw_rate_radps: float,
+) -> Command:
+    """The command for a robot whose nearest point of the path is known.
 
     Curvature 2 y_l / l^2, y_l being how far left the look-ahead point lies and l
     its distance: lookahead_m, less near the path's end. In curves tighter than
     the yaw rate allows the robot goes slower, so it stays on the arc.
     """
-    near = nearest_on_path(path, x_m, y_m)
     ahead_x, ahead_y = lookahead_point(path, x_m, y_m, near, lookahead_m)
-    to_end = math.hypot(path[-1, 0] - x_m, path[-1, 1] - y_m)
+    end_x, end_y = path[-1].tolist()
+    to_end = math.hypot(end_x - x_m, end_y - y_m)
     to_walk = max(remaining_length(path, near.segment, near.fraction), to_end)
     distance = math.hypot(ahead_x - x_m, ahead_y - y_m)
     if to_walk <= ARRIVED_M or distance == 0:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from quadlog.planning.protocol import Bool, Cell, Cells, Plan, is_usable, no_plan
-from quadlog.planning.route import best_waypoint, count_in_window, direct_way, is_legal, nearest_index
+from quadlog.planning.route import best_waypoint, direct_way, rest_of_route
 from quadlog.planning.search_core import GridSearch
 
 # A robot that follows a smooth path is rarely farther than this from the cells it was planned on.
@@ -52,10 +52,10 @@ class IAStar:
         if route is None:
             return nothing, 0
         moved = route - np.array(shift, dtype=np.int32)
-        rest = moved[nearest_index(moved, start[0], start[1]) :]
-        rest = rest[: count_in_window(rest, blocked.shape)]
-        if len(rest) == 0 or not is_legal(blocked, rest, self._corner_cutting):
+        first, end = rest_of_route(blocked, moved, start[0], start[1], self._corner_cutting)
+        if end == first:
             return nothing, 0
+        rest = moved[first:end]
         anchor_col, anchor_row = int(rest[0, 0]), int(rest[0, 1])
         if (anchor_col, anchor_row) == start:
             return rest, len(rest)
@@ -63,7 +63,7 @@ class IAStar:
             return nothing, 0
         for diagonal_first in (True, False):
             link = direct_way(start[0], start[1], anchor_col, anchor_row, diagonal_first)
-            if is_legal(blocked, link, self._corner_cutting):
+            if rest_of_route(blocked, link, start[0], start[1], self._corner_cutting) == (0, len(link)):
                 return np.concatenate([link[:-1], rest]), len(rest)
         return nothing, 0
 

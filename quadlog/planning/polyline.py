@@ -16,8 +16,10 @@ CORNER = 1e-9
 
 def arc_lengths(points: Float) -> Float:
     """Length along a polyline (K, 2) from its first point to each of its points, (K,)."""
-    steps = np.diff(points, axis=0)
-    return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    steps = points[1:] - points[:-1]
+    lengths = np.zeros(len(points))
+    np.cumsum(np.hypot(steps[:, 0], steps[:, 1]), out=lengths[1:])
+    return lengths
 
 
 def resample(points: Float, count: int) -> Float:
@@ -27,40 +29,36 @@ def resample(points: Float, count: int) -> Float:
     return np.stack([np.interp(wanted, arc, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def is_free(blocked: Bool, points_cells: Float) -> bool:
     """Whether a polyline (K, 2) touches free cells only; in cells: cell (c, r) spans [c, c+1) by [r, r+1).
 
     Walks from cell to cell exactly, so no thin corner slips between samples.
     Through a common corner of four cells it passes diagonally. Outside is blocked.
     """
-    for i in range(max(len(points_cells) - 1, 1)):
-        j = min(i + 1, len(points_cells) - 1)
+    rows, cols = blocked.shape
+    last = len(points_cells) - 1
+    for i in range(last if last > 0 else 1):
+        j = i + 1 if last > 0 else i
         x, y = points_cells[i, 0], points_cells[i, 1]
-        if not _segment_is_free(blocked, x, y, points_cells[j, 0] - x, points_cells[j, 1] - y):
-            return False
+        dx, dy = points_cells[j, 0] - x, points_cells[j, 1] - y
+        col, row = math.floor(x), math.floor(y)
+        end_col, end_row = math.floor(x + dx), math.floor(y + dy)
+        # How far along the segment, of 0..1, the next border of a column and of a row is met.
+        across = (col + (dx > 0) - x) / dx if dx != 0 else math.inf
+        along = (row + (dy > 0) - y) / dy if dy != 0 else math.inf
+        while True:
+            if col < 0 or row < 0 or col >= cols or row >= rows or blocked[row, col]:
+                return False
+            if col == end_col and row == end_row:
+                break
+            # Both at once where the borders meet in a corner.
+            take_col = col != end_col and (row == end_row or across < along + CORNER)
+            take_row = row != end_row and (col == end_col or along < across + CORNER)
+            if take_col:
+                col += 1 if dx > 0 else -1
+                across += abs(1 / dx)
+            if take_row:
+                row += 1 if dy > 0 else -1
+                along += abs(1 / dy)
     return True
-
-
-@njit(cache=True)
-def _segment_is_free(blocked: Bool, x: float, y: float, dx: float, dy: float) -> bool:
-    col, row = math.floor(x), math.floor(y)
-    end_col, end_row = math.floor(x + dx), math.floor(y + dy)
-    step_col, step_row = 1 if dx > 0 else -1, 1 if dy > 0 else -1
-    # How far along the segment, of 0..1, the next border of a column and of a row is met.
-    across = (col + (dx > 0) - x) / dx if dx != 0 else math.inf
-    along = (row + (dy > 0) - y) / dy if dy != 0 else math.inf
-    while True:
-        if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]) or blocked[row, col]:
-            return False
-        if col == end_col and row == end_row:
-            return True
-        # Both at once where the borders meet in a corner.
-        take_col = col != end_col and (row == end_row or across < along + CORNER)
-        take_row = row != end_row and (col == end_col or along < across + CORNER)
-        if take_col:
-            col += step_col
-            across += abs(1 / dx)
-        if take_row:
-            row += step_row
-            along += abs(1 / dy)

@@ -8,6 +8,9 @@ with the same f have a larger g than everything in it, so they go on top and it
 stays sorted: ties go to the larger g exactly. A stamp per cell tells this
 search's values from older ones, so nothing is cleared between calls. A border
 of blocked cells around the grid spares the bounds checks.
+
+It is one kernel that allocates nothing, with its helpers inlined as they are
+typed: apart, each would cost as much to compile again as it does together.
 """
 
 from __future__ import annotations
@@ -27,7 +30,6 @@ STEP_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
 STEP_COST = np.array([10, 10, 10, 10, 14, 14, 14, 14])
 
 RING = 16
-SMALL_SORT = 24
 # Columns of the per-cell record: best cost, stamp (2 * generation, + 1 when closed), list neighbours.
 G, STAMP, NEXT, PREVIOUS = 0, 1, 2, 3
 MAX_GENERATION = 2**30 - 1
@@ -46,7 +48,7 @@ class SearchResult:
 
 
 class GridSearch:
-    """A* with its work arrays kept from call to call: 26 bytes a cell, of which only touched pages become memory."""
+    """A* with its work arrays kept from call to call: 34 bytes a cell, of which only touched pages become memory."""
 
     def __init__(self, corner_cutting: bool = False) -> None:
         self._corner_cutting = corner_cutting
@@ -60,22 +62,13 @@ class GridSearch:
         self._prepare(blocked)
         width = self._padded.shape[1]
         first, last = ((row + 1) * width + col + 1 for col, row in (start, goal))
-        expanded, generated, touched, found = _search(
-            self._padded.reshape(-1),
-            width,
-            first,
-            last,
-            self._corner_cutting,
-            self._generation,
-            self._records,
-            self._parent_step,
-            self._stack,
-            self._scratch,
+        bucket = octile.py_func(goal[0] - start[0], goal[1] - start[1]) >> 1
+        length, expanded, generated, touched = _search(
+            *self._work, width, first, (goal[0] + 1, goal[1] + 1), bucket, self._corner_cutting, 2 * self._generation
         )
-        if not found:
-            return SearchResult(False, np.empty((0, 2), dtype=np.int32), NO_COST, expanded, generated, touched)
-        cells = _walk_back(self._parent_step, width, first, last)
-        return SearchResult(True, cells, int(self._records[last, G]), expanded, generated, touched)
+        cost = int(self._records[last, G]) if length else NO_COST
+        cells = self._way[len(self._way) - length :].copy()
+        return SearchResult(length > 0, cells, cost, expanded, generated, touched)
 
     def _prepare(self, blocked: Bool) -> None:
         padded_shape = (blocked.shape[0] + 2, blocked.shape[1] + 2)
@@ -83,9 +76,14 @@ class GridSearch:
             count = padded_shape[0] * padded_shape[1]
             self._padded = np.ones(padded_shape, dtype=np.uint8)
             self._records = np.zeros((count, 4), dtype=np.int32)
-            self._parent_step = np.empty(count, dtype=np.int8)
-            self._stack = np.empty(count, dtype=np.int32)
-            self._scratch = np.empty(count, dtype=np.int32)
+            parent_step = np.empty(count, dtype=np.int8)
+            stack, listed = np.empty((2, count), dtype=np.int32)
+            keys, heads = np.empty(count, dtype=np.int64), np.empty(RING, dtype=np.int64)
+            # The same memory: nothing is sorted any more when the way is written down.
+            self._way = keys.view(np.int32).reshape(count, 2)
+            steps = STEP_ROW * padded_shape[1] + STEP_COL
+            padded = self._padded.reshape(-1)
+            self._work = (padded, self._records, parent_step, stack, listed, keys, self._way, heads, steps)
             self._generation = 0
         if self._generation == MAX_GENERATION:
             self._records[:, STAMP] = 0
@@ -94,63 +92,43 @@ class GridSearch:
         self._padded[1:-1, 1:-1] = blocked
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def octile(dcol: int, drow: int) -> int:
     """Cost of the way over free cells: 14 for each diagonal step, 10 for the rest."""
     across, along = abs(dcol), abs(drow)
-    return 10 * max(across, along) + 4 * min(across, along)
+    # The same as 10 max + 4 min, in fewer branches.
+    return 7 * (across + along) + 3 * abs(across - along)
 
 
-@njit(cache=True)
-def _sort_by_cost(cells, count, records, scratch):  # type: ignore[no-untyped-def]
-    """Sorts cells[:count] by rising g: by insertion when few, else byte by byte (radix), g being even."""
-    if count <= SMALL_SORT:
-        for i in range(1, count):
-            cell, g = cells[i], records[cells[i], G]
-            j = i
-            while j > 0 and records[cells[j - 1], G] > g:
-                cells[j] = cells[j - 1]
-                j -= 1
-            cells[j] = cell
-        return
-    low = high = records[cells[0], G]
+@njit(cache=True, error_model="numpy", inline="always")
+def _sort(keys, count):  # type: ignore[no-untyped-def]
+    """Sorts keys[:count] by insertion: a list comes nearly sorted, for what is linked later mostly has a smaller g."""
     for i in range(1, count):
-        g = records[cells[i], G]
-        low, high = min(low, g), max(high, g)
-    shift = 1
-    places = np.empty(257, dtype=np.int64)
-    while (high - low) >> shift:
-        places[:] = 0
-        for i in range(count):
-            places[(((records[cells[i], G] - low) >> shift) & 255) + 1] += 1
-        for byte in range(256):
-            places[byte + 1] += places[byte]
-        for i in range(count):
-            byte = ((records[cells[i], G] - low) >> shift) & 255
-            scratch[places[byte]] = cells[i]
-            places[byte] += 1
-        cells[:count] = scratch[:count]
-        shift += 8
+        key = keys[i]
+        j = i
+        while j > 0 and keys[j - 1] > key:
+            keys[j] = keys[j - 1]
+            j -= 1
+        keys[j] = key
 
 
-@njit(cache=True)
-def _next_bucket(heads, bucket, records, stack, scratch):  # type: ignore[no-untyped-def]
-    """Moves the next non-empty list, sorted, to the stack: (its f/2, its count), count 0 when OPEN is empty."""
-    for ahead in range(1, RING):
-        head = heads[(bucket + ahead) % RING]
-        if head >= 0:
-            count = 0
-            while head >= 0:
-                stack[count] = head
-                count += 1
-                head = records[head, NEXT]
-            heads[(bucket + ahead) % RING] = -1
-            _sort_by_cost(stack, count, records, scratch)
-            return bucket + ahead, count
-    return bucket, 0
+@njit(cache=True, error_model="numpy", inline="always")
+def _take_list(heads, slot, records, stack, listed, keys):  # type: ignore[no-untyped-def]
+    """Moves a list to the stack, by rising g and among equals as it was linked; returns how many cells it had."""
+    count, cell = 0, heads[slot]
+    heads[slot] = -1
+    while cell >= 0:
+        listed[count] = cell
+        keys[count] = records[cell, G] << 32 | count
+        count += 1
+        cell = records[cell, NEXT]
+    _sort(keys, count)
+    for i in range(count):
+        stack[i] = listed[keys[i] & 0xFFFFFFFF]
+    return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _link(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     head = heads[slot]
     records[cell, NEXT] = head
@@ -160,7 +138,7 @@ def _link(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     heads[slot] = cell
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _unlink(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     after, before = records[cell, NEXT], records[cell, PREVIOUS]
     if before >= 0:
@@ -171,7 +149,19 @@ def _unlink(heads, slot, cell, records):  # type: ignore[no-untyped-def]
         records[after, PREVIOUS] = before
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
+def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ignore[no-untyped-def]
+    """Writes the path to the last rows of way, (col, row) from start to goal without the border: how many they are."""
+    col, row, first = goal_col, goal_row, len(way) - 1
+    way[first, 0], way[first, 1] = col - 1, row - 1
+    while row * width + col != start:
+        k = parent_step[row * width + col]
+        col, row, first = col - STEP_COL[k], row - STEP_ROW[k], first - 1
+        way[first, 0], way[first, 1] = col - 1, row - 1
+    return len(way) - first
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untyped-def]
     """The steps allowed from a cell, as bits 0..7 in STEP_COL's order. Unsigned indices spare numba's wrap-around."""
     here, up, one = np.uint64(cell), np.uint64(width), np.uint64(1)
@@ -187,33 +177,51 @@ def _legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untype
     return 255 - (straight | north_east << 4 | north_west << 5 | south_west << 6 | south_east << 7)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _search(  # type: ignore[no-untyped-def]
-    padded, width, start, goal, corner_cutting, generation, records, parent_step, stack, scratch
+    padded,
+    records,
+    parent_step,
+    stack,
+    listed,
+    keys,
+    way,
+    heads,
+    steps,
+    width,
+    start,
+    goal_cell,
+    bucket,
+    cutting,
+    is_open,
 ):
-    """(expanded, generated, touched, found); parent_step and records then hold the path and its cost."""
-    steps = STEP_ROW * width + STEP_COL
-    goal_row, goal_col = goal // width, goal % width
-    is_open, is_closed = 2 * generation, 2 * generation + 1
-    heads = np.full(RING, -1, dtype=np.int64)
-    bucket = octile(goal_col - start % width, goal_row - start // width) >> 1
+    """(cells of the path, expanded, generated, touched); way's last rows then hold the path, records its cost.
+
+    start is a flat index in the grid with its border, goal_cell (col, row) counts that too; bucket: f/2 of start.
+    """
+    goal_col, goal_row = goal_cell
+    goal, is_closed = goal_row * width + goal_col, is_open + 1
+    for slot in range(RING):
+        heads[slot] = -1
     records[start, G], records[start, STAMP] = 0, is_open
     stack[0] = start
     count, expanded, generated, touched = 1, 0, 1, 0
     while True:
+        farthest = bucket + RING
+        while count == 0 and bucket < farthest:
+            bucket += 1
+            count = _take_list(heads, bucket & RING - 1, records, stack, listed, keys)
         if count == 0:
-            bucket, count = _next_bucket(heads, bucket, records, stack, scratch)
-            if count == 0:
-                return expanded, generated, touched, False
+            return 0, expanded, generated, touched
         count -= 1
         cell = stack[count]
         records[cell, STAMP] = is_closed
         expanded += 1
         if cell == goal:
-            return expanded, generated, touched, True
+            return _walk_back(parent_step, way, width, start, goal_col, goal_row), expanded, generated, touched
         g, row = records[cell, G], cell // width
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)
-        legal = _legal_steps(padded, cell, width, corner_cutting)
+        legal = _legal_steps(padded, cell, width, cutting)
         for k in range(8):
             if not (legal >> k) & 1:
                 continue
@@ -230,7 +238,7 @@ def _search(  # type: ignore[no-untyped-def]
                 old_g = records[neighbour, G]
                 if new_g >= old_g:
                     continue
-                _unlink(heads, ((old_g + h) >> 1) % RING, neighbour, records)
+                _unlink(heads, ((old_g + h) >> 1) & RING - 1, neighbour, records)
             records[neighbour, G], records[neighbour, STAMP] = new_g, is_open
             parent_step[neighbour] = k
             new_bucket = (new_g + h) >> 1
@@ -238,22 +246,4 @@ def _search(  # type: ignore[no-untyped-def]
                 stack[count] = neighbour
                 count += 1
             else:
-                _link(heads, new_bucket % RING, neighbour, records)
-
-
-@njit(cache=True)
-def _walk_back(parent_step, width, start, goal):  # type: ignore[no-untyped-def]
-    """The path as (L, 2) int32 (col, row) from start to goal, without the border."""
-    length, cell = 1, goal
-    while cell != start:
-        k = parent_step[cell]
-        cell -= STEP_ROW[k] * width + STEP_COL[k]
-        length += 1
-    cells = np.empty((length, 2), dtype=np.int32)
-    cell = goal
-    for i in range(length - 1, -1, -1):
-        cells[i, 0], cells[i, 1] = cell % width - 1, cell // width - 1
-        if i > 0:
-            k = parent_step[cell]
-            cell -= STEP_ROW[k] * width + STEP_COL[k]
-    return cells
+                _link(heads, new_bucket & RING - 1, neighbour, records)

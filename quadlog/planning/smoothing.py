@@ -21,7 +21,7 @@ from quadlog.planning.protocol import Bool
 # A curved corner has at least this many chords, whatever the spacing.
 LEAST_CHORDS = 4
 # Samples from which a corner's length and its equal spacing are taken.
-DENSE_SAMPLES = 33
+DENSE_SAMPLES = np.linspace(0.0, 1.0, 33)
 SAME_SLOPE = 1e-6
 
 
@@ -96,7 +96,7 @@ def _merge_close(path: Float, turning: Int, merge_distance: float) -> list[int]:
 
 def _rounded_corner(before: Float, at: Float, after: Float, spacing: float, blocked: Bool) -> Float:
     """The curve from the middle of one side to the middle of the next, or those sides where it is not free."""
-    dense = spline_point(before, at, after, np.linspace(0.0, 1.0, DENSE_SAMPLES))
+    dense = spline_point(before, at, after, DENSE_SAMPLES)
     chords = max(math.ceil(arc_lengths(dense)[-1] / spacing), LEAST_CHORDS)
     curve = resample(dense, chords + 1)
     if is_free(blocked, curve):

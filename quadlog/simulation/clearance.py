@@ -18,7 +18,7 @@ def occupied_centres(occupied: Bool, window: Window) -> Float:
     return window.centre_of(np.stack([cols, rows], axis=1))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def body_clearance(
     x_m: float, y_m: float, yaw_rad: float, length_m: float, width_m: float, centres_m: Float, cell_m: float
 ) -> float:
@@ -30,7 +30,10 @@ def body_clearance(
     nearest = math.inf
     for i in range(len(centres_m)):
         dx, dy = centres_m[i, 0] - x_m, centres_m[i, 1] - y_m
-        outside_x = max(abs(cos * dx + sin * dy) - length_m / 2, 0.0)
-        outside_y = max(abs(cos * dy - sin * dx) - width_m / 2, 0.0)
-        nearest = min(nearest, outside_x * outside_x + outside_y * outside_y)
+        outside_x, outside_y = abs(cos * dx + sin * dy) - length_m / 2, abs(cos * dy - sin * dx) - width_m / 2
+        outside_x = outside_x if outside_x > 0 else 0.0
+        outside_y = outside_y if outside_y > 0 else 0.0
+        squared = outside_x * outside_x + outside_y * outside_y
+        if squared < nearest:
+            nearest = squared
     return math.sqrt(nearest) - cell_m / 2

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
 
-
-@njit(cache=True)
 def unicycle_step(
     x_m: float, y_m: float, yaw_rad: float, v_mps: float, yaw_rate_radps: float, duration_s: float
 ) -> tuple[float, float, float]:

@@ -1,13 +1,12 @@
-"""The ticks between two maps: a robot follows one plan, and every tick is written down. Compiled."""
+"""The ticks between two maps: a robot follows one plan, and every tick is written down."""
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from quadlog.following.path import nearest_on_path, point_at_length
-from quadlog.following.pure_pursuit import pure_pursuit
+from quadlog.following.path import nearest_on_path, points_at_lengths
+from quadlog.following.pure_pursuit import pursue
+from quadlog.messages import Float
 from quadlog.simulation.clearance import body_clearance
 from quadlog.simulation.kinematic import unicycle_step
 
@@ -27,10 +26,19 @@ TICK_COLUMNS = (
 )
 
 
-@njit(cache=True)
-def advance(  # type: ignore[no-untyped-def]
-    pose, path, since_plan_s, tick_s, pursuit, body, centres_m, cell_m, low_m, high_m, rows
-):
+def advance(
+    pose: Float,
+    path: Float,
+    since_plan_s: Float,
+    tick_s: float,
+    pursuit: tuple[float, float, float],
+    body: tuple[float, float],
+    centres_m: Float,
+    cell_m: float,
+    low_m: Float,
+    high_m: Float,
+    rows: Float,
+) -> int:
     """Fills rows (N, len(TICK_COLUMNS)), moves pose (3,) on, and counts the ticks outside the window.
 
     path (K, 2): the plan; without one, K = 0, the robot stands. since_plan_s (N,): age of the plan at each tick.
@@ -38,23 +46,25 @@ def advance(  # type: ignore[no-untyped-def]
     low_m, high_m (2,): the window's corners.
     """
     lookahead_m, speed_mps, max_yaw_rate = pursuit
+    (low_x, low_y), (high_x, high_y) = low_m.tolist(), high_m.tolist()
+    references_m = points_at_lengths(path, since_plan_s * speed_mps).tolist() if len(path) else []
     outside = 0
-    for k in range(len(rows)):
-        x, y, yaw = pose[0], pose[1], pose[2]
-        rows[k, 0], rows[k, 1], rows[k, 2] = x, y, yaw
+    x, y, yaw = pose.tolist()
+    for k, row in enumerate(rows):
+        row[:3] = x, y, yaw
         v, yaw_rate = 0.0, 0.0
         if len(path) > 0:
             near = nearest_on_path(path, x, y)
-            reference_x, reference_y = point_at_length(path, since_plan_s[k] * speed_mps)
-            command = pure_pursuit(x, y, yaw, path, lookahead_m, speed_mps, max_yaw_rate)
+            reference_x, reference_y = references_m[k]
+            command = pursue(x, y, yaw, path, near, lookahead_m, speed_mps, max_yaw_rate)
             v, yaw_rate = command.v_mps, command.yaw_rate_radps
-            rows[k, 3], rows[k, 4], rows[k, 5] = near.x_m, near.y_m, near.distance_m
-            rows[k, 6] = math.hypot(reference_x - x, reference_y - y)
-            rows[k, 7] = yaw - near.heading_rad
-        rows[k, 8], rows[k, 9] = v, yaw_rate
-        if low_m[0] <= x < high_m[0] and low_m[1] <= y < high_m[1]:
-            rows[k, 10] = body_clearance(x, y, yaw, body[0], body[1], centres_m, cell_m)
+            away_m = math.hypot(reference_x - x, reference_y - y)
+            row[3:8] = near.x_m, near.y_m, near.distance_m, away_m, yaw - near.heading_rad
+        row[8:10] = v, yaw_rate
+        if low_x <= x < high_x and low_y <= y < high_y:
+            row[10] = body_clearance(x, y, yaw, body[0], body[1], centres_m, cell_m)
         else:
             outside += 1
-        pose[0], pose[1], pose[2] = unicycle_step(x, y, yaw, v, yaw_rate, tick_s)
+        x, y, yaw = unicycle_step(x, y, yaw, v, yaw_rate, tick_s)
+    pose[:] = x, y, yaw
     return outside

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -134,30 +136,44 @@ def test_counts_of_a_single_step():
     assert (plan.expanded, plan.generated, plan.touched) == (2, 9, 8)
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, search_core.SMALL_SORT, 25, 1000])
-@pytest.mark.parametrize("highest", [2, 200, 3000, 200_000])
-def test_buckets_are_sorted_by_g(count, highest):
-    """By insertion and by radix, with values of one, two and three bytes, against numpy."""
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 300])
+@pytest.mark.parametrize("highest", [2, 200, 200_000])
+def test_a_list_comes_to_the_stack_by_g_and_equals_as_they_are_listed(count, highest):
+    """Against numpy's stable sort; the newest link is first in the list, and the list is empty then."""
     rng = np.random.default_rng(0)
-    records = np.zeros((5000, 4), dtype=np.int32)
-    records[:, search_core.G] = 2 * rng.integers(0, highest, 5000)
-    cells = rng.permutation(5000)[:count].astype(np.int32)
-    wanted = np.sort(records[cells, search_core.G])
-    search_core._sort_by_cost(cells, count, records, np.empty(count, dtype=np.int32))
-    np.testing.assert_array_equal(records[cells, search_core.G], wanted)
-
-
-def test_next_bucket_hands_over_the_larger_g_last():
-    """The stack is taken from its top: ties go to the larger g."""
-    records = np.zeros((10, 4), dtype=np.int32)
-    records[:, search_core.G] = [0, 40, 10, 90, 30, 60, 0, 0, 0, 0]
+    records = np.zeros((1000, 4), dtype=np.int32)
+    records[:, search_core.G] = 2 * rng.integers(0, highest, 1000)
     heads = np.full(search_core.RING, -1, dtype=np.int64)
-    for cell in (1, 2, 3, 4, 5):
-        search_core._link(heads, (30 + 5) % search_core.RING, cell, records)
-    stack, scratch = np.empty(10, dtype=np.int32), np.empty(10, dtype=np.int32)
-    assert search_core._next_bucket(heads, 30, records, stack, scratch) == (35, 5)
-    assert stack[:5].tolist() == [2, 4, 1, 5, 3]
-    assert search_core._next_bucket(heads, 35, records, stack, scratch) == (35, 0)
+    cells = rng.permutation(1000)[:count]
+    for cell in cells:
+        search_core._link(heads, 5, cell, records)
+    newest_first = cells[::-1]
+    wanted = newest_first[np.argsort(records[newest_first, search_core.G], kind="stable")]
+    stack, listed, keys = (np.empty(1000, dtype=dtype) for dtype in (np.int32, np.int32, np.int64))
+    assert search_core._take_list(heads, 5, records, stack, listed, keys) == count
+    np.testing.assert_array_equal(stack[:count], wanted)
+    assert (heads == -1).all()
+
+
+@pytest.mark.parametrize("taken", list(permutations([4, 7, 2, 9], 2)))
+def test_cells_are_taken_out_of_their_list_wherever_they_are(taken):
+    records = np.zeros((10, 4), dtype=np.int32)
+    heads = np.full(search_core.RING, -1, dtype=np.int64)
+    cells = [4, 7, 2, 9]
+    for cell in cells:
+        search_core._link(heads, 3, cell, records)
+    for cell in taken:
+        search_core._unlink(heads, 3, cell, records)
+        cells.remove(cell)
+    stack, listed, keys = (np.empty(10, dtype=dtype) for dtype in (np.int32, np.int32, np.int64))
+    assert search_core._take_list(heads, 3, records, stack, listed, keys) == 2
+    assert stack[:2].tolist() == cells[::-1]
+
+
+@pytest.mark.parametrize(("dcol", "drow"), [(0, 0), (3, 0), (0, -3), (2, 5), (-5, 2), (-4, -4)])
+def test_octile_is_diagonal_steps_then_straight_ones(dcol, drow):
+    across, along = abs(dcol), abs(drow)
+    assert search_core.octile(dcol, drow) == 14 * min(across, along) + 10 * abs(across - along)
 
 
 def test_stamps_start_over_before_they_overflow():

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.planning.astar import AStar
 from quadlog.planning.ia_star import REANCHOR_CELLS, IAStar
-from quadlog.planning.route import best_waypoint, direct_way
+from quadlog.planning.route import best_waypoint, direct_way, rest_of_route
 
 
 def random_free_cell(rng, blocked):
@@ -123,6 +125,32 @@ def test_reset_forgets():
     planner.plan(blocked, (1, 1), (18, 18))
     planner.reset()
     assert planner.plan(blocked, (1, 1), (18, 18)).from_scratch
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), corner_cutting=st.booleans())
+def test_what_is_left_of_a_route_step_by_step(seed, corner_cutting):
+    """Against the rules taken one at a time, on routes that may leave the window and return."""
+    rng = np.random.default_rng(seed)
+    blocked = rng.random((8, 9)) < 0.08
+    steps = rng.choice([-1, 0, 1], (12, 2), p=[0.15, 0.15, 0.7])
+    route = (rng.integers(-2, 5, 2) + np.cumsum(steps[steps.any(axis=1)], axis=0)).astype(np.int32)
+    col, row = (int(v) for v in rng.integers(0, 8, 2))
+
+    away = [sorted((abs(c - col), abs(r - row))) for c, r in route.tolist()]
+    octile = [14 * less + 10 * (more - less) for less, more in away]
+    first = max(i for i, distance in enumerate(octile) if distance == min(octile))
+    rest = []
+    for c, r in route[first:].tolist():
+        if not (0 <= c < 9 and 0 <= r < 8):
+            break
+        rest.append((c, r))
+    legal = not any(blocked[r, c] for c, r in rest)
+    for (c, r), (next_c, next_r) in pairwise(rest):
+        if c != next_c and r != next_r and not corner_cutting:
+            legal = legal and not (blocked[r, next_c] or blocked[next_r, c])
+    wanted = (first, first + len(rest)) if legal else (first, first)
+    assert rest_of_route(blocked, route, col, row, corner_cutting) == wanted
 
 
 def test_waypoint_of_least_f_from_the_end():
