@@ -47,8 +47,9 @@ def compiled_elsewhere(command: list[str] | None, say: Callable[[str], None]) ->
     def begin() -> None:
         say(SAID)
         if command is not None and cores() > 1:
-            quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            running.append(subprocess.Popen(command, **quiet))  # noqa: S603 (its parts are constants of this package)
+            nothing = subprocess.DEVNULL
+            started = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)  # noqa: S603 (constants)
+            running.append(started)
 
     try:
         with event.install_listener("numba:compile", _OnFirst(begin)):

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan
 from quadlog.lidar.ground import height_above_ground, is_level
 from quadlog.lidar.points import PointClass
 from quadlog.mapping.accumulated import AccumulatedMap
@@ -105,9 +105,7 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
                 started = time.perf_counter()
                 points, pose = scanner.classify(t_ns, cloud)
                 table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
-                walk.count("scans")
-                if points.ground is not None and not is_level(points.ground):
-                    walk.count("scans_with_steep_ground")
+                _count_scan(walk, points)
                 scan = Scan(t_ns, points, pose)
                 samples.offer(partial(_sample, scan))
             yield scan
@@ -115,15 +113,37 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
     with walk.clock.stage("filter"):
         write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
     scanner.tell()
-    steep = walk.counts.get("scans_with_steep_ground", 0)
-    if steep:
-        walk.warn(
-            f"{steep} of {walk.counts['scans']} scans: the plane taken for the ground is too steep to be one, "
-            "probably a wall; what lies in it is not in those maps"
-        )
+    _tell_of_scans(walk)
+
+
+def _count_scan(walk: Walk, points: ClassifiedScan) -> None:
+    walk.count("scans")
+    if points.shows_nothing:
+        walk.count("scans_without_points")
+    elif points.ground is None:
+        walk.count("scans_without_ground")
+    elif not is_level(points.ground):
+        walk.count("scans_with_steep_ground")
+
+
+def _tell_of_scans(walk: Walk) -> None:
+    """What was odd about some of the scans, a line for each kind."""
+    said = {
+        "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
+        "scans_without_ground": "no ground is found, as in a 2-D scan; heights are those above base's own floor",
+        "scans_with_steep_ground": "the plane taken for the ground is too steep to be one, probably a wall; what lies "
+        "in it is not in those maps",
+    }
+    for name, text in said.items():
+        if count := walk.counts.get(name, 0):
+            n = walk.counts["scans"]
+            _, why = walk.roles.of_topic(walk.lidar_topic())
+            walk.warn(f"{count} of {n} scans: {text}" + (f" ({walk.lidar_topic()}: {why})" if count == n else ""))
 
 
 def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
+    if scan.points.shows_nothing:
+        return
     if scan.pose_base_in_map is None:
         walk.count("scans_without_pose")
         return

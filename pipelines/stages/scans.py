@@ -49,13 +49,14 @@ class Scanner:
             if isinstance(instants_ns, Skewed)
             else self._deskewed(cloud, instants_ns, poses, rotation_base_to_level)
         )
-        if isinstance(xyz_m, Skewed):
-            self._skewed[xyz_m] += 1
-            xyz_m = cloud.xyz_m
         transform_lidar_to_level = self._walk.transform_lidar_to_base.copy()
         transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
-        scan = self._classify(xyz_m, cloud.ring, transform_lidar_to_level)
-        self._routes[scan.route] += 1
+        moved_m = cloud.xyz_m if isinstance(xyz_m, Skewed) else xyz_m
+        scan = self._classify(moved_m, cloud.ring, transform_lidar_to_level)
+        if not scan.shows_nothing:
+            self._routes[scan.route] += 1
+            if isinstance(xyz_m, Skewed):
+                self._skewed[xyz_m] += 1
         return scan, poses[0] if np.isfinite(poses[0]).all() else None
 
     def tell(self) -> None:

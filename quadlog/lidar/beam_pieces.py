@@ -20,7 +20,7 @@ _RAMP_SLOPE, _RAMP_AGREES, _RAMP_STEP_M = np.float32(0.12), np.float32(0.12), np
 
 _NOTHING, _PIECE, _NONE, _TURN = np.int8(0), np.int8(3), np.float32(0), np.float32(2 * np.pi)
 # A number of a type, which a plain 0 is not: with that, everything would be compiled twice.
-_ZERO = np.int64(0)
+_ZERO: int = np.int64(0)  # type: ignore[assignment]
 # What the range does from one return to the next: to something farther, to something nearer, or nothing is near.
 _JOINED, _RISES, _DROPS = np.int32(0), np.int32(1), np.int32(2)
 

@@ -92,7 +92,8 @@ def _sorted_beams(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beam
     mean = found.first[used] + found.total[used] / n
     scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
     order = np.argsort(mean if upright else -mean, kind="stable")
-    gap = np.median(np.diff(np.sort(mean))) if len(used) > 1 else _FLAT_SCATTER / _LARGEST_SCATTER
+    gaps = np.sort(np.abs(np.diff(mean[order])))
+    gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
     if scatter > _LARGEST_SCATTER * gap:
         return None
     row = np.full(MOST_BEAMS, -1, dtype=np.int64)
@@ -107,7 +108,7 @@ def _columns(arcs: Int) -> int:
     held, reached = arcs.sum(axis=1), np.count_nonzero(arcs, axis=1)
     # A beam that reaches few arcs may see some of them twice, as through leaves.
     wide = 2 * reached >= reached.max()
-    return int(np.clip(round(float((held[wide] / reached[wide]).max()) * _ARCS), FEWEST_COLUMNS, MOST_COLUMNS))
+    return min(max(round(float((held[wide] / reached[wide]).max()) * _ARCS), FEWEST_COLUMNS), MOST_COLUMNS)
 
 
 def _phase(polar: Polar, columns: int) -> float:
@@ -134,8 +135,8 @@ class _Statistics(NamedTuple):
 
 def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
     beams = min(int(beam.max(initial=0)) + 1, MOST_BEAMS)
-    sums = np.zeros((3, beams))
-    statistics = _Statistics(np.zeros(beams, np.int64), *sums, np.zeros((beams, _ARCS), np.int64))
+    total, squares, first = np.zeros((3, beams))
+    statistics = _Statistics(np.zeros(beams, np.int64), total, squares, first, np.zeros((beams, _ARCS), np.int64))
     _gather(polar.range_m, polar.sine, polar.turn, beam, *statistics)
     return statistics
 

@@ -15,6 +15,12 @@ from quadlog.messages import Float, Float32
 
 Route = Literal["rings", "elevations", "height_map", "paper"]
 """By the driver's beam numbers, by beams the elevations show, by a map of the lowest points, or as the paper does."""
+FEWEST_RETURNS = 20
+"""Among fewer on the ground and on obstacles no filter tells a thing from a false point."""
+FLATTEST_CLOUD = 0.05
+"""In sines of elevation; a cloud that spans less is a scan in a plane."""
+MOUNT_KNOWN_M = 0.1
+"""A lidar lower above base's floor cannot be mounted there: its mount is unknown, and the floor is looked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +65,23 @@ class ClassifiedScan:
         """Points that are left."""
         return self._count(PointClass.OBSTACLE)
 
+    @property
+    def shows_nothing(self) -> bool:
+        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
+        return self.n_ground + self.n_obstacle < FEWEST_RETURNS
+
     def _count(self, wanted: PointClass) -> int:
         return int(np.count_nonzero(self.label == wanted))
+
+
+def height_without_ground(z_base_m: Float32, lidar_z_m: float) -> Float32:
+    """Heights (N,) of points at z_base_m (N,) where a scan in a plane shows no ground: those above base's own floor.
+
+    A lidar whose mount is unknown stands at least MOUNT_KNOWN_M high: else
+    all it sees would lie on the floor, and no wall would block.
+    """
+    height_m: Float32 = z_base_m if lidar_z_m > MOUNT_KNOWN_M else z_base_m + np.float32(MOUNT_KNOWN_M - lidar_z_m)
+    return height_m
 
 
 def cropped_to_base(

@@ -135,8 +135,8 @@ def _move(
     per_ns = np.float32(last / lasts_ns)
     for i in range(len(x_m)):
         x, y, z = x_m[i], y_m[i], z_m[i]
-        slot = np.int64(np.float32(offset_ns[i] - first_ns) * per_ns + np.float32(0.5))
-        m = changes[np.uint64(min(max(slot, 0), last))]
+        slot = int(np.float32(offset_ns[i] - first_ns) * per_ns + np.float32(0.5))
+        m = changes[min(max(slot, 0), last)]
         # What is no return (0, 0, 0) stays so.
         returned = np.float32(1) if (x != 0) | (y != 0) | (z != 0) else np.float32(0)
         moved_x_m[i] = x + returned * (m[0] * x + m[1] * y + m[2] * z + m[3])

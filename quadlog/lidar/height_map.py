@@ -43,7 +43,7 @@ def classify_unorganised(polar: Polar, transform: Float, floor_m: float) -> tupl
     image = range_image(polar, beams_by_bins(polar), x_m, y_m)
     good, _, _ = isolate(image, z_m)
     label, height_m = np.empty(len(polar.range_m), np.uint8), np.full(len(polar.range_m), np.nan, np.float32)
-    _drop_isolated(polar.range_m, image.range_m, image.cell, image.point, good, label)
+    drop_isolated(polar.range_m, image.range_m, image.cell, image.point, good, label)
     size = 2 * HALF_CELLS
     lowest, cells, known = np.full((size, size), -1), np.zeros((size, size, 5)), np.zeros((size, size), np.bool_)
     walled = np.zeros((size, size), np.bool_)
@@ -69,7 +69,7 @@ def _plane(cells: Float, x_m: float, y_m: float, floor_m: float) -> Float:
 
 
 @njit(cache=True, error_model="numpy")
-def _drop_isolated(
+def drop_isolated(
     ranges_m: Float32,
     range_m: Float32,
     cells: NDArray[np.int32],
@@ -77,6 +77,7 @@ def _drop_isolated(
     good: NDArray[np.bool_],
     label: NDArray[np.uint8],
 ) -> None:
+    """Label (N,) what no neighbour supports an outlier, what is no return invalid, and the rest an obstacle."""
     columns = good.shape[1]
     for i in range(len(label)):
         row, c = cells[i] // columns, cells[i] % columns

@@ -10,7 +10,7 @@ from quadlog.lidar.image import Image
 from quadlog.messages import Float32
 
 WINDOW, ROWS, SUPPORTERS = 4, 2, 2
-BOTH_LAYERS = np.int64(2)
+BOTH_LAYERS: int = np.int64(2)  # type: ignore[assignment]  # a plain 2 would be compiled apart
 NEAR_M, NEAR_PER_M = np.float32(0.10), np.float32(0.025)
 """Supporters lie within NEAR_M + NEAR_PER_M r, WINDOW columns and, where the own row has too few, ROWS rows.
 

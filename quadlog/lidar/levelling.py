@@ -64,21 +64,24 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
     All are the identity, and the reason is told, where one of them cannot be
     known: half a scan that is levelled would be torn.
     """
-    upright = np.tile(np.eye(3), (len(t_ns_wanted), 1, 1))
     if len(series) == 0:
-        return upright, NotLevelled.STALE
-    after = np.searchsorted(series.t_ns, t_ns_wanted, side="left").clip(max=len(series) - 1)
-    before = (np.searchsorted(series.t_ns, t_ns_wanted, side="right") - 1).clip(0)
+        return _upright(len(t_ns_wanted)), NotLevelled.STALE
+    after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, side="left"), len(series) - 1)
+    before = np.maximum(np.searchsorted(series.t_ns, t_ns_wanted, side="right") - 1, 0)
     to_before_ns, to_after_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
     if np.maximum(to_before_ns, to_after_ns).max() > MAX_AGE_NS:
-        return upright, NotLevelled.STALE
+        return _upright(len(t_ns_wanted)), NotLevelled.STALE
     share = (to_before_ns / np.maximum(to_before_ns + to_after_ns, 1))[:, None]
     up = (1 - share) * series.up[before] + share * series.up[after]
     # Opposite directions have no mean, and are steep.
-    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    up /= np.maximum(np.sqrt((up * up).sum(axis=1, keepdims=True)), 1e-9)
     if up[:, 2].min() < math.cos(MAX_TILT_RAD):
-        return upright, NotLevelled.STEEP
+        return _upright(len(t_ns_wanted)), NotLevelled.STEEP
     return _rotations(up), None
+
+
+def _upright(count: int) -> Float:
+    return np.tile(np.eye(3), (count, 1, 1))
 
 
 def _rotations(up: Float) -> Float:
@@ -86,5 +89,5 @@ def _rotations(up: Float) -> Float:
     x, y, z = up.T
     cos_pitch = np.hypot(y, z)
     sin_roll, cos_roll, zero = y / cos_pitch, z / cos_pitch, np.zeros(len(up))
-    rows = [[cos_pitch, -x * sin_roll, -x * cos_roll], [zero, cos_roll, -sin_roll], [x, y, z]]
-    return np.moveaxis(np.array(rows), -1, 0)
+    rows = np.stack([cos_pitch, -x * sin_roll, -x * cos_roll, zero, cos_roll, -sin_roll, x, y, z], axis=1)
+    return rows.reshape(-1, 3, 3)

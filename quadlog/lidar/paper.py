@@ -3,7 +3,8 @@
 Kept as published, with what it cannot do: after the crop a near wall holds
 more points than the floor, and is then removed as the ground; and where no
 floor is in view, a level plane through the sensor itself wins, because every
-near point lies close to it.
+near point lies close to it. Of a scan in a plane that would be every point,
+and nothing would block: there no ground is looked for.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.lidar.classify import ClassifiedScan, cropped_to_base
+from quadlog.lidar.classify import FLATTEST_CLOUD, ClassifiedScan, cropped_to_base, height_without_ground
 from quadlog.lidar.ground import Ground, fit_ground, height_above_ground
 from quadlog.lidar.outliers import statistical_outliers
 from quadlog.lidar.points import PointClass
@@ -54,6 +55,10 @@ def classify_scan_paper(
     label[inside[outlier]] = PointClass.OUTLIER
 
     inside = inside[~outlier]
+    if _is_flat(xyz_lidar_m[inside]):
+        z_m = xyz_base_m[:, 2].astype(np.float32)
+        height_m = height_without_ground(z_m, float(transform_lidar_to_base[2, 3]))
+        return ClassifiedScan(xyz_base_m.astype(np.float32), label, None, height_m, "paper")
     plane = fit_ground(
         xyz_base_m[inside],
         settings.ground_distance_m,
@@ -68,3 +73,9 @@ def classify_scan_paper(
         ground = Ground(plane.normal, plane.d_m, label == PointClass.GROUND)
     height_m = height_above_ground(xyz_base_m, ground).astype(np.float32)
     return ClassifiedScan(xyz_base_m.astype(np.float32), label, ground, height_m, "paper")
+
+
+def _is_flat(xyz_lidar_m: Float) -> bool:
+    """Whether returns (N, 3) in the lidar's frame lie in one plane through it."""
+    sine = xyz_lidar_m[:, 2] / np.linalg.norm(xyz_lidar_m, axis=1)
+    return len(sine) == 0 or bool(np.ptp(sine) < FLATTEST_CLOUD)

@@ -21,14 +21,15 @@ class PointClass(IntEnum):
     OBSTACLE = 4
 
 
-def columns_of(xyz_m: Float) -> Float32:
-    """x, y and z (3, N) of points (N, 3), float32 and each side by side in memory; no copy where they lie so already.
+def columns_of(xyz_m: Float) -> tuple[Float32, Float32, Float32]:
+    """x, y and z (N,) of points (N, 3), float32 and each side by side in memory; no copy where they lie so already.
 
     That is how decoders make them: compiled loops over them become vector instructions.
     """
     # What is beyond float32 is infinity, which is no return.
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.ascontiguousarray(xyz_m.T, dtype=np.float32)
+        x_m, y_m, z_m = np.ascontiguousarray(xyz_m.T, dtype=np.float32)
+    return x_m, y_m, z_m
 
 
 def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:

@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.beams import Beams, beams_by_elevation, beams_by_ring
-from quadlog.lidar.classify import ClassifiedScan, Route
+from quadlog.lidar.beams import Beams, beams_by_bins, beams_by_elevation, beams_by_ring
+from quadlog.lidar.classify import FLATTEST_CLOUD, MOUNT_KNOWN_M, ClassifiedScan, Route, height_without_ground
 from quadlog.lidar.column_walk import walk_columns
 from quadlog.lidar.ground import Ground
 from quadlog.lidar.ground_profile import SECTOR_COLUMNS, ground_profile, level_plane, profile_height
-from quadlog.lidar.height_map import classify_unorganised
+from quadlog.lidar.height_map import classify_unorganised, drop_isolated
 from quadlog.lidar.image import Image, range_image
 from quadlog.lidar.isolation import BOTH_LAYERS, isolate, supported
 from quadlog.lidar.points import PointClass, columns_of, in_field_of_view
@@ -24,16 +24,13 @@ FEWEST_BEAMS = 3
 """Below that no slope from beam to beam tells ground from walls: everything is an obstacle."""
 MOST_TILT_COSINE = 0.7
 """A lidar that leans farther than 45 degrees has no columns to walk outwards along."""
-MOUNT_KNOWN_M = 0.1
-"""A lidar lower above base's floor cannot be mounted there: its mount is unknown, and the floor is looked for."""
-FLATTEST_CLOUD = 0.05
-"""In sines of elevation; a cloud that spans less is a scan in a plane."""
 NEAR_FLOOR_M = 5.0
 # Height off the ground of what is ground: after the walk said so, without it, and at the foot of a wall.
 _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
 
 _INVALID, _OUTLIER = np.uint8(PointClass.INVALID), np.uint8(PointClass.OUTLIER)
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
+_UNSEEN = np.uint8(255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +95,7 @@ def _classify_beams(polar: Polar, beams: Beams, transform: Float) -> tuple[NDArr
     x_m, y_m, z_m = (float(each) for each in transform[:3, 3])
     rows = len(beams.descending)
     if rows < FEWEST_BEAMS:
-        return _all_obstacles(polar)
+        return _all_obstacles(polar, transform)
     image = range_image(polar, beams, x_m, y_m)
     good, distance_m, height_m = isolate(image, z_m)
     floor_m = 0.0 if z_m > MOUNT_KNOWN_M else _floor_below(good, height_m, beams.descending, z_m)
@@ -113,7 +110,7 @@ def _classify_beams(polar: Polar, beams: Beams, transform: Float) -> tuple[NDArr
 def _classify_bins(polar: Polar, transform: Float) -> tuple[NDArray[np.uint8], Float32, Float]:
     sine = polar.sine[polar.range_m > 0]
     if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
-        return _all_obstacles(polar)
+        return _all_obstacles(polar, transform)
     z_m = float(transform[2, 3])
     if z_m > MOUNT_KNOWN_M:
         return classify_unorganised(polar, transform, 0.0)
@@ -122,8 +119,14 @@ def _classify_bins(polar: Polar, transform: Float) -> tuple[NDArray[np.uint8], F
     return classify_unorganised(polar, transform, float(np.quantile(near, 0.05)) if len(near) else z_m)
 
 
-def _all_obstacles(polar: Polar) -> tuple[NDArray[np.uint8], Float32, Float]:
-    return np.where(polar.range_m > 0, _OBSTACLE, _INVALID), polar.xyz_base_m[:, 2].copy(), np.zeros(3)
+def _all_obstacles(polar: Polar, transform: Float) -> tuple[NDArray[np.uint8], Float32, Float]:
+    """Whatever neighbours support, at its height above base's floor."""
+    x_m, y_m, z_m = (float(each) for each in transform[:3, 3])
+    image = range_image(polar, beams_by_bins(polar), x_m, y_m)
+    good, _, _ = isolate(image, z_m)
+    label = np.empty(len(polar.range_m), np.uint8)
+    drop_isolated(polar.range_m, image.range_m, image.cell, image.point, good, label)
+    return label, height_without_ground(polar.xyz_base_m[:, 2].copy(), z_m), np.zeros(3)
 
 
 def _floor_below(good: NDArray[np.bool_], z_m: Float32, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
@@ -156,14 +159,11 @@ def _label(
 
     marks: which cells are good, ground, and near a wall; places_m: their smoothed distance and z.
     """
-    n, (good, ground, wall), (distance_m, z_m) = len(polar.range_m), marks, places_m
-    cell_label, cell_above_m = np.empty(good.shape, np.uint8), np.empty(good.shape, np.float32)
-    _label_cells(good, ground, wall, distance_m, z_m, profile, cell_label, cell_above_m)
-    label, above_m = np.empty(n, np.uint8), np.empty(n, np.float32)
-    places = (*columns_of(polar.xyz_base_m), polar.range_m, polar.turn)
-    cells = (image.point.reshape(-1), good.reshape(-1), cell_label.reshape(-1), cell_above_m.reshape(-1))
-    lidar_m = float(transform[0, 3]), float(transform[1, 3])
-    _label_points(*places, image.range_m, image.cell, *cells, profile, *lidar_m, label, above_m)
+    label, above_m = np.full(len(polar.range_m), _UNSEEN, np.uint8), np.empty(len(polar.range_m), np.float32)
+    _label_cells(*marks, *places_m, image.point, profile, label, above_m)
+    points = *columns_of(polar.xyz_base_m), polar.range_m, polar.turn, image.cell
+    x_m, y_m = float(transform[0, 3]), float(transform[1, 3])
+    _label_others(*points, image.range_m, profile, x_m, y_m, label, above_m)
     return label, above_m
 
 
@@ -174,10 +174,12 @@ def _label_cells(
     wall: NDArray[np.bool_],
     distance_m: Float32,
     z_m: Float32,
+    point: NDArray[np.int32],
     profile: Float32,
     label: NDArray[np.uint8],
     above_m: Float32,
 ) -> None:
+    """The points that stand for a good cell."""
     for row in range(good.shape[0]):
         for c in range(good.shape[1]):
             if not good[row, c]:
@@ -185,41 +187,37 @@ def _label_cells(
             above = z_m[row, c] - profile_height(profile, c, distance_m[row, c])
             near = _FOOT_M if wall[row, c] else (_WALKED_M if ground[row, c] else _LEVEL_M)
             sunken = ground[row, c] and _SUNKEN_M < above < 0
-            label[row, c] = _GROUND if abs(above) <= near or sunken else _OBSTACLE
-            above_m[row, c] = above
+            i = np.uint32(point[row, c])
+            label[i] = _GROUND if abs(above) <= near or sunken else _OBSTACLE
+            above_m[i] = above
 
 
 @njit(cache=True, error_model="numpy")
-def _label_points(
+def _label_others(
     base_x_m: Float32,
     base_y_m: Float32,
     base_z_m: Float32,
     ranges_m: Float32,
     turn: Float32,
-    range_m: Float32,
     cells: NDArray[np.int32],
-    point: NDArray[np.int32],
-    good: NDArray[np.bool_],
-    cell_label: NDArray[np.uint8],
-    cell_above_m: Float32,
+    range_m: Float32,
     profile: Float32,
     x_m: float,
     y_m: float,
     label: NDArray[np.uint8],
     above_m: Float32,
 ) -> None:
-    """What the cells say; points that share a cell with a nearer one, or have none, are looked at on their own."""
-    columns = range_m.shape[2]
+    """Points that share a cell with a nearer one, have none, or are alone in it."""
+    columns, x0, y0 = range_m.shape[2], np.float32(x_m), np.float32(y_m)
     for i in range(len(label)):
-        cell = cells[i]
-        if cell >= 0 and point[cell] == i and good[cell]:
-            label[i], above_m[i] = cell_label[cell], cell_above_m[cell]
+        if label[i] != _UNSEEN:
             continue
         if ranges_m[i] == 0:
             label[i], above_m[i] = _INVALID, np.nan
             continue
+        cell = cells[i]
         row, c = (cell // columns, cell % columns) if cell >= 0 else (0, int(turn[i] * columns))
-        dx, dy = base_x_m[i] - np.float32(x_m), base_y_m[i] - np.float32(y_m)
+        dx, dy = base_x_m[i] - x0, base_y_m[i] - y0
         above_m[i] = base_z_m[i] - profile_height(profile, c, np.sqrt(dx * dx + dy * dy))
         label[i] = _GROUND if abs(above_m[i]) <= _LEVEL_M else _OBSTACLE
         if cell >= 0 and not supported(range_m, BOTH_LAYERS, row, c, ranges_m[i]):

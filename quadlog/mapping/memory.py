@@ -18,6 +18,7 @@ HIT_S = 0.2
 LONGEST_STEP_S = 0.2
 """A gap between scans says nothing: it contradicts no longer than this."""
 _LEAST_S = 1e-3
+_SAME_HEIGHT_M = np.float32(1e-3)
 
 
 class Memory(Protocol):
@@ -72,7 +73,8 @@ class LogOddsMemory:
     sight: a hit adds HIT_S up to clear_s, a scan that sees through takes the
     time since the scan before. So what is out of sight stays, and what has
     moved away is gone clear_s after it was seen to be, at any scan rate.
-    A ray that passes above a low obstacle does not contradict it.
+    A ray that passes above a low obstacle does not contradict it; one that
+    passes where it was hit does, or a scan in a plane would never clear.
     """
 
     LAYERS: ClassVar = {"evidence_s": np.float32, "top_m": np.float32}
@@ -112,7 +114,7 @@ def _remember(
             if top > -np.inf:
                 evidence = min(evidence + HIT_S, clear_s)
                 remembered = max(remembered, top)
-            elif evidence > 0 and lowest_ray_m[row, col] < remembered:
+            elif evidence > 0 and lowest_ray_m[row, col] <= remembered + _SAME_HEIGHT_M:
                 evidence -= passed_s
             # Rounding must not leave a cell occupied by a hundredth of a scan.
             occupied[row, col] = evidence >= _LEAST_S

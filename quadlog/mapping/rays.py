@@ -36,14 +36,17 @@ def lowest_rays(
     lowest_m = np.full(window.shape, np.inf, dtype=np.float32)
     x_m, y_m, height_m = (float(each) for each in origin_base_m)
     n = len(end_base_m)
-    sectors = 2 ** int(np.log2(np.clip(n // RAYS_IN_SECTOR, 64, LINES)))
-    reach_m, slope = np.zeros((sectors, BINS), np.float32), np.zeros((sectors, BINS), np.float32)
+    # What a driver sends for rays without a return says nothing about how dense the others are.
+    n_ended = np.count_nonzero(~np.isnan(end_height_m))
+    sectors = 2 ** int(np.log2(np.clip(n_ended // RAYS_IN_SECTOR, 64, LINES)))
+    # The last one is for rays that count for nothing.
+    reach_m, slope = np.full(sectors * BINS + 1, np.inf, np.float32), np.full(sectors * BINS + 1, -np.inf, np.float32)
     place, length_m, rise = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.float32)
     end_x_m, end_y_m, _ = columns_of(end_base_m)
     _length(end_x_m, end_y_m, x_m, y_m, length_m)
     _climb(end_height_m, length_m, height_m, rise)
     _choose_bins(end_x_m, end_y_m, x_m, y_m, rise, sectors, place)
-    _gather(place, length_m, rise, reach_m.reshape(-1), slope.reshape(-1))
+    _gather(place, length_m, rise, reach_m, slope)
     cos, sin = math.cos(pose_base_in_map[2]), math.sin(pose_base_in_map[2])
     start_m = pose_base_in_map[0] + cos * x_m - sin * y_m, pose_base_in_map[1] + sin * x_m + cos * y_m
     col, row = start_m[0] / window.cell_m - window.col0, start_m[1] / window.cell_m - window.row0
@@ -72,10 +75,11 @@ def _climb(end_height_m: Float32, length_m: Float32, height_m: float, rise: Floa
 def _choose_bins(
     end_x_m: Float32, end_y_m: Float32, x_m: float, y_m: float, rise: Float32, sectors: int, place: NDArray[np.int32]
 ) -> None:
-    """Sector * BINS + bin of each ray, -1 for those that count for nothing."""
+    """Sector * BINS + bin of each ray, one more than there are for those that count for nothing."""
     x0, y0, nothing, one = np.float32(x_m), np.float32(y_m), np.float32(0), np.float32(1)
     per_turn, per_bin = np.float32(sectors / 4), np.float32(BINS / (FLATTEST - STEEPEST))
     last, steepest, flattest = np.float32(sectors - 1), np.float32(STEEPEST), np.float32(FLATTEST)
+    nowhere = np.int32(sectors * BINS)
     for i in range(len(place)):
         dx, dy = end_x_m[i] - x0, end_y_m[i] - y0
         size = abs(dx) + abs(dy)
@@ -87,21 +91,17 @@ def _choose_bins(
         k = k if k > nothing else nothing
         # NaN and infinity fail these comparisons as well.
         counts = (size > np.float32(1e-3)) & (size < np.float32(1e6)) & (rise[i] < flattest)
-        place[i] = np.int32(sector) * np.int32(BINS) + np.int32(k) if counts else np.int32(-1)
+        place[i] = np.int32(sector) * np.int32(BINS) + np.int32(k) if counts else nowhere
 
 
 @njit(cache=True, error_model="numpy")
 def _gather(place: NDArray[np.int32], length_m: Float32, rise: Float32, reach_m: Float32, slope: Float32) -> None:
-    """Horizontal length and slope of the ray that stands for each bin; length zero where none does."""
+    """Horizontal length and slope of the ray that stands for each bin; length infinite where none does."""
     for i in range(len(place)):
-        if place[i] < 0:
-            continue
         k = np.uint32(place[i])
-        reached = reach_m[k]
-        if reached == 0 or length_m[i] < reached:
-            reach_m[k] = length_m[i]
-        if reached == 0 or rise[i] > slope[k]:
-            slope[k] = rise[i]
+        # Written whatever they are: a branch that is often guessed wrongly takes longer.
+        reach_m[k] = length_m[i] if length_m[i] < reach_m[k] else reach_m[k]
+        slope[k] = rise[i] if rise[i] > slope[k] else slope[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -118,12 +118,12 @@ def _walk(
 ) -> None:
     """Go through the cells along every line from a start in them; cos, sin: of the turn from base to map.
 
-    reach_m, slope: (sectors, BINS) as `_gather` leaves them. Ways along a line are counted in cells.
+    reach_m, slope: as `_gather` leaves them. Ways along a line are counted in cells.
     """
     rows, cols = lowest_m.shape
-    cells_per_m = 1.0 / cell_m
+    sectors, cells_per_m = len(reach_m) // BINS, 1.0 / cell_m
     for line in range(LINES):
-        sector = line * len(reach_m) // LINES
+        first = line * sectors // LINES * BINS
         turn = (line + 0.5) * (4.0 / LINES) - 1.0
         dy = turn if turn <= 1.0 else 2.0 - turn
         dx = 1.0 - abs(dy) if turn <= 1.0 else abs(dy) - 1.0
@@ -136,13 +136,13 @@ def _walk(
         # Along the longer axis cell by cell: every step enters the next column or row.
         step = 1.0 / max(abs(dx), abs(dy))
         along, k = 0.5 * step, 0
-        while along < most:
+        while along < most and k < BINS:
             # A ray that ended stays ended, and flatter ones pass higher: the bin only ever goes up.
-            while k < BINS and reach_m[sector, k] * cells_per_m <= along + 1.0:
+            until = reach_m[first + k] * cells_per_m - 1.0
+            if until == np.inf or until <= along:
                 k += 1
-            if k == BINS:
-                break
-            until, climb = min(most, reach_m[sector, k] * cells_per_m - 1.0), slope[sector, k] * cell_m
+                continue
+            until, climb = min(most, until), slope[first + k] * cell_m
             while along < until:
                 # Rounding may put the last step on the window's edge.
                 col, row = min(int(start_col + along * dx), cols - 1), min(int(start_row + along * dy), rows - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.geometry import interpolate_angle, seconds_since
+from quadlog.geometry import wrap_angle
 from quadlog.messages import Float, Int
 
 
@@ -17,22 +17,17 @@ def interpolate_poses(
     where both lie within max_gap_s; before the first and after the last pose
     that pose is held for max_gap_s. What is not valid is NaN.
     """
-    xy, yaw = np.full((len(t_ns_wanted), 2), np.nan), np.full(len(t_ns_wanted), np.nan)
     if len(t_ns) == 0:
-        return xy, yaw, np.zeros(len(t_ns_wanted), dtype=np.bool_)
-    before = (np.searchsorted(t_ns, t_ns_wanted, side="right") - 1).clip(0)
-    after = np.searchsorted(t_ns, t_ns_wanted, side="left").clip(max=len(t_ns) - 1)
-    gap_ns = np.maximum(np.abs(t_ns_wanted - t_ns[before]), np.abs(t_ns[after] - t_ns_wanted))
-    valid = gap_ns <= max_gap_s * 1e9
-
-    # Only the poses about the instants asked for: a call per scan must not cost the length of the log.
-    nearby = slice(int(before.min(initial=len(t_ns))), int(after.max(initial=0)) + 1)
-    t_ns, xy_m, yaw_rad = t_ns[nearby], xy_m[nearby], yaw_rad[nearby]
-    if len(t_ns) == 0:
-        return xy, yaw, valid
-    start_ns = int(t_ns[0])
-    wanted_s, known_s = seconds_since(t_ns_wanted[valid], start_ns), seconds_since(t_ns, start_ns)
-    for axis in range(2):
-        xy[valid, axis] = np.interp(wanted_s, known_s, xy_m[:, axis])
-    yaw[valid] = interpolate_angle(t_ns_wanted[valid], t_ns, yaw_rad)
+        nowhere = np.full((len(t_ns_wanted), 3), np.nan)
+        return nowhere[:, :2], nowhere[:, 2], np.zeros(len(t_ns_wanted), dtype=np.bool_)
+    before = np.maximum(np.searchsorted(t_ns, t_ns_wanted, side="right") - 1, 0)
+    after = np.minimum(np.searchsorted(t_ns, t_ns_wanted, side="left"), len(t_ns) - 1)
+    since_ns, until_ns = t_ns_wanted - t_ns[before], t_ns[after] - t_ns_wanted
+    valid = np.maximum(np.abs(since_ns), np.abs(until_ns)) <= max_gap_s * 1e9
+    between_ns = t_ns[after] - t_ns[before]
+    # Where both neighbours are one pose, it is held.
+    share = np.where(between_ns > 0, since_ns, 0) / np.maximum(between_ns, 1)
+    xy = xy_m[before] + share[:, None] * (xy_m[after] - xy_m[before])
+    yaw = wrap_angle(yaw_rad[before] + share * wrap_angle(yaw_rad[after] - yaw_rad[before]))
+    xy[~valid], yaw[~valid] = np.nan, np.nan
     return xy, yaw, valid

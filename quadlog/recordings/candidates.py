@@ -50,9 +50,15 @@ DRIVER_PACKAGES = (
     "seyond_msgs",
 )
 
+LATE_SCANS = 100
+"""A lidar that shows nothing in so many scans, ten seconds of them, is not expected to."""
+NO_RETURN_M = 1e4
+"""Coordinates beyond are what some drivers write where there was no return."""
 SAMPLED_SCANS = 5
 FEW_POINTS = 100  # a spinning lidar gives thousands, a radar tens
 FLAT_M = 0.02
+# The rank of what is a cloud, but hardly a lidar's.
+_POOR = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +118,25 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
 
 
 def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidate]:
-    """How well each cloud topic serves as the lidar, judged by its first scans."""
-    return [_judge(topic, recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
+    """How well each cloud topic serves as the lidar, judged by its first scans.
+
+    Where these show no lidar, topics that are silent at first get more time:
+    nothing else may take the place of one that starts late unasked.
+    """
+    candidates = [_judge(topic, recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
+    if max((each.rank for each in candidates), default=0) > _POOR:
+        return candidates
+    return [
+        Candidate(each.topics, _POOR, "starts with empty scans")
+        if each.rank == 0 and any(len(points) for points in _clouds(recording.sample(each.topics[0], LATE_SCANS)))
+        else each
+        for each in candidates
+    ]
 
 
 def _judge(topic: str, samples: Sequence[object]) -> Candidate:
     """Rank 3 a 3-D scan, 2 a flat one, 1 a radar or a handful of points, 0 nothing to see."""
-    clouds = [_valid_points(cloud) for cloud in samples if isinstance(cloud, PointCloud)]
+    clouds = _clouds(samples)
     if not clouds:
         return Candidate((topic,), 0, "its first messages cannot be decoded")
     points = max(clouds, key=len)
@@ -126,12 +144,18 @@ def _judge(topic: str, samples: Sequence[object]) -> Candidate:
     if len(points) == 0:
         return Candidate((topic,), 0, "its first scans are empty")
     if "radar" in topic.lower() or len(points) < FEW_POINTS:
-        return Candidate((topic,), 1, f"only {described}: a radar rather than a lidar")
+        return Candidate((topic,), _POOR, f"only {described}: a radar rather than a lidar")
     if np.ptp(points[:, 2]) < FLAT_M:
         return Candidate((topic,), 2, f"{described}, but flat: a 2-D scan, in which no ground can be found")
     return Candidate((topic,), 3, f"{described} in 3-D")
 
 
+def _clouds(samples: Sequence[object]) -> list[np.ndarray]:
+    """The points of each cloud that can be returns."""
+    return [_valid_points(cloud) for cloud in samples if isinstance(cloud, PointCloud)]
+
+
 def _valid_points(cloud: PointCloud) -> np.ndarray:
-    finite = np.isfinite(cloud.xyz_m).all(axis=1)
-    return cloud.xyz_m[finite & cloud.xyz_m.any(axis=1)]
+    # NaN fails both comparisons.
+    farthest_m = np.abs(cloud.xyz_m).max(axis=1, initial=0)
+    return cloud.xyz_m[(farthest_m > 0) & (farthest_m < NO_RETURN_M)]

@@ -160,10 +160,28 @@ def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Arr
     if rows and (values.dtype.kind not in allowed or (field.type == pa.int64() and values.dtype == np.uint64)):
         raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
     if field.type == pa.string():
-        # File names may hold bytes that are no text; the table must not fail for it.
-        return pa.array([text.encode("utf-8", "replace").decode() for text in values.tolist()], pa.string())
+        return _texts(values.tolist())
     kind = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}[field.type]
-    return pa.array(np.ascontiguousarray(values, kind), field.type, from_pandas=True)
+    return _numbers(np.ascontiguousarray(values, kind), field.type)
+
+
+# By their buffers, because pa.array loads pandas, which takes longer than all tables of a run.
+def _numbers(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
+    """Numbers or truth values; NaN is no value."""
+    valid = None
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        valid = pa.py_buffer(np.packbits(~np.isnan(values), bitorder="little"))
+    data = np.packbits(values, bitorder="little") if values.dtype.kind == "b" else values
+    return pa.Array.from_buffers(kind, len(values), [valid, pa.py_buffer(data)])
+
+
+def _texts(values: Sequence[str]) -> pa.Array:
+    # File names may hold bytes that are no text; the table must not fail for it.
+    encoded = [text.encode("utf-8", "replace") for text in values]
+    offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.Array.from_buffers(
+        pa.string(), len(encoded), [None, pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded))]
+    )
 
 
 def _check_file(path: Path, parquet: pq.ParquetFile, schema: pa.Schema, wanted: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.geometry import apply_transform, transform_from_rpy
-from quadlog.lidar.classify import cropped_to_base
+from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan, cropped_to_base
 from quadlog.lidar.points import PointClass
 
 
@@ -19,3 +19,14 @@ def test_points_are_moved_to_base_and_cropped_there() -> None:
     assert label.tolist() == [PointClass.CROPPED, PointClass.OBSTACLE, invalid, invalid, invalid]
     assert xyz_base_m[:2] == pytest.approx(apply_transform(mount, cloud[:2].astype(np.float64)))
     assert np.isnan(xyz_base_m[2:]).all()
+
+
+@pytest.mark.parametrize(
+    ("seen", "nothing"),
+    [((0, 0), True), ((FEWEST_RETURNS - 1, 0), True), ((5, FEWEST_RETURNS - 5), False), ((0, FEWEST_RETURNS), False)],
+)
+def test_a_scan_shows_something_by_its_ground_and_obstacles(seen: tuple[int, int], nothing: bool) -> None:
+    kinds = [PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER, PointClass.GROUND, PointClass.OBSTACLE]
+    label = np.repeat(np.array(kinds, np.uint8), [100, 100, 100, *seen])
+    xyz_m, height_m = np.zeros((len(label), 3), np.float32), np.zeros(len(label), np.float32)
+    assert ClassifiedScan(xyz_m, label, None, height_m, "rings").shows_nothing == nothing

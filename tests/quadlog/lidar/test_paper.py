@@ -105,3 +105,13 @@ def test_heights_are_vertical_above_the_plane(ring_scan) -> None:
 def test_without_a_plane_heights_are_those_of_base() -> None:
     scan = classify_scan_paper(np.array([[3.0, 0, 0.2], [np.nan, 0, 0]], np.float32), LEVEL, ALL_ROUND, seed=0)
     assert scan.height_m == pytest.approx([0.7, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(("mount", "height_m"), [(LEVEL, 0.5), (np.eye(4), 0.1)])
+def test_the_plane_of_a_2d_scan_is_no_ground(mount: np.ndarray, height_m: float) -> None:
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
+    scan = classify_scan_paper(xyz_m, mount, ALL_ROUND, seed=0)
+    assert (scan.n_obstacle + scan.n_outlier, scan.n_ground, scan.ground) == (720, 0, None)
+    assert scan.n_obstacle > 600
+    assert scan.height_m == pytest.approx(height_m)

@@ -254,6 +254,25 @@ def test_a_flat_scan_is_all_obstacles(numbered: bool) -> None:
     assert result.height_m == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("numbered", [True, False])
+def test_false_points_of_a_flat_scan_are_told(numbered: bool) -> None:
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    range_m = np.full(720, 4.0)
+    range_m[::40] = 2.5
+    xyz_m = (range_m * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)])).T.astype(np.float32)
+    ring = np.zeros(720, dtype=np.uint16) if numbered else None
+    result = classify_scan_range_image(xyz_m, ring, LEVEL, ALL_ROUND)
+    assert np.flatnonzero(result.label == PointClass.OUTLIER).tolist() == list(range(0, 720, 40))
+    assert result.n_obstacle == 720 - 18
+
+
+def test_a_flat_scan_of_an_unknown_mount_blocks() -> None:
+    """Not all of it lies on the floor, whatever the mount is."""
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
+    assert classify_scan_range_image(xyz_m, None, np.eye(4), ALL_ROUND).height_m == pytest.approx(0.1)
+
+
 def test_a_wall_alone_is_no_ground() -> None:
     # No floor in view: whatever is seen rises, from the first beam on.
     y, z = np.meshgrid(np.linspace(-2, 2, 200), np.linspace(0.1, 0.9, 16))

@@ -73,6 +73,15 @@ def test_rays_above_an_obstacle_do_not_contradict_it() -> None:
     assert not kept
 
 
+def test_rays_in_the_plane_in_which_something_was_hit_contradict_it() -> None:
+    """A 2-D lidar has no lower ones."""
+    memory = log_odds()
+    memory.add(0, WINDOW, tops((5, 5), top_m=0.45), UNSEEN)
+    for k in range(1, 4):
+        kept = memory.add(k * STEP_NS, WINDOW, tops(), rays(0.45))[5, 5]
+    assert not kept
+
+
 def test_a_gap_between_scans_contradicts_nothing() -> None:
     memory = log_odds()
     for k in range(5):

@@ -108,6 +108,16 @@ def test_ends_that_are_nowhere_cross_nothing(bad: float) -> None:
     assert np.isinf(lowest_rays(np.zeros(2), SENSOR_M, np.empty((0, 2)), np.empty(0), WINDOW)).all()
 
 
+@pytest.mark.parametrize("times", [2, 10])
+def test_rays_without_a_return_change_nothing_about_the_others(times: int) -> None:
+    """Some drivers send them as NaN, others leave them out."""
+    end_m = fan(5.0, 1500)
+    sparse_m, sparse_height_m = np.full((1500 * times, 2), np.nan), np.full(1500 * times, np.nan)
+    sparse_m[::times], sparse_height_m[::times] = end_m, 0.0
+    expected = lowest_rays(np.zeros(2), SENSOR_M, end_m, np.zeros(1500), WINDOW)
+    assert np.array_equal(lowest_rays(np.zeros(2), SENSOR_M, sparse_m, sparse_height_m, WINDOW), expected)
+
+
 def test_a_sensor_outside_the_window_crosses_nothing_in_it() -> None:
     window = Window(500, 500, 0.1, (20, 20))
     end_m = fan(100.0)

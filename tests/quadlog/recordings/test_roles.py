@@ -49,6 +49,25 @@ def test_a_flat_scan_and_a_radar_give_way_to_a_lidar(log: Any) -> None:
     assert "only 20 points" in roles.unused["/few"]
 
 
+def test_a_lidar_that_starts_late_is_one(log: Any) -> None:
+    for k in range(12):
+        log.add("/points", T0 + k, log.ros.cloud(T0 + k, SPHERE if k > 8 else np.full((500, 3), np.nan)))
+    roles = roles_of(log)
+    assert roles.of_topic("/points") == ("lidar", "starts with empty scans")
+    log.add("/few", T0, log.ros.cloud(T0, SPHERE[:20]))
+    with pytest.raises(AmbiguousTopic, match=r"topics\.lidar=/few  or  --set topics\.lidar=/points"):
+        roles_of(log).topic("lidar")
+    log.add("/other", T0, log.ros.cloud(T0, SPHERE))
+    assert roles_of(log).topic("lidar") == "/other"
+
+
+def test_a_topic_that_never_shows_anything_is_no_lidar(log: Any) -> None:
+    for k in range(12):
+        log.add("/points", T0 + k, log.ros.cloud(T0 + k, np.zeros((500, 3))))
+    assert roles_of(log).topic("lidar") is None
+    assert "/points its first scans are empty" in roles_of(log).why_none("lidar")
+
+
 def test_ambiguity_lists_flags_to_paste_only_when_the_role_is_needed(log: Any) -> None:
     log.add("/left", T0, log.ros.cloud(T0, SPHERE))
     log.add("/right", T0, log.ros.cloud(T0, SPHERE))
