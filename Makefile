@@ -38,8 +38,8 @@ typecheck: install
 unit: install
 	$(BIN)/python -m pytest -n $(JOBS)
 
-bench: install  ## the figures the README quotes, with limit and floor beside each
-	$(BIN)/python -m benchmarks
+bench: install  ## the figures the README quotes, with limit and floor beside each; PARTS=perception measures less
+	$(BIN)/python -m benchmarks $(PARTS)
 
 fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py

@@ -6,6 +6,7 @@ Read the ratios, run twice, and mind what else the machine was doing.
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 
@@ -13,11 +14,17 @@ from benchmarks import perception, positioning, reading, startup
 from benchmarks.figures import print_figures
 
 
+PARTS = {"startup": startup, "reading": reading, "positioning": positioning, "perception": perception}
+
+
 def main() -> None:
-    """Measure everything, one table at the end of each part."""
+    """Measure every part, or those named (`make bench PARTS=perception`), one table at the end of each."""
+    named = sys.argv[1:] or list(PARTS)
+    if unknown := sorted(set(named) - set(PARTS)):
+        raise SystemExit(f"benchmarks: no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
     with tempfile.TemporaryDirectory(prefix="quadlog-bench-") as folder:
-        for part in (startup, reading, positioning, perception):
-            print_figures(part.__doc__ or "", part.measure(Path(folder)))
+        for name in named:
+            print_figures(PARTS[name].__doc__ or "", PARTS[name].measure(Path(folder)))
 
 
 if __name__ == "__main__":

@@ -119,8 +119,9 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             from quadlog.pipelines.stages.control import resimulate_walk
 
             resimulate_walk(walk)
-        # Drawing is not loaded before there is something to draw.
-        from quadlog.pipelines.stages.report import finish_walk
+        with clock.stage("report"):
+            # Drawing is not loaded before there is something to draw.
+            from quadlog.pipelines.stages.report import finish_walk
 
         metrics = finish_walk(walk, request, startup_s)
         losses = walk.losses
