@@ -13,7 +13,6 @@ from pathlib import Path
 from benchmarks import perception, positioning, reading, startup
 from benchmarks.figures import print_figures
 
-
 PARTS = {"startup": startup, "reading": reading, "positioning": positioning, "perception": perception}
 
 
