@@ -241,7 +241,9 @@ class Grid(Section):
 class Planner(Section):
     """Who plans, and on what."""
 
-    name: Literal["astar", "ia_star"] = Field("ia_star", description="astar or ia_star [Planning]")
+    name: Literal["astar", "ia_star", "d_star_lite", "lpa_star", "mt_d_star_lite"] = Field(
+        "ia_star", description="astar, ia_star [Planning], or d_star_lite, lpa_star, mt_d_star_lite"
+    )
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
     corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
 

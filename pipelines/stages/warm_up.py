@@ -24,6 +24,8 @@ from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import classifier
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
+USUAL_PLANNER = "ia_star"
+
 
 def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None]) -> float:
     """Load and compile what the given stages need by running them on toys; returns the seconds it took.
@@ -41,6 +43,8 @@ def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None])
             _run(others)
     if "filter" in stages:
         _run(others)
+    if "plan" in stages and config.planner.name != USUAL_PLANNER:
+        _walk_toy_map(config.planner.name)
     return time.perf_counter() - started
 
 
@@ -98,7 +102,7 @@ def _map_toy_scan() -> None:
     GroundHeight(0.1).add(xyz_m, label, pose)
 
 
-def _walk_toy_map() -> None:
+def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:
     """Two replans and a few ticks about an obstacle, from inside its dilation to a goal outside the window."""
     from quadlog.planning.registry import make_planner
     from quadlog.planning.replan import Replanner, ReplanSettings
@@ -108,7 +112,7 @@ def _walk_toy_map() -> None:
     occupied = np.zeros(window.shape, dtype=np.bool_)
     occupied[18:23, 22] = True
     instants = [MapInstant(t_ns, window, occupied, occupied) for t_ns in (0, 100_000_000)]
-    replanner = Replanner(make_planner("ia_star"), ReplanSettings())
+    replanner = Replanner(make_planner(planner), ReplanSettings())
     resimulate(instants, lambda t_ns: np.tile([5.0, 0.5], (len(t_ns), 1)), np.zeros(3), replanner, PursuitSettings())
 
 

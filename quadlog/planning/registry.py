@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from quadlog.errors import UnknownName
 from quadlog.planning.astar import AStar
+from quadlog.planning.d_star_lite import DStarLite
 from quadlog.planning.ia_star import IAStar
+from quadlog.planning.lpa_star import LPAStar
+from quadlog.planning.mt_d_star_lite import MTDStarLite
 from quadlog.planning.protocol import Planner
 
-PLANNERS: dict[str, type[Planner]] = {each.name: each for each in (AStar, IAStar)}
+PLANNERS: dict[str, type[Planner]] = {each.name: each for each in (AStar, IAStar, DStarLite, LPAStar, MTDStarLite)}
 
 
 def make_planner(name: str, corner_cutting: bool = False) -> Planner:

@@ -162,7 +162,7 @@ def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ign
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untyped-def]
+def legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untyped-def]
     """The steps allowed from a cell, as bits 0..7 in STEP_COL's order. Unsigned indices spare numba's wrap-around."""
     here, up, one = np.uint64(cell), np.uint64(width), np.uint64(1)
     east, north, west, south = padded[here + one], padded[here + up], padded[here - one], padded[here - up]
@@ -221,7 +221,7 @@ def _search(  # type: ignore[no-untyped-def]
             return _walk_back(parent_step, way, width, start, goal_col, goal_row), expanded, generated, touched
         g, row = records[cell, G], cell // width
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)
-        legal = _legal_steps(padded, cell, width, cutting)
+        legal = legal_steps(padded, cell, width, cutting)
         for k in range(8):
             if not (legal >> k) & 1:
                 continue

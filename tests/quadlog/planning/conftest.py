@@ -62,3 +62,72 @@ def assert_legal() -> Callable:
         assert plan.cost == cost
 
     return check
+
+
+class SlidingWorld:
+    """A window on a world whose obstacles come and go, with a robot and a goal, all drawn from one seed."""
+
+    def __init__(self, seed: int, density: float) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.world = self.rng.random((80, 80)) < density
+        self.origin = np.array([30, 30])
+        self.shape = (int(self.rng.integers(1, 25)), int(self.rng.integers(2, 25)))
+        self.start, self.goal = self._any_cell(), self._any_cell()
+
+    def step(self, moves: set[str]) -> tuple[np.ndarray, tuple[int, int], tuple[int, int], tuple[int, int]]:
+        """What Planner.plan takes after some of "map", "window", "shape", "start", "goal" changed."""
+        rng, before = self.rng, self.origin
+        if "map" in moves:
+            self.world = self.world ^ (rng.random(self.world.shape) < rng.choice([0.003, 0.03, 0.2], p=[0.6, 0.3, 0.1]))
+        if "window" in moves:
+            farthest = 40 if rng.random() < 0.05 else 3
+            self.origin = np.clip(before + rng.integers(-farthest, farthest + 1, 2), 0, 54)
+        if "shape" in moves:
+            self.shape = (int(rng.integers(1, 25)), int(rng.integers(2, 25)))
+        if "start" in moves:
+            self.start = self._any_cell() if rng.random() < 0.2 else self.start + rng.integers(-2, 3, 2)
+        if "goal" in moves:
+            self.goal = self._any_cell() if rng.random() < 0.2 else self.goal + rng.integers(-2, 3, 2)
+        if rng.random() < 0.9:
+            # Mostly a query that has an answer: both in the window, and free.
+            low, high = self.origin, self.origin + self.shape[::-1] - 1
+            self.start, self.goal = np.clip(self.start, low, high), np.clip(self.goal, low, high)
+            for col, row in (self.start, self.goal):
+                self.world[row, col] = False
+        (col, row), (rows, cols) = self.origin, self.shape
+        start, goal, shift = (tuple(int(v) for v in xy) for xy in self._seen(before))
+        return self.world[row : row + rows, col : col + cols].copy(), start, goal, shift
+
+    def _seen(self, before: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.start - self.origin, self.goal - self.origin, self.origin - before
+
+    def _any_cell(self) -> np.ndarray:
+        return self.origin + self.rng.integers(0, self.shape[::-1])
+
+
+@pytest.fixture(scope="session")
+def assert_optimal_throughout(costs_from: Callable, assert_legal: Callable) -> Callable:
+    def check(planner, seed: int, density: float, moves: list[set[str]], corner_cutting: bool) -> list:
+        """Plans after each of the moves, every one as good as Dijkstra's; returns them."""
+        world, plans = SlidingWorld(seed, density), []
+        for each in moves:
+            blocked, start, goal, shift = world.step(each)
+            plan = planner.plan(blocked, start, goal, shift)
+            plans.append(plan)
+            inside = all(0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in (start, goal))
+            if not inside or blocked[start[1], start[0]] or blocked[goal[1], goal[0]]:
+                assert not plan.found
+                continue
+            best = costs_from(blocked, start, corner_cutting)[goal[1], goal[0]]
+            assert plan.found == np.isfinite(best)
+            if plan.found:
+                assert plan.cost == best
+                assert_legal(plan, blocked, start, goal, corner_cutting)
+            else:
+                assert plan.cost == -1
+                assert plan.cells.shape == (0, 2)
+            assert plan.expanded <= 2 * plan.generated
+            assert plan.generated <= blocked.size
+        return plans
+
+    return check

@@ -1,0 +1,244 @@
+"""The compiled search under the incremental planners: it repairs its last answer instead of searching afresh.
+
+A tree of best ways grows from `root` towards `target`. Each cell has g, what
+its way cost when it was last expanded, and rhs, what it costs by its
+neighbours' g now; OPEN holds the cells where the two differ, and expanding them
+in order until the target's way is settled repairs just what matters to it
+[LPA*]. When the target moves, km keeps the keys of OPEN lower bounds, so that
+they are corrected only as they come up [D* Lite].
+
+Ties. The published keys prefer the smaller g, which expands all of an open
+field. Here, among equal f, cells whose way got dearer (g < rhs) come first, then
+those with the larger rhs. It stays optimal: f never falls, dearer cells beget no
+cell of a smaller f, and none is left with an f of the target's when the search
+stops, so that the way walked back crosses settled cells only; and no cell is
+expanded more than twice, once up and once down. A first search does A*'s work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from quadlog.planning.search_core import STEP_COL, STEP_COST, STEP_ROW, legal_steps, octile
+
+# Dearer than any way: 14 for each cell of a map of 8192 by 8192 is less.
+FAR = 2**30
+NO_COSTS = FAR << 32 | FAR
+# Columns of the per-cell record; PLACE: where in OPEN, from 1, 0 when not there. STAMP: the last call that opened it.
+G, RHS, PLACE, STAMP = 0, 1, 2, 3
+# Entries of the search's state; the last four are results.
+SIZE, CALL, WIDTH, ROOT, TARGET, KM, EXPANDED, GENERATED, TOUCHED, REUSED = range(10)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The work arrays of a grid with its border of blocked cells, n cells in all: 41 bytes a cell."""
+
+    padded: NDArray[np.uint8]
+    records: NDArray[np.int32]
+    keys: NDArray[np.int64]
+    heap: NDArray[np.int64]
+    way: NDArray[np.int32]
+    steps: NDArray[np.int64]
+
+
+def costs_of(records: NDArray[np.int32]) -> NDArray[np.int64]:
+    """A view (n,) of each record's g and rhs as one number, to be moved together: several times faster."""
+    return records.view(np.int64)[:, 0]
+
+
+def empty_field(shape: tuple[int, int]) -> Field:
+    """A grid of `shape` (rows, cols), its border counted, where all is blocked and nothing is known."""
+    count = shape[0] * shape[1]
+    records = np.zeros((count, 4), dtype=np.int32)
+    costs_of(records)[:] = NO_COSTS
+    return Field(
+        np.ones(count, dtype=np.uint8),
+        records,
+        np.empty(count, dtype=np.int64),
+        np.empty(count, dtype=np.int64),
+        np.empty((count, 2), dtype=np.int32),
+        STEP_ROW * shape[1] + STEP_COL,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
+    """Compiled once for its four callers."""
+    return legal_steps(padded, cell, width, cutting)
+
+
+@njit(cache=True, error_model="numpy")
+def _key(records, state, cell):  # type: ignore[no-untyped-def]
+    """What OPEN is sorted by: f in the upper half, the tie in the lower one."""
+    g, rhs, width, target = records[cell, G], records[cell, RHS], state[WIDTH], state[TARGET]
+    row, target_row = cell // width, target // width
+    h = octile(target - target_row * width - (cell - row * width), target_row - row)
+    tie = 0 if g < rhs else FAR - rhs
+    return (min(g, rhs) + h + state[KM]) << 32 | tie
+
+
+@njit(cache=True, error_model="numpy")
+def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-def]
+    """Puts a cell into OPEN at the free `place`, or above or below it where its key belongs."""
+    key = keys[cell]
+    while place > 0 and keys[heap[(place - 1) >> 1]] > key:
+        heap[place] = heap[(place - 1) >> 1]
+        records[heap[place], PLACE] = place + 1
+        place = (place - 1) >> 1
+    while True:
+        child = 2 * place + 1
+        if child + 1 < size and keys[heap[child + 1]] < keys[heap[child]]:
+            child += 1
+        if child >= size or keys[heap[child]] >= key:
+            break
+        heap[place] = heap[child]
+        records[heap[place], PLACE] = place + 1
+        place = child
+    heap[place] = cell
+    records[cell, PLACE] = place + 1
+
+
+@njit(cache=True, error_model="numpy")
+def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
+    """Has OPEN hold the cell, with its key of now, exactly when g and rhs differ."""
+    place = records[cell, PLACE] - 1
+    if records[cell, G] != records[cell, RHS]:
+        if records[cell, STAMP] != state[CALL]:
+            records[cell, STAMP] = state[CALL]
+            state[GENERATED] += 1
+        keys[cell] = _key(records, state, cell)
+        if place < 0:
+            place = state[SIZE]
+            state[SIZE] += 1
+        _sift(records, keys, heap, state[SIZE], cell, place)
+    elif place >= 0:
+        state[SIZE] -= 1
+        records[cell, PLACE] = 0
+        last = heap[state[SIZE]]
+        if last != cell:
+            _sift(records, keys, heap, state[SIZE], last, place)
+
+
+@njit(cache=True, error_model="numpy")
+def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
+    """Works out a cell's rhs anew from the map and its neighbours."""
+    if padded[cell]:
+        records[cell, G] = records[cell, RHS] = FAR
+    elif cell != state[ROOT]:
+        best = FAR
+        legal = _legal(padded, cell, state[WIDTH], cutting)
+        for k in range(8):
+            if (legal >> k) & 1:
+                state[TOUCHED] += 1
+                best = min(best, records[cell + steps[k], G] + STEP_COST[k])
+        records[cell, RHS] = best
+    _settle(records, keys, heap, state, cell)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
+    """Sets g to rhs where the way got cheaper, forgets it where it got dearer, and tells the neighbours."""
+    if records[cell, STAMP] != state[CALL]:
+        records[cell, STAMP] = state[CALL]
+        state[GENERATED] += 1
+    state[EXPANDED] += 1
+    old_g, is_dearer = records[cell, G], records[cell, G] < records[cell, RHS]
+    g = FAR if is_dearer else records[cell, RHS]
+    records[cell, G] = g
+    _settle(records, keys, heap, state, cell)
+    legal = _legal(padded, cell, state[WIDTH], cutting)
+    for k in range(8):
+        if not (legal >> k) & 1:
+            continue
+        state[TOUCHED] += 1
+        neighbour = cell + steps[k]
+        if is_dearer:
+            if records[neighbour, RHS] == old_g + STEP_COST[k]:
+                _look_around(padded, records, keys, heap, steps, state, neighbour, cutting)
+        elif records[neighbour, RHS] > g + STEP_COST[k]:
+            records[neighbour, RHS] = g + STEP_COST[k]
+            _settle(records, keys, heap, state, neighbour)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type: ignore[no-untyped-def]
+    """Forgets every g that does not come from the root over other cells' g.
+
+    Each such way got dearer: found out one by one, every cell would be expanded for it.
+    """
+    for cell in orphans:
+        g, is_supported = records[cell, G], cell == state[ROOT]
+        legal = _legal(padded, cell, state[WIDTH], cutting)
+        for k in range(8):
+            if is_supported:
+                break
+            if (legal >> k) & 1:
+                state[TOUCHED] += 1
+                is_supported = records[cell + steps[k], G] + STEP_COST[k] == g
+        if not is_supported:
+            records[cell, G] = FAR
+    for cell in orphans:
+        # Where the two agree still, the neighbour that g came from is there, and others only got dearer.
+        if records[cell, G] != records[cell, RHS]:
+            _look_around(padded, records, keys, heap, steps, state, cell, cutting)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyped-def]
+    """Writes the path to way's first rows, (col, row) without the border from target to root: how many they are."""
+    cell, width, length = state[TARGET], state[WIDTH], 0
+    if records[cell, RHS] >= FAR:
+        return 0
+    while length < len(way):
+        row = cell // width
+        way[length, 0], way[length, 1] = cell - row * width - 1, row - 1
+        length += 1
+        state[REUSED] += records[cell, STAMP] != state[CALL]
+        if cell == state[ROOT]:
+            return length
+        legal, best, nearest = _legal(padded, cell, width, cutting), FAR, cell
+        for k in range(8):
+            if (legal >> k) & 1 and records[cell + steps[k], G] + STEP_COST[k] < best:
+                nearest = cell + steps[k]
+                best = records[nearest, G] + STEP_COST[k]
+        cell = nearest
+    # Costs always fall on the way to the root; would they not, this is better than to write beyond the array.
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def repair(  # type: ignore[no-untyped-def]
+    padded, records, keys, heap, way, steps, state, opened, orphans, changed, cutting
+):
+    """The number of cells of the best path from target to root, 0 when there is none; they are way's first rows then.
+
+    opened: cells to put into OPEN that are not there, though g and rhs differ.
+    orphans: after a move of the root, all cells with costs, by rising g: see _prune.
+    changed: cells that were blocked or freed; the eight around each are looked at too.
+    """
+    for cell in opened:
+        _settle(records, keys, heap, state, cell)
+    state[CALL] += 1
+    state[EXPANDED:] = 0
+    _prune(padded, records, keys, heap, steps, state, orphans, cutting)
+    for cell in changed:
+        for down in (-state[WIDTH], 0, state[WIDTH]):
+            for near in range(cell + down - 1, cell + down + 2):
+                if 0 <= near < len(padded):
+                    _look_around(padded, records, keys, heap, steps, state, near, cutting)
+    target = state[TARGET]
+    while state[SIZE] > 0:
+        cell = heap[0]
+        if keys[cell] >= _key(records, state, target) and records[target, RHS] <= records[target, G]:
+            break
+        # Since this key was made the target may have moved: then the cell waits for its turn.
+        if keys[cell] < _key(records, state, cell):
+            _settle(records, keys, heap, state, cell)
+        else:
+            _expand(padded, records, keys, heap, steps, state, cell, cutting)
+    return _walk(padded, records, way, steps, state, cutting)
