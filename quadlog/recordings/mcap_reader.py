@@ -48,6 +48,7 @@ class McapFormat:
         self._file = file
 
     def load(self, piece: Piece) -> memoryview:
+        """The decompressed records of a chunk, or loose messages as they stand. Raises Damaged."""
         record = memoryview(read_at(self._file, piece.offset, piece.length))
         if piece.loose:
             return record

@@ -48,8 +48,10 @@ def test_a_command_that_fails_or_hangs_harms_nothing(monkeypatch) -> None:
     monkeypatch.setattr(first_compilation, "cores", lambda: 2)
     monkeypatch.setattr(first_compilation, "LONGEST_S", 0.01)
     for code in ("raise SystemExit(3)", "import threading; threading.Event().wait()"):
-        with compiled_elsewhere(python("-c", code), lambda _: None):
+        said: list[str] = []
+        with compiled_elsewhere(python("-c", code), said.append):
             compile_something()
+        assert said == [SAID]
 
 
 def test_the_folder_it_is_started_in_is_no_place_for_modules(tmp_path, monkeypatch) -> None:
