@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from quadlog.following.path import PathPosition, lookahead_point, nearest_on_path, remaining_length
+from quadlog.following.path import PathPosition, lookahead_point, remaining_length
 from quadlog.messages import Float
 
 # Within this of its end the path has been walked.
@@ -30,26 +30,12 @@ def pure_pursuit(
     y_m: float,
     yaw_rad: float,
     path: Float,
-    lookahead_m: float,
-    speed_mps: float,
-    max_yaw_rate_radps: float,
-) -> Command:
-    """The command for a robot at a pose beside a path (K, 2) in map, K >= 1; see `pursue`."""
-    near = nearest_on_path(path, x_m, y_m)
-    return pursue(x_m, y_m, yaw_rad, path, near, lookahead_m, speed_mps, max_yaw_rate_radps)
-
-
-def pursue(
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    path: Float,
     near: PathPosition,
     lookahead_m: float,
     speed_mps: float,
     max_yaw_rate_radps: float,
 ) -> Command:
-    """The command for a robot whose nearest point of the path is known.
+    """The command for a robot at a pose in map, near being its nearest point of a path (K, 2), K >= 1.
 
     Curvature 2 y_l / l^2, y_l being how far left the look-ahead point lies and l
     its distance: lookahead_m, less near the path's end. In curves tighter than

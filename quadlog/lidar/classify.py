@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,11 @@ class ClassifiedScan:
     ground: Ground | None
     height_m: Float32
     route: Route
+    _counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # Once for all who ask: a table's row, the maps, the counts of the run.
+        object.__setattr__(self, "_counts", np.bincount(self.label, minlength=len(PointClass)))
 
     @property
     def n_raw(self) -> int:
@@ -71,7 +76,7 @@ class ClassifiedScan:
         return self.n_ground + self.n_obstacle < FEWEST_RETURNS
 
     def _count(self, wanted: PointClass) -> int:
-        return int(np.count_nonzero(self.label == wanted))
+        return int(self._counts[wanted])
 
 
 def height_without_ground(z_base_m: Float32, lidar_z_m: float) -> Float32:

@@ -38,10 +38,6 @@ class Definitions:
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
 
-    def deserialiser(self, channel: Channel) -> Deserialise:
-        """A function from payload to message object; raises DecodeError, here or per payload, with the reason."""
-        return self.decoder(channel, lambda message, _: message)
-
     def decoder(self, channel: Channel, interpret: Interpret, plain: Plain = ()) -> Callable[[Payload], Any]:
         """A function from payload to what interpret makes of (message object, topic), or plain of its bare values.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from quadlog.following.path import nearest_on_path, points_at_lengths
-from quadlog.following.pure_pursuit import pursue
+from quadlog.following.pure_pursuit import pure_pursuit
 from quadlog.messages import Float
 from quadlog.simulation.clearance import body_clearance
 from quadlog.simulation.kinematic import unicycle_step
@@ -56,7 +56,7 @@ def advance(
         if len(path) > 0:
             near = nearest_on_path(path, x, y)
             reference_x, reference_y = references_m[k]
-            command = pursue(x, y, yaw, path, near, lookahead_m, speed_mps, max_yaw_rate)
+            command = pure_pursuit(x, y, yaw, path, near, lookahead_m, speed_mps, max_yaw_rate)
             v, yaw_rate = command.v_mps, command.yaw_rate_radps
             away_m = math.hypot(reference_x - x, reference_y - y)
             row[3:8] = near.x_m, near.y_m, near.distance_m, away_m, yaw - near.heading_rad

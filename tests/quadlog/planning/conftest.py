@@ -131,3 +131,15 @@ def assert_optimal_throughout(costs_from: Callable, assert_legal: Callable) -> C
         return plans
 
     return check
+
+
+@pytest.fixture(scope="session")
+def forest() -> Callable:
+    """A function that makes a map (40, 40) of scattered obstacles, in which start (2, 2) and goal (30, 35) are free."""
+
+    def make(seed: int = 5, density: float = 0.15) -> np.ndarray:
+        blocked = np.random.default_rng(seed).random((40, 40)) < density
+        blocked[2, 2] = blocked[35, 30] = blocked[34, 30] = blocked[3, 2] = False
+        return blocked
+
+    return make

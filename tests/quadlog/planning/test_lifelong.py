@@ -2,9 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from quadlog.planning.astar import AStar
+from quadlog.planning.d_star_lite import DStarLite
 from quadlog.planning.lifelong import _slid
 from quadlog.planning.lifelong_core import FAR, RHS, G, empty_field
+from quadlog.planning.lpa_star import LPAStar
+from quadlog.planning.mt_d_star_lite import MTDStarLite
+
+START, GOAL = (2, 2), (30, 35)
+MOVES = st.lists(
+    st.sets(st.sampled_from(["map", "window", "shape", "start", "goal"]), max_size=3), min_size=2, max_size=10
+)
+each_planner = pytest.mark.parametrize("make", [DStarLite, LPAStar, MTDStarLite])
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (1, -2), (-3, 2), (4, 4), (-30, 0), (0, 30)])
@@ -27,3 +39,93 @@ def test_slid_cells_keep_what_is_known_but_on_the_border(shift, to_shape):
             assert tuple(slid.records[row * to_shape[1] + col, : RHS + 1]) == wanted
             assert before[row, col] == (not was_free)
     assert slid.padded.all()
+
+
+@each_planner
+@settings(max_examples=250, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4]), MOVES, st.booleans())
+def test_optimal_whatever_moves(assert_optimal_throughout, make, seed, density, moves, corner_cutting):
+    assert_optimal_throughout(make(corner_cutting), seed, density, moves, corner_cutting)
+
+
+@each_planner
+def test_same_question_again_expands_nothing(make, forest):
+    planner, blocked = make(), forest()
+    first, second = planner.plan(blocked, START, GOAL), planner.plan(blocked, START, GOAL)
+    assert first.from_scratch
+    assert first.expanded > 0
+    assert (second.expanded, second.generated, second.touched) == (0, 0, 0)
+    assert not second.from_scratch
+    assert second.cost == first.cost
+    assert second.reused_cells == len(second.cells)
+
+
+@each_planner
+def test_unreachable_again_expands_nothing(make, forest):
+    planner, blocked = make(), forest()
+    blocked[20] = True
+    first, second = planner.plan(blocked, START, GOAL), planner.plan(blocked, START, GOAL)
+    assert not first.found
+    assert first.expanded > 0
+    assert not second.found
+    assert second.expanded == 0
+
+
+@each_planner
+def test_slid_window_keeps_what_it_shares(make):
+    """On open ground nothing of the path's costs changes when an empty column enters and another leaves."""
+    blocked = np.zeros((30, 30), dtype=bool)
+    planner = make()
+    before = planner.plan(blocked, (10, 10), (20, 15))
+    after = planner.plan(blocked, (9, 9), (19, 14), (1, 1))
+    assert not after.from_scratch
+    assert after.expanded == 0
+    assert after.reused_cells == len(after.cells)
+    np.testing.assert_array_equal(after.cells, before.cells - 1)
+
+
+@each_planner
+def test_first_search_does_no_more_than_astar(make, forest):
+    """From the same end. Among equal f the larger g goes first; equal f and g are free: a few cells more or less."""
+    ends = (GOAL, START) if make is DStarLite else (START, GOAL)
+    for seed in range(20):
+        blocked = forest(seed, 0.25)
+        plan, best = make().plan(blocked, START, GOAL), AStar().plan(blocked, *ends)
+        assert plan.expanded == pytest.approx(best.expanded, rel=0.15, abs=12)
+        assert plan.cost == best.cost
+    blocked = np.zeros((40, 40), dtype=bool)
+    assert make().plan(blocked, START, GOAL).expanded <= AStar().plan(blocked, START, GOAL).expanded
+
+
+@each_planner
+def test_small_change_costs_less_than_a_search(make, forest):
+    """Near the end that is searched for, so that little hangs on it."""
+    planner, blocked = make(), forest()
+    plan = planner.plan(blocked, START, GOAL)
+    col, row = plan.cells[2 if make is DStarLite else -3]
+    blocked[row, col] = True
+    again = planner.plan(blocked, START, GOAL)
+    assert not again.from_scratch
+    assert 0 < again.expanded < AStar().plan(blocked, START, GOAL).expanded
+    assert 0 < again.reused_cells < len(again.cells)
+
+
+@each_planner
+@pytest.mark.parametrize(("start", "goal"), [((-1, 0), (2, 2)), ((0, 0), (5, 2)), ((0, 0), (2, 4)), ((1, 1), (2, 2))])
+def test_start_or_goal_outside_or_blocked_is_a_result(make, start, goal):
+    blocked = np.zeros((4, 5), dtype=bool)
+    planner = make()
+    planner.plan(blocked, (0, 0), (2, 2))
+    blocked[1, 1] = True
+    plan = planner.plan(blocked, start, goal)
+    assert not plan.found
+    assert plan.cells.shape == (0, 2)
+
+
+@each_planner
+def test_one_cell(make):
+    planner = make()
+    for _ in range(2):
+        plan = planner.plan(np.zeros((1, 1), dtype=bool), (0, 0), (0, 0))
+        assert plan.cells.tolist() == [[0, 0]]
+        assert plan.cost == 0

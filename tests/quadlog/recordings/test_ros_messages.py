@@ -11,10 +11,14 @@ from quadlog.recordings.decoding import decoder_for
 from quadlog.recordings.ros_messages import Definitions
 
 
+def as_it_is(message: Any, _: str) -> Any:
+    return message
+
+
 def test_embedded_definition_beats_the_standard_one(both_ros: Any) -> None:
     """A Range of another shape is read by the definition it brings, not by the one quadlog knows."""
     channel = Channel("/r", "sensor_msgs/msg/Range", "cdr", "ros2msg", b"uint32 other\nfloat32 range\n")
-    message = Definitions().deserialiser(channel)(b"\0\1\0\0" + (7).to_bytes(4, "little") + b"\0\0\x80\x3f")
+    message = Definitions().decoder(channel, as_it_is)(b"\0\1\0\0" + (7).to_bytes(4, "little") + b"\0\0\x80\x3f")
     assert (message.other, message.range) == (7, 1.0)
 
 
@@ -25,8 +29,8 @@ def test_msg_path_serves_types_that_the_recording_leaves_out(tmp_path: Path) -> 
     (folder / "End.msg").write_text("uint8 id\n")
     channel = Channel("/pair", "custom_uwb/msg/Pair", "ros1", "", b"")
     with pytest.raises(DecodeError, match="--msg-path"):
-        Definitions().deserialiser(channel)
-    message = Definitions([tmp_path]).deserialiser(channel)(b"\3\4")
+        Definitions().decoder(channel, as_it_is)
+    message = Definitions([tmp_path]).decoder(channel, as_it_is)(b"\3\4")
     assert (message.first.id, message.second.id) == (3, 4)
 
 
