@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from quadlog.map_files.ros_map import read_rosmap
 from quadlog.mapping.accumulated import OCCUPIED
 from quadlog.mapping.window import crop, window_at
-from quadlog.pipelines.stages.plan import PlanTables, recorded_maps, replan_settings
+from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner
 from quadlog.results.maps import load_maps
-from quadlog.results.rosmap import read_rosmap
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
@@ -31,7 +30,7 @@ def resimulate_walk(walk: Walk) -> None:
     with walk.clock.stage("control"):
         start = walk.robot_pose_at(int(maps.t_ns.min()))
         assert start is not None, "a map is only made where there is a pose"
-        replanner = Replanner(make_planner(config.planner.name, config.planner.corner_cutting), replan_settings(walk))
+        replanner = Replanner(configured_planner(config), replan_settings(walk))
         instants = _with_what_stands(walk.run.path)
         resim = resimulate(instants, walk.targets_at, start, replanner, _settings(walk))
         write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
+from quadlog.map_files.ros_map import read_rosmap
 from quadlog.results.export import EXPORTERS, export_run
-from quadlog.results.rosmap import read_rosmap
 from quadlog.results.schemas import TABLES
 
 
