@@ -241,9 +241,19 @@ class Grid(Section):
 class Planner(Section):
     """Who plans, and on what."""
 
-    name: Literal["astar", "ia_star", "d_star_lite", "lpa_star", "mt_d_star_lite"] = Field(
-        "ia_star", description="astar, ia_star [Planning], or d_star_lite, lpa_star, mt_d_star_lite"
-    )
+    name: Literal[
+        "astar",
+        "astar_paper",
+        "ia_star",
+        "ia_star_bounded",
+        "ea_star",
+        "clearance_astar",
+        "d_star_lite",
+        "mt_d_star_lite",
+        "lpa_star",
+        "ara_star",
+        "dijkstra",
+    ] = Field("ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]")
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
     corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
 

@@ -12,8 +12,10 @@ import numpy as np
 from quadlog.config import Config
 from quadlog.mapping.window import window_at
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
+from quadlog.planning.rules import Rules
 from quadlog.results.maps import load_maps
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
@@ -26,7 +28,7 @@ def replan_walk(walk: Walk) -> None:
         walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
         return
     config = walk.config
-    replanner = Replanner(make_planner(config.planner.name, config.planner.corner_cutting), replan_settings(walk))
+    replanner = Replanner(configured_planner(config), replan_settings(walk))
     walk.progress.begin("plan", len(load_maps(walk.run.path)))
     with walk.clock.stage("plan"), PlanTables(walk.run.path, "plans", "paths") as tables:
         for instant in recorded_maps(walk.run.path):
@@ -83,18 +85,28 @@ def recorded_maps(run: Path) -> Iterator[MapInstant]:
         yield MapInstant(int(maps.t_ns[index]), window, maps.occupied(int(index)))
 
 
+def configured_planner(config: Config) -> Planner:
+    """The planner of the section planner, by its rules."""
+    return make_planner(config.planner.name, Rules(corner_cutting=config.planner.corner_cutting))
+
+
 def replan_settings(walk: Walk) -> ReplanSettings:
     """The sections grid, planner and smoothing as the algorithms take them."""
     config: Config = walk.config
     keeps_away = walk.target is not None and walk.target.has_body
-    grid = config.grid
-    holds_body_m = math.hypot(config.robot.length_m, config.robot.width_m) / 2
+    dilation_m, dilation = growth_of(config)
     return ReplanSettings(
-        dilation_m=holds_body_m if grid.dilation == "body" else grid.dilation_m,
-        dilation="square" if grid.dilation == "square" else "euclidean",
+        dilation_m=dilation_m,
+        dilation=dilation,
         stop_short_m=config.planner.stop_short_m if keeps_away else 0.0,
-        corner_cutting=config.planner.corner_cutting,
         smooth=config.smoothing.enabled,
         merge_m=config.smoothing.merge_m,
         spacing_m=config.smoothing.spacing_m,
     )
+
+
+def growth_of(config: Config) -> tuple[float, str]:
+    """(metres by which obstacles grow, one of `inflation.INFLATIONS`) as the section grid has it."""
+    if config.grid.dilation == "body":
+        return math.hypot(config.robot.length_m, config.robot.width_m) / 2, "euclidean"
+    return config.grid.dilation_m, config.grid.dilation

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from quadlog.planning.protocol import Bool, Cell, Plan
-from quadlog.planning.search_core import GridSearch
+from quadlog.planning.rules import USUAL, Rules
+from quadlog.planning.search import make_search
 
 
 class AStar:
@@ -14,22 +16,13 @@ class AStar:
     name: ClassVar[str] = "astar"
     incremental: ClassVar[bool] = False
 
-    def __init__(self, corner_cutting: bool = False) -> None:
-        self._search = GridSearch(corner_cutting)
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="octile")
+        self._search = make_search(self.rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path; where the window was before does not matter."""
-        found = self._search.search(blocked, start, goal)
-        return Plan(
-            found.found,
-            found.cells,
-            found.cost,
-            found.expanded,
-            found.generated,
-            found.touched,
-            from_scratch=True,
-            reused_cells=0,
-        )
+        return self._search.search(blocked, start, goal)
 
     def reset(self) -> None:
         """Nothing to forget."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from quadlog.planning.lifelong import LifelongSearch
 from quadlog.planning.protocol import Bool, Cell, Plan
+from quadlog.planning.rules import USUAL, Rules
 
 
 class DStarLite:
@@ -17,8 +19,9 @@ class DStarLite:
     name: ClassVar[str] = "d_star_lite"
     incremental: ClassVar[bool] = True
 
-    def __init__(self, corner_cutting: bool = False) -> None:
-        self._search = LifelongSearch(corner_cutting)
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="octile")
+        self._search = LifelongSearch(self.rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path, by what the searches before left of the costs to the goal."""

@@ -7,12 +7,16 @@ in order until the target's way is settled repairs just what matters to it
 [LPA*]. When the target moves, km keeps the keys of OPEN lower bounds, so that
 they are corrected only as they come up [D* Lite].
 
-Ties. The published keys prefer the smaller g, which expands all of an open
-field. Here, among equal f, cells whose way got dearer (g < rhs) come first, then
-those with the larger rhs. It stays optimal: f never falls, dearer cells beget no
-cell of a smaller f, and none is left with an f of the target's when the search
-stops, so that the way walked back crosses settled cells only; and no cell is
-expanded more than twice, once up and once down. A first search does A*'s work.
+Ties. The published keys, (min(g, rhs) + h + km, min(g, rhs)), prefer the smaller
+g, which expands all of an open field. With ties to the larger g, among equal f,
+cells whose way got dearer (g < rhs) come first, then those with the larger rhs.
+It stays optimal: f never falls, dearer cells beget no cell of a smaller f, and
+none is left with an f of the target's when the search stops, so that the way
+walked back crosses settled cells only; and no cell is expanded more than twice,
+once up and once down. A first search does A*'s work.
+
+Costs are int32 where they are 10 and 14, int64 where they are exact: the kernel
+is compiled for either when it is first needed.
 """
 
 from __future__ import annotations
@@ -23,47 +27,59 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.planning.search_core import STEP_COL, STEP_COST, STEP_ROW, legal_steps, octile
+from quadlog.planning.steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
 
-# Dearer than any way: 14 for each cell of a map of 8192 by 8192 is less.
-FAR = 2**30
-NO_COSTS = FAR << 32 | FAR
+CostType = np.dtype[np.int32] | np.dtype[np.int64]
+# Dearer than any way, by the type of the costs: 14 for each cell of a map of 8192 by 8192 is less.
+FAR_COSTS: dict[CostType, int] = {np.dtype(np.int32): 2**30, np.dtype(np.int64): 2**60}
 # Columns of the per-cell record; PLACE: where in OPEN, from 1, 0 when not there. STAMP: the last call that opened it.
 G, RHS, PLACE, STAMP = 0, 1, 2, 3
-# Entries of the search's state; the last four are results.
-SIZE, CALL, WIDTH, ROOT, TARGET, KM, EXPANDED, GENERATED, TOUCHED, REUSED = range(10)
+# Entries of the search's state: what it carries on, what it goes by, and four results.
+SIZE, CALL, WIDTH, ROOT, TARGET, KM, FAR, STRAIGHT, DIAGONAL, PUBLISHED, EXPANDED, GENERATED, TOUCHED, REUSED = range(
+    14
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The work arrays of a grid with its border of blocked cells, n cells in all: 41 bytes a cell."""
+    """The work arrays of a grid with its border of blocked cells, n cells in all: 49 bytes a cell, 65 where exact."""
 
     padded: NDArray[np.uint8]
-    records: NDArray[np.int32]
+    records: NDArray[np.int32] | NDArray[np.int64]
     keys: NDArray[np.int64]
-    heap: NDArray[np.int64]
+    heap: NDArray[np.int32]
     way: NDArray[np.int32]
     steps: NDArray[np.int64]
 
 
-def costs_of(records: NDArray[np.int32]) -> NDArray[np.int64]:
-    """A view (n,) of each record's g and rhs as one number, to be moved together: several times faster."""
-    return records.view(np.int64)[:, 0]
+def costs_of(field: Field) -> NDArray[np.void]:
+    """A view (n,) of each cell's g and rhs as one thing, to be moved together: several times faster."""
+    return field.records.view(f"V{2 * field.records.itemsize}")[:, 0]
 
 
-def empty_field(shape: tuple[int, int]) -> Field:
+def empty_field(shape: tuple[int, int], costs: CostType) -> Field:
     """A grid of `shape` (rows, cols), its border counted, where all is blocked and nothing is known."""
     count = shape[0] * shape[1]
-    records = np.zeros((count, 4), dtype=np.int32)
-    costs_of(records)[:] = NO_COSTS
+    records = np.zeros((count, 4), dtype=costs)
+    records[:, : RHS + 1] = FAR_COSTS[costs]
     return Field(
         np.ones(count, dtype=np.uint8),
         records,
-        np.empty(count, dtype=np.int64),
-        np.empty(count, dtype=np.int64),
+        np.empty((count, 2), dtype=np.int64),
+        np.empty(count, dtype=np.int32),
         np.empty((count, 2), dtype=np.int32),
         STEP_ROW * shape[1] + STEP_COL,
     )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _step_cost(state, k):  # type: ignore[no-untyped-def]
+    return state[STRAIGHT] if k < FIRST_DIAGONAL else state[DIAGONAL]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
+    return f < than_f or (f == than_f and tie < than_tie)
 
 
 @njit(cache=True, error_model="numpy")
@@ -74,27 +90,34 @@ def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _key(records, state, cell):  # type: ignore[no-untyped-def]
-    """What OPEN is sorted by: f in the upper half, the tie in the lower one."""
+    """(f, tie), which OPEN is sorted by."""
     g, rhs, width, target = records[cell, G], records[cell, RHS], state[WIDTH], state[TARGET]
     row, target_row = cell // width, target // width
-    h = octile(target - target_row * width - (cell - row * width), target_row - row)
-    tie = 0 if g < rhs else FAR - rhs
-    return (min(g, rhs) + h + state[KM]) << 32 | tie
+    along, across = abs(target_row - row), abs(target - target_row * width - (cell - row * width))
+    h = state[STRAIGHT] * abs(across - along) + state[DIAGONAL] * min(across, along)
+    least = min(g, rhs)
+    if state[PUBLISHED]:
+        return least + h + state[KM], least
+    return least + h + state[KM], 0 if g < rhs else state[FAR] - rhs
 
 
 @njit(cache=True, error_model="numpy")
 def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-def]
     """Puts a cell into OPEN at the free `place`, or above or below it where its key belongs."""
-    key = keys[cell]
-    while place > 0 and keys[heap[(place - 1) >> 1]] > key:
-        heap[place] = heap[(place - 1) >> 1]
-        records[heap[place], PLACE] = place + 1
+    f, tie = keys[cell, 0], keys[cell, 1]
+    while place > 0:
+        above = heap[(place - 1) >> 1]
+        if not _is_less(f, tie, keys[above, 0], keys[above, 1]):
+            break
+        heap[place] = above
+        records[above, PLACE] = place + 1
         place = (place - 1) >> 1
     while True:
         child = 2 * place + 1
-        if child + 1 < size and keys[heap[child + 1]] < keys[heap[child]]:
-            child += 1
-        if child >= size or keys[heap[child]] >= key:
+        if child + 1 < size:
+            left, right = heap[child], heap[child + 1]
+            child += _is_less(keys[right, 0], keys[right, 1], keys[left, 0], keys[left, 1])
+        if child >= size or not _is_less(keys[heap[child], 0], keys[heap[child], 1], f, tie):
             break
         heap[place] = heap[child]
         records[heap[place], PLACE] = place + 1
@@ -111,7 +134,7 @@ def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
         if records[cell, STAMP] != state[CALL]:
             records[cell, STAMP] = state[CALL]
             state[GENERATED] += 1
-        keys[cell] = _key(records, state, cell)
+        keys[cell, 0], keys[cell, 1] = _key(records, state, cell)
         if place < 0:
             place = state[SIZE]
             state[SIZE] += 1
@@ -128,14 +151,14 @@ def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
 def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
     """Works out a cell's rhs anew from the map and its neighbours."""
     if padded[cell]:
-        records[cell, G] = records[cell, RHS] = FAR
+        records[cell, G] = records[cell, RHS] = state[FAR]
     elif cell != state[ROOT]:
-        best = FAR
+        best = state[FAR]
         legal = _legal(padded, cell, state[WIDTH], cutting)
         for k in range(8):
             if (legal >> k) & 1:
                 state[TOUCHED] += 1
-                best = min(best, records[cell + steps[k], G] + STEP_COST[k])
+                best = min(best, records[cell + steps[k], G] + _step_cost(state, k))
         records[cell, RHS] = best
     _settle(records, keys, heap, state, cell)
 
@@ -148,7 +171,7 @@ def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: 
         state[GENERATED] += 1
     state[EXPANDED] += 1
     old_g, is_dearer = records[cell, G], records[cell, G] < records[cell, RHS]
-    g = FAR if is_dearer else records[cell, RHS]
+    g = state[FAR] if is_dearer else records[cell, RHS]
     records[cell, G] = g
     _settle(records, keys, heap, state, cell)
     legal = _legal(padded, cell, state[WIDTH], cutting)
@@ -158,10 +181,10 @@ def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: 
         state[TOUCHED] += 1
         neighbour = cell + steps[k]
         if is_dearer:
-            if records[neighbour, RHS] == old_g + STEP_COST[k]:
+            if records[neighbour, RHS] == old_g + _step_cost(state, k):
                 _look_around(padded, records, keys, heap, steps, state, neighbour, cutting)
-        elif records[neighbour, RHS] > g + STEP_COST[k]:
-            records[neighbour, RHS] = g + STEP_COST[k]
+        elif records[neighbour, RHS] > g + _step_cost(state, k):
+            records[neighbour, RHS] = g + _step_cost(state, k)
             _settle(records, keys, heap, state, neighbour)
 
 
@@ -179,9 +202,9 @@ def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type
                 break
             if (legal >> k) & 1:
                 state[TOUCHED] += 1
-                is_supported = records[cell + steps[k], G] + STEP_COST[k] == g
+                is_supported = records[cell + steps[k], G] + _step_cost(state, k) == g
         if not is_supported:
-            records[cell, G] = FAR
+            records[cell, G] = state[FAR]
     for cell in orphans:
         # Where the two agree still, the neighbour that g came from is there, and others only got dearer.
         if records[cell, G] != records[cell, RHS]:
@@ -192,7 +215,7 @@ def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type
 def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyped-def]
     """Writes the path to way's first rows, (col, row) without the border from target to root: how many they are."""
     cell, width, length = state[TARGET], state[WIDTH], 0
-    if records[cell, RHS] >= FAR:
+    if records[cell, RHS] >= state[FAR]:
         return 0
     while length < len(way):
         row = cell // width
@@ -201,11 +224,11 @@ def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyp
         state[REUSED] += records[cell, STAMP] != state[CALL]
         if cell == state[ROOT]:
             return length
-        legal, best, nearest = _legal(padded, cell, width, cutting), FAR, cell
+        legal, best, nearest = _legal(padded, cell, width, cutting), state[FAR], cell
         for k in range(8):
-            if (legal >> k) & 1 and records[cell + steps[k], G] + STEP_COST[k] < best:
+            if (legal >> k) & 1 and records[cell + steps[k], G] + _step_cost(state, k) < best:
                 nearest = cell + steps[k]
-                best = records[nearest, G] + STEP_COST[k]
+                best = records[nearest, G] + _step_cost(state, k)
         cell = nearest
     # Costs always fall on the way to the root; would they not, this is better than to write beyond the array.
     return 0
@@ -234,10 +257,12 @@ def repair(  # type: ignore[no-untyped-def]
     target = state[TARGET]
     while state[SIZE] > 0:
         cell = heap[0]
-        if keys[cell] >= _key(records, state, target) and records[target, RHS] <= records[target, G]:
+        f, tie = _key(records, state, target)
+        if records[target, RHS] <= records[target, G] and not _is_less(keys[cell, 0], keys[cell, 1], f, tie):
             break
         # Since this key was made the target may have moved: then the cell waits for its turn.
-        if keys[cell] < _key(records, state, cell):
+        f, tie = _key(records, state, cell)
+        if _is_less(keys[cell, 0], keys[cell, 1], f, tie):
             _settle(records, keys, heap, state, cell)
         else:
             _expand(padded, records, keys, heap, steps, state, cell, cutting)

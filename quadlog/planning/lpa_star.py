@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from quadlog.planning.lifelong import LifelongSearch
 from quadlog.planning.protocol import Bool, Cell, Plan
+from quadlog.planning.rules import USUAL, Rules
 
 
 class LPAStar:
@@ -19,13 +20,14 @@ class LPAStar:
     name: ClassVar[str] = "lpa_star"
     incremental: ClassVar[bool] = True
 
-    def __init__(self, corner_cutting: bool = False) -> None:
-        self._search = LifelongSearch(corner_cutting)
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="octile")
+        self._search = LifelongSearch(self.rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path, by what the searches before left of the costs from the start."""
         backwards = self._search.plan(blocked, start, goal, shift)
-        return replace(backwards, cells=backwards.cells[::-1].copy())
+        return backwards._replace(cells=backwards.cells[::-1].copy())
 
     def reset(self) -> None:
         """Forget the costs."""

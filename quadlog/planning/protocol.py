@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from quadlog.planning.rules import USUAL, Rules
 
 Bool = NDArray[np.bool_]
 Cells = NDArray[np.int32]
 Cell = tuple[int, int]
 
-STRAIGHT_COST = 10
-DIAGONAL_COST = 14
 NO_COST = -1
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """One answer of a planner.
+class Plan(NamedTuple):
+    """One answer of a planner; a tuple, because it is made in every replan, some of which take microseconds.
 
     found: whether the goal can be reached; cells is empty and cost NO_COST when not.
     cells: (L, 2) int32 as (col, row), from start to goal, both included.
-    cost: 10 for a straight step, 14 for a diagonal one.
+    cost: of its steps by the planner's rules, a whole number unless costs are exact.
     expanded: cells closed; generated: distinct cells ever opened; touched: steps examined.
     from_scratch: the search used nothing of the plan before.
     reused_cells: cells of the path taken over from the plan before.
@@ -31,7 +29,7 @@ class Plan:
 
     found: bool
     cells: Cells
-    cost: int
+    cost: float
     expanded: int
     generated: int
     touched: int
@@ -40,12 +38,16 @@ class Plan:
 
 
 class Planner(Protocol):
-    """Plans on one window after another. Incremental planners remember the plan before."""
+    """Plans on one window after another. Incremental planners remember the plan before.
+
+    rules: those it really goes by; a planner that is defined by one of them keeps it, whatever it is given.
+    """
 
     name: ClassVar[str]
     incremental: ClassVar[bool]
+    rules: Rules
 
-    def __init__(self, corner_cutting: bool = False) -> None: ...
+    def __init__(self, rules: Rules = USUAL) -> None: ...
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The path from start to goal, each a (col, row), where blocked (rows, cols) is free.

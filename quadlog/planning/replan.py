@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.mapping.escape import escape_start
-from quadlog.mapping.goal import project_goal
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.mapping.window import Window
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.planning.astar import AStar
+from quadlog.planning.panel import compile_planner
 from quadlog.planning.polyline import arc_lengths, resample
-from quadlog.planning.protocol import Bool, Cell, Cells, Plan, Planner, no_plan
+from quadlog.planning.protocol import Bool, Cell, Plan, Planner, no_plan
+from quadlog.planning.query import NoQuery, Query, make_query
 from quadlog.planning.smoothing import smooth_path, straight_path
 
 
@@ -25,14 +24,12 @@ class ReplanSettings:
 
     dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
     stop_short_m: the path ends so far from the goal, 0 to reach it.
-    corner_cutting: the rule of the planner, needed for the optimal cost too.
     smooth, merge_m, spacing_m: see smooth_path.
     """
 
     dilation_m: float = 0.3
     dilation: str = "euclidean"
     stop_short_m: float = 1.0
-    corner_cutting: bool = False
     smooth: bool = True
     merge_m: float = 0.3
     spacing_m: float = 0.05
@@ -53,9 +50,9 @@ class PlanRecord:
     found: bool
     expanded: int
     generated: int
-    cost: int | None
+    cost: float | None
     length_m: float
-    optimal_cost: int | None
+    optimal_cost: float | None
     from_scratch: bool
     reused_cells: int
     start_x_m: float
@@ -88,47 +85,32 @@ class Replan:
     path: PlannedPath | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Query:
-    """What the planner is asked: start and goal on the grown map, and the way to start out of the growth, if any."""
-
-    blocked: Bool
-    start: Cell
-    goal: Cell
-    goal_projected: bool
-    way_out: Cells
-
-
 class Replanner:
     """Replans on one map after another, and tells an incremental planner how the window moved between them."""
 
     def __init__(self, planner: Planner, settings: ReplanSettings) -> None:
         self._planner = planner
         self._settings = settings
-        self._reference = AStar(settings.corner_cutting)
+        self._reference = AStar(planner.rules)
         self._last_window: Window | None = None
-        # Compiles, or loads from cache, what the first replan would otherwise be charged for in `us`.
-        # The second start lies beside the first path, so that re-anchoring is compiled as well.
-        for start in ((0, 0), (1, 0)):
-            planner.plan(np.zeros((3, 3), dtype=bool), start, (2, 2))
-        planner.reset()
+        compile_planner(planner)
 
     def replan(self, t_ns: int, window: Window, occupied: Bool, start_xy_m: Float, goal_xy_m: Float) -> Replan:
         """From the robot at start_xy_m (2,) towards goal_xy_m (2,), on occupied (rows, cols) of the window, in map.
 
-        A robot inside the growth of an obstacle first leaves it the shortest way.
-        A goal that cannot be reached is stood for by a cell that can, see project_goal.
-        Raises ValueError for a start that is not finite.
+        See make_query. Raises ValueError for a start that is not finite.
         """
-        query = self._query(window, occupied, start_xy_m, goal_xy_m)
-        if query is None:
+        settings = self._settings
+        query = make_query(window, occupied, start_xy_m, goal_xy_m, settings.dilation_m, settings.dilation)
+        if isinstance(query, NoQuery):
             plan = optimum = no_plan()
             return Replan(self._record(t_ns, plan, optimum, start_xy_m, goal_xy_m, False, math.nan, math.nan), None)
         began_ns = time.perf_counter_ns()
         plan = self._planner.plan(query.blocked, query.start, query.goal, self._shift_to(window))
         microseconds = (time.perf_counter_ns() - began_ns) / 1000
         self._last_window = window
-        is_reference = isinstance(self._planner, AStar)
+        # Not those derived from it, whose heuristic is another.
+        is_reference = type(self._planner) is AStar
         optimum = plan if is_reference else self._reference.plan(query.blocked, query.start, query.goal)
 
         goal_m = window.centre_of(np.array(query.goal)) if query.goal_projected else goal_xy_m
@@ -172,19 +154,6 @@ class Replanner:
             astar_generated=optimum.generated,
         )
 
-    def _query(self, window: Window, occupied: Bool, start_xy_m: Float, goal_xy_m: Float) -> _Query | None:
-        """None when the robot is outside the window or walled in, or the goal is not finite."""
-        start = _as_cell(window.cell_of(start_xy_m))
-        grow = INFLATIONS[self._settings.dilation]
-        blocked = grow(occupied, self._settings.dilation_m / window.cell_m)
-        escape = escape_start(occupied, blocked, start)
-        if escape is None:
-            return None
-        projection = project_goal(blocked, window, escape.cell, goal_xy_m)
-        if projection is None:
-            return None
-        return _Query(blocked, escape.cell, projection.cell, projection.projected, escape.path[:-1])
-
     def _shift_to(self, window: Window) -> Cell:
         """How far the window moved since the last plan; another cell size shares nothing, so the planner forgets."""
         if self._last_window is None:
@@ -194,7 +163,7 @@ class Replanner:
             return 0, 0
         return self._last_window.shift_to(window)
 
-    def _path(self, t_ns: int, raw_m: Float, query: _Query, window: Window) -> PlannedPath:
+    def _path(self, t_ns: int, raw_m: Float, query: Query, window: Window) -> PlannedPath:
         settings = self._settings
         if settings.smooth:
             blocked = query.blocked
@@ -207,7 +176,7 @@ class Replanner:
         return PlannedPath(t_ns, resample(raw_m, len(smooth_m)), smooth_m)
 
 
-def _walkable(plan: Plan, query: _Query, window: Window, start_xy_m: Float, goal_xy_m: Float) -> Float:
+def _walkable(plan: Plan, query: Query, window: Window, start_xy_m: Float, goal_xy_m: Float) -> Float:
     """The path (L, 2) in map from where the robot really is over the cells' centres to the goal point."""
     points_m = window.centre_of(np.concatenate([query.way_out, plan.cells]))
     if len(points_m) == 1:
@@ -234,7 +203,3 @@ def _stopped_short(points_m: Float, goal_xy_m: Float, stop_short_m: float) -> Fl
     a, b, c = step @ step, outside @ step, outside @ outside - stop_short_m**2
     s = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
     return np.concatenate([points_m[: last + 1], [points_m[last] + s * step]])
-
-
-def _as_cell(pair: Int) -> Cell:
-    return int(pair[0]), int(pair[1])

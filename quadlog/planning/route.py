@@ -1,70 +1,130 @@
-"""What IA* asks about the route of the plan before: where the robot is on it, whether it still holds, what it costs."""
+"""What IA* keeps of the route of the plan before: from where the robot is now to the best place to search on from."""
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from quadlog.planning.protocol import Bool, Cells
-from quadlog.planning.search_core import octile
+# A robot that follows a smooth path is rarely farther than this from the cells it was planned on.
+REANCHOR_CELLS = 5
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _is_open(blocked, col, row, from_col, from_row, cutting):  # type: ignore[no-untyped-def]
+    """Whether a step between neighbouring cells is allowed: its end is free, and so are both cells it passes."""
+    if blocked[row, col]:
+        return False
+    # Beside a straight step these are the two cells it joins: free, or it would not have come to this.
+    return cutting or not (blocked[row, from_col] or blocked[from_row, col])
 
 
 @njit(cache=True, error_model="numpy")
-def rest_of_route(blocked: Bool, cells: Cells, col: int, row: int, corner_cutting: bool) -> tuple[int, int]:
-    """(first, end) of a route's cells (L, 2), some of them outside the window, that are left for a robot in a cell.
+def link(blocked, col, row, to_col, to_row, diagonal_first, cutting, cells):  # type: ignore[no-untyped-def]
+    """Writes the cells of a direct way without its last one: how many, -1 when it is not free.
 
-    first: the cell of least octile distance, among equals the last, which leaves the least to walk.
-    end: behind the last cell before the route leaves the window, or first when it cannot be walked that far:
-    a cell of it is blocked, or a step cuts a corner that must not be.
+    A direct way has its diagonal steps on one side, its straight ones on the other.
+    """
+    steps, count = max(abs(to_col - col), abs(to_row - row)), 0
+    diagonals = min(abs(to_col - col), abs(to_row - row))
+    is_wide = abs(to_col - col) > abs(to_row - row)
+    while count < steps:
+        is_diagonal = count < diagonals if diagonal_first else count >= steps - diagonals
+        next_col, next_row = col, row
+        if is_diagonal or is_wide:
+            next_col += 1 if to_col > col else -1
+        if is_diagonal or not is_wide:
+            next_row += 1 if to_row > row else -1
+        if not _is_open(blocked, next_col, next_row, col, row, cutting):
+            return -1
+        cells[count, 0], cells[count, 1] = col, row
+        col, row, count = next_col, next_row, count + 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def anchor(blocked, route, dcol, drow, col, row, cutting, units, cells):  # type: ignore[no-untyped-def]
+    """(index in the route where a robot in a cell gets onto it, cells of the way there), -1 when it is lost.
+
+    That is the robot's own cell where it is on the route. Else it is the one, no more than REANCHOR_CELLS away, that
+    makes the way over it to the route's end the shortest; it must be reached directly. That way, its last cell left
+    out, becomes cells' first rows. Arguments as in kept_route.
     """
     rows, cols = blocked.shape
-    first, least = 0, 0
-    for i in range(len(cells)):
-        distance = octile(cells[i, 0] - col, cells[i, 1] - row)
-        if i == 0 or distance <= least:
-            first, least = i, distance
-    end, before_col, before_row = first, cells[first, 0], cells[first, 1]
-    while end < len(cells):
-        at_col, at_row = cells[end, 0], cells[end, 1]
-        if at_col < 0 or at_row < 0 or at_col >= cols or at_row >= rows:
-            break
-        if blocked[at_row, at_col]:
-            return first, first
-        # Beside a straight step these are the two cells it joins: free, or it would not have come to this.
-        if not corner_cutting and (blocked[before_row, at_col] or blocked[at_row, before_col]):
-            return first, first
-        end, before_col, before_row = end + 1, at_col, at_row
-    return first, end
-
-
-def direct_way(col: int, row: int, to_col: int, to_row: int, diagonal_first: bool) -> Cells:
-    """(L, 2) int32 cells from one cell to another, both included: diagonal steps on one side, straight on the other."""
-    across, along = abs(to_col - col), abs(to_row - row)
-    diagonals, straights = min(across, along), abs(across - along)
-    cells = [(col, row)]
-    for i in range(1, diagonals + straights + 1):
-        is_diagonal = i <= diagonals if diagonal_first else i > straights
-        if is_diagonal or across > along:
-            col += 1 if to_col > col else -1
-        if is_diagonal or along > across:
-            row += 1 if to_row > row else -1
-        cells.append((col, row))
-    return np.array(cells, dtype=np.int32)
+    best, best_cost, g = -1, 0, 0
+    for i in range(len(route)):
+        at_col, at_row = route[i, 0] - dcol, route[i, 1] - drow
+        if at_col == col and at_row == row:
+            return i, 0
+        if i > 0:
+            is_diagonal = route[i, 0] != route[i - 1, 0] and route[i, 1] != route[i - 1, 1]
+            g += units[1] if is_diagonal else units[0]
+        across, along = abs(at_col - col), abs(at_row - row)
+        if max(across, along) > REANCHOR_CELLS or at_col < 0 or at_row < 0 or at_col >= cols or at_row >= rows:
+            continue
+        cost = units[0] * abs(across - along) + units[1] * min(across, along) - g
+        if best >= 0 and cost >= best_cost:
+            continue
+        for diagonal_first in (True, False):
+            if link(blocked, col, row, at_col, at_row, diagonal_first, cutting, cells) >= 0:
+                best, best_cost = i, cost
+                break
+    if best < 0:
+        return -1, 0
+    at_col, at_row = route[best, 0] - dcol, route[best, 1] - drow
+    count = link(blocked, col, row, at_col, at_row, True, cutting, cells)
+    return best, count if count >= 0 else link(blocked, col, row, at_col, at_row, False, cutting, cells)
 
 
 @njit(cache=True, error_model="numpy")
-def best_waypoint(cells: Cells, goal_col: int, goal_row: int) -> tuple[int, int]:
-    """(index, cost from the first cell) of the cell with the least f, among equals the last, of a path (L, 2), L >= 1.
+def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells):  # type: ignore[no-untyped-def]
+    """(cells kept, those of them that are new, their straight and diagonal steps); none when the route is of no use.
 
-    f = g + 10 (|dx| + |dy|) [Planning] eq. 2-4, with the unit of eq. 3 as the erratum has it:
-    without the 10, f would rise at every step and nothing would ever be kept.
+    route (L, 2), its window moved since by (dcol, drow): what is left of it for a robot at start, up to where it
+    leaves the window. When a step of that is blocked now, nothing is kept. It is kept up to its waypoint, the cell
+    of least f = g + (|dx| + |dy|) straight steps, among equals the last [Planning, eq. 2-4, with the unit of eq. 3 as
+    the erratum has it: without it f rises at every step, and nothing would ever be kept].
+    start, goal (col, row) in the window; units: of a straight and a diagonal step; cells: the kept ones are written
+    to its first rows, of which there must be len(route) + REANCHOR_CELLS.
     """
-    g, best, best_g, best_f = 0, 0, 0, 0
-    for i in range(len(cells)):
+    rows, cols = blocked.shape
+    first, linking = anchor(blocked, route, dcol, drow, start[0], start[1], cutting, units, cells)
+    if first < 0:
+        return 0, 0, 0, 0
+    count = linking
+    for i in range(first, len(route)):
+        col, row = route[i, 0] - dcol, route[i, 1] - drow
+        if col < 0 or row < 0 or col >= cols or row >= rows:
+            break
+        before_col, before_row = (cells[count - 1, 0], cells[count - 1, 1]) if count > 0 else (col, row)
+        if not _is_open(blocked, col, row, before_col, before_row, cutting):
+            return 0, 0, 0, 0
+        cells[count, 0], cells[count, 1] = col, row
+        count += 1
+    straights, diagonals = 0, 0
+    kept, kept_straights, kept_diagonals, least_f = 0, 0, 0, 0
+    for i in range(count):
         col, row = cells[i, 0], cells[i, 1]
         if i > 0:
-            g += octile(col - cells[i - 1, 0], row - cells[i - 1, 1])
-        f = g + 10 * (abs(goal_col - col) + abs(goal_row - row))
-        if i == 0 or f <= best_f:
-            best, best_g, best_f = i, g, f
-    return best, best_g
+            is_diagonal = col != cells[i - 1, 0] and row != cells[i - 1, 1]
+            diagonals += is_diagonal
+            straights += not is_diagonal
+        to_go = abs(goal[0] - col) + abs(goal[1] - row)
+        f = units[0] * (straights + to_go) + units[1] * diagonals
+        if i == 0 or f <= least_f:
+            kept, kept_straights, kept_diagonals, least_f = i + 1, straights, diagonals, f
+    return kept, linking, kept_straights, kept_diagonals
+
+
+@njit(cache=True, error_model="numpy")
+def join(way, length, kept_cells, kept):  # type: ignore[no-untyped-def]
+    """Puts the kept cells, but for the waypoint, before the path in way's last rows: how many it has now.
+
+    0 when there is no path; -1 when there is no room, for a route that goes round in circles.
+    """
+    if length == 0:
+        return 0
+    first = len(way) - length - kept + 1
+    if first < 0:
+        return -1
+    for i in range(kept - 1):
+        way[first + i, 0], way[first + i, 1] = kept_cells[i, 0], kept_cells[i, 1]
+    return length + kept - 1

@@ -3,16 +3,18 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.planning import lifelong, lifelong_core
 from quadlog.planning.d_star_lite import DStarLite
+from quadlog.planning.rules import COSTS, TIES, Rules
+
+RULES = st.builds(Rules, costs=st.sampled_from(COSTS), ties=st.sampled_from(TIES), corner_cutting=st.booleans())
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.25, 0.4]), st.booleans())
-def test_optimal_while_the_goal_keeps_its_cell(assert_optimal_throughout, seed, density, corner_cutting):
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.25, 0.4]), RULES)
+def test_optimal_while_the_goal_keeps_its_cell(assert_optimal_throughout, seed, density, rules):
     """What the planner is made for: the search before is used, on call after call."""
     moves = [{"map"}, {"map", "start"}, {"start"}, {"map"}, set(), {"window"}, {"start", "map"}, {"map", "window"}] * 2
-    plans = assert_optimal_throughout(DStarLite(corner_cutting), seed, density, moves, corner_cutting)
+    plans = assert_optimal_throughout(DStarLite(rules), seed, density, moves)
     assert not all(plan.from_scratch for plan in plans[1:])
 
 
@@ -33,15 +35,3 @@ def test_robot_that_walks_its_path_expands_nothing(forest):
         assert plan.found
         assert plan.expanded == 0 or i == 0
     assert plan.cost == 0
-
-
-def test_keys_start_over_before_they_overflow(forest, costs_from):
-    planner, blocked = DStarLite(), forest()
-    planner.plan(blocked, (2, 2), (30, 35))
-    planner._search._state[lifelong_core.KM] = lifelong.MAX_KM - 30
-    plans = [planner.plan(blocked, cell, (30, 35)) for cell in [(2, 2), (2, 3)] * 3]
-    assert any(plan.from_scratch for plan in plans)
-    assert planner._search._state[lifelong_core.KM] < lifelong.MAX_KM
-    assert [plan.cost for plan in plans[:2]] == [
-        costs_from(blocked, (30, 35), False)[r, c] for c, r in [(2, 2), (2, 3)]
-    ]

@@ -1,21 +1,25 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.planning.astar import AStar
-from quadlog.planning.lifelong_core import RHS, G
-from quadlog.planning.mt_d_star_lite import MAX_START_COST, MTDStarLite
+from quadlog.planning.lifelong_core import FAR_COSTS, RHS
+from quadlog.planning.mt_d_star_lite import MAX_START_SHARE, MTDStarLite
+from quadlog.planning.rules import COSTS, TIES, Rules
+
+RULES = st.builds(Rules, costs=st.sampled_from(COSTS), ties=st.sampled_from(TIES), corner_cutting=st.booleans())
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.15, 0.25, 0.4]), st.booleans())
-def test_optimal_along_a_walk_that_follows_its_paths(costs_from, assert_legal, seed, density, corner_cutting):
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.15, 0.25, 0.4]), RULES)
+def test_optimal_along_a_walk_that_follows_its_paths(costs_from, assert_legal, seed, density, rules):
     """The window goes with the robot, which walks its path and at times leaves it; goal and obstacles move."""
     rng = np.random.default_rng(seed)
     world = rng.random((90, 90)) < density
-    planner, at, goal, last = MTDStarLite(corner_cutting), np.array([30, 30]), np.array([38, 36]), np.array([20, 20])
+    planner, at, goal, last = MTDStarLite(rules), np.array([30, 30]), np.array([38, 36]), np.array([20, 20])
     repaired = 0
     for _ in range(20):
         world ^= rng.random(world.shape) < rng.choice([0.0, 0.002, 0.05])
@@ -25,12 +29,12 @@ def test_optimal_along_a_walk_that_follows_its_paths(costs_from, assert_legal, s
         blocked = world[origin[1] : origin[1] + 21, origin[0] : origin[0] + 21].copy()
         start, end, shift = (tuple(int(v) for v in xy) for xy in (at - origin, goal - origin, origin - last))
         plan = planner.plan(blocked, start, end, shift)
-        best = costs_from(blocked, start, corner_cutting)[end[1], end[0]]
+        best = costs_from(blocked, start, rules)[end[1], end[0]]
         assert plan.found == np.isfinite(best)
         step = rng.integers(-1, 2, 2)
         if plan.found:
-            assert plan.cost == best
-            assert_legal(plan, blocked, start, end, corner_cutting)
+            assert plan.cost == pytest.approx(best, rel=1e-12)
+            assert_legal(plan, blocked, start, end, rules)
             if rng.random() < 0.8:
                 step = plan.cells[min(2, len(plan.cells) - 1)] - start
         repaired += not plan.from_scratch
@@ -59,11 +63,31 @@ def test_fresh_search_where_the_one_before_never_was_and_after_reset():
     assert planner.plan(blocked, (2, 35), (30, 20)).from_scratch
 
 
-def test_costs_start_over_before_they_overflow():
-    planner, blocked = MTDStarLite(), np.zeros((3, 60), dtype=bool)
+def test_a_start_whose_own_way_was_cut_off_is_no_root():
+    """A hall: its cost is of a way that is blocked since, which the last search, whose goal was near, did not mind."""
+    planner, blocked = MTDStarLite(), np.zeros((1, 30), dtype=bool)
+    planner.plan(blocked, (0, 0), (20, 0))
+    blocked[0, 18] = True
+    assert planner.plan(blocked, (0, 0), (5, 0)).cost == 50
+    plan = planner.plan(blocked, (19, 0), (25, 0))
+    assert plan.cost == 60
+    assert plan.from_scratch
+
+
+@pytest.mark.parametrize("costs", COSTS)
+def test_costs_start_over_before_they_overflow(costs):
+    rules = Rules(costs=costs)
+    planner, blocked = MTDStarLite(rules), np.zeros((3, 60), dtype=bool)
     planner.plan(blocked, (0, 1), (59, 1))
-    planner._search._field.records[:, : G + 1] += MAX_START_COST - 200
-    planner._search._field.records[:, RHS] += MAX_START_COST - 200
+    records = planner._search._field.records
+    records[:, : RHS + 1] += FAR_COSTS[records.dtype] // MAX_START_SHARE - 20 * rules.step_units[0]
     plans = [planner.plan(blocked, (col, 1), (59, 1)) for col in range(1, 30)]
-    assert [plan.cost for plan in plans] == [10 * (59 - col) for col in range(1, 30)]
+    assert [plan.cost for plan in plans] == [rules.cost_of(59 - col, 0) for col in range(1, 30)]
     assert [plan.from_scratch for plan in plans].count(True) == 1
+
+
+@pytest.mark.parametrize("costs", COSTS)
+def test_a_start_dear_enough_to_start_over_leaves_room_for_any_way(costs):
+    """One through half of 8192 x 8192 cells, all of its steps diagonal."""
+    far = FAR_COSTS[np.dtype(np.int32 if costs == "integer" else np.int64)]
+    assert far // MAX_START_SHARE + Rules(costs=costs).step_units[1] * 8192**2 // 2 < far

@@ -7,7 +7,8 @@ import pytest
 
 from quadlog.config import Planner as PlannerSection
 from quadlog.errors import UnknownName
-from quadlog.planning.registry import PLANNERS, make_planner
+from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
+from quadlog.planning.rules import USUAL, Rules
 
 
 @pytest.mark.parametrize("name", sorted(PLANNERS))
@@ -18,17 +19,48 @@ def test_every_planner_plans_under_its_name(name):
 
 
 @pytest.mark.parametrize("name", sorted(PLANNERS))
-def test_corner_cutting_reaches_the_planner(name):
+def test_rules_reach_the_planner(name):
     blocked = np.array([[False, True], [True, False]])
     assert not make_planner(name).plan(blocked, (0, 0), (1, 1)).found
-    assert make_planner(name, corner_cutting=True).plan(blocked, (0, 0), (1, 1)).cost == 14
+    assert make_planner(name, Rules(corner_cutting=True)).plan(blocked, (0, 0), (1, 1)).cost == 14
+    exact = make_planner(name, Rules(costs="exact", ties="smaller_g", corner_cutting=True))
+    assert exact.plan(blocked, (0, 0), (1, 1)).cost == np.sqrt(2)
+    assert (exact.rules.costs, exact.rules.ties, exact.rules.corner_cutting) == ("exact", "smaller_g", True)
+
+
+@pytest.mark.parametrize("name", sorted(PLANNERS))
+def test_heuristic_is_the_usual_one_unless_it_defines_the_planner(name):
+    heuristic = {"dijkstra": "zero", "astar_paper": "manhattan"}.get(name, "octile")
+    assert make_planner(name).rules.heuristic == heuristic
+
+
+@pytest.mark.parametrize("name", sorted(PLANNERS))
+def test_only_incremental_planners_remember_and_all_forget(name):
+    """The first and the third answer know nothing of the one before."""
+    blocked, planner = np.zeros((9, 9), dtype=bool), make_planner(name)
+    plans = [planner.plan(blocked, (0, 0), (8, 4)) for _ in range(2)]
+    planner.reset()
+    plans.append(planner.plan(blocked, (0, 0), (8, 4)))
+    assert [plan.from_scratch for plan in plans] == [True, not planner.incremental, True]
+    assert (plans[1].reused_cells > 0) == planner.incremental
+
+
+def test_optimal_ones_do_not_take_the_heuristic_of_the_paper():
+    """It overrates, so that their paths would not be the cheapest."""
+    assert set(OPTIMAL) < set(PLANNERS)
+    for name in OPTIMAL:
+        assert make_planner(name, Rules(heuristic="manhattan")).rules == make_planner(name, USUAL).rules
 
 
 def test_config_offers_what_there_is():
     """It lists the names itself: importing the planners would make every command wait for their compiled cores."""
-    assert set(get_args(PlannerSection.model_fields["name"].annotation)) == set(PLANNERS)
+    assert get_args(PlannerSection.model_fields["name"].annotation) == tuple(PLANNERS)
 
 
 def test_unknown_name_lists_the_choices():
-    with pytest.raises(UnknownName, match="astar, d_star_lite, ia_star, lpa_star, mt_d_star_lite"):
+    with pytest.raises(UnknownName) as raised:
         make_planner("a*")
+    assert str(raised.value) == (
+        "unknown planner 'a*'; choose one of: ara_star, astar, astar_paper, clearance_astar, d_star_lite, dijkstra, "
+        "ea_star, ia_star, ia_star_bounded, lpa_star, mt_d_star_lite"
+    )

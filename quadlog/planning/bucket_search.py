@@ -15,19 +15,13 @@ typed: apart, each would cost as much to compile again as it does together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.planning.protocol import NO_COST, Bool, Cell, Cells, is_usable
-
-# East, north, west, south, then the diagonals between them: north-east, north-west, south-west, south-east.
-# Straight steps come first, because among equal f they lead to the smaller g.
-STEP_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
-STEP_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
-STEP_COST = np.array([10, 10, 10, 10, 14, 14, 14, 14])
+from quadlog.planning.protocol import Bool, Cell, Cells, Plan, is_usable, no_plan
+from quadlog.planning.route import REANCHOR_CELLS, join, kept_route
+from quadlog.planning.steps import STEP_COL, STEP_COST, STEP_ROW, legal_steps, octile
 
 RING = 16
 # Columns of the per-cell record: best cost, stamp (2 * generation, + 1 when closed), list neighbours.
@@ -35,40 +29,51 @@ G, STAMP, NEXT, PREVIOUS = 0, 1, 2, 3
 MAX_GENERATION = 2**30 - 1
 
 
-@dataclass(frozen=True, slots=True)
-class SearchResult:
-    """cells (L, 2) int32 as (col, row) and cost of the best path, and the work it took; see Plan."""
-
-    found: bool
-    cells: Cells
-    cost: int
-    expanded: int
-    generated: int
-    touched: int
-
-
-class GridSearch:
+class BucketSearch:
     """A* with its work arrays kept from call to call: 34 bytes a cell, of which only touched pages become memory."""
 
     def __init__(self, corner_cutting: bool = False) -> None:
         self._corner_cutting = corner_cutting
         self._padded: NDArray[np.uint8] = np.ones((0, 0), dtype=np.uint8)
         self._generation = 0
+        self._kept: Cells = np.empty((0, 2), dtype=np.int32)
 
-    def search(self, blocked: Bool, start: Cell, goal: Cell) -> SearchResult:
+    def search(self, blocked: Bool, start: Cell, goal: Cell) -> Plan:
         """The cheapest path from start to goal (col, row) on blocked (rows, cols)."""
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
-            return SearchResult(False, np.empty((0, 2), dtype=np.int32), NO_COST, 0, 0, 0)
+            return no_plan()
         self._prepare(blocked)
         width = self._padded.shape[1]
-        first, last = ((row + 1) * width + col + 1 for col, row in (start, goal))
-        bucket = octile.py_func(goal[0] - start[0], goal[1] - start[1]) >> 1
-        length, expanded, generated, touched = _search(
-            *self._work, width, first, (goal[0] + 1, goal[1] + 1), bucket, self._corner_cutting, 2 * self._generation
+        first, last = (start[1] + 1) * width + start[0] + 1, (goal[0] + 1, goal[1] + 1)
+        length, cost, expanded, generated, touched = _search(
+            *self._work, width, first, last, self._corner_cutting, 2 * self._generation
         )
-        cost = int(self._records[last, G]) if length else NO_COST
-        cells = self._way[len(self._way) - length :].copy()
-        return SearchResult(length > 0, cells, cost, expanded, generated, touched)
+        if length == 0:
+            return no_plan(expanded, generated, touched)
+        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
+
+    def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell) -> Plan | None:
+        """What is kept of a route, see kept_route, and the cheapest path from there; None when nothing is kept."""
+        if not (is_usable(blocked, start) and is_usable(blocked, goal)):
+            return None
+        self._prepare(blocked)
+        if len(self._kept) < len(route) + REANCHOR_CELLS:
+            self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
+        length, cost, expanded, generated, touched, reused = _extend(
+            blocked,
+            route,
+            *shift,
+            start,
+            goal,
+            self._kept,
+            *self._work,
+            self._padded.shape[1],
+            self._corner_cutting,
+            2 * self._generation,
+        )
+        if length > 0:
+            return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, False, reused)
+        return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
 
     def _prepare(self, blocked: Bool) -> None:
         padded_shape = (blocked.shape[0] + 2, blocked.shape[1] + 2)
@@ -90,14 +95,6 @@ class GridSearch:
             self._generation = 0
         self._generation += 1
         self._padded[1:-1, 1:-1] = blocked
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def octile(dcol: int, drow: int) -> int:
-    """Cost of the way over free cells: 14 for each diagonal step, 10 for the rest."""
-    across, along = abs(dcol), abs(drow)
-    # The same as 10 max + 4 min, in fewer branches.
-    return 7 * (across + along) + 3 * abs(across - along)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -161,22 +158,6 @@ def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ign
     return len(way) - first
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untyped-def]
-    """The steps allowed from a cell, as bits 0..7 in STEP_COL's order. Unsigned indices spare numba's wrap-around."""
-    here, up, one = np.uint64(cell), np.uint64(width), np.uint64(1)
-    east, north, west, south = padded[here + one], padded[here + up], padded[here - one], padded[here - up]
-    north_east, north_west = padded[here + up + one], padded[here + up - one]
-    south_west, south_east = padded[here - up - one], padded[here - up + one]
-    if not corner_cutting:
-        north_east |= north | east
-        north_west |= north | west
-        south_west |= south | west
-        south_east |= south | east
-    straight = east | north << 1 | west << 2 | south << 3
-    return 255 - (straight | north_east << 4 | north_west << 5 | south_west << 6 | south_east << 7)
-
-
 @njit(cache=True, error_model="numpy")
 def _search(  # type: ignore[no-untyped-def]
     padded,
@@ -191,13 +172,12 @@ def _search(  # type: ignore[no-untyped-def]
     width,
     start,
     goal_cell,
-    bucket,
     cutting,
     is_open,
 ):
-    """(cells of the path, expanded, generated, touched); way's last rows then hold the path, records its cost.
+    """(cells of the path, its cost, expanded, generated, touched); way's last rows then hold the path.
 
-    start is a flat index in the grid with its border, goal_cell (col, row) counts that too; bucket: f/2 of start.
+    start is a flat index in the grid with its border, goal_cell (col, row) counts that too.
     """
     goal_col, goal_row = goal_cell
     goal, is_closed = goal_row * width + goal_col, is_open + 1
@@ -206,19 +186,22 @@ def _search(  # type: ignore[no-untyped-def]
     records[start, G], records[start, STAMP] = 0, is_open
     stack[0] = start
     count, expanded, generated, touched = 1, 0, 1, 0
+    # Lists are numbered by f/2.
+    bucket = octile(goal_col - start % width, goal_row - start // width) >> 1
     while True:
         farthest = bucket + RING
         while count == 0 and bucket < farthest:
             bucket += 1
             count = _take_list(heads, bucket & RING - 1, records, stack, listed, keys)
         if count == 0:
-            return 0, expanded, generated, touched
+            return 0, 0, expanded, generated, touched
         count -= 1
         cell = stack[count]
         records[cell, STAMP] = is_closed
         expanded += 1
         if cell == goal:
-            return _walk_back(parent_step, way, width, start, goal_col, goal_row), expanded, generated, touched
+            length = _walk_back(parent_step, way, width, start, goal_col, goal_row)
+            return length, records[goal, G], expanded, generated, touched
         g, row = records[cell, G], cell // width
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)
         legal = legal_steps(padded, cell, width, cutting)
@@ -247,3 +230,55 @@ def _search(  # type: ignore[no-untyped-def]
                 count += 1
             else:
                 _link(heads, new_bucket & RING - 1, neighbour, records)
+
+
+@njit(cache=True, error_model="numpy")
+def _extend(  # type: ignore[no-untyped-def]
+    blocked,
+    route,
+    dcol,
+    drow,
+    start,
+    goal,
+    kept_cells,
+    padded,
+    records,
+    parent_step,
+    stack,
+    listed,
+    keys,
+    way,
+    heads,
+    steps,
+    width,
+    cutting,
+    is_open,
+):
+    """What _search gives for the whole path, and how many of its cells are the route's; -1 cells when none is kept.
+
+    One kernel, because on a small map a second call from Python takes longer than the search.
+    """
+    kept, linking, straights, diagonals = kept_route(
+        blocked, route, dcol, drow, start, goal, cutting, (10, 14), kept_cells
+    )
+    if kept == 0:
+        return -1, 0, 0, 0, 0, 0
+    waypoint = (kept_cells[kept - 1, 1] + 1) * width + kept_cells[kept - 1, 0] + 1
+    length, cost, expanded, generated, touched = _search(
+        padded,
+        records,
+        parent_step,
+        stack,
+        listed,
+        keys,
+        way,
+        heads,
+        steps,
+        width,
+        waypoint,
+        (goal[0] + 1, goal[1] + 1),
+        cutting,
+        is_open,
+    )
+    length = join(way, length, kept_cells, kept)
+    return length, cost + 10 * straights + 14 * diagonals, expanded, generated, touched, max(kept - linking, 0)

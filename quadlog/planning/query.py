@@ -1,0 +1,67 @@
+"""What a planner is asked at one instant: start and goal on the grown map of a window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.mapping.escape import escape_start
+from quadlog.mapping.goal import project_goal
+from quadlog.mapping.inflation import INFLATIONS
+from quadlog.mapping.window import Window
+from quadlog.messages import Float, Int
+from quadlog.planning.protocol import Bool, Cell, Cells
+
+
+@dataclass(frozen=True, slots=True)
+class Query:
+    """Start and goal (col, row) of the window on blocked (rows, cols), its grown map.
+
+    goal_projected: another cell than the goal's own stands for it, see project_goal.
+    way_out: (L, 2) int32 cells from the robot's own to the one before start, none unless it stood in the growth.
+    """
+
+    window: Window
+    blocked: Bool
+    start: Cell
+    goal: Cell
+    goal_projected: bool
+    way_out: Cells
+
+
+@dataclass(frozen=True, slots=True)
+class NoQuery:
+    """Why there is nothing to plan."""
+
+    why: str
+
+
+START_OUTSIDE, WALLED_IN, NO_GOAL = NoQuery("start outside"), NoQuery("walled in"), NoQuery("no goal")
+
+
+def make_query(
+    window: Window, occupied: Bool, start_xy_m: Float, goal_xy_m: Float, dilation_m: float, dilation: str
+) -> Query | NoQuery:
+    """The query of a robot at start_xy_m (2,) with a goal at goal_xy_m (2,), on occupied (rows, cols), in map.
+
+    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    A robot inside the growth of an obstacle first leaves it the shortest way.
+    A goal that cannot be reached is stood for by a cell that can.
+    Raises ValueError for a start that is not finite.
+    """
+    robot = _as_cell(window.cell_of(start_xy_m))
+    if not window.contains(np.array(robot)):
+        return START_OUTSIDE
+    blocked = INFLATIONS[dilation](occupied, dilation_m / window.cell_m)
+    escape = escape_start(occupied, blocked, robot)
+    if escape is None:
+        return WALLED_IN
+    projection = project_goal(blocked, window, escape.cell, goal_xy_m)
+    if projection is None:
+        return NO_GOAL
+    return Query(window, blocked, escape.cell, projection.cell, projection.projected, escape.path[:-1])
+
+
+def _as_cell(pair: Int) -> Cell:
+    return int(pair[0]), int(pair[1])

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.mapping.inflation import INFLATIONS
+from quadlog.mapping.window import window_around
+from quadlog.planning.query import NO_GOAL, START_OUTSIDE, WALLED_IN, Query, make_query
+
+CELL_M = 0.1
+WINDOW = window_around(np.array([0.0, 0.0]), CELL_M, 40)
+
+
+def ask(occupied=None, start=(0.03, 0.02), goal=(1.51, -0.72), dilation_m=0.3, dilation="euclidean"):
+    occupied = np.zeros(WINDOW.shape, dtype=bool) if occupied is None else occupied
+    return make_query(WINDOW, occupied, np.array(start), np.array(goal), dilation_m, dilation)
+
+
+def test_free_ground_is_asked_as_it_is():
+    query = ask()
+    assert query.window is WINDOW
+    assert (query.start, query.goal) == ((20, 20), (35, 12))
+    assert not query.goal_projected
+    assert query.way_out.shape == (0, 2)
+    assert not query.blocked.any()
+
+
+@pytest.mark.parametrize("dilation", sorted(INFLATIONS))
+@pytest.mark.parametrize(("dilation_m", "cells"), [(0.0, 0), (0.1, 1), (0.3, 3)])
+def test_obstacles_grow_by_whole_cells(dilation, dilation_m, cells):
+    occupied = np.zeros(WINDOW.shape, dtype=bool)
+    occupied[5, 30] = True
+    query = ask(occupied, dilation_m=dilation_m, dilation=dilation)
+    np.testing.assert_array_equal(query.blocked, INFLATIONS[dilation](occupied, cells))
+    assert not occupied[5, 31]
+
+
+def test_robot_inside_the_growth_is_led_out_of_it():
+    """way_out is from the robot's own cell to the one before start, all of it in the growth and none occupied."""
+    occupied = np.zeros(WINDOW.shape, dtype=bool)
+    occupied[20, 22] = True
+    query = ask(occupied)
+    assert tuple(query.way_out[0]) == (20, 20)
+    assert query.blocked[query.way_out[:, 1], query.way_out[:, 0]].all()
+    assert not query.blocked[query.start[1], query.start[0]]
+    assert np.abs(query.way_out[-1] - query.start).max() == 1
+
+
+def test_goal_that_cannot_be_reached_is_stood_for():
+    occupied = np.zeros(WINDOW.shape, dtype=bool)
+    occupied[12, 35] = True
+    beside, beyond = ask(occupied), ask(goal=(50.0, 0.05))
+    assert beside.goal_projected
+    assert not beside.blocked[beside.goal[1], beside.goal[0]]
+    assert beyond.goal_projected
+    assert beyond.goal == (39, 20)
+
+
+def test_why_there_is_nothing_to_plan():
+    walls = np.ones(WINDOW.shape, dtype=bool)
+    for start in ((2.05, 0.0), (0.0, -2.05), (1e9, 0.0)):
+        assert ask(start=start) is START_OUTSIDE
+        assert ask(walls, start=start) is START_OUTSIDE
+    assert ask(walls) is WALLED_IN
+    assert ask(goal=(np.nan, 0.0)) is NO_GOAL
+    assert ask(goal=(0.0, np.inf)) is NO_GOAL
+    assert len({each.why for each in (START_OUTSIDE, WALLED_IN, NO_GOAL)}) == 3
+    assert isinstance(ask(), Query)
+
+
+@pytest.mark.parametrize("start", [(np.nan, 0.0), (0.0, np.inf)])
+def test_a_start_that_is_not_finite_is_an_error(start):
+    with pytest.raises(ValueError, match="finite"):
+        ask(start=start)
