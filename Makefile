@@ -39,6 +39,7 @@ unit: install
 	$(BIN)/python -m pytest -n $(JOBS)
 
 bench: install  ## the figures the README quotes, with limit and floor beside each; PARTS=perception measures less
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks $(PARTS)
 
 fixture: install  ## make the committed recording again, byte for byte

@@ -10,10 +10,16 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import perception, positioning, reading, startup
+from benchmarks import perception, planning, positioning, reading, startup
 from benchmarks.figures import print_figures
 
-PARTS = {"startup": startup, "reading": reading, "positioning": positioning, "perception": perception}
+PARTS = {
+    "startup": startup,
+    "reading": reading,
+    "positioning": positioning,
+    "perception": perception,
+    "planning": planning,
+}
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from quadlog.errors import ExitCode, QuadlogError
 from quadlog.text import printable
 from quadlog.version import __version__
 
-COMMANDS = ("info", "init", "replay", "report", "export", "synthesize", "tables")
+COMMANDS = ("info", "init", "replay", "compare-planners", "report", "export", "synthesize", "tables")
 
 
 class LazyGroup(click.Group):
@@ -26,7 +26,7 @@ class LazyGroup(click.Group):
         """The command object of cli/<name>.py, None for an unknown name."""
         if name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"quadlog.cli.{name}").command
+        command: click.Command = importlib.import_module(f"quadlog.cli.{name.replace('-', '_')}").command
         return command
 
 

@@ -182,6 +182,14 @@ class UnreadableFile(QuadlogError):
         super().__init__(f"{where}: {reason}")
 
 
+class UnusableRobot(QuadlogError):
+    """A robot model that quadlog cannot walk; lists what it needs."""
+
+    def __init__(self, path: Path | str, needed: Iterable[str]) -> None:
+        self.path, self.needed = path, list(needed)
+        super().__init__(f"{path}: quadlog cannot walk this robot; it needs {'; '.join(self.needed)}")
+
+
 class AnchorsCollinear(QuadlogError):
     """UWB anchors on one line: every fix has a mirror image that fits as well."""
 

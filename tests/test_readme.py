@@ -55,7 +55,7 @@ def test_the_files_it_lists_are_the_files_there_are(yesterday, monkeypatch):
 
 def test_every_command_is_in_its_table():
     table = README.split("## Commands")[1].split("##")[0]
-    assert set(re.findall(r"`quadlog ([a-z]+)", table)) == set(COMMANDS)
+    assert set(re.findall(r"`quadlog ([a-z-]+)", table)) == set(COMMANDS)
 
 
 def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):

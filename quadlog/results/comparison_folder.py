@@ -56,24 +56,20 @@ class ComparisonFiles:
         except OSError as error:
             raise CannotWrite(self._folder, error.strerror or str(error)) from error
         with ExitStack() as stack:
+            stack.push(self._leave_nothing)
             self._replans = stack.enter_context(TableWriter(self._folder / "replans.parquet", REPLANS))
             if self._has_queries:
                 self._scenarios = stack.enter_context(TableWriter(self._folder / "scenarios.parquet", SCENARIOS))
+            stack.push(self._make_room)
             self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None:
-            self._make_room()
-        self._stack.__exit__(kind, error, trace)
-        if kind is None:
-            for name, png in self._plots.items():
-                write_whole(self._folder / "plots" / name, png)
-        elif self._is_new:
-            with suppress(OSError):  # somebody may have put something there
-                self._folder.rmdir()
+        self._stack.__exit__(kind, error, trace)  # goes on only without an error
+        for name, png in self._plots.items():
+            write_whole(self._folder / "plots" / name, png)
 
     def add(
         self,
@@ -92,13 +88,22 @@ class ComparisonFiles:
             if png is not None:
                 self._plots[f"source-{self._sources}-{name}.png"] = png
 
-    def _make_room(self) -> None:
+    def _make_room(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Before the tables appear."""
+        if kind is not None:
+            return
         try:
             for path in _earlier_files(self._folder):
                 path.unlink()
             (self._folder / "plots").mkdir(exist_ok=True)
         except OSError as error:
             raise CannotWrite(self._folder, error.strerror or str(error)) from error
+
+    def _leave_nothing(self, kind: type[BaseException] | None, *_: object) -> None:
+        """After the tables are gone."""
+        if kind is not None and self._is_new:
+            with suppress(OSError):  # somebody may have put something there
+                self._folder.rmdir()
 
 
 def write_comparison(

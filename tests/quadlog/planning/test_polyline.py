@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.planning.polyline import arc_lengths, is_free, resample
+from quadlog.planning.polyline import arc_lengths, is_free, largest_curvature, resample, turning
 
 
 @settings(max_examples=300, deadline=None)
@@ -44,3 +47,41 @@ def test_resample_keeps_ends_and_equal_steps():
     points = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0]])
     np.testing.assert_allclose(arc_lengths(points), [0, 3, 7])
     np.testing.assert_allclose(resample(points, 8)[[0, 3, 5, 7]], [[0, 0], [3, 0], [3, 2], [3, 4]])
+
+
+def test_turning_of_a_staircase():
+    points = np.array([[0, 0], [2, 0], [2, 1], [3, 1], [3, 2]])
+    assert turning(points) == (5.0, pytest.approx(3 * math.pi / 2))
+    assert turning(points * 0.1) == (pytest.approx(0.5), pytest.approx(3 * math.pi / 2))
+    assert turning(np.array([[0, 0], [1, 0], [0, 0]])) == (2.0, pytest.approx(math.pi))
+
+
+@pytest.mark.parametrize("points", [np.array([[1, 2]]), np.array([[1, 2], [4, 6]])])
+def test_a_point_and_a_straight_line_turn_nowhere(points):
+    assert turning(points) == (5.0 if len(points) == 2 else 0.0, 0.0)
+    assert largest_curvature(points.astype(np.float64)) == 0.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    radius_m=st.floats(0.1, 50),
+    steps=st.integers(16, 300),
+    sweep_rad=st.floats(0.5, 6),
+    side=st.sampled_from([-1, 1]),
+)
+def test_an_arc_has_its_curvature_and_turns_by_its_angle(radius_m, steps, sweep_rad, side):
+    angle = side * np.linspace(0, sweep_rad, steps)
+    points = radius_m * np.column_stack([np.cos(angle), np.sin(angle)]) + [3, -7]
+    half = sweep_rad / (steps - 1) / 2  # of the angle that a chord spans
+    length, turned = turning(points)
+    assert length == pytest.approx(2 * (steps - 1) * radius_m * math.sin(half))
+    assert turned == pytest.approx(sweep_rad * (steps - 2) / (steps - 1))
+    # Angle by chord: a little above 1 / radius.
+    assert largest_curvature(points) == pytest.approx(half / (radius_m * math.sin(half)), rel=1e-6)
+
+
+def test_the_largest_curvature_is_that_of_the_sharpest_corner():
+    """Two corners of 90 and 45 degrees, the second between shorter sides."""
+    points = np.array([[0, 0], [4, 0], [4, 4], [4, 4.5], [4.25, 4.75]])
+    sides = (0.5 + 0.25 * math.sqrt(2)) / 2
+    assert largest_curvature(points) == pytest.approx(max(math.pi / 2 / 4, math.pi / 4 / sides))

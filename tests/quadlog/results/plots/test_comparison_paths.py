@@ -108,3 +108,22 @@ def test_start_at_the_goal_and_no_path_is_a_picture_too() -> None:
     assert render_png(lambda: draw_paths([replace(SCENE, paths={"astar": WAY[:1]}, goal=WAY[0])]))
     assert render_png(lambda: draw_paths([replace(SCENE, paths={})]))
     assert draw_paths([]) is None
+
+
+def test_row_zero_may_be_the_upper_one():
+    """As MovingAI counts: the axis is turned over, what lies on it is not."""
+    for down, limits in ((False, (0, 0.4)), (True, (0.4, 0))):
+        figure = draw_paths([replace(SCENE, y_goes_down=down)])
+        figure.draw_without_rendering()  # gives both axes one scale
+        (axes,) = figure.axes
+        assert_allclose(axes.get_ylim(), limits)
+        (image,) = axes.get_images()
+        assert_allclose(image.get_extent(), (0, 0.6, 0, 0.4))
+        assert image.origin == "lower"
+        way, detour = axes.lines[:2]
+        assert_allclose(way.get_xydata(), WAY)
+        # On the screen the second line lies left of the first, straight across the way from start to goal.
+        apart = detour.get_transform().transform(WAY) - way.get_transform().transform(WAY)
+        along = axes.transData.transform(WAY[-1]) - axes.transData.transform(WAY[0])
+        assert (along[0] * apart[:, 1] - along[1] * apart[:, 0] > 0).all()
+        assert_allclose(apart @ along, 0, atol=0.02 * np.hypot(*along))

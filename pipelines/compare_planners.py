@@ -1,0 +1,153 @@
+"""The story of `quadlog compare-planners`: open the sources, ask every planner everything, compare, write."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.config import Config
+from quadlog.errors import ExitCode, UnknownName
+from quadlog.metrics.planner_comparison import Comparison, compare_planners
+from quadlog.metrics.planner_verdict import notes, verdict
+from quadlog.pipelines.comparison.asking import Answers, ask_everything
+from quadlog.pipelines.comparison.open_sources import open_sources
+from quadlog.pipelines.comparison.source import Source
+from quadlog.pipelines.progress import Progress
+from quadlog.planning.registry import PLANNERS, make_planner
+from quadlog.planning.rules import Rules
+from quadlog.results.comparison_folder import ComparisonFiles, write_comparison
+
+
+@dataclass(frozen=True, slots=True)
+class CompareOptions:
+    """What decides a comparison beside its sources.
+
+    planners: none are all. costs: None is exact with a .scen file, else integer. counted, leader: None is the preset's.
+    scen, start_cell, goal_cell: for maps in files. config: for recordings and ROS maps.
+    """
+
+    planners: tuple[str, ...] = ()
+    preset: str = "honest"
+    costs: str | None = None
+    ties: str = "larger_g"
+    counted: str | None = None
+    leader: str | None = None
+    corner_cutting: bool = False
+    scen: Path | None = None
+    start_cell: tuple[int, int] | None = None
+    goal_cell: tuple[int, int] | None = None
+    episodes: int = 40
+    seed: int = 0
+    config: Config = field(default_factory=Config)
+
+    @property
+    def rules(self) -> Rules:
+        """What planners are made with: each keeps the rule it is defined by."""
+        heuristic = "manhattan" if self.preset == "paper" else "octile"
+        costs = self.costs or ("exact" if self.scen is not None else "integer")
+        return Rules(costs, heuristic, self.ties, self.corner_cutting)
+
+    @property
+    def baseline(self) -> str:
+        """What every planner's cells are compared with."""
+        return "astar_paper" if self.preset == "paper" else "astar"
+
+    @property
+    def walked_by(self) -> str:
+        """Whose plans are walked through forests; the paper's robot follows IA*'s. Raises UnknownName."""
+        leader = self.leader or ("ia_star" if self.preset == "paper" else "astar")
+        if leader not in PLANNERS:
+            raise UnknownName("planner", leader, PLANNERS)
+        return leader
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The planners to run, the baseline first. Raises UnknownName."""
+        for name in self.planners:
+            if name not in PLANNERS:
+                raise UnknownName("planner", name, PLANNERS)
+        return tuple(dict.fromkeys([self.baseline, *(self.planners or PLANNERS)]))
+
+
+@dataclass(frozen=True, slots=True)
+class CompareOutcome:
+    """rows: of planners.parquet, for all sources; findings: a sentence for each source; about: how to read the rows."""
+
+    rows: list[dict[str, Any]]
+    findings: list[str]
+    about: list[str]
+    exit_code: ExitCode
+
+
+def compare(
+    arguments: Sequence[str], options: CompareOptions, folder: Path | None, force: bool, progress: Progress
+) -> CompareOutcome:
+    """Compare planners on all sources, and write what was found to `folder`, if any.
+
+    Raises UnknownName, UsageError, AlreadyExists, CannotWrite, and what opening a source raises, before anything is
+    asked.
+    """
+    names = options.names
+    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch, ExitStack() as stack:
+        files = None
+        if folder is not None:
+            files = stack.enter_context(ComparisonFiles(folder, force, has_queries=options.scen is not None))
+        sources, losses = open_sources(arguments, options, Path(scratch), progress)
+        outcome = CompareOutcome([], [], [*rule_lines(names, options)], ExitCode.WITH_LOSS if losses else ExitCode.DONE)
+        for source, comparison, answers in _compared(sources, names, options, progress):
+            outcome.rows.extend(_plain(comparison))
+            outcome.findings.append(verdict(comparison))
+            outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(answers.columns)])
+            if files is not None:
+                files.add(comparison, answers.columns, answers.scenarios, answers.scene)
+    if folder is not None:
+        write_comparison(folder, outcome.rows, outcome.findings, outcome.about)
+    return outcome
+
+
+def _compared(
+    sources: Sequence[Source], names: Sequence[str], options: CompareOptions, progress: Progress
+) -> Iterator[tuple[Source, Comparison, Answers]]:
+    incremental = [name for name in names if PLANNERS[name].incremental]
+    for number, source in enumerate(sources):
+        progress.begin("compare", source.count)
+        answers = ask_everything(source, names, options.rules, progress)
+        rng = np.random.default_rng([options.seed, number, *b"intervals"])
+        yield source, compare_planners(answers.columns, rng, options.baseline, counted(options), incremental), answers
+
+
+def counted(options: CompareOptions) -> str:
+    """What counts as a searched cell in the ratio."""
+    return options.counted or ("generated" if options.preset == "paper" else "expanded")
+
+
+def rule_lines(names: Sequence[str], options: CompareOptions) -> list[str]:
+    """What every planner goes by: one line for all that is alike, one for each group that differs."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(str(make_planner(name, options.rules).rules), []).append(name)
+    lines = [f"Rules of {', '.join(members)}: {rules}." for rules, members in groups.items()]
+    return [f"Preset {options.preset}, counting {counted(options)} cells, seed {options.seed}.", *lines]
+
+
+def failures(columns: Mapping[str, NDArray[Any]]) -> list[str]:
+    """Why there were replans without a path, from columns of replans.parquet; alike planners share a line."""
+    groups: dict[str, list[str]] = {}
+    for planner in dict.fromkeys(columns["planner"].tolist()):
+        reasons = Counter(columns["why_not"][(columns["planner"] == planner) & ~columns["found"]].tolist())
+        if reasons:
+            told = ", ".join(f"{reason} in {count}" for reason, count in sorted(reasons.items()))
+            groups.setdefault(told, []).append(planner)
+    return [f"Replans without a path of {', '.join(members)}: {told}." for told, members in groups.items()]
+
+
+def _plain(comparison: Comparison) -> list[dict[str, Any]]:
+    return [asdict(row) for row in comparison.rows]

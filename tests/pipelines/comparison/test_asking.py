@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from quadlog.pipelines.comparison.asking import ask_everything
+from quadlog.pipelines.comparison.forest_source import forest_source
+from quadlog.pipelines.comparison.map_source import movingai_source
+from quadlog.pipelines.progress import Silent
+from quadlog.planning.rules import Rules
+from quadlog.results.comparison_tables import REPLANS, SCENARIOS
+
+NAMES = ["astar", "clearance_astar", "ia_star"]
+
+
+class Steps(Silent):
+    def __init__(self) -> None:
+        self.count = 0
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        self.count += 1
+
+
+@pytest.fixture
+def scen_source(write_map, write_scen):
+    """The second query is the longest one, and clearance A* looks at more cells than A* on every one."""
+    blocked = np.zeros((20, 20), dtype=bool)
+    blocked[3:18, 9] = True
+    queries = [((0, 0), (2, 0), 2), ((6, 10), (12, 10), 0), ((0, 0), (6, 1), 6.4)]
+    return movingai_source(write_map(blocked), "small.map", write_scen(blocked.shape, queries), None)
+
+
+@pytest.mark.parametrize("kind", ["static", "walk"])
+def test_every_planner_answers_every_question(scen_source, kind):
+    source = scen_source if kind == "static" else forest_source("forest:0.1", 2, "astar", Rules(), "euclidean", 3)
+    progress = Steps()
+    answers = ask_everything(source, NAMES, Rules(), progress)
+    columns = answers.columns
+    assert list(columns) == REPLANS.names
+    assert list(answers.scenarios) == SCENARIOS.names
+    assert progress.count == source.count
+    asked = {}
+    for name in NAMES:
+        mine = columns["planner"] == name
+        asked[name] = {each: columns[each][mine] for each in ("episode", "replan", "t_ns", "start_col", "goal_row")}
+    for each in asked["astar"]:
+        assert_array_equal(asked["astar"][each], asked["ia_star"][each], each)
+        assert_array_equal(asked["astar"][each], asked["clearance_astar"][each], each)
+    assert len(answers.scenarios["map"]) == (9 if kind == "static" else 0)
+    assert_array_equal(
+        columns["optimal_cost"][columns["planner"] == "astar"], columns["cost"][columns["planner"] == "astar"]
+    )
+
+
+def test_the_picture_is_of_the_baselines_hardest_query_with_every_path(scen_source):
+    scene = ask_everything(scen_source, NAMES, Rules(costs="exact"), Silent()).scene
+    assert scene.title == "small.map, where astar expanded most"
+    assert list(scene.paths) == NAMES
+    for path in scene.paths.values():
+        assert_array_equal(path[[0, -1]], [[6.5, 10.5], [12.5, 10.5]])
+    assert scene.grown is None
+
+
+def test_the_picture_of_a_walk_is_of_its_first_episode():
+    source = forest_source("forest:0.2", 2, "astar", Rules(), "euclidean", 3)
+    answers = ask_everything(source, NAMES, Rules(), Silent())
+    first = (answers.columns["planner"] == "astar") & (answers.columns["episode"] == 0)
+    hardest = np.flatnonzero(first)[answers.columns["expanded"][first].argmax()]
+    start = [answers.columns[name][hardest] for name in ("start_col", "start_row")]
+    assert np.floor(answers.scene.start / answers.scene.cell).tolist() == start
+    assert list(answers.scene.paths) == NAMES
+    assert answers.scene.grown.sum() > answers.scene.occupied.sum()
+
+
+def test_nothing_to_draw_where_robot_is_walled_in_throughout(write_map):
+    source = movingai_source(write_map(["@@", "@@"]), "small.map", None, ((0, 0), (1, 1)))
+    answers = ask_everything(source, NAMES, Rules(), Silent())
+    assert all(len(path) == 0 for path in answers.scene.paths.values())

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadlog.errors import UnreadableFile, UsageError
+from quadlog.mapping.inflation import INFLATIONS
+from quadlog.pipelines.comparison.asking import ask_everything
+from quadlog.pipelines.comparison.map_source import movingai_source, ros_map_source
+from quadlog.pipelines.progress import Silent
+from quadlog.planning.registry import OPTIMAL
+from quadlog.planning.rules import Rules
+from quadlog.results.rosmap import write_rosmap
+
+EXACT = Rules(costs="exact")
+CELLS = (1.0, math.sqrt(2))
+CORNER = ["..@", "...", "@.."]  # from (1, 0) to (2, 1) past one blocked cell
+
+
+def graph_of(blocked, weights=CELLS) -> nx.Graph:
+    """Cells (col, row) and the legal steps between them, by the rule as it is written down."""
+    rows, cols = blocked.shape
+    graph = nx.Graph()
+    free = {(col, row) for row in range(rows) for col in range(cols) if not blocked[row, col]}
+    graph.add_nodes_from(free)
+    for col, row in free:
+        for dcol, drow in ((1, 0), (0, 1), (1, 1), (-1, 1)):
+            beside = {(col + dcol, row), (col, row + drow)}
+            if (col + dcol, row + drow) in free and beside <= free:
+                graph.add_edge((col, row), (col + dcol, row + drow), weight=weights[bool(dcol and drow)])
+    return graph
+
+
+def some_queries(blocked, graph, count, rng):
+    """(start, goal, length) of the shortest way, each of which exists."""
+    component = sorted(max(nx.connected_components(graph), key=len))
+    for i, j in rng.integers(0, len(component), (count, 2)).tolist():
+        start, goal = component[i], component[j]
+        yield start, goal, nx.dijkstra_path_length(graph, start, goal)
+
+
+@pytest.mark.parametrize("costs", ["exact", "integer"])
+def test_costs_of_a_scen_are_the_listed_ones(write_map, write_scen, costs):
+    """Planners that are optimal, asked in cells of 1 and the root of 2, find the lengths that networkx finds."""
+    rng = np.random.default_rng(4)
+    blocked = rng.random((14, 19)) < 0.25
+    queries = list(some_queries(blocked, graph_of(blocked), 12, rng))
+    source = movingai_source(write_map(blocked), "small.map", write_scen(blocked.shape, queries), None)
+    assert source.count == 12
+    answers = ask_everything(source, ["astar", "dijkstra", "mt_d_star_lite", "ea_star"], Rules(costs=costs), Silent())
+    scenarios, replans = answers.scenarios, answers.columns
+    optimal = np.isin(scenarios["planner"], OPTIMAL)
+    assert_allclose(scenarios["listed_cost"], [each[2] for each in queries] * 4, rtol=0, atol=1e-12)
+    assert scenarios["found"].all()
+    if costs == "exact":
+        assert_allclose(scenarios["cost"][optimal], scenarios["listed_cost"][optimal], rtol=0, atol=1e-5)
+        assert_allclose(replans["cost"], scenarios["cost"], rtol=0, atol=1e-9)
+    else:
+        # Each planner's path is the cheapest in tens and fourteens; its length is in cells all the same.
+        whole = graph_of(blocked, (10, 14))
+        best = [nx.dijkstra_path_length(whole, start, goal) for start, goal, _ in queries]
+        assert_array_equal(replans["cost"][optimal], best * 3)
+        assert (scenarios["cost"] >= scenarios["listed_cost"] - 1e-9).all()
+        assert (scenarios["cost"] < 1.02 * scenarios["listed_cost"] + 1e-9)[optimal].all()
+    assert (scenarios["cost"] >= scenarios["listed_cost"] - 1e-9).all()
+
+
+@pytest.mark.parametrize(("corner_cutting", "length"), [(False, 2.0), (True, math.sqrt(2))])
+def test_a_diagonal_needs_both_cells_beside_it_unless_told(write_map, corner_cutting, length):
+    source = movingai_source(write_map(CORNER), "small.map", None, ((1, 0), (2, 1)))
+    rules = Rules(costs="exact", corner_cutting=corner_cutting)
+    columns = ask_everything(source, ["astar", "dijkstra"], rules, Silent()).columns
+    assert_allclose(columns["length_m"], length)
+    assert_allclose(columns["cost"], length)
+
+
+@pytest.mark.parametrize(
+    ("lines", "start", "goal", "why_not"),
+    [
+        (["..", ".@"], (0, 0), (1, 1), "goal blocked"),
+        (["@.", ".."], (0, 0), (1, 1), "start blocked"),
+        (["..@", ".@.", "@.."], (0, 0), (2, 2), "unreachable"),
+        (["@@", "@@"], (0, 0), (1, 1), "start blocked"),
+    ],
+)
+def test_a_query_without_an_answer_says_why(write_map, lines, start, goal, why_not):
+    source = movingai_source(write_map(lines), "small.map", None, (start, goal))
+    columns = ask_everything(source, ["astar", "ia_star", "lpa_star", "ara_star"], EXACT, Silent()).columns
+    assert set(columns["why_not"]) == {why_not}
+    assert not columns["found"].any()
+    for name in ("cost", "optimal_cost", "length_m", "turn_rad"):
+        assert np.isnan(columns[name]).all(), name
+
+
+def test_a_map_of_one_cell_is_solved_by_standing_still(write_map):
+    source = movingai_source(write_map(["."]), "small.map", None, ((0, 0), (0, 0)))
+    columns = ask_everything(source, ["astar", "ia_star", "mt_d_star_lite"], EXACT, Silent()).columns
+    assert columns["found"].all()
+    assert (columns["cost"] == 0).all()
+    assert (columns["length_m"] == 0).all()
+
+
+def test_rows_count_from_the_top(write_map):
+    """(col, row) of the file, also in the table and in the picture."""
+    source = movingai_source(write_map(["...@", "@@.@"]), "small.map", None, ((0, 0), (2, 1)))
+    answers = ask_everything(source, ["astar"], EXACT, Silent())
+    row = {name: answers.columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row", "found")}
+    assert row == {"start_col": 0, "start_row": 0, "goal_col": 2, "goal_row": 1, "found": True}
+    scene = answers.scene
+    assert scene.y_goes_down
+    assert scene.unit == "cells"
+    assert_array_equal(scene.start, [0.5, 0.5])
+    assert_array_equal(scene.goal, [2.5, 1.5])
+    assert scene.grown is None
+    assert scene.occupied[1].tolist() == [True, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "says"),
+    [((3, 0), (0, 0), "--start-cell 3,0 lies outside small.map, whose cells are 0,0 to 2,1"), ((0, 0), (0, 2), "goal")],
+)
+def test_a_cell_outside_is_refused(write_map, start, goal, says):
+    with pytest.raises(UsageError, match=says):
+        movingai_source(write_map(["...", "..."]), "small.map", None, (start, goal))
+
+
+def test_a_map_without_a_query_is_usage(write_map):
+    with pytest.raises(UsageError, match=r"Give --start-cell COL,ROW and --goal-cell COL,ROW or --scen"):
+        movingai_source(write_map(["."]), "small.map", None, None)
+
+
+def test_malformed_files_name_file_and_line(write_map, write_scen):
+    good = write_map(["..", ".."])
+    with pytest.raises(UnreadableFile, match=r"bad\.map, line 6: the row has only 1 of 2 columns"):
+        movingai_source(write_map(["..", "."], "bad.map"), "bad.map", None, ((0, 0), (0, 0)))
+    with pytest.raises(UnreadableFile, match=r"small\.map\.scen, line 2: the length"):
+        movingai_source(good, "small.map", write_scen((2, 2), [((0, 0), (1, 1), "far")]), None)
+    path = write_scen((2, 2), [((0, 0), (1, 1), 2)])
+    path.write_text(path.read_text() + "0\tsmall.map\t3\t3\t0\t0\t2\t2\t4\n")
+    with pytest.raises(UnreadableFile, match=r"line 3: is for a map of 3 x 3 cells, and the map has 2 x 2"):
+        movingai_source(good, "small.map", path, None)
+
+
+def ros_map(folder: Path) -> tuple[Path, np.ndarray]:
+    cells = np.zeros((20, 30), np.int8)
+    cells[8:12, 10:13] = 100
+    cells[:, 27:] = -1
+    write_rosmap(folder, cells, np.array([-1.0, 2.0]), 0.1)
+    return folder / "map.yaml", cells
+
+
+def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):
+    path, cells = ros_map(tmp_path)
+    source = ros_map_source(path, "map.yaml", ((2, 9), (25, 9)), 0.3, "euclidean")
+    (question,) = next(iter(source.episodes()))
+    grown = INFLATIONS["euclidean"](cells == 100, 3.0)
+    assert_array_equal(question.query.blocked, grown | (cells < 0))
+    assert not question.query.blocked[9, 26]
+    answers = ask_everything(source, ["astar"], Rules(), Silent())
+    # Cells of map's lattice, whose origin is 10 cells right of and 20 below the picture's corner.
+    assert [answers.columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row")] == [-8, 29, 15, 29]
+    graph = graph_of(question.query.blocked, (10, 14))
+    assert answers.columns["cost"][0] == nx.dijkstra_path_length(graph, (2, 9), (25, 9))
+    assert answers.columns["length_m"][0] == pytest.approx(0.1 * length_of(graph, answers.columns["cost"][0], 23))
+    assert answers.scene.unit == "m"
+    assert not answers.scene.y_goes_down
+
+
+def length_of(graph: nx.Graph, cost: float, across: int) -> float:
+    """Of a way with so many columns to cross and no step back: 10 (across - d) + 14 d = cost."""
+    diagonals = (cost - 10 * across) / 4
+    return across - diagonals + diagonals * math.sqrt(2)
+
+
+def test_a_ros_map_needs_cells(tmp_path):
+    path, _ = ros_map(tmp_path)
+    with pytest.raises(UsageError, match=r"map\.yaml: where from and where to\? Give --start-cell COL,ROW and"):
+        ros_map_source(path, "map.yaml", None, 0.3, "euclidean")

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from quadlog.config_file import load_config
+from quadlog.errors import MissingInput, NotARun, UnreadableConfig
+from quadlog.pipelines.comparison.asking import ask_everything
+from quadlog.pipelines.comparison.run_source import run_source
+from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.stages.plan import configured_planner, growth_of
+from quadlog.planning.rules import Rules
+from quadlog.results.maps import load_maps
+from quadlog.results.tables import read_table
+
+
+@pytest.fixture
+def own_run(planned_run, tmp_path):
+    return shutil.copytree(planned_run, tmp_path / "walk")
+
+
+def test_its_questions_are_those_of_the_stage_plan(planned_run):
+    """The stage's planner, asked again, does and costs the same, in the same cells."""
+    columns = ask_everything(run_source(planned_run, "walk"), ["ia_star"], Rules(), Silent()).columns
+    plans, cell_m = read_table(planned_run, "plans"), load_maps(planned_run).cell_m
+    assert set(plans["planner"]) == set(columns["planner"]) == {"ia_star"}
+    assert len(plans["t_ns"]) == 10
+    for name in ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch", "reused_cells"):
+        assert_array_equal(columns[name], plans[name], name)
+    assert_array_equal(columns["goal_projected"], plans["goal_projected"])
+    assert not all(plans["from_scratch"])  # it did build on the plan before
+    for end in ("start", "goal"):
+        for axis, cell in (("x", "col"), ("y", "row")):
+            assert_array_equal(columns[f"{end}_{cell}"], np.floor(plans[f"{end}_{axis}_m"] / cell_m), end)
+
+
+def test_the_growth_is_the_runs_own(planned_run, own_run):
+    text = (own_run / "config.toml").read_text()
+    assert "dilation_m = 0.3" in text
+    (own_run / "config.toml").write_text(text.replace("dilation_m = 0.3", "dilation_m = 0.5"))
+    blocked = []
+    for run in (planned_run, own_run):
+        source = run_source(run, "walk")
+        question = next(iter(next(iter(source.episodes()))))
+        blocked.append(question.query.blocked)
+        assert question.occupied.sum() < question.query.blocked.sum()
+    assert blocked[0].sum() < blocked[1].sum()
+    assert "0.5 m" in source.about
+
+
+def test_growth_and_planner_of_a_config():
+    config = load_config(None, ["grid.dilation=body", "planner.name=lpa_star", "planner.corner_cutting=true"], {})
+    metres, shape = growth_of(config)
+    assert shape == "euclidean"
+    assert metres == pytest.approx(np.hypot(config.robot.length_m, config.robot.width_m) / 2)
+    planner = configured_planner(config)
+    assert planner.name == "lpa_star"
+    assert planner.rules == Rules(corner_cutting=True)
+
+
+@pytest.mark.parametrize(
+    ("gone", "error", "says"),
+    [
+        ("maps.npz", NotARun, "has no maps.npz"),
+        ("poses.parquet", NotARun, "has no poses.parquet"),
+        ("target.parquet", MissingInput, "walk has no target to plan to; replay with  --set topics.target=ahead"),
+        ("config.toml", UnreadableConfig, "No such file"),
+    ],
+)
+def test_a_run_with_a_file_missing_names_it(own_run, gone, error, says):
+    (own_run / gone).unlink()
+    with pytest.raises(error, match=says):
+        run_source(own_run, "walk")
+
+
+def test_damaged_maps_are_a_known_error(own_run):
+    content = bytearray((own_run / "maps.npz").read_bytes())
+    (own_run / "maps.npz").write_bytes(content[: len(content) // 2])
+    with pytest.raises(NotARun, match="damaged"):
+        run_source(own_run, "walk")
+    middle = len(content) // 2
+    content[middle : middle + 40] = bytes(each ^ 0x5A for each in content[middle : middle + 40])
+    (own_run / "maps.npz").write_bytes(content)
+    with pytest.raises(NotARun, match="damaged"):
+        ask_everything(run_source(own_run, "walk"), ["astar"], Rules(), Silent())
+
+
+def test_a_run_whose_target_was_never_seen_at_a_map_has_no_question(own_run):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(own_run / "target.parquet")
+    late = pa.array(np.asarray(table["t_ns"]) + 10**13)
+    pq.write_table(table.set_column(0, table.schema.field("t_ns"), late), own_run / "target.parquet")
+    with pytest.raises(MissingInput, match="no map with robot and target known"):
+        ask_everything(run_source(own_run, "walk"), ["astar"], Rules(), Silent())
