@@ -5,4 +5,8 @@ from __future__ import annotations
 TABLES = {
     "following-uwb": "quadlog.pipelines.tables.following_uwb",
     "following-lidar": "quadlog.pipelines.tables.following_lidar",
+    "following-2": "quadlog.pipelines.tables.following_2",
+    "planning-1": "quadlog.pipelines.tables.planning_1",
+    "planning-2": "quadlog.pipelines.tables.planning_2",
+    "planning-ea": "quadlog.pipelines.tables.planning_ea",
 }

@@ -121,6 +121,8 @@ def _interval_words(rows: Sequence[PlannerRow]) -> str:
         return "too few for an interval"
     low, high = min(low for low, _ in known), max(high for _, high in known)
     words = f"95 %: {_times(low)} to {_times(high)}"
+    if 1 < rows[0].episodes < FEWEST_VALUES:
+        words = f"{_times(low)} to {_times(high)} in {rows[0].episodes} episodes, too few for 95 %"
     return f"{words}, no difference shown" if low <= 1 <= high else words
 
 
