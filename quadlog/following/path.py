@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from quadlog.messages import Float
 
@@ -29,20 +30,19 @@ class PathPosition(NamedTuple):
 
 def nearest_on_path(path: Float, x_m: float, y_m: float) -> PathPosition:
     """The nearest point of a polyline (K, 2); among equals the first. Repeated points and K = 1 are fine."""
-    x, y = path[:, 0], path[:, 1]
-    starts = slice(None, -1) if len(path) > 1 else slice(None)
-    dx, dy = _steps(path)
-    squared_length = dx * dx + dy * dy
-    along = (x_m - x[starts]) * dx + (y_m - y[starts]) * dy
-    fraction = np.minimum(np.maximum(along / np.where(squared_length > 0, squared_length, 1.0), 0.0), 1.0)
-    near_x, near_y = x[starts] + fraction * dx, y[starts] + fraction * dy
-    squared = (near_x - x_m) ** 2 + (near_y - y_m) ** 2
-    best = int(squared.argmin())
-    distance, at_x, at_y = math.sqrt(squared[best]), float(near_x[best]), float(near_y[best])
-    heading = segment_heading(path, best)
+    return nearest_between(path, (0, 0.0), (max(len(path) - 2, 0), 1.0), x_m, y_m)
+
+
+def nearest_between(
+    path: Float, low: tuple[int, float], high: tuple[int, float], x_m: float, y_m: float
+) -> PathPosition:
+    """The same on the part of it from one (segment, fraction) to another, not before it."""
+    segment, fraction, at_x, at_y = _nearest(path, low[0], low[1], high[0], high[1], x_m, y_m)
+    distance = math.hypot(at_x - x_m, at_y - y_m)
+    heading = segment_heading(path, segment)
     if math.cos(heading) * (y_m - at_y) - math.sin(heading) * (x_m - at_x) < 0:
         distance = -distance
-    return PathPosition(best, float(fraction[best]), at_x, at_y, distance, heading)
+    return PathPosition(segment, fraction, at_x, at_y, distance, heading)
 
 
 def segment_heading(path: Float, segment: int) -> float:
@@ -75,23 +75,15 @@ def lookahead_point(path: Float, x_m: float, y_m: float, near: PathPosition, loo
 
     The end of the path when it ends nearer than that; the nearest point itself when that is farther already.
     """
-    start_x, start_y = near.x_m, near.y_m
-    if math.hypot(start_x - x_m, start_y - y_m) >= lookahead_m:
-        return start_x, start_y
-    away_m = np.hypot(path[near.segment + 1 :, 0] - x_m, path[near.segment + 1 :, 1] - y_m)
-    outside = int((away_m >= lookahead_m).argmax()) if len(away_m) else 0
-    if len(away_m) == 0 or away_m[outside] < lookahead_m:
-        return float(path[-1, 0]), float(path[-1, 1])
-    end_x, end_y = path[near.segment + 1 + outside].tolist()
-    if outside > 0:
-        start_x, start_y = path[near.segment + outside].tolist()
-    # |start + s d - robot| = l, from inside the circle to outside: one root in 0..1.
-    dx, dy = end_x - start_x, end_y - start_y
-    from_x, from_y = start_x - x_m, start_y - y_m
-    a, b = dx * dx + dy * dy, from_x * dx + from_y * dy
-    c = from_x * from_x + from_y * from_y - lookahead_m * lookahead_m
-    s = (-b + math.sqrt(max(b * b - a * c, 0.0))) / a
-    return start_x + s * dx, start_y + s * dy
+    ahead_x, ahead_y, _ = lookahead_within(path, x_m, y_m, near, lookahead_m, math.inf)
+    return ahead_x, ahead_y
+
+
+def lookahead_within(
+    path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float, reach_m: float
+) -> tuple[float, float, float]:
+    """The same, but at most reach_m along the path, and how far along it that is: (x_m, y_m, along_m)."""
+    return _ahead(path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m)
 
 
 def _steps(path: Float) -> tuple[Float, Float]:
@@ -99,3 +91,55 @@ def _steps(path: Float) -> tuple[Float, Float]:
     if len(path) == 1:
         return np.zeros(1), np.zeros(1)
     return path[1:, 0] - path[:-1, 0], path[1:, 1] - path[:-1, 1]
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest(
+    path: Float, first: int, low: float, last: int, high: float, x: float, y: float
+) -> tuple[int, float, float, float]:
+    """(segment, fraction, x, y) of the nearest point between (first, low) and (last, high)."""
+    best, best_fraction, best_x, best_y, best_squared = first, 0.0, path[first, 0], path[first, 1], math.inf
+    for i in range(first, last + 1):
+        start_x, start_y = path[i, 0], path[i, 1]
+        dx, dy = 0.0, 0.0
+        if i + 1 < len(path):
+            dx, dy = path[i + 1, 0] - start_x, path[i + 1, 1] - start_y
+        squared_length = dx * dx + dy * dy
+        along = (x - start_x) * dx + (y - start_y) * dy
+        fraction = min(max(along / squared_length, 0.0), 1.0) if squared_length > 0 else 0.0
+        if i == first:
+            fraction = max(fraction, low)
+        if i == last:
+            fraction = min(fraction, high)
+        near_x, near_y = start_x + fraction * dx, start_y + fraction * dy
+        squared = (near_x - x) ** 2 + (near_y - y) ** 2
+        if squared < best_squared:
+            best, best_fraction, best_x, best_y, best_squared = i, fraction, near_x, near_y, squared
+    return best, best_fraction, best_x, best_y
+
+
+@njit(cache=True, error_model="numpy")
+def _ahead(
+    path: Float, segment: int, near_x: float, near_y: float, x: float, y: float, lookahead: float, reach: float
+) -> tuple[float, float, float]:
+    """(x, y, length along the path) of the first point that is lookahead away, or reach along, or the end."""
+    start_x, start_y, along = near_x, near_y, 0.0
+    if math.hypot(start_x - x, start_y - y) >= lookahead:
+        return start_x, start_y, along
+    for i in range(segment + 1, len(path)):
+        dx, dy = path[i, 0] - start_x, path[i, 1] - start_y
+        length = math.hypot(dx, dy)
+        s = 1.0
+        outside = math.hypot(path[i, 0] - x, path[i, 1] - y) >= lookahead
+        if outside:
+            # |start + s d - robot| = l, from inside the circle to outside: one root in 0..1.
+            from_x, from_y = start_x - x, start_y - y
+            a, b = dx * dx + dy * dy, from_x * dx + from_y * dy
+            c = from_x * from_x + from_y * from_y - lookahead * lookahead
+            s = (-b + math.sqrt(max(b * b - a * c, 0.0))) / a
+        if along + s * length > reach:
+            outside, s = True, (reach - along) / length
+        if outside:
+            return start_x + s * dx, start_y + s * dy, along + s * length
+        start_x, start_y, along = path[i, 0], path[i, 1], along + length
+    return start_x, start_y, along

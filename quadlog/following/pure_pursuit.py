@@ -41,10 +41,24 @@ def pure_pursuit(
     its distance: lookahead_m, less near the path's end. In curves tighter than
     the yaw rate allows the robot goes slower, so it stays on the arc.
     """
-    ahead_x, ahead_y = lookahead_point(path, x_m, y_m, near, lookahead_m)
-    end_x, end_y = path[-1].tolist()
-    to_end = math.hypot(end_x - x_m, end_y - y_m)
-    to_walk = max(remaining_length(path, near.segment, near.fraction), to_end)
+    ahead_m = lookahead_point(path, x_m, y_m, near, lookahead_m)
+    to_walk_m = remaining_length(path, near.segment, near.fraction)
+    return arc_to(x_m, y_m, yaw_rad, ahead_m, path[-1].tolist(), to_walk_m, speed_mps, max_yaw_rate_radps)
+
+
+def arc_to(
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    ahead_m: tuple[float, float],
+    end_m: tuple[float, float],
+    to_walk_m: float,
+    speed_mps: float,
+    max_yaw_rate_radps: float,
+) -> Command:
+    """The command from a pose in map to the look-ahead point, of a path that ends to_walk_m later in end_m."""
+    (ahead_x, ahead_y), (end_x, end_y) = ahead_m, end_m
+    to_walk = max(to_walk_m, math.hypot(end_x - x_m, end_y - y_m))
     distance = math.hypot(ahead_x - x_m, ahead_y - y_m)
     if to_walk <= ARRIVED_M or distance == 0:
         return Command(0.0, 0.0, ahead_x, ahead_y)
