@@ -1,0 +1,87 @@
+"""Where the body should be now and within the horizon, for a wanted speed and yaw rate over the ground under it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from quadlog.locomotion.footholds import slope_angles
+from quadlog.messages import Float
+
+# The reference waits for a robot that is farther away from it than this: it was pushed, or cannot keep up.
+LEASH_M, LEASH_RAD = 0.06, 0.15
+# How fast attitude and height follow the ground that the feet report.
+SLOPE_TIME_S = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class WantedMotion:
+    """A speed forward and a yaw rate, as pure pursuit commands them."""
+
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+class BodyReference:
+    """Integrates the wanted motion, and lies on the plane of the feet.
+
+    rpy (3,), position_m (3,) of the body's origin in map, velocity_mps (3,) and yaw_rate_radps wanted now.
+    """
+
+    def __init__(self, position_m: Float, yaw_rad: float, height_m: float) -> None:
+        self.rpy: Float = np.array([0.0, 0.0, yaw_rad])
+        self.position_m: Float = position_m.copy()
+        self.velocity_mps: Float = np.zeros(3)
+        self.yaw_rate_radps = 0.0
+        self._height_m = height_m
+
+    def step(self, dt_s: float, wanted: WantedMotion, position_m: Float, yaw_rad: float, plane: Float) -> None:
+        """Go on by dt_s; position_m (3,) and yaw_rad are measured, plane (3,) is that of the feet's centres."""
+        self.yaw_rate_radps = wanted.yaw_rate_radps
+        motion = (wanted.speed_mps, wanted.yaw_rate_radps)
+        _step(self.rpy, self.position_m, self.velocity_mps, dt_s, motion, position_m, yaw_rad, plane, self._height_m)
+
+    def ahead(self, dt_s: float, states: Float) -> None:
+        """Writes the states (N, 12) wanted at the ends of the next steps, as `centroidal` has them, of the origin."""
+        _ahead(self.rpy, self.position_m, self.velocity_mps, self.yaw_rate_radps, dt_s, states)
+
+
+@njit(cache=True, error_model="numpy")
+def _step(rpy, position, velocity, dt, motion, measured, yaw, plane, height):  # type: ignore[no-untyped-def]
+    speed, yaw_rate = motion
+    turned = (rpy[2] + yaw_rate * dt - yaw + math.pi) % (2 * math.pi) - math.pi
+    rpy[2] = yaw + min(max(turned, -LEASH_RAD), LEASH_RAD)
+    cos, sin = math.cos(rpy[2]), math.sin(rpy[2])
+    slope = cos * plane[0] + sin * plane[1]
+    # The speed is along the ground.
+    level = speed / math.hypot(1.0, slope)
+    velocity[0], velocity[1], velocity[2] = cos * level, sin * level, slope * level
+    ahead_x = position[0] + velocity[0] * dt - measured[0]
+    ahead_y = position[1] + velocity[1] * dt - measured[1]
+    within = LEASH_M / max(math.hypot(ahead_x, ahead_y), LEASH_M)
+    position[0], position[1] = measured[0] + within * ahead_x, measured[1] + within * ahead_y
+    share = min(dt / SLOPE_TIME_S, 1.0)
+    roll, pitch = slope_angles(plane, rpy[2])
+    rpy[0] += share * (roll - rpy[0])
+    rpy[1] += share * (pitch - rpy[1])
+    ground = plane[0] * position[0] + plane[1] * position[1] + plane[2]
+    position[2] += velocity[2] * dt
+    position[2] += share * (ground + height - position[2])
+
+
+@njit(cache=True, error_model="numpy")
+def _ahead(rpy, position, velocity, yaw_rate, dt, states):  # type: ignore[no-untyped-def]
+    speed = math.cos(rpy[2]) * velocity[0] + math.sin(rpy[2]) * velocity[1]
+    yaw, x, y, z = rpy[2], position[0], position[1], position[2]
+    states[:] = 0.0
+    for k in range(len(states)):
+        middle = yaw + 0.5 * yaw_rate * dt
+        x, y, z = x + speed * math.cos(middle) * dt, y + speed * math.sin(middle) * dt, z + velocity[2] * dt
+        yaw += yaw_rate * dt
+        states[k, 0], states[k, 1], states[k, 2] = rpy[0], rpy[1], yaw
+        states[k, 3], states[k, 4], states[k, 5] = x, y, z
+        states[k, 8] = yaw_rate
+        states[k, 9], states[k, 10], states[k, 11] = speed * math.cos(yaw), speed * math.sin(yaw), velocity[2]
