@@ -6,33 +6,17 @@ configuration of a run is this model dumped as TOML.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""A place or a height: anything within a thousand kilometres of map's origin."""
+from quadlog.config_control import Mpc, Pursuit, Robot, Simulation, Wbc
+from quadlog.config_section import Metres, Section, in_order
 
 
 def _as_list(value: object) -> object:
     """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
     return [value] if isinstance(value, str) and value else value
-
-
-class Section(BaseModel):
-    """A table of the file: unknown keys are refused, values are bounded, nothing changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-SectionT = TypeVar("SectionT", bound=Section)
-
-
-def _in_order(section: SectionT, low: str, high: str) -> SectionT:
-    """The section, unless its lower bound is not below its upper one."""
-    if getattr(section, low) >= getattr(section, high):
-        raise ValueError(f"{low} must be below {high}")
-    return section
 
 
 class Topics(Section):
@@ -139,7 +123,7 @@ class Uwb(Section):
 
     @model_validator(mode="after")
     def _ranges_are_in_order(self) -> Uwb:
-        return _in_order(self, "min_range_m", "max_range_m")
+        return in_order(self, "min_range_m", "max_range_m")
 
     @model_validator(mode="after")
     def _ids_are_unique(self) -> Uwb:
@@ -189,7 +173,7 @@ class Lidar(Section):
 
     @model_validator(mode="after")
     def _ranges_are_in_order(self) -> Lidar:
-        return _in_order(self, "min_range_m", "max_range_m")
+        return in_order(self, "min_range_m", "max_range_m")
 
 
 class Ground(Section):
@@ -235,7 +219,7 @@ class Grid(Section):
 
     @model_validator(mode="after")
     def _heights_are_in_order(self) -> Grid:
-        return _in_order(self, "min_height_m", "max_height_m")
+        return in_order(self, "min_height_m", "max_height_m")
 
 
 class Planner(Section):
@@ -266,34 +250,12 @@ class Smoothing(Section):
     spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
 
 
-class Pursuit(Section):
-    """Pure pursuit [Tracking, section 3]."""
-
-    lookahead_m: float = Field(2.0, ge=0.01, le=100, description="l [Tracking, section 5]")
-    speed_mps: float = Field(0.6, ge=0.01, le=10, description="[Tracking, section 5]")
-    max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20, description="the robot turns no faster")
-    rate_hz: float = Field(50.0, ge=1, le=1000, description="ticks of the controller and of control.parquet")
-
-
-class Robot(Section):
-    """The robot's body [Following, Table 1]."""
-
-    length_m: float = Field(0.62, gt=0, le=100)
-    width_m: float = Field(0.26, gt=0, le=100)
-    height_m: float = Field(0.37, gt=0, le=100)
-
-
-class Simulation(Section):
-    """The re-simulated walk."""
-
-    controller: Literal["kinematic", "none"] = Field("kinematic", description="none leaves the control stage out")
-
-
 class Results(Section):
     """What the run folder keeps."""
 
     cloud_samples: int = Field(3, ge=0, le=50, description="scans kept with the class of every point")
     ground_cell_m: float = Field(0.2, ge=0.01, le=10, description="cell of the ground's height map")
+    frames: int = Field(6, ge=0, le=24, description="pictures of a simulated robot, side by side; 0: none")
 
 
 class Config(Section):
@@ -308,5 +270,7 @@ class Config(Section):
     smoothing: Smoothing = Smoothing()
     pursuit: Pursuit = Pursuit()
     robot: Robot = Robot()
+    mpc: Mpc = Mpc()
+    wbc: Wbc = Wbc()
     simulation: Simulation = Simulation()
     results: Results = Results()

@@ -182,6 +182,14 @@ class UnreadableFile(QuadlogError):
         super().__init__(f"{where}: {reason}")
 
 
+class TooSteep(QuadlogError):
+    """A ground that feet would slip on: it rises beyond the friction cone."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"{reason}; raise it with  --set simulation.friction=...  or choose another terrain")
+
+
 class UnusableRobot(QuadlogError):
     """A robot model that quadlog cannot walk; lists what it needs."""
 

@@ -1,70 +1,60 @@
-"""The ticks between two maps: a robot follows one plan, and every tick is written down."""
+"""One tick between two maps: where the robot is beside its plan, and what it is told to do next."""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from quadlog.following.path import nearest_on_path, points_at_lengths
-from quadlog.following.pure_pursuit import pure_pursuit
+from quadlog.following.lookahead import LookaheadControl
+from quadlog.following.path_follower import PathFollower
 from quadlog.messages import Float
-from quadlog.simulation.clearance import body_clearance
-from quadlog.simulation.kinematic import unicycle_step
+from quadlog.simulation.course_walk import COLUMNS, CourseRobot
 
-# What advance writes for every tick, in this order.
-TICK_COLUMNS = (
-    "x_m",
-    "y_m",
-    "yaw_rad",
-    "ref_x_m",
-    "ref_y_m",
-    "cross_track_m",
-    "time_error_m",
-    "heading_error_rad",
-    "cmd_v_mps",
-    "cmd_yaw_rate_radps",
-    "clearance_m",
+if TYPE_CHECKING:
+    from quadlog.simulation.resimulation import PursuitSettings
+
+TICK_COLUMNS = (*COLUMNS, "clearance_m", "fallen")
+"""What is written for every tick, in this order."""
+POSE, REFERENCE, LOOKAHEAD, COMMAND, EFFORT, CLEARANCE, FALLEN = (
+    TICK_COLUMNS.index(name)
+    for name in ("x_m", "ref_x_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "clearance_m", "fallen")
 )
 
 
-def advance(
-    pose: Float,
-    path: Float,
-    since_plan_s: Float,
-    tick_s: float,
-    pursuit: tuple[float, float, float],
-    body: tuple[float, float],
-    centres_m: Float,
-    cell_m: float,
-    low_m: Float,
-    high_m: Float,
-    rows: Float,
-) -> int:
-    """Fills rows (N, len(TICK_COLUMNS)), moves pose (3,) on, and counts the ticks outside the window.
+def follow_tick(
+    row: Float,
+    robot: CourseRobot,
+    follower: PathFollower | None,
+    lookahead: LookaheadControl,
+    age_s: float,
+    settings: PursuitSettings,
+    dt_s: float,
+) -> None:
+    """Writes a row (len(TICK_COLUMNS),) but for its clearance, the command for the next dt_s in it.
 
-    path (K, 2): the plan; without one, K = 0, the robot stands. since_plan_s (N,): age of the plan at each tick.
-    pursuit: (look-ahead, speed, largest yaw rate). body: (length, width). centres_m (M, 2): the occupied cells.
-    low_m, high_m (2,): the window's corners.
+    follower: of the plan, age_s old; without one the robot is told to stand.
     """
-    lookahead_m, speed_mps, max_yaw_rate = pursuit
-    (low_x, low_y), (high_x, high_y) = low_m.tolist(), high_m.tolist()
-    references_m = points_at_lengths(path, since_plan_s * speed_mps).tolist() if len(path) else []
-    outside = 0
-    x, y, yaw = pose.tolist()
-    for k, row in enumerate(rows):
-        row[:3] = x, y, yaw
-        v, yaw_rate = 0.0, 0.0
-        if len(path) > 0:
-            near = nearest_on_path(path, x, y)
-            reference_x, reference_y = references_m[k]
-            command = pure_pursuit(x, y, yaw, path, near, lookahead_m, speed_mps, max_yaw_rate)
-            v, yaw_rate = command.v_mps, command.yaw_rate_radps
-            away_m = math.hypot(reference_x - x, reference_y - y)
-            row[3:8] = near.x_m, near.y_m, near.distance_m, away_m, yaw - near.heading_rad
-        row[8:10] = v, yaw_rate
-        if low_x <= x < high_x and low_y <= y < high_y:
-            row[10] = body_clearance(x, y, yaw, body[0], body[1], centres_m, cell_m)
-        else:
-            outside += 1
-        x, y, yaw = unicycle_step(x, y, yaw, v, yaw_rate, tick_s)
-    pose[:] = x, y, yaw
-    return outside
+    x_m, y_m, yaw_rad = robot.pose.tolist()
+    row[POSE : POSE + 6] = *robot.position_m.tolist(), *robot.rpy
+    row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
+    if follower is not None:
+        place = follower.step(x_m, y_m, yaw_rad)
+        ahead = lookahead.step(place.near.distance_m, dt_s, robot.velocity[0])
+        command = follower.pursue(x_m, y_m, yaw_rad, place, ahead.l_m, settings.speed_mps, settings.max_yaw_rate_radps)
+        planned = follower.reference_at(age_s * settings.speed_mps)
+        away_m = math.hypot(planned.x_m - x_m, planned.y_m - y_m)
+        near = place.near
+        row[REFERENCE : REFERENCE + 6] = (
+            near.x_m,
+            near.y_m,
+            place.error_m,
+            near.distance_m,
+            away_m,
+            place.heading_error_rad,
+        )
+        row[LOOKAHEAD : LOOKAHEAD + 3] = ahead
+        row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
+    has_body = not math.isnan(robot.mass_kg)
+    # A robot without a body has the speed that it is told at once.
+    row[POSE + 6 : POSE + 9] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
+    row[EFFORT : EFFORT + 16] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()

@@ -1,8 +1,9 @@
 """The walk again, closed loop: a simulated robot among the recorded maps, towards the recorded target.
 
 At every recorded map a plan starts where the simulated robot is; between maps
-it follows that plan by pure pursuit. Where there is no new plan, because the
-robot left the recorded window or is walled in, it holds its last one.
+it follows that plan by pure pursuit, with or without a body. Where there is no
+new plan, because the robot left the recorded window or is walled in, it holds
+its last one; a robot that has fallen lies.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from itertools import pairwise
 import numpy as np
 
 from quadlog.errors import TooLarge
-from quadlog.geometry import seconds_since, wrap_angle
+from quadlog.following.lookahead import LookaheadControl
+from quadlog.following.path_follower import PathFollower
+from quadlog.geometry import seconds_since
 from quadlog.mapping.window import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.clearance import occupied_centres
-from quadlog.simulation.pursuit_ticks import TICK_COLUMNS, advance
+from quadlog.simulation.clearance import body_clearance, occupied_centres
+from quadlog.simulation.course_walk import CourseRobot
+from quadlog.simulation.pursuit_ticks import CLEARANCE, COMMAND, TICK_COLUMNS, follow_tick
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
@@ -44,9 +48,8 @@ class MapInstant:
 
 @dataclass(frozen=True, slots=True)
 class PursuitSettings:
-    """The kinematic robot: how it follows, and how large it is."""
+    """How a robot follows its plans, and how large it is."""
 
-    lookahead_m: float = 2.0
     speed_mps: float = 0.6
     max_yaw_rate_radps: float = 1.5
     rate_hz: float = 50.0
@@ -58,9 +61,8 @@ class PursuitSettings:
 class Resimulation:
     """A re-simulated walk of T ticks.
 
-    control: the columns of control.parquet, (T,) each, without torques and forces. z_m, roll_rad and pitch_rad
-    are NaN, for a kinematic robot has none; so are k_v and k_w, for the look-ahead is fixed, and the errors
-    and the reference before there is a plan.
+    control: the columns of control.parquet, (T,) each. What a robot without a body does not have is NaN; so are
+    k_v and k_w where the look-ahead is fixed, and the errors and the reference before there is a plan.
     clearance_m: (T,) see body_clearance; NaN outside the recorded window. target_distance_m: (T,).
     plans, paths: of the simulated robot, one record for each map that it was inside of.
     outside_ticks: ticks outside the window recorded last; outside_replans: maps that could not be planned on.
@@ -77,10 +79,11 @@ class Resimulation:
 
 @dataclass(slots=True)
 class _State:
-    """What the robot carries from one map to the next."""
+    """What is carried from one map to the next."""
 
-    pose: Float
-    path_m: Float = field(default_factory=lambda: np.empty((0, 2)))
+    robot: CourseRobot
+    lookahead: LookaheadControl
+    follower: PathFollower | None = None
     planned_at_ns: int = 0
     plans: list[PlanRecord] = field(default_factory=list)
     paths: list[PlannedPath] = field(default_factory=list)
@@ -91,18 +94,19 @@ class _State:
 def resimulate(
     instants: Iterable[MapInstant],
     target_xy_at: Callable[[Int], Float],
-    start_pose: Float,
+    robot: CourseRobot,
+    lookahead: LookaheadControl,
     replanner: Replanner,
     settings: PursuitSettings,
 ) -> Resimulation:
-    """Walks from start_pose (x_m, y_m, yaw_rad) at the first map's instant until the last one's.
+    """Walks from where the robot is, at the first map's instant, until the last one's.
 
     instants: in time order; only two are held at a time.
     target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
     replanner: plans between the maps; see ReplanSettings for stopping short.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
-    walk = _State(np.array(start_pose, dtype=np.float64))
+    walk = _State(robot, lookahead)
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS)))]
     first_ns, tick = None, 0
@@ -117,7 +121,7 @@ def resimulate(
         tick = until
         ticks_ns.append(t_ns)
         rows.append(_follow(walk, instant, t_ns, settings))
-    return _gathered(walk, np.concatenate(ticks_ns), np.concatenate(rows), target_xy_at, settings)
+    return _gathered(walk, np.concatenate(ticks_ns), np.concatenate(rows), target_xy_at)
 
 
 def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int]]:
@@ -148,7 +152,7 @@ def _tick_times_ns(first: int, until: int, rate_hz: float) -> Int:
 
 
 def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float) -> None:
-    here = walk.pose[:2]
+    here = walk.robot.pose[:2]
     if not np.isfinite(target_m).all():
         return
     if not instant.window.contains(instant.window.cell_of(here)):
@@ -158,72 +162,35 @@ def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: F
     walk.plans.append(replan.record)
     if replan.path is not None:
         walk.paths.append(replan.path)
-        walk.path_m, walk.planned_at_ns = replan.path.smooth_xy_m, instant.t_ns
+        walk.follower, walk.planned_at_ns = PathFollower(replan.path.smooth_xy_m), instant.t_ns
+        walk.lookahead.reset()
 
 
 def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSettings) -> Float:
     """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS))."""
-    rows = np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
-    since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
+    robot, rows = walk.robot, np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
     solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
-    centres_m = occupied_centres(solid, instant.window)
-    low_m = instant.window.origin_m
-    high_m = low_m + np.array(instant.window.shape[::-1]) * instant.window.cell_m
-    body = (settings.body_length_m, settings.body_width_m)
-    pursuit = (settings.lookahead_m, settings.speed_mps, settings.max_yaw_rate_radps)
-    walk.outside_ticks += advance(
-        walk.pose,
-        walk.path_m,
-        since_plan_s,
-        1 / settings.rate_hz,
-        pursuit,
-        body,
-        centres_m,
-        instant.window.cell_m,
-        low_m,
-        high_m,
-        rows,
-    )
+    centres_m, cell_m = occupied_centres(solid, instant.window), instant.window.cell_m
+    since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
+    every = max(round(1 / (settings.rate_hz * robot.tick_s)), 1)
+    for row, age_s in zip(rows, since_plan_s.tolist(), strict=True):
+        x_m, y_m, yaw_rad = robot.pose.tolist()
+        if instant.window.contains(instant.window.cell_of(np.array([x_m, y_m]))):
+            body = settings.body_length_m, settings.body_width_m
+            row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *body, centres_m, cell_m)
+        else:
+            walk.outside_ticks += 1
+        follow_tick(row, robot, walk.follower, walk.lookahead, age_s, settings, every * robot.tick_s)
+        robot.walk(every, row[COMMAND], row[COMMAND + 1])
     return rows
 
 
-def _gathered(
-    walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float], settings: PursuitSettings
-) -> Resimulation:
+def _gathered(walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float]) -> Resimulation:
     ticks = dict(zip(TICK_COLUMNS, rows.T, strict=True))
-    unknown = np.full(len(t_ns), np.nan)
-    control: dict[str, Float | Int | Bool] = {
-        "t_ns": t_ns,
-        "x_m": ticks["x_m"],
-        "y_m": ticks["y_m"],
-        "z_m": unknown,
-        "roll_rad": unknown,
-        "pitch_rad": unknown,
-        "yaw_rad": ticks["yaw_rad"],
-        "vx_mps": ticks["cmd_v_mps"],
-        "vy_mps": np.zeros(len(t_ns)),
-        "yaw_rate_radps": ticks["cmd_yaw_rate_radps"],
-        "ref_x_m": ticks["ref_x_m"],
-        "ref_y_m": ticks["ref_y_m"],
-        "error_m": np.abs(ticks["cross_track_m"]),
-        "cross_track_m": ticks["cross_track_m"],
-        "time_error_m": ticks["time_error_m"],
-        "heading_error_rad": wrap_angle(ticks["heading_error_rad"]),
-        "lookahead_m": np.full(len(t_ns), settings.lookahead_m),
-        "k_v": unknown,
-        "k_w": unknown,
-        "cmd_v_mps": ticks["cmd_v_mps"],
-        "cmd_yaw_rate_radps": ticks["cmd_yaw_rate_radps"],
-        "fallen": np.zeros(len(t_ns), dtype=bool),
-    }
+    clearance_m, fallen = ticks.pop("clearance_m"), ticks.pop("fallen") > 0
+    control: dict[str, Float | Int | Bool] = {"t_ns": t_ns, **ticks, "fallen": fallen}
     target_m = target_xy_at(t_ns)
     target_distance_m = np.hypot(target_m[:, 0] - ticks["x_m"], target_m[:, 1] - ticks["y_m"])
     return Resimulation(
-        control,
-        ticks["clearance_m"],
-        target_distance_m,
-        walk.plans,
-        walk.paths,
-        walk.outside_ticks,
-        walk.outside_replans,
+        control, clearance_m, target_distance_m, walk.plans, walk.paths, walk.outside_ticks, walk.outside_replans
     )

@@ -7,17 +7,20 @@ import numpy as np
 import pytest
 
 from quadlog.errors import TooLarge
+from quadlog.following.lookahead import FixedLookahead
+from quadlog.locomotion.robot import ROBOTS
+from quadlog.locomotion.walker import WalkerSettings
 from quadlog.mapping.window import window_around
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.results.schemas import TABLES
+from quadlog.simulation.ground import flat
+from quadlog.simulation.quadruped_model import quadruped_model
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+from quadlog.simulation.unicycle_robot import UnicycleRobot
+from quadlog.simulation.walking_robot import WalkingRobot
 
 START_NS = 1_700_000_000_000_000_000
-CONTROL_COLUMNS = {
-    "t_ns", "x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps",
-    "ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "lookahead_m", "k_v", "k_w",
-    "cmd_v_mps", "cmd_yaw_rate_radps", "fallen",
-}  # fmt: skip
 
 
 def instants(count, period_s=0.1, centre=(0.0, 0.0), wall=False, size=200):
@@ -34,16 +37,18 @@ def fixed(x, y):
     return lambda t_ns: np.tile([x, y], (len(t_ns), 1)).astype(float)
 
 
-def run(maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, **settings):
+def run(maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, lookahead_m=2.0, **settings):
     replanner = Replanner(make_planner(planner), ReplanSettings(stop_short_m=stop_short_m))
-    return resimulate(maps, target, np.array(pose), replanner, PursuitSettings(**settings))
+    pursuit = PursuitSettings(**settings)
+    robot = UnicycleRobot(np.array(pose), 1 / pursuit.rate_hz, np.random.default_rng(0))
+    return resimulate(maps, target, robot, FixedLookahead(lookahead_m), replanner, pursuit)
 
 
 @pytest.mark.parametrize("planner", ["astar", "ia_star"])
 def test_walks_to_a_metre_from_a_standing_person(planner):
     walk = run(instants(100), fixed(4.0, 1.0), planner)
     control = walk.control
-    assert set(control) == CONTROL_COLUMNS
+    assert list(control) == TABLES["control"].names
     assert {len(column) for column in control.values()} == {496}
     assert control["t_ns"][0] == START_NS
     assert control["t_ns"][-1] == START_NS + 9_900_000_000
@@ -180,3 +185,41 @@ def test_what_stands_there_is_touched_though_no_map_at_that_instant_shows_it():
     np.testing.assert_array_equal(blind.control["x_m"], seen.control["x_m"])
     assert np.isinf(blind.clearance_m).all()
     assert seen.clearance_m.min() <= 0
+
+
+def test_a_robot_with_a_body_walks_as_the_plan_goes():
+    """The kinematic robot is the oracle: 14 kg of robot follow the same plans, some centimetres behind and beside."""
+    model = quadruped_model(ROBOTS["tracking"], flat())
+    settings = WalkerSettings()
+    robot = WalkingRobot(model, settings, np.array([0.0, 0.0, 0.3]), np.random.default_rng(0))
+    replanner = Replanner(make_planner("astar"), ReplanSettings(stop_short_m=1.0))
+    walk = resimulate(
+        instants(30, wall=True), fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings(speed_mps=0.5)
+    )
+    light = run(instants(30, wall=True), fixed(4.0, 1.0), "astar", (0.0, 0.0, 0.3), lookahead_m=0.6, speed_mps=0.5)
+    control = walk.control
+    assert list(control) == TABLES["control"].names
+    assert not control["fallen"].any()
+    away_m = np.hypot(control["x_m"] - light.control["x_m"], control["y_m"] - light.control["y_m"])
+    # Half a second goes into gathering speed.
+    assert away_m.max() < 0.25
+    assert np.nanmax(control["error_m"]) < 0.06
+    # Its feet carry it.
+    loads_n = np.sum([control[f"fz_{leg}_n"][25:] for leg in range(4)], axis=0)
+    assert loads_n.mean() == pytest.approx(model.robot.mass_kg * 9.81, rel=0.05)
+    assert np.isfinite(control["tau_00_nm"]).all()
+    assert (walk.clearance_m > 0).all()
+
+
+def test_a_robot_that_fell_lies_where_it_fell():
+    """Without friction nobody walks: the fall is in the table, and the walk goes on to its end."""
+    model = quadruped_model(ROBOTS["tracking"], flat(), friction=0.01)
+    robot = WalkingRobot(model, WalkerSettings(), np.zeros(3), np.random.default_rng(0))
+    replanner = Replanner(make_planner("astar"), ReplanSettings())
+    walk = resimulate(instants(40), fixed(4.0, 0.0), robot, FixedLookahead(2.0), replanner, PursuitSettings())
+    fallen = walk.control["fallen"]
+    assert fallen[-1]
+    first = int(fallen.argmax())
+    assert fallen[first:].all()
+    assert len(fallen) == 196
+    np.testing.assert_array_equal(walk.control["x_m"][first:], walk.control["x_m"][first])

@@ -1,0 +1,78 @@
+"""What a simulated robot has to bear beside its ground: pushes, and sensors and models that are not quite right."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.messages import Float
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbanceSettings:
+    """Pushes of push_n for push_s every push_every_s, to the left or the right by chance; errors of what it measures.
+
+    velocity_bias_mps: of the estimated velocity, in a direction drawn once. pose_noise_m, pose_lag_s: of the pose that
+    the path is followed by; the heading has as much noise as the place half a metre ahead would. mass_error: share by
+    which the MPC's mass is wrong.
+    """
+
+    push_n: float = 0.0
+    push_s: float = 0.1
+    push_every_s: float = 2.0
+    velocity_bias_mps: float = 0.0
+    pose_noise_m: float = 0.0
+    pose_lag_s: float = 0.0
+    mass_error: float = 0.0
+
+
+NONE = DisturbanceSettings()
+DISTURBED = DisturbanceSettings(60.0, 0.1, 2.0, 0.03, 0.03, 0.1, -0.08)
+"""What `quadlog simulate --disturbed` means."""
+HEADING_ARM_M = 0.5
+
+
+class Disturbances:
+    """Draws from one generator, in the order of the ticks."""
+
+    def __init__(self, settings: DisturbanceSettings, rng: np.random.Generator) -> None:
+        self.settings = settings
+        self._rng = rng
+        angle_rad = rng.uniform(0, 2 * math.pi)
+        self.velocity_bias_mps: Float = settings.velocity_bias_mps * np.array(
+            [math.cos(angle_rad), math.sin(angle_rad), 0.0]
+        )
+        self._next_push_s = settings.push_every_s
+        self._side = self._left_or_right()
+        self._poses: deque[tuple[float, Float]] = deque()
+
+    def push_at(self, t_s: float, yaw_rad: float) -> Float | None:
+        """The force (3,) in map on the trunk at an instant, None for none."""
+        settings = self.settings
+        if settings.push_n == 0 or t_s < self._next_push_s:
+            return None
+        if t_s >= self._next_push_s + settings.push_s:
+            self._next_push_s += settings.push_every_s
+            self._side = self._left_or_right()
+            return None
+        force_n = self._side * settings.push_n
+        return np.array([-math.sin(yaw_rad) * force_n, math.cos(yaw_rad) * force_n, 0.0])
+
+    def _left_or_right(self) -> float:
+        return 1.0 if self._rng.random() < 0.5 else -1.0
+
+    def measured(self, t_s: float, pose: Float) -> Float:
+        """The pose (3,) x_m, y_m, yaw_rad that is known at t_s, of the true one at that instant; call at every step."""
+        settings = self.settings
+        if settings.pose_noise_m == 0 and settings.pose_lag_s == 0:
+            return pose
+        noise = self._rng.normal(0.0, 1.0, 3) * settings.pose_noise_m
+        noise[2] /= HEADING_ARM_M
+        self._poses.append((t_s, pose + noise))
+        # What was measured a lag ago is known now; half a microsecond for the rounding of times.
+        while len(self._poses) > 1 and self._poses[1][0] <= t_s - settings.pose_lag_s + 5e-7:
+            self._poses.popleft()
+        return self._poses[0][1]

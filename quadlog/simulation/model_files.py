@@ -1,0 +1,227 @@
+"""A robot's MJCF or URDF file from anywhere, read without trusting it.
+
+Only what makes a robot is taken over: its bodies, joints, masses, shapes and torque limits. The rest, and whatever
+could make MuJoCo allocate without bound or open other files, never reaches it. Meshes and included files must lie in
+the folder of the file or below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+
+from quadlog.errors import TooLarge, UnreadableFile
+
+Element = ElementTree.Element
+
+MOST_XML_BYTES = 4 << 20
+MOST_MESH_BYTES = 64 << 20
+MOST_BODIES = 200
+_MOST_INCLUDES = 20
+_KEPT = {
+    "mujoco": {"compiler", "default", "asset", "worldbody", "actuator"},
+    "asset": {"mesh"},
+    "default": {"default", "joint", "geom", "site", "motor", "position", "general", "velocity", "mesh"},
+    "body": {"body", "joint", "freejoint", "geom", "site", "inertial", "frame"},
+    "actuator": {"motor", "position", "general", "velocity"},
+    "robot": {"link", "joint"},
+    "link": {"inertial", "collision"},
+}
+_KEPT["worldbody"] = _KEPT["frame"] = _KEPT["body"]
+_SHAPES = {"sphere", "capsule", "cylinder", "box", "ellipsoid", "mesh", ""}
+_IGNORED = ("material", "hfield", "content_type", "meshdir", "assetdir", "texturedir")
+"""Attributes that name what is left out."""
+_URDF_OPTIONS = '<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true"/></mujoco>'
+
+
+def read_model(path: Path) -> mujoco.MjSpec:
+    """The robot in a file. Raises UnreadableFile, TooLarge."""
+    root = _parse(path)
+    meshes: dict[str, bytes] = {}
+    if root.tag == "mujoco":
+        _include(root, path, [path.resolve()])
+        folder = _mesh_folder(root, path)
+        _prune(root)
+        meshes = _take_meshes(root, path, folder)
+    elif root.tag == "robot":
+        _prune(root)
+        for link in root.iter("link"):
+            for collision in link.findall("collision"):
+                if collision.find("geometry/mesh") is not None:
+                    link.remove(collision)
+        for joint in root.iter("joint"):
+            # The robot gets its one free joint later, at its root.
+            joint.set("type", "fixed" if joint.get("type") == "floating" else joint.get("type", ""))
+        root.append(ElementTree.fromstring(_URDF_OPTIONS))  # noqa: S314 our own text
+    else:
+        raise UnreadableFile(path, f"is neither MJCF nor URDF: it begins with <{root.tag}>")
+    if any("nan" in value.lower().split() for each in root.iter() for value in each.attrib.values()):
+        raise UnreadableFile(path, "has numbers that are none (nan)")
+    bodies = sum(1 for each in root.iter() if each.tag in ("body", "link"))
+    if bodies > MOST_BODIES:
+        raise TooLarge(f"{path}: bodies", bodies, MOST_BODIES)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"), assets=meshes)
+    except ValueError as error:
+        raise UnreadableFile(path, f"MuJoCo cannot load it: {first_line(error)}") from None
+    if root.tag == "robot":
+        # In URDF a link without inertia weighs nothing; MuJoCo would fill its shapes with water.
+        for geom in spec.geoms:
+            geom.mass = 0.0
+    return spec
+
+
+@contextmanager
+def without_log() -> Iterator[None]:
+    """MuJoCo writes its warnings to MUJOCO_LOG.TXT wherever the user happens to be; within this it does not."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def first_line(error: Exception) -> str:
+    """What MuJoCo complains about, short enough for one line."""
+    return " ".join(str(error).split())[:200]
+
+
+def _parse(path: Path) -> Element:
+    try:
+        if not path.is_file():
+            raise UnreadableFile(path, "no such file")
+        with path.open("rb") as file:
+            content = file.read(MOST_XML_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise UnreadableFile(path, str(error)) from None
+    if len(content) > MOST_XML_BYTES:
+        raise TooLarge(f"{path}: bytes", max(path.stat().st_size, len(content)), MOST_XML_BYTES)
+    try:
+        text = content.decode("utf-8-sig")
+        # Entities can swell without bound and name files; no robot needs them.
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise UnreadableFile(path, "has a document type or entities, which quadlog does not take")
+        root = ElementTree.fromstring(text.encode())  # noqa: S314 without entities and bounded
+    except (UnicodeDecodeError, LookupError, ValueError, ElementTree.ParseError) as error:
+        raise UnreadableFile(path, f"is not XML in UTF-8: {first_line(error)}") from None
+    if _depth_exceeds(root, 120):
+        raise UnreadableFile(path, "is nested too deeply")
+    return root
+
+
+def _depth_exceeds(root: Element, most: int) -> bool:
+    level = [root]
+    for _ in range(most):
+        level = [child for each in level for child in each]
+        if not level:
+            return False
+    return True
+
+
+def _include(root: Element, path: Path, seen: list[Path]) -> None:
+    """Put the content of included files in their places; as in MuJoCo, their names start at the main file's folder."""
+    waiting = [root]
+    while waiting:
+        parent = waiting.pop()
+        for place in range(len(parent) - 1, -1, -1):
+            child = parent[place]
+            if child.tag != "include":
+                waiting.append(child)
+                continue
+            file = _inside(path, path.parent / child.get("file", ""))
+            if file in seen or len(seen) > _MOST_INCLUDES:
+                raise UnreadableFile(path, f"includes {file.name} twice, or more than {_MOST_INCLUDES} files")
+            seen.append(file)
+            included = list(_parse(file))
+            parent.remove(child)
+            for offset, each in enumerate(included):
+                parent.insert(place + offset, each)
+            waiting += [parent]
+            break
+
+
+def _inside(path: Path, file: Path) -> Path:
+    """The real place of a file that `path` names. Raises UnreadableFile unless it lies in path's folder or below."""
+    try:
+        real, folder = file.resolve(), path.parent.resolve()
+        if real.is_relative_to(folder) and real.is_file():
+            return real
+        reason = "is not there" if real.is_relative_to(folder) else "lies outside of the model's folder"
+    except (OSError, ValueError, RuntimeError):
+        reason = "cannot be opened"
+    raise UnreadableFile(path, f"names the file {file.name[:80]!r}, which {reason}")
+
+
+def _mesh_folder(root: Element, path: Path) -> Path:
+    folder = path.parent
+    for compiler in root.iter("compiler"):
+        named = compiler.get("meshdir", compiler.get("assetdir"))
+        folder = path.parent / named if named is not None else folder
+    return folder
+
+
+def _prune(root: Element) -> None:
+    """Leave what a robot is made of."""
+    waiting = [root]
+    while waiting:
+        parent = waiting.pop()
+        for name in _IGNORED:
+            parent.attrib.pop(name, None)
+        if parent.tag not in _KEPT:
+            if root.tag == "mujoco":
+                parent[:] = []
+            continue
+        parent[:] = [child for child in parent if child.tag in _KEPT[parent.tag] and not _is_odd(child)]
+        waiting += list(parent)
+
+
+def _is_odd(child: Element) -> bool:
+    return child.tag == "geom" and child.get("type", "") not in _SHAPES
+
+
+def _take_meshes(root: Element, path: Path, folder: Path) -> dict[str, bytes]:
+    """The content of the meshes' files, by the names that they get in `root`."""
+    meshes: dict[str, bytes] = {}
+    left = MOST_MESH_BYTES
+    for number, mesh in enumerate(root.iter("mesh")):
+        named = mesh.attrib.pop("file", None)
+        if named is None:
+            continue
+        file = _inside(path, folder / named)
+        mesh.set("name", mesh.get("name", Path(named).stem))
+        left -= file.stat().st_size
+        if left < 0:
+            raise TooLarge(f"{path}: bytes of meshes", MOST_MESH_BYTES - left, MOST_MESH_BYTES)
+        key = f"mesh_{number}{file.suffix.lower()}"
+        mesh.set("file", key)
+        meshes[key] = file.read_bytes()
+    return meshes
+
+
+def limits_nm(spec: mujoco.MjSpec) -> dict[str, float]:
+    """Each joint's torque limit, by its name, where the file gives one."""
+    limits: dict[str, float] = {}
+    for joint in spec.joints:
+        low, high = joint.actfrcrange
+        if high > low:
+            limits[joint.name] = float(min(-low, high))
+    for actuator in spec.actuators:
+        for bounds, gain in _bounds(actuator):
+            if bounds[1] > bounds[0]:
+                limit = float(min(-bounds[0], bounds[1])) * abs(gain)
+                limits[actuator.target] = min(limit, limits.get(actuator.target, limit))
+    return {name: limit for name, limit in limits.items() if limit > 0}
+
+
+def _bounds(actuator: Any) -> list[tuple[Any, float]]:
+    """Ranges of torque and what they are multiplied by; a motor's control is one too."""
+    gear = float(actuator.gear[0])
+    bounds = [(actuator.forcerange, gear)]
+    if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED:
+        bounds.append((actuator.ctrlrange, gear * float(actuator.gainprm[0])))
+    return bounds

@@ -1,0 +1,157 @@
+"""A simulated quadruped with its controller: told a speed and a yaw rate, it walks, and what it did is kept."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from quadlog.locomotion.body_reference import WantedMotion
+from quadlog.locomotion.walker import Walker, WalkerSettings
+from quadlog.locomotion.wbc import WholeBodyState
+from quadlog.messages import Float
+from quadlog.metrics.effort import Effort
+from quadlog.simulation.disturbances import NONE, Disturbances, DisturbanceSettings
+from quadlog.simulation.model_files import without_log
+from quadlog.simulation.quadruped import Quadruped, roll_pitch_yaw
+from quadlog.simulation.quadruped_model import QuadrupedModel
+
+# How fast commands may change: pure pursuit's jump where a path begins and bends.
+ACCELERATION_MPS2, YAW_ACCELERATION_RADPS2 = 1.0, 4.0
+# Lower than this share of its height above its feet, or tilted farther, it has fallen.
+FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD = 0.45, 1.0
+
+
+class WalkingRobot:
+    """One robot on its ground from a start pose (3,) x_m, y_m, yaw_rad on; rng draws what disturbs it."""
+
+    def __init__(
+        self,
+        model: QuadrupedModel,
+        settings: WalkerSettings,
+        start_pose: Float,
+        rng: np.random.Generator,
+        disturbances: DisturbanceSettings = NONE,
+    ) -> None:
+        self.model = model
+        self.tick_s = float(model.model.opt.timestep)
+        self.ticks, self.fallen = 0, False
+        self._sums: Float = np.zeros(6)
+        self.disturbances = Disturbances(disturbances, rng)
+        x_m, y_m, yaw_rad = start_pose.tolist()
+        self._quadruped = Quadruped(model, x_m, y_m, yaw_rad)
+        self._state = self._quadruped.read()
+        self.rpy = roll_pitch_yaw(self._state.rotation_body_to_map)
+        settings = replace(settings, mass_error=disturbances.mass_error)
+        self.walker = Walker(model.robot, settings, self._state, self.rpy)
+        # Of the tick before; loads (4,) are the normal forces on the feet.
+        self.torques_nm: Float = np.zeros(12)
+        self.foot_loads_n: Float = np.zeros(4)
+        self._speed_mps, self._yaw_rate_radps = 0.0, 0.0
+        self._walked = 0
+
+    @property
+    def mass_kg(self) -> float:
+        """All of it, as it truly is."""
+        return self.model.robot.mass_kg
+
+    @property
+    def joints(self) -> Float:
+        """(nq,) MuJoCo's coordinates now, a copy: what a picture of the robot is drawn from."""
+        return self._quadruped.data.qpos.copy()
+
+    @property
+    def t_s(self) -> float:
+        """Since the start."""
+        return self.ticks * self.tick_s
+
+    @property
+    def position_m(self) -> Float:
+        """(3,) of the body's origin in map."""
+        return self._state.position_m
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x_m, y_m, yaw_rad, as they truly are."""
+        return np.array([self._state.position_m[0], self._state.position_m[1], self.rpy[2]])
+
+    @property
+    def velocity(self) -> tuple[float, float, float]:
+        """Forward and left in the body's heading, m/s, and yaw rate, rad/s."""
+        vx, vy, _ = self._state.qvel[:3].tolist()
+        cos, sin = math.cos(self.rpy[2]), math.sin(self.rpy[2])
+        yaw_rate = float(self._state.rotation_body_to_map[2] @ self._state.qvel[3:6])
+        return cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate
+
+    @property
+    def effort(self) -> Effort:
+        """What the walk took so far."""
+        energy_j, distance_m, torque_max_nm, cut, pitch_squared, height_squared = self._sums.tolist()
+        ticks = max(self._walked, 1)
+        rms = (math.sqrt(pitch_squared / ticks), math.sqrt(height_squared / ticks))
+        return Effort(energy_j, distance_m, torque_max_nm, cut / (12 * ticks), *rms)
+
+    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
+        """Go on for so many ticks towards a speed and a yaw rate; a robot that has fallen lies."""
+        with without_log():
+            self._walk(ticks, speed_mps, yaw_rate_radps)
+
+    def _walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
+        for done in range(ticks):
+            if self.fallen:
+                self.ticks += ticks - done
+                return
+            self._slew(speed_mps, yaw_rate_radps)
+            self._tick(WantedMotion(self._speed_mps, self._yaw_rate_radps), weigh=done == ticks - 1)
+
+    def _slew(self, speed_mps: float, yaw_rate_radps: float) -> None:
+        step_mps, step_radps = ACCELERATION_MPS2 * self.tick_s, YAW_ACCELERATION_RADPS2 * self.tick_s
+        self._speed_mps += min(max(speed_mps - self._speed_mps, -step_mps), step_mps)
+        self._yaw_rate_radps += min(max(yaw_rate_radps - self._yaw_rate_radps, -step_radps), step_radps)
+
+    def _tick(self, wanted: WantedMotion, weigh: bool) -> None:
+        quadruped, state = self._quadruped, self._state
+        torques_nm, cut = self.walker.step(
+            self.t_s, self.tick_s, self._estimated(state), self.rpy, quadruped.touches(), wanted
+        )
+        quadruped.act(torques_nm, self.disturbances.push_at(self.t_s, self.rpy[2]))
+        if weigh:
+            self.foot_loads_n = quadruped.foot_loads_n()
+        reference = self.walker.reference
+        pitch_error_rad = self.rpy[1] - reference.rpy[1]
+        height_error_m = state.position_m[2] - reference.position_m[2]
+        _sum_up(self._sums, torques_nm, cut, state.qvel, pitch_error_rad, height_error_m, self.tick_s)
+        self._walked += 1
+        self.torques_nm = torques_nm
+        self.ticks += 1
+        self._state = quadruped.read()
+        self.rpy = roll_pitch_yaw(self._state.rotation_body_to_map)
+        self.fallen = self._has_fallen()
+
+    def _estimated(self, state: WholeBodyState) -> WholeBodyState:
+        """What the controller takes for the robot's state."""
+        if self.disturbances.settings.velocity_bias_mps == 0:
+            return state
+        qvel = state.qvel.copy()
+        qvel[:3] += self.disturbances.velocity_bias_mps
+        return state._replace(qvel=qvel)
+
+    def _has_fallen(self) -> bool:
+        roll, pitch, _ = self.rpy
+        (a, b, c), (x, y, z) = self.walker.stride.plane.tolist(), self._state.position_m.tolist()
+        too_low = z - (a * x + b * y + c) < FALLEN_HEIGHT_SHARE * self.model.robot.standing_height_m
+        return too_low or max(abs(roll), abs(pitch)) > FALLEN_TILT_RAD
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_up(sums, torques, cut, qvel, pitch_error, height_error, tick_s):  # type: ignore[no-untyped-def]
+    """Adds a tick to what Effort is made of."""
+    for joint in range(12):
+        sums[0] += abs(torques[joint] * qvel[6 + joint]) * tick_s
+        sums[2] = max(sums[2], abs(torques[joint]))
+        sums[3] += cut[joint]
+    sums[1] += math.hypot(qvel[0], qvel[1]) * tick_s
+    sums[4] += pitch_error * pitch_error
+    sums[5] += height_error * height_error

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadlog.following.lookahead import FixedLookahead, FuzzyLookahead
+from quadlog.locomotion.robot import ROBOTS
+from quadlog.locomotion.walker import WalkerSettings
+from quadlog.results.schemas import TABLES
+from quadlog.simulation import ground
+from quadlog.simulation.course_walk import longest_s, walk_course
+from quadlog.simulation.courses import COURSES, Course
+from quadlog.simulation.disturbances import NONE
+from quadlog.simulation.quadruped_model import TIMESTEP_S, quadruped_model
+from quadlog.simulation.unicycle_robot import UnicycleRobot
+from quadlog.simulation.walking_robot import WalkingRobot
+
+BEND = Course("bend", np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.3]]), 0.5)
+
+
+def _unicycle(course, disturbances=NONE) -> UnicycleRobot:
+    return UnicycleRobot(course.start_pose, TIMESTEP_S, np.random.default_rng(0), disturbances)
+
+
+def _walk(course, robot, lookahead=None, rate_hz=50.0, **options):
+    return walk_course(course, robot, lookahead or FixedLookahead(0.6), 1.5, rate_hz, **options)
+
+
+def _legged(course, disturbances=NONE) -> WalkingRobot:
+    model = quadruped_model(ROBOTS["tracking"], ground.flat())
+    return WalkingRobot(model, WalkerSettings(), course.start_pose, np.random.default_rng(0), disturbances)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return _walk(BEND, _legged(BEND), FuzzyLookahead())
+
+
+def test_the_columns_are_those_of_the_contract(walk):
+    assert list(walk.control) == TABLES["control"].names
+    assert {len(column) for column in walk.control.values()} == {len(walk.control["t_ns"])}
+
+
+def test_ticks_are_evenly_apart_and_the_last_one_arrives(walk):
+    control = walk.control
+    assert set(np.diff(control["t_ns"])) == {20_000_000}
+    assert walk.completed_ns == control["t_ns"][-1]
+    assert np.hypot(control["x_m"][-1] - 1.5, control["y_m"][-1] - 0.3) <= 0.1
+    assert not control["fallen"].any()
+    assert walk.effort is not None
+    assert walk.mass_kg == pytest.approx(12.786)
+
+
+def test_errors_are_distances_to_the_course(walk):
+    """Brute force: the nearest of points 1 mm apart."""
+    control = walk.control
+    fine = np.concatenate([np.linspace(a, b, 1000) for a, b in zip(BEND.path_m[:-1], BEND.path_m[1:], strict=True)])
+    xy = np.column_stack([control["x_m"], control["y_m"]])
+    nearest = np.hypot(*(xy[:, None] - fine[None]).transpose(2, 0, 1)).min(axis=1)
+    np.testing.assert_allclose(control["error_m"], nearest, atol=1e-6 + 1e-3**2 / 0.001)
+    np.testing.assert_array_equal(control["error_m"], np.abs(control["cross_track_m"]))
+    away = np.hypot(control["ref_x_m"] - control["x_m"], control["ref_y_m"] - control["y_m"])
+    np.testing.assert_allclose(away, control["error_m"], atol=1e-9)
+    # On the first straight the timed reference walks along x at the course's speed.
+    t_s = control["t_ns"][:90] * 1e-9
+    timed = np.hypot(control["x_m"][:90] - 0.5 * t_s, control["y_m"][:90])
+    np.testing.assert_allclose(control["time_error_m"][:90], timed, atol=1e-9)
+    np.testing.assert_allclose(control["heading_error_rad"][:40], control["yaw_rad"][:40], atol=1e-9)
+
+
+def test_a_unicycle_walks_a_line_without_error():
+    line = COURSES["line"]()
+    walk = _walk(line, _unicycle(line), FixedLookahead(2.0))
+    assert walk.control["error_m"].max() < 1e-9
+    assert walk.effort is None
+    # All but the last 0.1 m, at a speed that braking hardly touches before.
+    assert walk.completed_ns is not None
+    assert walk.completed_ns * 1e-9 == pytest.approx((10 * 2**0.5 - 0.1) / 0.6, abs=0.2)
+    assert np.isnan(walk.control["tau_00_nm"]).all()
+    assert np.isnan(walk.control["z_m"]).all()
+
+
+def test_a_unicycle_on_a_circle_errs_as_pure_pursuit_does_in_steady_state():
+    """A chord of l from inside: the robot walks on the circle itself, as the arc through the point is the circle."""
+    circle = COURSES["circle"]()
+    walk = _walk(circle, _unicycle(circle), FixedLookahead(1.0))
+    steady = walk.control["error_m"][100:-200]
+    assert steady.max() < 2e-3
+    assert walk.control["yaw_rate_radps"][100:-200] == pytest.approx(0.6 / 5, rel=0.02)
+
+
+def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
+    late = _walk(BEND, _unicycle(BEND, replace(NONE, pose_lag_s=0.5)))
+    calm = _walk(BEND, _unicycle(BEND))
+    turns = [int(np.flatnonzero(walk.control["cmd_yaw_rate_radps"])[0]) for walk in (late, calm)]
+    assert turns[0] - turns[1] == 25
+    away = np.hypot(late.control["ref_x_m"] - late.control["x_m"], late.control["ref_y_m"] - late.control["y_m"])
+    np.testing.assert_allclose(away, late.control["error_m"], atol=1e-9)
+
+
+def test_a_fall_ends_the_walk_and_is_its_last_tick():
+    walk = _walk(BEND, _legged(BEND, replace(NONE, push_n=2000.0, push_s=0.2, push_every_s=0.3)))
+    fallen = walk.control["fallen"]
+    assert fallen[-1]
+    assert not fallen[:-1].any()
+    assert walk.completed_ns is None
+    assert set(np.diff(walk.control["t_ns"])) == {20_000_000}
+
+
+def test_a_robot_that_does_not_arrive_gives_up():
+    walk = _walk(BEND, _unicycle(BEND), most_s=1.0)
+    assert walk.completed_ns is None
+    assert walk.control["t_ns"][-1] == 1_000_000_000
+    assert longest_s(BEND) == pytest.approx(2 * (1 + 0.34**0.5) / 0.5 + 10)
+
+
+def test_the_rate_is_that_of_the_ticks_and_each_is_watched():
+    seen = []
+    walk = _walk(BEND, _unicycle(BEND), rate_hz=100.0, most_s=0.5, watch=lambda: seen.append(1))
+    assert set(np.diff(walk.control["t_ns"])) == {10_000_000}
+    assert len(seen) == len(walk.control["t_ns"]) == 51

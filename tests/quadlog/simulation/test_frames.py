@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.locomotion.robot import ROBOTS
+from quadlog.simulation import frames, ground
+from quadlog.simulation.quadruped_model import quadruped_model
+
+
+def _model():
+    return quadruped_model(ROBOTS["tracking"], ground.flat())
+
+
+def test_the_robot_stays_in_the_picture_wherever_it_is():
+    model = _model()
+    joints = np.array([model.standing_at(0.0, 0.0), model.standing_at(7.0, -3.0, 2.0)])
+    try:
+        pictures = frames.render_frames(model.model, joints)
+    except frames.CannotDraw as error:
+        pytest.skip(str(error))
+    assert pictures.shape == (2, frames.HEIGHT_PX, frames.WIDTH_PX, 3)
+    # The camera goes along, so both show the same robot: the dark trunk in the middle.
+    middle = pictures[:, 100:160, 150:250].astype(float).mean(axis=(1, 2, 3))
+    border = pictures[:, 250:].astype(float).mean(axis=(1, 2, 3))
+    assert (middle < 0.8 * border).all()
+
+
+def test_a_backend_that_is_not_there_is_an_error_with_its_reason(monkeypatch):
+    monkeypatch.setattr(frames, "BACKENDS", ("none-such",))
+    with pytest.raises(frames.CannotDraw, match=r"none-such: .*MUJOCO_GL"):
+        frames.render_frames(_model().model, np.array([_model().standing_at(0.0, 0.0)]))
