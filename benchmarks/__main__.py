@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import perception, planning, positioning, reading, startup
+from benchmarks import perception, planning, positioning, reading, startup, walking
 from benchmarks.figures import print_figures
 
 PARTS = {
@@ -19,6 +19,7 @@ PARTS = {
     "positioning": positioning,
     "perception": perception,
     "planning": planning,
+    "walking": walking,
 }
 
 

@@ -12,7 +12,7 @@ from quadlog.errors import ExitCode, QuadlogError
 from quadlog.text import printable
 from quadlog.version import __version__
 
-COMMANDS = ("info", "init", "replay", "compare-planners", "report", "export", "synthesize", "tables")
+COMMANDS = ("info", "init", "replay", "compare-planners", "simulate", "report", "export", "synthesize", "tables")
 
 
 class LazyGroup(click.Group):
@@ -44,6 +44,8 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point: a known error is one line on stderr, an unknown one a traceback, which is a bug in quadlog."""
+    # MuJoCo looks for a way to draw when it is imported, and fails where there is none; who draws, chooses.
+    os.environ["MUJOCO_GL"] = "disable"
     sys.exit(run(sys.argv[1:]))
 
 

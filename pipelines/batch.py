@@ -84,7 +84,7 @@ def replay_batch(batch: Sequence[Planned], jobs: int | None, progress: Progress)
     else:
         workers = min(jobs or os.cpu_count() or 1, len(requests))
         outcomes = list(_one_by_one(requests, progress) if workers == 1 else _in_processes(requests, workers, progress))
-    _summarise({request.run.parent for request in requests}, outcomes, progress)
+    summarise({request.run.parent for request in requests}, outcomes, progress)
     return BatchOutcome(tuple(outcomes))
 
 
@@ -168,7 +168,7 @@ def _tell(progress: Progress, outcome: ReplayOutcome, lines: Sequence[str]) -> R
     return outcome
 
 
-def _summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
+def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
     """summary.parquet and report.html of each output folder; rows of earlier commands stay, and others' files too."""
     from quadlog.results.folder_report import write_folder_report
 

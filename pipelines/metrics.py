@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import numpy as np
 from quadlog.config import Config
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import Float, PoseSeries
+from quadlog.metrics.effort import effort_metrics
 from quadlog.metrics.metric import Metrics
 from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
 from quadlog.metrics.search import Replans, search_metrics
 from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
 from quadlog.pipelines.stages.uwb import lever_of
+from quadlog.pipelines.stages.walk import WalkedBody
 from quadlog.pipelines.tag_truth import tag_truth
 from quadlog.planning.registry import PLANNERS
 from quadlog.results.tables import has_table, read_table
@@ -68,8 +71,10 @@ def planning_metrics(run: Path, astar_expanded: Sequence[int]) -> Metrics:
     return search_metrics(replans, incremental=PLANNERS[str(plans["planner"][0])].incremental)
 
 
-def control_metrics(run: Path, clearance_m: Float | None, target_distance_m: Float | None) -> Metrics:
-    """Tracking error, clearance and distance kept, of the re-simulated walk."""
+def control_metrics(
+    run: Path, clearance_m: Float | None, target_distance_m: Float | None, body: WalkedBody | None
+) -> Metrics:
+    """Tracking error, clearance, distance kept and, of a robot with a body, its effort, of the re-simulated walk."""
     if not has_table(run, "control"):
         return {}
     control = read_table(run, "control")
@@ -81,8 +86,13 @@ def control_metrics(run: Path, clearance_m: Float | None, target_distance_m: Flo
         heading_error_rad=control["heading_error_rad"],
         clearance_m=clearance_m,
         target_distance_m=target_distance_m,
+        fallen=None if body is None else control["fallen"],
     )
-    return tracking_metrics(walk)
+    return tracking_metrics(walk) | ({} if body is None else _effort(body))
+
+
+def _effort(body: WalkedBody) -> Metrics:
+    return effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
 
 
 def _read_reference(run: Path) -> PoseSeries | None:

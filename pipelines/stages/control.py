@@ -11,13 +11,29 @@ import numpy as np
 from quadlog.map_files.ros_map import read_rosmap
 from quadlog.mapping.accumulated import OCCUPIED
 from quadlog.mapping.window import crop, window_at
+from quadlog.messages import Float
+from quadlog.pipelines.simulation.one_walk import solver_counts
+from quadlog.pipelines.simulation.settings import (
+    check_rate,
+    disturbance_settings,
+    lookahead_control,
+    robot_model,
+    walker_settings,
+)
 from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
-from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.stages.walk import Walk, WalkedBody
 from quadlog.planning.replan import Replanner
 from quadlog.results.maps import load_maps
+from quadlog.results.samples import read_ground
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
+from quadlog.simulation.ground import Ground, flat, from_height_map
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+from quadlog.simulation.unicycle_robot import UnicycleRobot
+from quadlog.simulation.walking_robot import WalkingRobot
+
+LEAST_POINTS = 5
+"""A cell of the ground that was seen less is as high as those around it: far away, a point may be anything's."""
 
 
 def resimulate_walk(walk: Walk) -> None:
@@ -32,12 +48,18 @@ def resimulate_walk(walk: Walk) -> None:
         assert start is not None, "a map is only made where there is a pose"
         replanner = Replanner(configured_planner(config), replan_settings(walk))
         instants = _with_what_stands(walk.run.path)
-        resim = resimulate(instants, walk.targets_at, start, replanner, _settings(walk))
+        robot = _robot(walk, start)
+        resim = resimulate(instants, walk.targets_at, robot, lookahead_control(config), replanner, _settings(walk))
         write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
         with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
             paths = {path.t_ns: path for path in resim.paths}
             for record in resim.plans:
                 tables.add(record, paths.get(record.t_ns))
+    if isinstance(robot, WalkingRobot):
+        walk.body = WalkedBody(robot.mass_kg, robot.ticks, robot.effort)
+        walk.counts |= solver_counts(robot)
+    if robot.fallen:
+        walk.warn("the re-simulated robot fell, and lay from there on")
     walk.clearance_m, walk.target_distance_m = resim.clearance_m, resim.target_distance_m
     walk.counts["ticks"] = len(np.atleast_1d(resim.control["t_ns"]))
     if resim.outside_replans:
@@ -59,10 +81,36 @@ def _with_what_stands(run: Path) -> Iterator[MapInstant]:
         yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
 
 
+def _robot(walk: Walk, start_pose: Float) -> WalkingRobot | UnicycleRobot:
+    """A robot with a body on the ground that the run saw, or one without."""
+    config = walk.config
+    rng = np.random.default_rng([walk.seed, *b"resimulation"])
+    disturbances = disturbance_settings(config.simulation.disturbances)
+    if config.simulation.controller == "kinematic":
+        return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
+    check_rate(config.pursuit.rate_hz)
+    model = robot_model(config, _ground(walk))
+    return WalkingRobot(model, walker_settings(config, model.robot), start_pose, rng, disturbances)
+
+
+def _ground(walk: Walk) -> Ground:
+    """The run's own height map where it has one that feet can stand on, else a plane, which is said."""
+    seen = read_ground(walk.run.path)
+    height_m = np.where(seen.count >= LEAST_POINTS, seen.height_m, np.nan)
+    if not np.isfinite(height_m).any():
+        walk.warn("no ground was seen: the re-simulated robot walks on a plane")
+        return flat()
+    ground = from_height_map(height_m, seen.cell_m, seen.origin_m)
+    too_steep = ground.too_steep_for(walk.config.simulation.friction)
+    if too_steep is not None:
+        walk.warn(f"the re-simulated robot walks on a plane: {too_steep}")
+        return flat()
+    return ground
+
+
 def _settings(walk: Walk) -> PursuitSettings:
     pursuit, robot = walk.config.pursuit, walk.config.robot
     return PursuitSettings(
-        lookahead_m=pursuit.lookahead_m,
         speed_mps=pursuit.speed_mps,
         max_yaw_rate_radps=pursuit.max_yaw_rate_radps,
         rate_hz=pursuit.rate_hz,

@@ -57,7 +57,7 @@ def _realtime_factor(walk: Walk, request: ReplayRequest) -> float | None:
 def _metrics(walk: Walk) -> Metrics:
     metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk), _in_reference_frame(walk))
     metrics |= planning_metrics(walk.run.path, walk.astar_expanded)
-    metrics |= control_metrics(walk.run.path, walk.clearance_m, walk.target_distance_m)
+    metrics |= control_metrics(walk.run.path, walk.clearance_m, walk.target_distance_m, walk.body)
     return metrics
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from quadlog.config import Config
 from quadlog.errors import MissingInput
 from quadlog.messages import Float, PointCloud
+from quadlog.metrics.effort import Effort
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.recordings.container import Loss
@@ -28,14 +30,22 @@ def needed_lidar(roles: Roles) -> str:
     return topic
 
 
+class WalkedBody(NamedTuple):
+    """What walking took a re-simulated robot's body, in so many ticks of the simulation."""
+
+    mass_kg: float
+    ticks: int
+    effort: Effort
+
+
 @dataclass
 class Walk:
     """One replay under way; stages read what earlier ones put here and add their own.
 
     start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
     first_ns, last_ns: what was really seen of it. used: role -> topics that were really used for it.
-    astar_expanded (per replan), clearance_m and target_distance_m (per tick):
-    what metrics need beyond the tables of the contract.
+    astar_expanded (per replan), clearance_m and target_distance_m (per tick), body (of the re-simulated robot, None
+    without one): what metrics need beyond the tables of the contract.
     """
 
     config: Config
@@ -59,6 +69,7 @@ class Walk:
     astar_expanded: list[int] = field(default_factory=list)
     clearance_m: Float | None = None
     target_distance_m: Float | None = None
+    body: WalkedBody | None = None
     notes: list[str] = field(default_factory=list)
     _warnings: list[str] = field(default_factory=list)
     _said: set[str] = field(default_factory=set)

@@ -33,7 +33,7 @@ def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None])
     say: told in one line when there is anything to compile.
     """
     started = time.perf_counter()
-    others = [name for name in ALIKE if name in stages]
+    others = [name for name in ALIKE if name in stages and (name != "control" or config.simulation.has_body)]
     # Scans take about as long to compile as all the rest.
     elsewhere = python("-m", __name__, *others) if "filter" in stages else None
     with compiled_elsewhere(elsewhere, say):
@@ -104,20 +104,48 @@ def _map_toy_scan() -> None:
 
 def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:
     """Two replans and a few ticks about an obstacle, from inside its dilation to a goal outside the window."""
+    from quadlog.following.lookahead import FixedLookahead
     from quadlog.planning.registry import make_planner
     from quadlog.planning.replan import Replanner, ReplanSettings
     from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+    from quadlog.simulation.unicycle_robot import UnicycleRobot
 
     window = window_around(np.zeros(2), 0.1, 41)
     occupied = np.zeros(window.shape, dtype=np.bool_)
     occupied[18:23, 22] = True
     instants = [MapInstant(t_ns, window, occupied, occupied) for t_ns in (0, 100_000_000)]
     replanner = Replanner(make_planner(planner), ReplanSettings())
-    resimulate(instants, lambda t_ns: np.tile([5.0, 0.5], (len(t_ns), 1)), np.zeros(3), replanner, PursuitSettings())
+    robot = UnicycleRobot(np.zeros(3), 0.02, np.random.default_rng(0))
+    target = np.array([5.0, 0.5])
+    resimulate(
+        instants,
+        lambda t_ns: np.tile(target, (len(t_ns), 1)),
+        robot,
+        FixedLookahead(2.0),
+        replanner,
+        PursuitSettings(),
+    )
 
 
-ALIKE = {"position": _locate_toy_tag, "map": _map_toy_scan, "plan": _walk_toy_map}
-"""What is compiled alike whatever the configuration says, but for a map's memory, which has one kernel."""
+def _walk_toy_robot() -> None:
+    """A tenth of a second of a robot with a body."""
+    from quadlog.locomotion.robot import ROBOTS
+    from quadlog.locomotion.walker import WalkerSettings
+    from quadlog.simulation.ground import flat
+    from quadlog.simulation.quadruped_model import quadruped_model
+    from quadlog.simulation.walking_robot import WalkingRobot
+
+    model = quadruped_model(ROBOTS["tracking"], flat())
+    for whole_body in (True, False):
+        settings = WalkerSettings(whole_body=whole_body)
+        WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
+
+
+ALIKE = {"position": _locate_toy_tag, "map": _map_toy_scan, "plan": _walk_toy_map, "control": _walk_toy_robot}
+"""What is compiled alike whatever the configuration says, but for a map's memory, which has one kernel.
+
+A robot without a body needs nothing compiled for `control`.
+"""
 
 if __name__ == "__main__":
     _run(sys.argv[1:])

@@ -21,6 +21,9 @@ from quadlog.stages import STAGES
 __all__ = ["write_folder_report", "write_report"]
 
 _MAX_CONFIG_CHARS = 1_000_000
+_MAX_FRAMES_BYTES = 64 << 20
+_PNG = b"\x89PNG\r\n\x1a\n"
+_SIMULATED_STAGES = ("control", "report")
 
 
 def write_report(run: Path) -> Path:
@@ -69,25 +72,43 @@ def _render(data: RunData, pictures: Mapping[str, bytes]) -> bytes:
     done = {stage.name for stage in record.stages} | {"report"}
     return render_page(
         "report.html.jinja",
-        title=_title(record, data.path),
+        title=_title(data),
         record=record,
-        stages=[{"name": name, "done": name in done} for name in STAGES],
+        simulated=data.simulated,
+        stages=[{"name": name, "done": name in done} for name in (_SIMULATED_STAGES if data.simulated else STAGES)],
         total_s=sum(stage.seconds for stage in record.stages),
         metrics=_metrics(data),
         links=_links(data),
         plots=[
-            _picture(plot.name, plot.title, plot.alt, plot.caption, pictures[plot.name])
-            for plot in PLOTS
-            if plot.name in pictures
+            *_frames(data.path),
+            *(
+                _picture(plot.name, plot.title, plot.alt, plot.caption_of(data), pictures[plot.name])
+                for plot in PLOTS
+                if plot.name in pictures
+            ),
         ],
         command=shlex.join(str(word) for word in record.command),
         config=_config_text(data.path),
     )
 
 
-def _title(record: RunRecord, run: Path) -> str:
-    """The recording's name, whatever system its path came from."""
-    return record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or run.name
+def _title(data: RunData) -> str:
+    """The recording's name, whatever system its path came from; of a simulated walk, its course and who walked it."""
+    record = data.record
+    name = record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or data.path.name
+    return f"{name}, {record.options.get('controller')}, seed {record.seed}" if data.simulated else name
+
+
+def _frames(run: Path) -> list[dict[str, Any]]:
+    """The pictures of a simulated robot, which were drawn when it walked and cannot be drawn anew."""
+    path = run / "plots" / "frames.png"
+    if not path.is_file() or path.stat().st_size > _MAX_FRAMES_BYTES:
+        return []
+    png = path.read_bytes()
+    if not png.startswith(_PNG) or len(png) < 24:
+        return []
+    alt = "Pictures of the simulated robot at some instants of its walk, side by side."
+    return [_picture("frames", "The walk", alt, "The simulated robot, seconds after its start.", png)]
 
 
 def _metrics(data: RunData) -> list[dict[str, Any]]:

@@ -82,7 +82,8 @@ def test_tables_agree_with_each_other(short_run):
     assert (plans["cost"] >= plans["optimal_cost"]).all()
     assert np.allclose(control["error_m"], np.abs(control["cross_track_m"]), equal_nan=True)
     assert np.allclose(np.diff(control["t_ns"]), 20e6, atol=1)
-    assert control["tau_00_nm"].isna().all()
+    assert control["tau_00_nm"].notna().all()
+    assert not control["fallen"].any()
 
 
 def test_run_json_tells_how_the_run_came_about(short_run, fixtures):

@@ -35,16 +35,34 @@ def draw_lookahead(run: RunData) -> Figure | None:
 
 
 def draw_commands(run: RunData) -> Figure | None:
-    """Commanded and reached speed and yaw rate."""
+    """Commanded and reached speed and yaw rate; and how fast it went sideways, where it did."""
     control = run.table("control")
     if control is None or not _has(control, "cmd_v_mps"):
         return None
-    figure = style.new_figure(4.8)
-    panels = figure.subplots(2, 1, sharex=True)
+    sways = _has(control, "vy_mps") and bool(np.nan_to_num(control["vy_mps"]).any())
+    figure = style.new_figure(4.8 + 2.0 * sways)
+    panels = figure.subplots(2 + sways, 1, sharex=True)
     speed = [("vx_mps", "reached", style.RESIM), ("cmd_v_mps", "commanded", style.ROBOT)]
     turn = [("yaw_rate_radps", "reached", style.RESIM), ("cmd_yaw_rate_radps", "commanded", style.ROBOT)]
     _draw_lines(run, panels[0], control, speed, "forward speed (m/s)")
     _draw_lines(run, panels[1], control, turn, "yaw rate (rad/s)")
+    if sways:
+        _draw_lines(run, panels[2], control, [("vy_mps", "reached", style.RESIM)], "speed to the left (m/s)")
+    panels[-1].set_xlabel("time (s)")
+    figure.align_ylabels()
+    return figure
+
+
+def draw_posture(run: RunData) -> Figure | None:
+    """Roll, pitch and height of the body; only for robots that have one."""
+    control = run.table("control")
+    if control is None or not _has(control, "pitch_rad"):
+        return None
+    figure = style.new_figure(4.8)
+    panels = figure.subplots(2, 1, sharex=True)
+    tilt = [("pitch_rad", "pitch", style.PLAN), ("roll_rad", "roll", style.TARGET)]
+    _draw_lines(run, panels[0], control, tilt, "tilt (rad)")
+    _draw_lines(run, panels[1], control, [("z_m", "height in map", style.RESIM)], "height (m)")
     panels[1].set_xlabel("time (s)")
     figure.align_ylabels()
     return figure

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from quadlog.results.plots import style
-from quadlog.results.plots.control import draw_commands, draw_lookahead, draw_torques
+from quadlog.results.plots.control import draw_commands, draw_lookahead, draw_posture, draw_torques
 from quadlog.results.plots.expanded import draw_expanded
 from quadlog.results.plots.grid import draw_grid
 from quadlog.results.plots.ranges import draw_ranges
@@ -28,13 +28,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """name: the file's stem; alt: what a reader who cannot see the picture should know; caption: how to read it."""
+    """name: the file's stem; alt: what a reader who cannot see the picture should know; caption: how to read it.
+
+    simulated: the caption where a simulated walk along a course needs another one.
+    """
 
     name: str
     title: str
     alt: str
     caption: str
     draw: Callable[[RunData], Figure | None]
+    simulated: str = ""
+
+    def caption_of(self, run: RunData) -> str:
+        """How to read the figure of this run."""
+        return self.simulated if run.simulated and self.simulated else self.caption
 
 
 PLOTS = (
@@ -46,6 +54,7 @@ PLOTS = (
         "re-simulated walk where the run has them. The darker a cell, the more of the maps that covered it had it "
         "occupied: walls are dark, what moved is pale.",
         draw_trajectory,
+        "The simulated walk (● start, ■ end) along its course, from above [Tracking, Figs 11, 16, 21].",
     ),
     Plot(
         "ranges",
@@ -114,6 +123,7 @@ PLOTS = (
         "Height map of the ground, seen from above.",
         "Mean height of the points that the ground filter [Following] gave to the ground, in the frame of the map.",
         draw_terrain,
+        "The ground that the simulated robot walked on.",
     ),
     Plot(
         "grid",
@@ -141,6 +151,9 @@ PLOTS = (
         "± σ (eq. 47). In a replay every plan starts at the robot: the error starts anew "
         "with each, and cannot exceed what is walked between two.",
         draw_tracking_error,
+        "How far the simulated robot was from its course at each tick: to the nearest point of it, the same with a "
+        "sign, to where it was due at that instant, and in its direction [Tracking, eq. 45, Fig. 12]. Dashed: the mean "
+        "η (eq. 46); grey: ± σ (eq. 47).",
     ),
     Plot(
         "lookahead",
@@ -153,9 +166,17 @@ PLOTS = (
     Plot(
         "commands",
         "Commands",
-        "Commanded and reached forward speed and yaw rate over time.",
+        "Commanded and reached forward speed and yaw rate over time, and the speed sideways of a robot that has one.",
         "What pure pursuit asked for [Tracking, eqs 15–16] and what the re-simulated robot did.",
         draw_commands,
+    ),
+    Plot(
+        "posture",
+        "Posture",
+        "Pitch, roll and height of the body over time.",
+        "How the body was held: pitch positive with the nose down, roll with the left side up; height of the trunk's "
+        "centre above z = 0 of the map, ground included.",
+        draw_posture,
     ),
     Plot(
         "torques",

@@ -82,6 +82,11 @@ class RunData:
         path = self.path / "reference.tum"
         return read_tum(path).position_m[:, :2] if path.is_file() else None
 
+    @property
+    def simulated(self) -> bool:
+        """Whether this is a walk along a course, and no replay of a recording."""
+        return "course" in self.record.options
+
     def anchors(self) -> list[tuple[int, float, float]]:
         """(id, x_m, y_m) of the anchors in the run's config."""
         try:

@@ -18,11 +18,12 @@ _ERRORS = (
     ("error_m", "distance to the path (m)", style.ROBOT, ("eta_m", "sigma_m"), "η"),
     ("cross_track_m", "cross-track (m, left +)", style.PLAN, None, ""),
     ("time_error_m", "distance to the timed\nreference (m)", style.TARGET, ("eta_time_m", "sigma_time_m"), "η"),
+    ("heading_error_rad", "yaw error (rad)", style.RESIM, None, ""),
 )
 
 
 def draw_tracking_error(run: RunData) -> Figure | None:
-    """error_m, cross_track_m and time_error_m over time, with the saved η ± σ as line and band."""
+    """The errors of place and yaw over time, with the saved η ± σ as line and band."""
     control = run.table("control")
     if control is None:
         return None

@@ -37,8 +37,13 @@ def draw_trajectory(run: RunData) -> Figure | None:
     # A follower walks where its target walked: the later line is thinner, so that the earlier shows beside it.
     _draw_walk(axes, walks["poses"], "robot", style.ROBOT, 3.6)
     _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
-    _draw_walk(axes, walks["control"], "re-simulated walk", style.RESIM, 1.8)
-    _draw_plans(axes, run.table("paths"))
+    # A simulated robot is on its course, within a line's width: the course is drawn broad, and below it.
+    walked = "simulated walk" if run.simulated else "re-simulated walk"
+    if run.simulated:
+        _draw_walk(axes, run.table("paths"), "course", style.LIGHT, 5.0)
+    _draw_walk(axes, walks["control"], walked, style.RESIM, 1.8)
+    if not run.simulated:
+        _draw_plans(axes, run.table("paths"))
     # Only where it was compared: a truth in another frame would be somewhere else.
     if run.metric("ate_rmse_m") is not None and (truth_m := run.reference_xy_m) is not None:
         keep = style.thin_points(len(truth_m), 10000)

@@ -28,6 +28,7 @@ NEEDS = {
     "tracking_error": ["control"],
     "lookahead": ["control"],
     "commands": ["control"],
+    "posture": ["control"],
     "torques": ["control"],
 }
 DRAW = {plot.name: plot.draw for plot in PLOTS}
@@ -43,13 +44,14 @@ def _remove(run: Path, name: str) -> None:
         path.unlink(missing_ok=True)
 
 
-def _with_torques(run: Path) -> None:
+def _with_a_body(run: Path) -> None:
     ticks = np.arange(200)
     _change(run, "control", **{f"tau_{joint:02d}_nm": np.sin(ticks + joint) for joint in range(12)}, k_v=0.1, k_w=0.2)
+    _change(run, "control", pitch_rad=0.01 * np.sin(ticks), roll_rad=0.01 * np.cos(ticks), z_m=0.3 + 0.001 * ticks)
 
 
 def test_every_figure_is_drawn_from_a_complete_run(tiny_run: Path) -> None:
-    _with_torques(tiny_run)
+    _with_a_body(tiny_run)
     pictures = render_plots(RunData(tiny_run))
     assert list(pictures) == [plot.name for plot in PLOTS] == list(NEEDS)
     for png in pictures.values():
@@ -69,7 +71,7 @@ def test_a_figure_without_its_data_is_left_out(tiny_run: Path, name: str) -> Non
 
 @pytest.mark.parametrize("name", NEEDS)
 def test_every_axis_says_its_unit(tiny_run: Path, name: str) -> None:
-    _with_torques(tiny_run)
+    _with_a_body(tiny_run)
     figure = DRAW[name](RunData(tiny_run))
     assert figure is not None
     horizontal = [axes.get_xlabel() for axes in figure.axes] + [figure.get_supxlabel()]
@@ -83,7 +85,7 @@ def test_every_axis_says_its_unit(tiny_run: Path, name: str) -> None:
 def test_torques_and_gains_are_drawn_only_where_a_controller_has_them(tiny_run: Path) -> None:
     assert DRAW["torques"](RunData(tiny_run)) is None
     plain = DRAW["lookahead"](RunData(tiny_run))
-    _with_torques(tiny_run)
+    _with_a_body(tiny_run)
     fuzzy = DRAW["lookahead"](RunData(tiny_run))
     assert plain is not None
     assert fuzzy is not None
@@ -128,7 +130,7 @@ def test_residual_notes_say_bias_and_nlos_share(tiny_run: Path) -> None:
 
 def test_columns_without_a_single_value_do_not_stop_the_report(tiny_run: Path) -> None:
     nothing = np.full(200, np.nan)
-    names = ("x_m", "y_m", "error_m", "cross_track_m", "time_error_m", "lookahead_m", "cmd_v_mps")
+    names = ("x_m", "y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "lookahead_m", "cmd_v_mps")
     _change(tiny_run, "control", **dict.fromkeys(names, nothing))
     _change(tiny_run, "fixes", x_m=np.full(80, np.nan), y_m=np.full(80, np.nan))
     _change(tiny_run, "ranges", range_m=np.full(120, np.nan))

@@ -1,0 +1,171 @@
+"""The story of `quadlog simulate`: find the course, and for each seed make the ground, walk, and fill a run folder."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from quadlog.config import Config
+from quadlog.errors import AlreadyExists, ExitCode, QuadlogError, UsageError
+from quadlog.pipelines.batch import summarise
+from quadlog.pipelines.progress import Kept, Progress
+from quadlog.pipelines.replay import ReplayOutcome
+from quadlog.pipelines.simulation.one_walk import walk_once, warm_up
+from quadlog.pipelines.simulation.settings import check_rate
+from quadlog.pipelines.simulation.walk_folder import WalkDescription, fill_folder, verdict
+from quadlog.pipelines.simulation.where import find_course, make_ground
+from quadlog.results.files import is_part
+from quadlog.results.run_folder import RunFolder
+from quadlog.simulation.courses import Course
+from quadlog.simulation.disturbances import DISTURBED
+
+DISTURBED_OVERRIDES = tuple(
+    f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
+)
+"""What --disturbed is short for, as --set takes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulateRequest:
+    """course: a name or a file. seeds: of the walks, one each."""
+
+    course: str
+    config: Config
+    seeds: Sequence[int] = (0,)
+    output: Path = Path("runs")
+    force: bool = False
+    command: tuple[str, ...] = ("quadlog", "simulate")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedRun:
+    """One walk: its folder, how it ended where it did not arrive, and its metrics as saved."""
+
+    run: Path
+    course: str
+    controller: str
+    seed: int
+    ended: str
+    metrics: dict[str, dict[str, Any]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """One flat object: which walk, and the metrics as plain numbers."""
+        values = {name: metric["value"] for name, metric in self.metrics.items()}
+        which = {"run": str(self.run), "course": self.course, "controller": self.controller, "seed": self.seed}
+        return which | values
+
+
+@dataclass(frozen=True, slots=True)
+class _Seed:
+    """What one walk needs, in this process or in another."""
+
+    request: SimulateRequest
+    course: Course
+    config: Config
+    seed: int
+    run: Path
+
+
+def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
+    """Walk the course once for each seed; a fall is a result. Returns the walks in the order of the seeds.
+
+    Raises UsageError, AlreadyExists and what the course, the ground and the robot raise, before anything is walked.
+    """
+    controller = request.config.simulation.controller
+    if controller == "none":
+        raise UsageError("there is nothing to simulate without a controller; use --controller fpmw|fpm|pmw|kinematic")
+    check_rate(request.config.pursuit.rate_hz)
+    course = find_course(request.course, request.config)
+    pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
+    config = request.config.model_copy(update={"pursuit": pursuit})
+    folder = request.output / f"{course.name}-{controller}"
+    todo = [_Seed(request, course, config, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
+    if not request.force:
+        _refuse_existing(each.run for each in todo)
+    progress.begin("simulate", len(todo))
+    workers = min(jobs or os.cpu_count() or 1, len(todo))
+    runs = _one_by_one(todo, progress) if workers == 1 else _in_processes(todo, workers, progress)
+    outcomes = [ReplayOutcome(Path(request.course), each.run, ExitCode.DONE, each.ended, each.metrics) for each in runs]
+    summarise({folder}, outcomes, progress)
+    return runs
+
+
+def _refuse_existing(runs: Iterator[Path]) -> None:
+    for run in runs:
+        if run.is_dir() and not all(is_part(entry.name) for entry in run.iterdir()):
+            raise AlreadyExists(run)
+
+
+def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
+    """One seed from its ground to its folder."""
+    ground = make_ground(each.request.course, each.course, each.config, each.seed)
+    simulated = walk_once(each.course, each.config, ground, each.seed)
+    folder = RunFolder.create(each.run, each.request.force)
+    description = WalkDescription(
+        each.request.course, each.course, ground, each.config, each.seed, each.request.command, startup_s
+    )
+    metrics = fill_folder(folder, description, simulated, progress.say)
+    ended = verdict(simulated)
+    progress.say(f"{each.run}: {ended or 'done'}")
+    return SimulatedRun(each.run, each.course.name, each.config.simulation.controller, each.seed, ended, metrics)
+
+
+def _warm_up(each: _Seed, progress: Progress) -> float:
+    ground = make_ground(each.request.course, each.course, each.config, each.seed)
+    return warm_up(each.course, each.config, ground, progress.say)
+
+
+def _one_by_one(todo: Sequence[_Seed], progress: Progress) -> list[SimulatedRun]:
+    startup_s = _warm_up(todo[0], progress)
+    runs = []
+    for each in todo:
+        runs.append(_walk(each, startup_s, progress))
+        progress.advance()
+    return runs
+
+
+def _in_processes(todo: Sequence[_Seed], workers: int, progress: Progress) -> list[SimulatedRun]:
+    """The same, as many at a time as there are workers. The first error is raised once all others are done."""
+    # Compiled once, here: the workers find it in the cache. What is wrong with robot or ground shows here, too.
+    _warm_up(todo[0], progress)
+    context = multiprocessing.get_context("spawn")
+    runs: dict[int, SimulatedRun] = {}
+    failures: dict[int, str] = {}
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        try:
+            futures = {pool.submit(_survive, each): each.seed for each in todo}
+            for future in as_completed(futures):
+                run, failure, lines = future.result()
+                for line in lines:
+                    progress.say(line)
+                if run is not None:
+                    runs[run.seed] = run
+                else:
+                    failures[futures[future]] = failure
+                progress.advance()
+        except BrokenProcessPool:
+            raise QuadlogError("a worker process was killed (out of memory?); fewer --jobs need less") from None
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
+    if failures:
+        raise QuadlogError(failures[min(failures)])
+    return [runs[each.seed] for each in todo]
+
+
+def _survive(each: _Seed) -> tuple[SimulatedRun | None, str, tuple[str, ...]]:
+    """One walk in a process of its own: the run or why there is none, and what it had to say."""
+    kept = Kept()
+    try:
+        run, failure = _walk(each, _warm_up(each, kept), kept), ""
+    except QuadlogError as error:
+        run, failure = None, str(error)
+    return run, failure, tuple(kept.lines)

@@ -1,0 +1,175 @@
+"""The run folder of one simulated walk: tables, metrics, plots and the page; `run.json` last."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.metrics.effort import GRAVITY_MPS2, effort_metrics
+from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
+from quadlog.pipelines.progress import StageClock, peak_memory_mb
+from quadlog.pipelines.simulation.one_walk import SimulatedWalk
+from quadlog.results.frame_strip import write_frame_strip
+from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.report import write_page, write_plots
+from quadlog.results.run_folder import RunFolder
+from quadlog.results.samples import GroundMap, write_ground
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import write_table
+from quadlog.results.tum import write_tum
+from quadlog.simulation.courses import COURSES, Course
+from quadlog.simulation.frames import CannotDraw, render_frames
+from quadlog.simulation.ground import Ground
+from quadlog.simulation.quadruped_model import TIMESTEP_S
+from quadlog.version import __version__
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class WalkDescription:
+    """What was simulated: course_argument is the course's name, or the file it came from."""
+
+    course_argument: str
+    course: Course
+    ground: Ground
+    config: Config
+    seed: int
+    command: tuple[str, ...]
+    startup_s: float
+
+
+def fill_folder(
+    folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk, say: Callable[[str], None]
+) -> dict[str, dict[str, Any]]:
+    """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
+    run, clock = folder.path, StageClock()
+    with clock.stage("report"):
+        folder.write_config(description.config.model_dump(exclude_none=True))
+        _write_tables(run, description, simulated)
+        metrics = _plain(walk_metrics(simulated))
+        folder.write_metrics(metrics)
+        _write_frames(run, simulated, description.config.results.frames, say)
+        pictures = write_plots(run, _record(description, simulated, clock))
+    record = _record(description, simulated, clock)
+    write_page(run, pictures, record)
+    folder.write_run_json(record)
+    return metrics
+
+
+def walk_metrics(simulated: SimulatedWalk) -> Metrics:
+    """How well the course was followed, what it cost, and how fast it was simulated."""
+    walk = simulated.walk
+    control = walk.control
+    tracked = TrackedWalk(
+        t_ns=control["t_ns"],
+        error_m=control["error_m"],
+        cross_track_m=control["cross_track_m"],
+        time_error_m=control["time_error_m"],
+        heading_error_rad=control["heading_error_rad"],
+        fallen=control["fallen"].astype(np.bool_) if simulated.model is not None else None,
+    )
+    metrics = tracking_metrics(tracked, walk.completed_ns)
+    if walk.effort is not None:
+        ticks = round(_lasted_s(simulated) / TIMESTEP_S)
+        metrics |= effort_metrics(walk.mass_kg, ticks, **asdict(walk.effort))
+    metrics["realtime_factor"] = Metric(_lasted_s(simulated) / simulated.seconds, 1, "")
+    return metrics
+
+
+def verdict(simulated: SimulatedWalk) -> str:
+    """How the walk ended, where it did not end at the course's end; else empty."""
+    control = simulated.walk.control
+    where = f"after {_lasted_s(simulated):.2f} s at ({control['x_m'][-1]:.2f}, {control['y_m'][-1]:.2f}) m"
+    if control["fallen"][-1]:
+        return f"fell {where}"
+    return "" if simulated.walk.completed_ns is not None else f"gave up {where}: it should have arrived long before"
+
+
+def _lasted_s(simulated: SimulatedWalk) -> float:
+    t_ns = simulated.walk.control["t_ns"]
+    return float(t_ns[-1] - t_ns[0]) / NS
+
+
+def _plain(metrics: Metrics) -> dict[str, dict[str, Any]]:
+    return {name: asdict(metric) for name, metric in metrics.items()}
+
+
+def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedWalk) -> None:
+    control, path_m = simulated.walk.control, description.course.path_m
+    write_table(run / "control.parquet", TABLES["control"], control)
+    # The course is the one plan of the walk.
+    course = {"t_ns": np.zeros(len(path_m), np.int64), "i": np.arange(len(path_m))}
+    x_m, y_m = path_m.T
+    write_table(
+        run / "paths.parquet", TABLES["paths"], course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
+    )
+    write_tum(run / "trajectory.tum", control["t_ns"], control["x_m"], control["y_m"], control["yaw_rad"])
+    ground = description.ground
+    if not ground.is_plane:
+        # A corner's height stands for the cell about it.
+        origin_m = np.array(ground.origin_m) - ground.cell_m / 2
+        seen = np.ones(ground.height_m.shape, np.int64)
+        write_ground(run, GroundMap(origin_m, ground.cell_m, ground.height_m.astype(np.float64), seen))
+
+
+def _write_frames(run: Path, simulated: SimulatedWalk, wanted: int, say: Callable[[str], None]) -> None:
+    if simulated.model is None or simulated.joints is None or wanted == 0:
+        return
+    ticks = np.unique(np.linspace(0, len(simulated.joints) - 1, wanted).round().astype(np.int64))
+    try:
+        frames = render_frames(simulated.model.model, simulated.joints[ticks])
+    except CannotDraw as error:
+        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
+        return
+    t_ns = simulated.walk.control["t_ns"]
+    write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
+
+
+def _record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:
+    config = description.config
+    simulation = config.simulation
+    return RunRecord(
+        quadlog_version=__version__,
+        command=list(description.command),
+        config=config.model_dump(exclude_none=True),
+        options={"course": description.course_argument, "controller": simulation.controller, "seed": description.seed},
+        input=_input(description),
+        seed=description.seed,
+        recorded_s=_lasted_s(simulated),
+        counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
+        warnings=_warnings(description, simulated),
+        stages=[
+            StageRecord("control", simulated.seconds, peak_memory_mb()),
+            StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
+        ],
+        startup_s=description.startup_s,
+        realtime_factor=_lasted_s(simulated) / simulated.seconds,
+    )
+
+
+def _input(description: WalkDescription) -> InputRecord:
+    """The file the path came from; of a course of quadlog's own, its points."""
+    name = description.course_argument
+    if name not in COURSES:
+        return describe_input(Path(name))
+    points = np.ascontiguousarray(description.course.path_m, np.float64).tobytes()
+    return InputRecord(name, len(points), hashlib.sha256(points).hexdigest())
+
+
+def _warnings(description: WalkDescription, simulated: SimulatedWalk) -> list[str]:
+    warnings = [f"the robot {ended}"] if (ended := verdict(simulated)) else []
+    if simulated.failed_solves:
+        warnings.append(f"{simulated.failed_solves} solves failed, and older or simpler forces had to do: see counts")
+    weight_n, most_n = simulated.walk.mass_kg * GRAVITY_MPS2, description.config.mpc.f_max_n
+    # Two feet carry in a trot, and have to push harder than the weight to go up.
+    if weight_n > 1.5 * most_n:
+        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
+    return warnings

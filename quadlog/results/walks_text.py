@@ -1,0 +1,60 @@
+"""The metrics of simulated walks as text for people: a row for each, and mean and deviation over the seeds."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+# metric, heading, factor from its unit to the one shown, format
+_SHOWN = (
+    ("eta_m", "eta m", 1.0, ".4f"),
+    ("sigma_m", "sigma m", 1.0, ".4f"),
+    ("eta_time_m", "timed m", 1.0, ".3f"),
+    ("max_error_m", "max m", 1.0, ".3f"),
+    ("heading_rmse_rad", "yaw deg", math.degrees(1), ".2f"),
+    ("completion_time_s", "time s", 1.0, ".2f"),
+    ("pitch_rms_rad", "pitch deg", math.degrees(1), ".2f"),
+    ("height_rms_m", "height mm", 1e3, ".1f"),
+    ("torque_max_nm", "torque Nm", 1.0, ".1f"),
+    ("torque_saturation_share", "cut %", 100.0, ".2f"),
+    ("cost_of_transport", "CoT", 1.0, ".2f"),
+    ("realtime_factor", "x real", 1.0, ".1f"),
+    ("fallen", "falls", 1.0, ".0f"),
+)
+
+
+def walks_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Aligned lines, one for each row with its seed, and mean and sample deviation below more than one.
+
+    A metric that a walk does not have stays empty; one that no walk has is left out.
+    """
+    shown = [each for each in _SHOWN if any(each[0] in row for row in rows)]
+    lines = [["seed", *(heading for _, heading, _, _ in shown)]]
+    lines += [[str(row["seed"]), *(_cell(row.get(name), times, to) for name, _, times, to in shown)] for row in rows]
+    if len(rows) > 1:
+        columns = [([row[name] for row in rows if name in row], times, to) for name, _, times, to in shown]
+        lines.append(["mean", *(_cell(statistics.fmean(values), times, _finer(to)) for values, times, to in columns)])
+        lines.append(
+            [
+                "std",
+                *(
+                    _cell(statistics.stdev(values) if len(values) > 1 else None, times, _finer(to))
+                    for values, times, to in columns
+                ),
+            ]
+        )
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip() + "\n" for line in lines
+    )
+
+
+def _finer(to: str) -> str:
+    """Falls are whole for one walk, a share over many."""
+    return ".2f" if to == ".0f" else to
+
+
+def _cell(value: float | None, times: float, to: str) -> str:
+    return "" if value is None else format(value * times, to)

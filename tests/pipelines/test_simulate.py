@@ -1,0 +1,247 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from quadlog.config_file import load_config
+from quadlog.errors import (
+    AlreadyExists,
+    InvalidConfigValue,
+    TooLarge,
+    TooSteep,
+    UnknownName,
+    UnreadableFile,
+    UsageError,
+)
+from quadlog.pipelines.progress import Kept, Silent
+from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
+from quadlog.pipelines.simulation import walk_folder
+from quadlog.results.report import write_report
+from quadlog.results.run_folder import read_metrics, read_run_json
+from quadlog.results.tables import read_table
+from quadlog.simulation.frames import CannotDraw
+
+NO_PICTURES = ("results.frames=0",)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory) -> Path:
+    """A metre straight on and half a metre aside."""
+    path = tmp_path_factory.mktemp("paths") / "bend.csv"
+    path.write_text("x_m,y_m\n0,0\n1.0,0\n1.4,0.3\n")
+    return path
+
+
+def _request(path: Path | str, output: Path, *settings: str, **options) -> SimulateRequest:
+    config = load_config(None, [*NO_PICTURES, "pursuit.lookahead_m=0.6", *settings], {})
+    return SimulateRequest(str(path), config, output=output, **options)
+
+
+def _simulate(request: SimulateRequest) -> SimulatedRun:
+    (run,) = simulate(request, 1, Silent())
+    return run
+
+
+@pytest.fixture
+def undrawn(monkeypatch) -> None:
+    """Without plots, which take longer than the walk."""
+    monkeypatch.setattr(walk_folder, "write_plots", lambda *_: {})
+
+
+@pytest.fixture(scope="module")
+def walked(path, tmp_path_factory) -> SimulatedRun:
+    return _simulate(_request(path, tmp_path_factory.mktemp("runs"), "simulation.terrain=3cm", "results.frames=2"))
+
+
+def test_a_run_folder_has_what_the_contract_promises(walked):
+    assert walked.run.parts[-2:] == ("bend-fpmw", "seed-000")
+    names = {entry.name for entry in walked.run.iterdir()}
+    assert {"run.json", "config.toml", "metrics.json", "control.parquet", "report.html", "plots"} <= names
+    plots = {entry.stem for entry in (walked.run / "plots").iterdir()}
+    figures = {"trajectory", "tracking_error", "commands", "posture", "torques", "lookahead", "terrain"}
+    assert figures <= plots
+    control = read_table(walked.run, "control")
+    assert all(np.isfinite(column).all() for column in control.values())
+    record = read_run_json(walked.run)
+    assert record["seed"] == 0
+    assert record["counts"]["ticks"] == len(control["t_ns"])
+    assert record["counts"]["mpc_solved"] > 50
+    assert record["counts"]["wbc_solved"] > 500
+    assert not record.get("warnings")
+
+
+def test_metrics_are_those_of_the_table(walked):
+    control = read_table(walked.run, "control")
+    metrics = {name: metric["value"] for name, metric in read_metrics(walked.run).items()}
+    assert metrics["eta_m"] == pytest.approx(control["error_m"].mean())
+    assert metrics["sigma_m"] == pytest.approx(control["error_m"].std(ddof=1))
+    assert metrics["eta_time_m"] == pytest.approx(control["time_error_m"].mean())
+    assert metrics["max_error_m"] == control["error_m"].max()
+    assert metrics["cross_track_rmse_m"] == pytest.approx(np.sqrt((control["cross_track_m"] ** 2).mean()))
+    assert metrics["completion_time_s"] == pytest.approx(control["t_ns"][-1] * 1e-9)
+    assert metrics["fallen"] == 0
+    assert metrics["torque_max_nm"] >= max(np.abs(control[f"tau_{k:02d}_nm"]).max() for k in range(12))
+    assert 0 <= metrics["torque_saturation_share"] < 0.01
+    assert 0.2 < metrics["cost_of_transport"] < 3
+    assert metrics["pitch_rms_rad"] < 0.05
+    assert metrics["height_rms_m"] < 0.02
+    assert metrics["realtime_factor"] > 0
+    assert walked.to_dict() == {
+        "run": str(walked.run),
+        "course": "bend",
+        "controller": "fpmw",
+        "seed": 0,
+        **metrics,
+    }
+
+
+def test_the_folder_of_runs_has_a_row_for_each(walked):
+    summary = read_table(walked.run.parent, "summary")
+    assert summary["recording"].tolist() == ["seed-000"]
+    assert summary["eta_m"][0] == walked.to_dict()["eta_m"]
+    assert "seed-000" in (walked.run.parent / "report.html").read_text()
+
+
+def test_the_written_config_gives_the_same_walk(walked, path, tmp_path, undrawn):
+    config = load_config(walked.run / "config.toml", [], {})
+    again = _simulate(SimulateRequest(str(path), config, output=tmp_path))
+    for name in ("control.parquet", "config.toml", "paths.parquet", "ground.npz"):
+        assert (again.run / name).read_bytes() == (walked.run / name).read_bytes(), name
+
+
+def test_the_page_speaks_of_a_simulation_and_can_be_made_again(walked):
+    page = (walked.run / "report.html").read_bytes()
+    text = page.decode()
+    assert "Simulated by quadlog" in text
+    assert "bend.csv, fpmw, seed 0" in text
+    assert "Replayed by" not in text
+    assert "not run" not in text
+    write_report(walked.run)
+    assert (walked.run / "report.html").read_bytes() == page
+
+
+def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path):
+    request = _request(path, tmp_path / "one", "simulation.terrain=6cm", *DISTURBED_OVERRIDES, seeds=(3, 4))
+    one = simulate(request, 1, Silent())
+    two = simulate(replace(request, output=tmp_path / "two"), 2, Silent())
+    assert [each.seed for each in one] == [each.seed for each in two] == [3, 4]
+    control = [(each.run / "control.parquet").read_bytes() for each in (*one, *two)]
+    assert control[:2] == control[2:]
+    assert control[0] != control[1]
+
+
+@pytest.mark.parametrize("controller", ["fpm", "pmw", "kinematic"])
+def test_other_controllers_walk_too(path, tmp_path, controller, undrawn):
+    run = _simulate(_request(path, tmp_path, f"simulation.controller={controller}"))
+    control = read_table(run.run, "control")
+    assert run.run.parent.name == f"bend-{controller}"
+    assert run.metrics["completion_time_s"]["value"] < 6
+    is_fuzzy = controller == "fpm"
+    assert np.isfinite(control["k_v"]).any() == is_fuzzy
+    assert is_fuzzy or set(control["lookahead_m"]) == {0.6}
+    has_body = controller != "kinematic"
+    assert ("fallen" in run.metrics) == ("torque_max_nm" in run.metrics) == has_body
+    assert "wbc_solved" not in read_run_json(run.run)["counts"] or controller == "pmw"
+
+
+def test_a_fall_is_a_result(path, tmp_path, undrawn):
+    strong = ("simulation.disturbances.push_n=2000", "simulation.disturbances.push_every_s=0.5")
+    progress = Kept()
+    (run,) = simulate(_request(path, tmp_path, *strong, "simulation.disturbances.push_s=0.3"), 1, progress)
+    assert run.metrics["fallen"]["value"] == 1
+    assert "completion_time_s" not in run.metrics
+    assert run.ended.startswith("fell after ")
+    assert read_run_json(run.run)["warnings"] == [f"the robot {run.ended}"]
+    assert "the robot fell after" in (run.run / "report.html").read_text()
+    assert read_table(run.run.parent, "summary")["exit_code"].tolist() == [0]
+    assert any("fell after" in line for line in progress.lines)
+
+
+def test_nothing_is_overwritten_unless_forced(path, tmp_path, undrawn):
+    request = _request(path, tmp_path, "simulation.controller=kinematic")
+    run = _simulate(request).run
+    (run / "mine.txt").touch()
+    before = (run / "control.parquet").stat().st_mtime_ns
+    with pytest.raises(AlreadyExists, match="--force allows it"):
+        simulate(request, 1, Silent())
+    assert (run / "control.parquet").stat().st_mtime_ns == before
+    _simulate(replace(request, force=True))
+    assert (run / "control.parquet").stat().st_mtime_ns > before
+    assert (run / "mine.txt").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "error"),
+    [
+        (["simulation.friction=0.05", "simulation.terrain=6cm"], TooSteep),
+        (["robot.model=spot"], UnknownName),
+        (["robot.model=nowhere.xml"], UnreadableFile),
+        (["pursuit.rate_hz=300"], InvalidConfigValue),
+        (["simulation.controller=none"], UsageError),
+    ],
+)
+def test_what_cannot_be_walked_is_refused_before_anything_is_written(path, tmp_path, settings, error):
+    with pytest.raises(error):
+        simulate(_request(path, tmp_path / "runs", *settings), 1, Silent())
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("course", ["trot-32s", "moon"])
+def test_courses_that_are_none_are_refused_with_those_there_are(course, tmp_path):
+    with pytest.raises(UnknownName, match="circle, line, s-curve"):
+        simulate(_request(course, tmp_path), 1, Silent())
+
+
+def test_a_path_too_long_to_walk_is_refused(tmp_path):
+    path = tmp_path / "long.csv"
+    path.write_text("".join(f"{19 * k},0\n" for k in range(10_000)))
+    with pytest.raises(TooLarge, match="ticks of a walk"):
+        simulate(_request(path, tmp_path), 1, Silent())
+
+
+def test_a_path_of_its_own_name_has_its_own_ground(tmp_path, undrawn):
+    """A file called s-curve.csv is not the s-curve."""
+    path = tmp_path / "s-curve.csv"
+    path.write_text("0,0\n0.5,0\n")
+    run = _simulate(_request(path, tmp_path, "simulation.controller=kinematic"))
+    assert not (run.run / "ground.npz").exists()
+
+
+def test_the_s_curve_brings_its_ground_and_its_speed_unless_told_otherwise(tmp_path, undrawn):
+    run = _simulate(_request("s-curve", tmp_path, "simulation.controller=kinematic"))
+    assert (run.run / "ground.npz").exists()
+    assert read_run_json(run.run)["config"]["pursuit"]["speed_mps"] == 0.5
+    flat = ("simulation.terrain=flat", "pursuit.speed_mps=0.7")
+    faster = _simulate(_request("s-curve", tmp_path / "flat", "simulation.controller=kinematic", *flat))
+    assert not (faster.run / "ground.npz").exists()
+    assert faster.metrics["completion_time_s"]["value"] < run.metrics["completion_time_s"]["value"]
+
+
+def test_where_mujoco_cannot_draw_one_line_says_so(path, tmp_path, monkeypatch, undrawn):
+    def fail(*_):
+        raise CannotDraw("egl: no such library")
+
+    monkeypatch.setattr(walk_folder, "render_frames", fail)
+    progress = Kept()
+    (run,) = simulate(_request(path, tmp_path, "results.frames=2", "pursuit.speed_mps=0.8"), 1, progress)
+    assert [line for line in progress.lines if "egl: no such library" in line] == progress.lines[:1]
+    assert not (run.run / "plots" / "frames.png").exists()
+    assert (run.run / "run.json").exists()
+
+
+def test_pictures_of_the_robot_are_no_empty_sheets(walked):
+    strip = walked.run / "plots" / "frames.png"
+    if not strip.exists():
+        pytest.skip("MuJoCo cannot draw without a screen here")
+    image = Image.open(strip).convert("RGB")
+    assert image.size == (2 * 404 - 4, 300)
+    assert len(image.getcolors(1 << 24) or []) > 500
+
+
+def test_json_is_plain(walked):
+    assert json.loads(json.dumps(walked.to_dict(), allow_nan=False)) == walked.to_dict()
