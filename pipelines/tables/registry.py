@@ -9,4 +9,6 @@ TABLES = {
     "planning-1": "quadlog.pipelines.tables.planning_1",
     "planning-2": "quadlog.pipelines.tables.planning_2",
     "planning-ea": "quadlog.pipelines.tables.planning_ea",
+    "tracking-courses": "quadlog.pipelines.tables.tracking_courses",
+    "tracking-5": "quadlog.pipelines.tables.tracking_5",
 }

@@ -56,8 +56,8 @@ class QuadrupedModel:
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, quat)
         rotation = turn.reshape(3, 3)
-        below = np.array([x_m, y_m, plane @ [x_m, y_m, 1.0]])
-        position = below + rotation[:, 2] * robot.standing_height_m
+        # Above its place, not beside it: the height is along the body's own axis.
+        position = np.array([x_m, y_m, plane @ [x_m, y_m, 1.0] + robot.standing_height_m / rotation[2, 2]])
         wanted = feet @ rotation.T + position
         joints, placed = np.empty(12), np.empty((4, 3))
         for _ in range(3):

@@ -11,7 +11,7 @@ from quadlog.locomotion.swing import swing_state
 ROBOT = ROBOTS["tracking"]
 TROT = GAITS["trot"]
 DT_S, CLEARANCE_M = 0.002, 0.09
-STANDING_M = ROBOT.standing_feet_m + [0, 0, ROBOT.standing_height_m]
+STANDING_M = ROBOT.standing_feet_m + np.array([0, 0, ROBOT.standing_height_m])
 # Of the trot, the pair that swings first.
 PAIR = [0, 3]
 
@@ -60,7 +60,8 @@ def test_a_foot_swings_from_where_it_stood_last_to_its_foothold():
     march.until(0, 0.999 - DT_S / TROT.stance_s, planned=True)
     march.step(feet_m=start_m)
     planned, phase = march.plan
-    assert not planned[PAIR].any() and (phase[PAIR] < 0.02).all()
+    assert not planned[PAIR].any()
+    assert (phase[PAIR] < 0.02).all()
     while not march.plan[0][0]:
         expected = np.empty((3, 3))
         for leg in PAIR:
@@ -88,7 +89,7 @@ def test_touching_late_in_the_swing_is_landing_and_stays_so():
     march = March()
     march.until(0, LANDS_FROM_PHASE)
     assert not march.stride.stands[0]
-    where_m = STANDING_M + [0.03, 0, 0.04]
+    where_m = STANDING_M + np.array([0.03, 0, 0.04])
     assert march.step([True] * 4, where_m)
     assert march.stride.stands.all()
     np.testing.assert_array_equal(march.stride.contacts_m, where_m)
@@ -172,7 +173,8 @@ def test_a_foot_landed_early_stands_in_the_first_step_ahead():
     march.step([True] * 4)
     ahead = np.empty((3, 4), dtype=bool)
     march.stride.contacts_ahead(march.t_s, 0.01, ahead)
-    assert ahead[0].all() and not march.plan[0][0]
+    assert ahead[0].all()
+    assert not march.plan[0][0]
     np.testing.assert_array_equal(ahead[1], [False, True, True, False])
 
 
@@ -193,7 +195,8 @@ def test_whatever_feet_feel(gait, pattern, seed):
             stands = stride.stands
             assert changed == (stands != stood).any()
             # What is planned to stand and touches stands; what stood goes on; nothing stands out of the air.
-            assert stands[planned & touches].all() and stands[planned & stood].all()
+            assert stands[planned & touches].all()
+            assert stands[planned & stood].all()
             assert not (stands & ~stood & ~np.array(touches)).any()
             assert not stands[~planned & (phase < LANDS_FROM_PHASE)].any()
             np.testing.assert_array_equal(stride.contacts_m[stands], feet_m[stands])

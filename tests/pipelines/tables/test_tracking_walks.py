@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from quadlog.following.lookahead import HONEST, PAPER
+from quadlog.pipelines.simulation.settings import disturbance_settings, fuzzy_settings, lookahead_control
+from quadlog.pipelines.tables import tracked_walks
+from quadlog.pipelines.tables.tracked_s_curve import CONTROLLERS, KNOWN_BEST_M, LENGTHS_M, TUNED, best_fixed_m, fixed
+from quadlog.pipelines.tables.tracked_walks import (
+    CHOOSING_SEEDS,
+    SEEDS_PER_TABLE,
+    Steering,
+    Task,
+    Tracked,
+    held_out_seeds,
+    walk_all,
+    walk_task,
+)
+from quadlog.pipelines.tables.tracking_figures import ETA, LOOKAHEAD, SIGMA, TIME, mean_row
+from quadlog.simulation.disturbances import DISTURBED, NONE
+
+
+def task(steering, disturbed=False, course="s-curve", terrain="course", seed=2000):
+    return Task(course, terrain, steering, disturbed, seed)
+
+
+def test_what_is_reported_was_never_chosen_on():
+    assert max(CHOOSING_SEEDS) < 1000 <= 2000 <= held_out_seeds(10, 0)[0]
+    drawn = [each for seed in range(4) for each in held_out_seeds(SEEDS_PER_TABLE, seed)]
+    assert len(set(drawn)) == len(drawn)
+
+
+def test_controllers_are_those_of_simulate():
+    fpmw, fpm, pmw = (task(each).config for each in CONTROLLERS)
+    assert [each.simulation.controller for each in (fpmw, fpm, pmw)] == ["fpmw", "fpm", "pmw"]
+    assert fuzzy_settings(fpmw.pursuit) == fuzzy_settings(fpm.pursuit) == PAPER
+    assert lookahead_control(pmw).step(0.1, 0.02, 0.5).l_m == 2.0
+    assert lookahead_control(task(fixed(1.42)).config).step(0.1, 0.02, 0.5).l_m == 1.42
+
+
+def test_tuned_rules_are_the_honest_ones():
+    assert fuzzy_settings(task(TUNED).config.pursuit) == HONEST
+
+
+def test_disturbed_means_what_simulate_means_by_it():
+    assert disturbance_settings(task(CONTROLLERS[0], disturbed=True).config.simulation.disturbances) == DISTURBED
+    assert asdict(disturbance_settings(task(CONTROLLERS[0]).config.simulation.disturbances)) == asdict(NONE)
+
+
+def test_walks_come_in_the_order_of_their_tasks(monkeypatch):
+    monkeypatch.setattr(tracked_walks, "cores", lambda: 1)
+    monkeypatch.setattr(tracked_walks, "_warm_up", lambda task: None)
+    monkeypatch.setattr(tracked_walks, "walk_task", lambda task: task.seed)
+    assert walk_all([task(TUNED, seed=seed) for seed in (7, 3, 5)]) == [7, 3, 5]
+
+
+def walk(eta_m, fallen=0.0):
+    return Tracked({"eta_m": eta_m, "fallen": fallen}, np.zeros(1), np.zeros(1))
+
+
+def test_the_best_fixed_lookahead_is_the_smallest_error_of_those_that_stand():
+    scan = {("ideal", length_m): [walk(0.01 * length_m), walk(0.03 * length_m)] for length_m in LENGTHS_M}
+    assert best_fixed_m("ideal", scan) == min(LENGTHS_M)
+    scan["ideal", min(LENGTHS_M)][1] = walk(0.0, fallen=1.0)
+    assert best_fixed_m("ideal", scan) == sorted(LENGTHS_M)[1]
+    assert best_fixed_m("disturbed", {}) == KNOWN_BEST_M["disturbed"]
+    assert set(KNOWN_BEST_M.values()) <= set(LENGTHS_M)
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A line of 2 m, walked twice."""
+    path = tmp_path_factory.mktemp("course") / "short.csv"
+    path.write_text("x_m,y_m\n" + "".join(f"{x_m:.2f},0\n" for x_m in np.arange(0, 2.01, 0.1)))
+    mine = task(Steering("FpMW", "fpmw"), True, str(path), "3cm")
+    return [walk_task(mine), walk_task(mine)]
+
+
+def test_a_short_walk_fills_its_rows(short):
+    rows = [row for figure in (ETA, SIGMA, TIME, LOOKAHEAD) for row in mean_row("2 m", figure, short)]
+    assert [row.quantity for row in rows] == [
+        "2 m: η (m)",
+        "2 m: σ (m)",
+        "2 m: completion time (s)",
+        "2 m: mean look-ahead (m)",
+    ]
+    eta_m, sigma_m, time_s, lookahead_m = (row.ours for row in rows)
+    assert eta_m == pytest.approx(np.mean(short[0].error_m))
+    assert sigma_m == pytest.approx(np.std(short[0].error_m, ddof=1))
+    assert 0 < eta_m < 0.05
+    assert 3 < time_s < 4.5
+    assert time_s == pytest.approx(short[0].t_s[-1])
+    assert 1 < lookahead_m < 2
+
+
+def test_the_same_task_is_the_same_walk(short):
+    first, second = short
+    assert first.figures == second.figures
+    assert np.array_equal(first.error_m, second.error_m)
+    assert "realtime_factor" not in first.figures
