@@ -64,12 +64,6 @@ def remaining_length(path: Float, segment: int, fraction: float) -> float:
     return float(length_m.sum())
 
 
-def points_at_lengths(path: Float, length_m: Float) -> Float:
-    """The points (N, 2) so far along the path (K, 2) from its start, (N,); its ends beyond that."""
-    arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*_steps(path)))])[: len(path)]
-    return np.stack([np.interp(length_m, arc_m, path[:, axis]) for axis in (0, 1)], axis=1)
-
-
 def lookahead_point(path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float) -> tuple[float, float]:
     """The first point of the path, from the nearest one on, that is lookahead_m away from the robot.
 

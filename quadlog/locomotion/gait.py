@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -47,10 +47,6 @@ class Gait:
     def offsets_array(self) -> Float:
         """(4,) for the compiled functions."""
         return np.array(self.offsets)
-
-    def with_period(self, period_s: float) -> Gait:
-        """The same gait, faster or slower."""
-        return replace(self, period_s=period_s)
 
 
 _GAITS = (

@@ -115,8 +115,8 @@ class Walker:
         # The linear model's yaw must not jump where the angle does.
         self._ahead[:, 2] += now[2] - self._ahead[0, 2] + _wrapped(self._ahead[0, 2] - now[2])
         stride.contacts_ahead(t_s, settings.dt_s, self._contacts)
-        # From where the body is, not from where it should be: a reference ahead of it would tilt the robot. And as it is
-        # amid each step, for whose length the forces hold; the states ahead are those of the steps' ends.
+        # From where the body is, not from where it should be: a reference ahead of it would tilt the robot. And as it
+        # is amid each step, for whose length the forces hold; the states ahead are those of the steps' ends.
         to_middle_m = now[3:6] - self._ahead[0, 3:6] + 0.5 * settings.dt_s * self.reference.velocity_mps
         self._arms_m[:] = self._feet_ahead_m() - (self._ahead[:, None, 3:6] + to_middle_m)
         self._forces_n = self.mpc.solve(now, self._ahead, self._arms_m, self._contacts).forces_n

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.following.path import lookahead_point, nearest_on_path, points_at_lengths, remaining_length
+from quadlog.following.path import lookahead_point, nearest_on_path, remaining_length
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
 
@@ -44,20 +44,11 @@ def test_one_point_and_repeated_points():
     assert math.isnan(near.heading_rad)
     assert lookahead_point(point, 4.0, 5.0, near, 1.0) == (1.0, 1.0)
     assert remaining_length(point, 0, 0.0) == 0.0
-    assert points_at_lengths(point, np.array([3.0])).tolist() == [[1.0, 1.0]]
     repeated = np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
     near = nearest_on_path(repeated, 2.5, 0.0)
     assert near.heading_rad == 0.0
     assert near.distance_m == 0.5
     assert remaining_length(repeated, near.segment, near.fraction) == 0.0
-    assert points_at_lengths(repeated, np.array([1.0])).tolist() == [[1.0, 0.0]]
-
-
-def test_lengths_along_the_path():
-    near = nearest_on_path(CORNER, 1.0, 0.2)
-    assert remaining_length(CORNER, near.segment, near.fraction) == pytest.approx(6.0)
-    points = points_at_lengths(CORNER, np.array([5.0, 0.0, 99.0]))
-    assert points.tolist() == [[4.0, 1.0], [0.0, 0.0], [4.0, 3.0]]
 
 
 def test_lookahead_point_is_where_the_circle_meets_the_path_ahead():

@@ -10,12 +10,18 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.following import path_follower
 from quadlog.following.lookahead import FixedLookahead
-from quadlog.following.path import nearest_on_path, points_at_lengths
+from quadlog.following.path import nearest_on_path
 from quadlog.following.path_follower import AHEAD_M, BEHIND_M, FINISHED_M, PathFollower, checked_path
 from quadlog.following.pure_pursuit import pure_pursuit
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
 LEGS = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.3], [0.0, 0.3], [0.0, 0.6], [5.0, 0.6]])
+
+
+def points_at_lengths(path, length_m):
+    """The points (N, 2) so far along a path, by interpolation of each coordinate."""
+    arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    return np.stack([np.interp(length_m, arc_m, path[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def closed_circle(radius_m, points=400):
