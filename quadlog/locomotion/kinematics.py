@@ -13,6 +13,9 @@ from numba import njit
 
 from quadlog.messages import Float
 
+# Shorter, a distance has no direction that floats could tell.
+NO_DISTANCE_M = 1e-9
+
 
 @njit(cache=True, error_model="numpy")
 def leg_position(joints_rad: Float, side: float, lengths: Float, foot_m: Float) -> None:
@@ -57,7 +60,7 @@ def leg_inverse(foot_m: Float, side: float, lengths: Float, joints_rad: Float) -
     joints_rad[0] = abduction
     joints_rad[2] = math.acos(min(max(knee, -1.0), 1.0))
     # Folded onto the hip itself, thigh and shank being equally long, any direction of the thigh is right.
-    if distance > 0:
+    if distance > NO_DISTANCE_M:
         bend = (distance * distance + thigh * thigh - shank * shank) / (2 * thigh * distance)
         joints_rad[1] = math.atan2(x, down) - math.acos(min(max(bend, -1.0), 1.0))
     else:

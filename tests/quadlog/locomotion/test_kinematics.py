@@ -88,7 +88,8 @@ def test_any_target_gets_joints_and_the_nearest_distance(foot, side, lengths):
     assert (np.abs(joints) <= 2 * math.pi).all()
     end = position(joints, side, lengths)
     if reached:
-        np.testing.assert_allclose(end, foot, atol=2e-12)
+        # Where the leg is stretched, the knee's angle is known to the root of what floats tell.
+        np.testing.assert_allclose(end, foot, atol=5e-8)
     far = math.hypot(*foot) > math.hypot(lengths[0], lengths[1] + lengths[2]) + 1e-9
     assert not (far and reached)
     if far:
