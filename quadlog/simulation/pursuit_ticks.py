@@ -21,10 +21,17 @@ POSE, REFERENCE, LOOKAHEAD, COMMAND, EFFORT, CLEARANCE, FALLEN = (
 )
 
 
+class FollowedPlan:
+    """A plan (K, 2) under way: where the robot is on it, and where it takes itself to be by the pose it knows."""
+
+    def __init__(self, path_m: Float) -> None:
+        self.truth, self.known = PathFollower(path_m), PathFollower(path_m)
+
+
 def follow_tick(
     row: Float,
     robot: CourseRobot,
-    follower: PathFollower | None,
+    plan: FollowedPlan | None,
     lookahead: LookaheadControl,
     age_s: float,
     settings: PursuitSettings,
@@ -32,16 +39,21 @@ def follow_tick(
 ) -> None:
     """Writes a row (len(TICK_COLUMNS),) but for its clearance, the command for the next dt_s in it.
 
-    follower: of the plan, age_s old; without one the robot is told to stand.
+    plan: age_s old; without one the robot is told to stand. It is steered by the pose that it knows, disturbed as
+    that may be; what is written of it is true.
     """
     x_m, y_m, yaw_rad = robot.pose.tolist()
     row[POSE : POSE + 6] = *robot.position_m.tolist(), *robot.rpy
     row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
-    if follower is not None:
-        place = follower.step(x_m, y_m, yaw_rad)
-        ahead = lookahead.step(place.near.distance_m, dt_s, robot.velocity[0])
-        command = follower.pursue(x_m, y_m, yaw_rad, place, ahead.l_m, settings.speed_mps, settings.max_yaw_rate_radps)
-        planned = follower.reference_at(age_s * settings.speed_mps)
+    known_x_m, known_y_m, known_yaw_rad = robot.disturbances.measured(robot.t_s, robot.pose).tolist()
+    if plan is not None:
+        place = plan.truth.step(x_m, y_m, yaw_rad)
+        known = plan.known.step(known_x_m, known_y_m, known_yaw_rad)
+        ahead = lookahead.step(known.near.distance_m, dt_s, robot.velocity[0])
+        command = plan.known.pursue(
+            known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, settings.speed_mps, settings.max_yaw_rate_radps
+        )
+        planned = plan.truth.reference_at(age_s * settings.speed_mps)
         away_m = math.hypot(planned.x_m - x_m, planned.y_m - y_m)
         near = place.near
         row[REFERENCE : REFERENCE + 6] = (

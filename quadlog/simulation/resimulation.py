@@ -17,7 +17,6 @@ import numpy as np
 
 from quadlog.errors import TooLarge
 from quadlog.following.lookahead import LookaheadControl
-from quadlog.following.path_follower import PathFollower
 from quadlog.geometry import seconds_since
 from quadlog.mapping.window import Window
 from quadlog.messages import Float, Int
@@ -25,7 +24,7 @@ from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
 from quadlog.simulation.clearance import body_clearance, occupied_centres
 from quadlog.simulation.course_walk import CourseRobot
-from quadlog.simulation.pursuit_ticks import CLEARANCE, COMMAND, TICK_COLUMNS, follow_tick
+from quadlog.simulation.pursuit_ticks import CLEARANCE, COMMAND, TICK_COLUMNS, FollowedPlan, follow_tick
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
@@ -83,7 +82,7 @@ class _State:
 
     robot: CourseRobot
     lookahead: LookaheadControl
-    follower: PathFollower | None = None
+    plan: FollowedPlan | None = None
     planned_at_ns: int = 0
     plans: list[PlanRecord] = field(default_factory=list)
     paths: list[PlannedPath] = field(default_factory=list)
@@ -162,7 +161,7 @@ def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: F
     walk.plans.append(replan.record)
     if replan.path is not None:
         walk.paths.append(replan.path)
-        walk.follower, walk.planned_at_ns = PathFollower(replan.path.smooth_xy_m), instant.t_ns
+        walk.plan, walk.planned_at_ns = FollowedPlan(replan.path.smooth_xy_m), instant.t_ns
         walk.lookahead.reset()
 
 
@@ -180,7 +179,7 @@ def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSetti
             row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *body, centres_m, cell_m)
         else:
             walk.outside_ticks += 1
-        follow_tick(row, robot, walk.follower, walk.lookahead, age_s, settings, every * robot.tick_s)
+        follow_tick(row, robot, walk.plan, walk.lookahead, age_s, settings, every * robot.tick_s)
         robot.walk(every, row[COMMAND], row[COMMAND + 1])
     return rows
 

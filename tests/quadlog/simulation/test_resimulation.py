@@ -14,6 +14,7 @@ from quadlog.mapping.window import window_around
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.results.schemas import TABLES
+from quadlog.simulation.disturbances import DisturbanceSettings
 from quadlog.simulation.ground import flat
 from quadlog.simulation.quadruped_model import quadruped_model
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
@@ -223,3 +224,22 @@ def test_a_robot_that_fell_lies_where_it_fell():
     assert fallen[first:].all()
     assert len(fallen) == 196
     np.testing.assert_array_equal(walk.control["x_m"][first:], walk.control["x_m"][first])
+
+
+def test_a_robot_that_knows_its_pose_badly_strays_and_the_table_tells_where_it_truly_is():
+    """Half a second late and 5 cm off: it follows worse, while the table's errors are those of the true pose."""
+
+    def walked(disturbances):
+        robot = UnicycleRobot(np.zeros(3), 0.02, np.random.default_rng(0), disturbances)
+        replanner = Replanner(make_planner("astar"), ReplanSettings(stop_short_m=0.0))
+        one_plan = [next(instants(1)), dataclasses.replace(next(instants(1)), t_ns=START_NS + 5_000_000_000)]
+        return resimulate(one_plan, fixed(4.0, 2.0), robot, FixedLookahead(0.5), replanner, PursuitSettings())
+
+    good, bad = walked(DisturbanceSettings()), walked(DisturbanceSettings(pose_noise_m=0.05, pose_lag_s=0.5))
+    before = slice(0, 245)
+    assert bad.control["error_m"][before].mean() > 2 * good.control["error_m"][before].mean()
+    line_m = bad.paths[0].smooth_xy_m
+    dense = np.concatenate([a + np.linspace(0, 1, 200)[:, None] * (b - a) for a, b in pairwise(line_m)])
+    for k in (60, 120, 200):
+        here = np.array([bad.control["x_m"][k], bad.control["y_m"][k]])
+        assert bad.control["error_m"][k] == pytest.approx(np.hypot(*(dense - here).T).min(), abs=2e-3)
