@@ -25,5 +25,6 @@ def recording_source(
         remedy = "planners are compared on maps, which need one" if error.stage == "filter" else error.remedy
         raise MissingInput(error.stage, f"{recording}: {error.needed}", remedy) from error
     if not has_table(folder, "target"):
-        raise MissingInput("plan", f"{recording} shows no target", "choose one with  --set topics.target=ahead  or, for a robot that stands, fixed")
+        remedy = "choose one with  --set topics.target=ahead  or, for a robot that stands, fixed"
+        raise MissingInput("plan", f"{recording} shows no target", remedy)
     return run_source(folder, name), outcome.reason
