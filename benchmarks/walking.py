@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from benchmarks.figures import Figure
 from quadlog.following.lookahead import FuzzyLookahead
+from quadlog.locomotion import walker
+from quadlog.locomotion.force_qp import free_minimum
+from quadlog.locomotion.mpc_build import in_pyramid
 from quadlog.locomotion.robot import ROBOTS
 from quadlog.locomotion.walker import WalkerSettings
 from quadlog.simulation.course_walk import walk_course
@@ -21,14 +24,14 @@ from quadlog.simulation.ground import undulating
 from quadlog.simulation.quadruped_model import quadruped_model
 from quadlog.simulation.walking_robot import WalkingRobot
 
-ROUNDS, MEASURED_S = 3, 10.0
+ROUNDS, MEASURED_S, QP_TICKS = 3, 10.0, 3000
 
 
 class Stopwatch:
-    """Stands in for a method and keeps how long each call of it took."""
+    """Stands in for a function until it is stopped, and keeps how long each call of it took."""
 
     def __init__(self, owner: Any, name: str) -> None:
-        self._call, self.us = getattr(owner, name), []
+        self._owner, self._name, self._call, self.us = owner, name, getattr(owner, name), []
         setattr(owner, name, self)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -38,9 +41,9 @@ class Stopwatch:
         self.us.append((time.perf_counter_ns() - began_ns) / 1000)
         return result
 
-    @property
-    def times_us(self) -> NDArray[np.float64]:
-        """(N,) of all calls."""
+    def stop(self) -> NDArray[np.float64]:
+        """Puts the function back: (N,) microseconds of all calls."""
+        setattr(self._owner, self._name, self._call)
         return np.array(self.us)
 
 
@@ -48,27 +51,30 @@ def measure(_: Path) -> Iterator[Figure]:
     """A walk on 3 cm of undulation at 500 Hz of simulation and whole-body control, and its parts."""
     factors = [_real_time_factor() for _ in range(ROUNDS)]
     robot = _robot()
-    floor_us = _steps_us(robot)
-    floor = f"floor: MuJoCo's steps alone, {robot.tick_s * 1e6 / floor_us:.0f} x"
-    yield Figure("walk at 500 Hz, real-time factor, one core", max(factors), "x", 15, at_least=True, floor=floor)
-    robot = _robot()
-    walker = robot.walker
+    control = robot.walker
     watched = {
-        "mpc": Stopwatch(walker.mpc, "solve"),
-        "wbc": Stopwatch(walker.wbc, "step"),
-        "legs": Stopwatch(walker.stride, "step"),
+        "step1": Stopwatch(mujoco, "mj_step1"),
+        "step2": Stopwatch(mujoco, "mj_step2"),
         "read": Stopwatch(robot._quadruped, "read"),
+        "legs": Stopwatch(walker, "_aim"),
+        "mpc": Stopwatch(control.mpc, "solve"),
+        "wbc": Stopwatch(control.wbc, "step"),
     }
-    force_qps = [Stopwatch(qp, "solve") for qp in walker.wbc._qps]
-    robot.walk(round(MEASURED_S / robot.tick_s), 0.6, 0.0)
-    qp_us = np.concatenate([each.times_us for each in force_qps])
-    mpc_us = watched["mpc"].times_us
-    yield Figure("MPC, build and solve, 95 %", float(np.percentile(mpc_us, 95)) / 1000, "ms", 0.2)
-    yield Figure("whole-body control's QP, 95 %", float(np.percentile(qp_us, 95)) / 1000, "ms", 0.02)
-    ticks = len(watched["wbc"].us)
-    for name, title in (("read", "dynamics"), ("wbc", "whole-body control"), ("legs", "legs"), ("mpc", "MPC")):
-        yield Figure(f"of a tick: {title}", float(watched[name].times_us.sum()) / ticks, "us")
-    yield Figure("of a tick: MuJoCo's steps", floor_us, "us")
+    ticks = round(MEASURED_S / robot.tick_s)
+    robot.walk(ticks, 0.6, 0.0)
+    us = {name: watch.stop() for name, watch in watched.items()}
+    of_tick = {name: float(each.sum()) / ticks for name, each in us.items()}
+    steps_us = of_tick["step1"] + of_tick["step2"]
+    floor = f"floor: MuJoCo's steps alone, {robot.tick_s * 1e6 / steps_us:.0f} x"
+    yield Figure("walk at 500 Hz, real-time factor, one core", max(factors), "x", 15, at_least=True, floor=floor)
+    yield Figure("MPC, build and solve, 95 %", float(np.percentile(us["mpc"], 95)) / 1000, "ms", 0.2)
+    qp_us, asked = _qp_us(robot)
+    share = f"a solver is asked at {asked:.1%} of ticks, where a force comes to its limits"
+    yield Figure("whole-body control's QP, 95 %", float(np.percentile(qp_us, 95)) / 1000, "ms", 0.02, floor=share)
+    yield Figure("of a tick: MuJoCo's steps", steps_us, "us")
+    yield Figure("of a tick: dynamics", of_tick["read"] - of_tick["step1"], "us")
+    for name, title in (("legs", "reference and legs"), ("mpc", "MPC"), ("wbc", "whole-body control")):
+        yield Figure(f"of a tick: {title}", of_tick[name], "us")
 
 
 def _robot() -> WalkingRobot:
@@ -86,11 +92,17 @@ def _real_time_factor() -> float:
     return robot.t_s / (time.perf_counter() - began)
 
 
-def _steps_us(robot: WalkingRobot) -> float:
-    """Microseconds of a tick in MuJoCo itself, the torques held."""
-    model, data = robot.model.model, mujoco.MjData(robot.model.model)
-    data.qpos[:] = robot.model.standing_at(0.0, 0.0, 0.0)
-    began = time.perf_counter()
-    for _ in range(500):
-        mujoco.mj_step(model, data)
-    return (time.perf_counter() - began) / 500 * 1e6
+def _qp_us(robot: WalkingRobot) -> tuple[NDArray[np.float64], float]:
+    """Microseconds that each tick's QP takes by itself, and at which share of ticks a solver is asked."""
+    control, us, asked = robot.walker, [], 0
+    settings, targets = control.settings.wbc, control._targets
+    for _ in range(QP_TICKS):
+        robot.walk(1, 0.6, 0.0)
+        qp = control.wbc._qps[int(targets.stance.sum())]
+        began_ns = time.perf_counter_ns()
+        free_minimum(qp.hessian, qp.gradient, qp.forces_n)
+        if not in_pyramid(qp.forces_n, settings.mu, settings.f_min_n, settings.f_max_n, 0.0):
+            qp.solve(True, targets.forces_n, targets.stance)
+            asked += 1
+        us.append((time.perf_counter_ns() - began_ns) / 1000)
+    return np.array(us), asked / QP_TICKS

@@ -8,15 +8,24 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from quadlog.config_control import Mpc, Pursuit, Robot, Simulation, Wbc
 from quadlog.config_section import Metres, Section, in_order
+from quadlog.planning.names import PLANNER_NAMES
+from quadlog.plugins import PLANNERS, plugin_names
 
 
 def _as_list(value: object) -> object:
     """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
     return [value] if isinstance(value, str) and value else value
+
+
+def _is_planner(name: str) -> str:
+    """The name, if a planner has it; plug-ins are looked for only when none of quadlog's own has."""
+    if name not in PLANNER_NAMES and name not in (others := plugin_names(PLANNERS)):
+        raise ValueError(f"there is no such planner; choose one of: {', '.join((*PLANNER_NAMES, *others))}")
+    return name
 
 
 class Topics(Section):
@@ -47,9 +56,9 @@ class Anchor(Section):
     """A UWB anchor in map."""
 
     id: int = Field(ge=0, description="the anchor's id in the range messages")
-    x_m: Metres
-    y_m: Metres
-    z_m: Metres = 0.0
+    x_m: Metres = Field(description="where it hangs in map")
+    y_m: Metres = Field(description="see x_m")
+    z_m: Metres = Field(0.0, description="height above the map's floor")
     bias_m: float = Field(
         0.0, ge=-100, le=100, description="known constant bias, subtracted from every range to this anchor"
     )
@@ -59,7 +68,7 @@ class Tag(Section):
     """A UWB tag: who carries it, how high, and where it sits in base."""
 
     id: int = Field(ge=0, description="the tag's id in the range messages")
-    role: Literal["robot", "person", "none"] = "none"
+    role: Literal["robot", "person", "none"] = Field("none", description="who carries it")
     height_m: Metres | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
     x_m: Metres = Field(0.0, description="where the tag sits in base, forward")
     y_m: Metres = Field(0.0, description="where the tag sits in base, to the left")
@@ -68,9 +77,9 @@ class Tag(Section):
 class RangeTopic(Section):
     """Maps a topic that carries one range each to the two ends it measures between."""
 
-    topic: str
-    tag: int = Field(ge=0)
-    anchor: int = Field(ge=0)
+    topic: str = Field(description="the topic")
+    tag: int = Field(ge=0, description="id of the tag that it measures from")
+    anchor: int = Field(ge=0, description="id of the anchor that it measures to")
 
 
 class Uwb(Section):
@@ -141,8 +150,8 @@ class Mount(Section):
     y_m: Metres = Field(0.0, description="left of base")
     z_m: Metres = Field(0.0, description="height above base; base is the ground under the robot's centre")
     roll_deg: float = Field(0.0, ge=-360, le=360, description="turned by R_z(yaw) R_y(pitch) R_x(roll)")
-    pitch_deg: float = Field(0.0, ge=-360, le=360)
-    yaw_deg: float = Field(0.0, ge=-360, le=360)
+    pitch_deg: float = Field(0.0, ge=-360, le=360, description="positive with the nose down")
+    yaw_deg: float = Field(0.0, ge=-360, le=360, description="positive to the left")
 
 
 class Lidar(Section):
@@ -190,7 +199,7 @@ class Ground(Section):
 class Grid(Section):
     """The occupancy grid around the robot, in map."""
 
-    cell_m: float = Field(0.1, ge=0.005, le=10, description="[Following]")
+    cell_m: float = Field(0.1, ge=0.005, le=10, description="edge of a cell [Following]")
     size_cells: int = Field(200, ge=3, le=4000, description="edge of the square window [Following]")
     min_height_m: Metres = Field(0.05, description="lower obstacle points, above the ground, are ignored")
     max_height_m: Metres = Field(1.5, description="higher points do not block the robot")
@@ -225,19 +234,9 @@ class Grid(Section):
 class Planner(Section):
     """Who plans, and on what."""
 
-    name: Literal[
-        "astar",
-        "astar_paper",
-        "ia_star",
-        "ia_star_bounded",
-        "ea_star",
-        "clearance_astar",
-        "d_star_lite",
-        "mt_d_star_lite",
-        "lpa_star",
-        "ara_star",
-        "dijkstra",
-    ] = Field("ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]")
+    name: Annotated[str, AfterValidator(_is_planner)] = Field(
+        "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
+    )
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
     corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
 
@@ -245,7 +244,7 @@ class Planner(Section):
 class Smoothing(Section):
     """From cells to a curve [Planning, eq. 14]."""
 
-    enabled: bool = True
+    enabled: bool = Field(True, description="false: the robot follows the path from cell to cell")
     merge_m: float = Field(0.3, ge=0, le=100, description="inflection points closer than this become one")
     spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from quadlog.config_section import Section, in_order
 
@@ -17,8 +17,12 @@ Feedback = tuple[Gain, Gain]
 class Fuzzy(Section):
     """The look-ahead by fuzzy rules, l = l0 + lambda_v k_v v^2 + lambda_w k_w v, l0: lookahead_m [Tracking, 3.2]."""
 
-    lambda_v_s2_per_m: float = Field(1.0, ge=-100, le=100, description="[Tracking, eq. 17]; it prints no value")
-    lambda_w_s: float = Field(1.0, ge=-100, le=100, description="[Tracking, eq. 17]; it prints no value")
+    lambda_v_s2_per_m: float = Field(
+        1.0, ge=-100, le=100, description="weight of the term with v^2 [Tracking, eq. 17]; it prints no value"
+    )
+    lambda_w_s: float = Field(
+        1.0, ge=-100, le=100, description="weight of the term with v [Tracking, eq. 17]; it prints no value"
+    )
     k_v0: float = Field(0.0, ge=-100, le=100, description="k_v without error [Tracking, eq. 18]; it prints no value")
     k_w0: float = Field(0.0, ge=-100, le=100, description="k_w without error [Tracking, eq. 18]; it prints no value")
     gain_e_per_m: float = Field(
@@ -47,7 +51,9 @@ class Pursuit(Section):
     """Pure pursuit [Tracking, section 3]."""
 
     lookahead_m: float = Field(2.0, ge=0.01, le=100, description="l, or l0 of the fuzzy rules [Tracking, section 5]")
-    speed_mps: float = Field(0.6, ge=0.01, le=10, description="[Tracking, section 5]; unset, the s-curve takes 0.5")
+    speed_mps: float | None = Field(
+        None, ge=0.01, le=10, description="unset: 0.6, along the s-curve 0.5 [Tracking, section 5]"
+    )
     max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20, description="the robot turns no faster")
     rate_hz: float = Field(50.0, ge=1, le=1000, description="ticks of the controller and of control.parquet")
     fuzzy: Fuzzy = Fuzzy()
@@ -56,9 +62,11 @@ class Pursuit(Section):
 class Robot(Section):
     """The robot's body on maps [Following, Table 1], and the model that walks."""
 
-    length_m: float = Field(0.62, gt=0, le=100)
-    width_m: float = Field(0.26, gt=0, le=100)
-    height_m: float = Field(0.37, gt=0, le=100)
+    length_m: float = Field(0.62, gt=0, le=100, description="of the body, along x")
+    width_m: float = Field(0.26, gt=0, le=100, description="of the body, along y")
+    height_m: float = Field(
+        0.37, gt=0, le=100, description="how tall it stands; a cell of map.pgm is free where a ray passed below that"
+    )
     model: str = Field(
         "tracking",
         min_length=1,
@@ -127,6 +135,57 @@ class Disturbances(Section):
     mass_error: float = Field(0.0, gt=-1, le=10, description="share by which the MPC's mass is wrong")
 
 
+class Trot(Section):
+    """The experiment trot-32s [Foot, section 4]: how its robot differs from its plan, and y(t) of its 3-D curve."""
+
+    payload_kg: float = Field(0.0, ge=0, le=50, description="on top of the trunk")
+    payload_x_m: float = Field(0.0, ge=-0.5, le=0.5, description="where, ahead of the trunk's middle")
+    payload_y_m: float = Field(0.0, ge=-0.5, le=0.5, description="where, left of the trunk's middle")
+    leg_mass_spread: float = Field(
+        0.0, ge=-0.9, le=0.9, description="left legs are heavier by this share, right ones lighter"
+    )
+    hip_offset_m: float = Field(
+        0.0, ge=-0.05, le=0.05, description="left hips sit so far ahead of where they should, right ones so far behind"
+    )
+    height_m: float = Field(
+        0.2, ge=0.12, le=0.4, description="of the trunk's middle [Foot, Table 2]; the experiment gives none"
+    )
+    foot_curve_k: float = Field(
+        175.0,
+        ge=-1e6,
+        le=1e6,
+        description="k of eq. 12, 1/m: the smaller, the farther aside; not 0, and below it to the other side. "
+        "Ours: 10 mm",
+    )
+    lateral: Literal["alternating", "same"] = Field(
+        "alternating",
+        description="y(t) to the left with one pair and to the right with the other [Foot, eq. 11], or "
+        "to the left with both",
+    )
+    lateral_shape: Literal["parabola", "eased"] = Field(
+        "parabola", description="as eq. 12 has it, or with neither speed nor acceleration at its ends"
+    )
+    first_pair: Literal["left_fore", "right_fore"] = Field(
+        "left_fore", description="which foot swings first, with the one across"
+    )
+    friction_spread: float = Field(
+        0.25, ge=0, le=0.9, description="a seed draws simulation.friction within this share of itself; ours"
+    )
+    foot_radius_spread: float = Field(
+        0.1, ge=0, le=0.5, description="and the feet's radius of 20 mm within this share; ours"
+    )
+    posture_spread_deg: float = Field(
+        1.0, ge=0, le=10, description="and how far each joint starts beside its plan, within this; ours"
+    )
+
+    @field_validator("foot_curve_k")
+    @classmethod
+    def _k_divides(cls, k: float) -> float:
+        if k == 0:
+            raise ValueError("must not be 0, by which nothing can be divided")
+        return k
+
+
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
@@ -136,16 +195,27 @@ class Simulation(Section):
         "kinematic: a point that does as it is told, fixed look-ahead; none leaves the control stage out",
     )
     gait: Literal["walk", "trot", "flying_trot", "pronk", "bound"] = Field(
-        "trot", description="[Following, Table 1]; [Tracking] trots"
+        "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
     )
     clearance_m: float = Field(0.09, gt=0, le=1, description="how high a foot is lifted; ours")
-    terrain: Literal["course", "flat", "3cm", "6cm"] = Field(
+    swing: Literal["quintic", "foot_curve"] = Field(
+        "quintic", description="a foot's way through the air; foot_curve: the cycloid of [Foot, eqs 9-10] with a bulge"
+    )
+    swing_aside_m: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="peak of foot_curve's bulge, to the left with left fore and right hind foot, else to the right",
+    )
+    terrain: str = Field(
         "course",
+        min_length=1,
         description="of quadlog simulate: flat; 3cm, 6cm: 95 % band of noise with a correlation length of 0.25 m "
-        "[Tracking, section 5]; course: the s-curve's own, else flat",
+        "[Tracking, section 5]; course: the s-curve's own, else flat; or a run folder: the ground that it saw",
     )
     friction: float = Field(0.8, ge=0.01, le=10, description="between feet and ground; ours")
     disturbances: Disturbances = Disturbances()
+    trot: Trot = Trot()
 
     @property
     def has_body(self) -> bool:

@@ -7,6 +7,7 @@ import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import tomli_w
@@ -42,10 +43,12 @@ def load_config(
     overrides: Sequence[str] = (),
     environ: Mapping[str, str] = os.environ,
     preset: str | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> Config:
     """The effective configuration.
 
-    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them.
+    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them; settings: the same as values, by
+    dotted key or section by section, which count most.
     Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source.
     """
     layers = []
@@ -57,6 +60,7 @@ def load_config(
         layers.append(Layer(str(path), _read_toml(path)))
     layers.extend(_environment_layers(environ))
     layers.extend(_override_layer(override) for override in overrides)
+    layers.extend(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items())
 
     merged: dict[str, Any] = {}
     for layer in layers:

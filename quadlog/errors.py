@@ -219,3 +219,58 @@ class EmptyWindow(QuadlogError):
         self.path, self.span_ns = path, span_ns
         length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
         super().__init__(f"{path}: no message within --start and --duration{length}")
+
+
+class PluginUnusable(QuadlogError):
+    """A planner or decoder of another distribution that cannot be loaded, or does not do what it has to."""
+
+    def __init__(self, kind: str, name: str, distribution: str, reason: str) -> None:
+        self.kind, self.name, self.distribution, self.reason = kind, name, distribution, reason
+        super().__init__(f"{kind} {name} of {distribution}: {' '.join(reason.split())}")
+
+
+class PluginNameTaken(QuadlogError):
+    """Two planners or decoders of one name, of which at most one is quadlog's own."""
+
+    def __init__(self, kind: str, name: str, owners: Iterable[str]) -> None:
+        self.kind, self.name, self.owners = kind, name, list(owners)
+        listed = ", ".join(self.owners)
+        super().__init__(f"{kind} {name}: several have that name ({listed}); rename one, or uninstall what adds it")
+
+
+class UnknownRunFormat(QuadlogError):
+    """A run folder that another version of quadlog wrote, in a format that this one does not read."""
+
+    def __init__(self, path: Path | str, found: object, written_by: object, known: int, version: str) -> None:
+        self.path, self.found, self.written_by, self.known = path, found, written_by, known
+        super().__init__(
+            f"{path}: is a run of format {str(found)[:40]}, written by quadlog {str(written_by)[:40]}; this quadlog, "
+            f"{version}, reads format {known}: use that version, or replay the recording again"
+        )
+
+
+class BadCondition(UsageError):
+    """A condition on a metric that does not read NAME OPERATOR NUMBER."""
+
+    def __init__(self, text: str, operators: Iterable[str]) -> None:
+        self.text, self.operators = text, list(operators)
+        super().__init__(
+            f"condition {text!r}: write NAME OPERATOR NUMBER, as in 'eta_m>0.3'; operators: {' '.join(self.operators)}"
+        )
+
+
+class UnknownMetric(UsageError):
+    """A name that no metric has; the nearest one is named, or else all are."""
+
+    def __init__(self, name: str, nearest: str | None, choices: Iterable[str]) -> None:
+        self.name, self.nearest, self.choices = name, nearest, list(choices)
+        hint = f"did you mean {nearest}?" if nearest else f"there are: {', '.join(self.choices)}"
+        super().__init__(f"unknown metric {name!r}; {hint}")
+
+
+class NoCommonTime(QuadlogError):
+    """A trajectory and a reference of which no two poses are near in time: another clock, or another recording."""
+
+    def __init__(self, reference: Path | str, run: Path | str, words: str) -> None:
+        self.reference, self.run = reference, run
+        super().__init__(f"{reference}: cannot be compared with {run}: {words}")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Float, Int
 
 
 def transform_from_rpy(translation_m: Float, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float:
     """(4, 4) transform that rotates by R_z(yaw) R_y(pitch) R_x(roll) and then translates by (3,) metres."""
+    from scipy.spatial.transform import Rotation  # slow to import, and pictures need none of it
+
     transform = np.eye(4)
     transform[:3, :3] = Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]).as_matrix()
     transform[:3, 3] = translation_m
@@ -18,6 +19,8 @@ def transform_from_rpy(translation_m: Float, roll_rad: float, pitch_rad: float, 
 
 def transform_from_quat(position_m: Float, quat_xyzw: Float) -> Float:
     """(4, 4) transform of a pose: position (3,) in metres, quaternion (4,) as x, y, z, w."""
+    from scipy.spatial.transform import Rotation  # slow to import, and pictures need none of it
+
     transform = np.eye(4)
     transform[:3, :3] = Rotation.from_quat(quat_xyzw).as_matrix()
     transform[:3, 3] = position_m
@@ -48,6 +51,19 @@ def quat_from_yaw(yaw_rad: Float) -> Float:
     half = np.asarray(yaw_rad, dtype=np.float64) / 2
     zero = np.zeros_like(half)
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
+
+
+def quat_from_euler(yaw_rad: Float, pitch_rad: Float, roll_rad: Float) -> Float:
+    """Quaternions (N, 4) as x, y, z, w of R_z(yaw) R_y(pitch) R_x(roll), angles (N,)."""
+    (cz, sz), (cy, sy), (cx, sx) = ((np.cos(half), np.sin(half)) for half in (yaw_rad / 2, pitch_rad / 2, roll_rad / 2))
+    quat = [
+        cz * cy * sx - sz * sy * cx,
+        cz * sy * cx + sz * cy * sx,
+        sz * cy * cx - cz * sy * sx,
+        cz * cy * cx + sz * sy * sx,
+    ]
+    # Adding 0 turns the -0 of a level walker into 0.
+    return np.stack(quat, axis=-1) + 0.0
 
 
 def wrap_angle(angle_rad: Float) -> Float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from quadlog.locomotion.footholds import slope_angles
+from quadlog.locomotion.record import Record
 from quadlog.messages import Float
 
 # The reference waits for a robot that is farther away from it than this: it was pushed, or cannot keep up.
@@ -16,42 +17,50 @@ LEASH_M, LEASH_RAD = 0.06, 0.15
 # How fast attitude and height follow the ground that the feet report.
 SLOPE_TIME_S = 0.15
 
+_LAYOUT = np.dtype(
+    [
+        ("rpy", "f8", 3),
+        ("position_m", "f8", 3),
+        ("velocity_mps", "f8", 3),
+        ("yaw_rate_radps", "f8"),
+        ("height_m", "f8"),
+    ]
+)
 
-@dataclass(frozen=True, slots=True)
-class WantedMotion:
+
+class WantedMotion(NamedTuple):
     """A speed forward and a yaw rate, as pure pursuit commands them."""
 
     speed_mps: float
     yaw_rate_radps: float
 
 
-class BodyReference:
-    """Integrates the wanted motion, and lies on the plane of the feet.
+class BodyReference(Record):
+    """Integrates the wanted motion, tick after tick (`follow`), and lies on the plane of the feet.
 
-    rpy (3,), position_m (3,) of the body's origin in map, velocity_mps (3,) and yaw_rate_radps wanted now.
+    rpy (3,), position_m (3,) of the body's origin in map, velocity_mps (3,) and a yaw rate wanted now.
     """
 
-    def __init__(self, position_m: Float, yaw_rad: float, height_m: float) -> None:
-        self.rpy: Float = np.array([0.0, 0.0, yaw_rad])
-        self.position_m: Float = position_m.copy()
-        self.velocity_mps: Float = np.zeros(3)
-        self.yaw_rate_radps = 0.0
-        self._height_m = height_m
+    rpy: Float
+    position_m: Float
+    velocity_mps: Float
 
-    def step(self, dt_s: float, wanted: WantedMotion, position_m: Float, yaw_rad: float, plane: Float) -> None:
-        """Go on by dt_s; position_m (3,) and yaw_rad are measured, plane (3,) is that of the feet's centres."""
-        self.yaw_rate_radps = wanted.yaw_rate_radps
-        motion = (wanted.speed_mps, wanted.yaw_rate_radps)
-        _step(self.rpy, self.position_m, self.velocity_mps, dt_s, motion, position_m, yaw_rad, plane, self._height_m)
+    def __init__(self, position_m: Float, yaw_rad: float, height_m: float) -> None:
+        super().__init__(_LAYOUT)
+        self.rpy[2], self.position_m[:] = yaw_rad, position_m
+        self.record["height_m"] = height_m
 
     def ahead(self, dt_s: float, states: Float) -> None:
         """Writes the states (N, 12) wanted at the ends of the next steps, as `centroidal` has them, of the origin."""
-        _ahead(self.rpy, self.position_m, self.velocity_mps, self.yaw_rate_radps, dt_s, states)
+        _ahead(self.record, dt_s, states)
 
 
-@njit(cache=True, error_model="numpy")
-def _step(rpy, position, velocity, dt, motion, measured, yaw, plane, height):  # type: ignore[no-untyped-def]
-    speed, yaw_rate = motion
+@njit(cache=True, error_model="numpy", inline="always")
+def follow(reference, dt, speed, yaw_rate, measured, yaw, plane):  # type: ignore[no-untyped-def]
+    """Takes the reference on by dt; measured (3,) position and yaw; plane (3,) is that of the feet's centres."""
+    to = reference[0]
+    rpy, position, velocity = to.rpy, to.position_m, to.velocity_mps
+    to.yaw_rate_radps = yaw_rate
     turned = (rpy[2] + yaw_rate * dt - yaw + math.pi) % (2 * math.pi) - math.pi
     rpy[2] = yaw + min(max(turned, -LEASH_RAD), LEASH_RAD)
     cos, sin = math.cos(rpy[2]), math.sin(rpy[2])
@@ -69,11 +78,13 @@ def _step(rpy, position, velocity, dt, motion, measured, yaw, plane, height):  #
     rpy[1] += share * (pitch - rpy[1])
     ground = plane[0] * position[0] + plane[1] * position[1] + plane[2]
     position[2] += velocity[2] * dt
-    position[2] += share * (ground + height - position[2])
+    position[2] += share * (ground + to.height_m - position[2])
 
 
 @njit(cache=True, error_model="numpy")
-def _ahead(rpy, position, velocity, yaw_rate, dt, states):  # type: ignore[no-untyped-def]
+def _ahead(reference, dt, states):  # type: ignore[no-untyped-def]
+    at = reference[0]
+    rpy, position, velocity, yaw_rate = at.rpy, at.position_m, at.velocity_mps, at.yaw_rate_radps
     speed = math.cos(rpy[2]) * velocity[0] + math.sin(rpy[2]) * velocity[1]
     yaw, x, y, z = rpy[2], position[0], position[1], position[2]
     states[:] = 0.0

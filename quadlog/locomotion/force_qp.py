@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 
 import daqp
@@ -10,6 +11,7 @@ import quadprog
 from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.locomotion.mpc_build import in_pyramid
 from quadlog.messages import Float
 
 OPTIMAL = 1  # daqp's exit flag
@@ -31,12 +33,13 @@ class ForceQp:
     """min 1/2 f^T hessian f + gradient f over the forces f (3 S,) of S feet, each within its friction pyramid.
 
     |fx|, |fy| <= mu fz and f_min <= fz <= f_max, in map. Who uses it fills hessian (3 S, 3 S), gradient (3 S,) and
-    response (6, 3 S + 1), of which the QP itself knows nothing.
+    response (6, 3 S + 1), of which the QP itself knows nothing. Where the forces (3 S,) of the free minimum keep to the
+    pyramids they are the answer, and no solver is asked.
     """
 
     def __init__(self, feet: int, mu: float, f_min_n: float, f_max_n: float) -> None:
         self.hessian, self.gradient = np.empty((3 * feet, 3 * feet)), np.empty(3 * feet)
-        self.response = np.empty((6, 3 * feet + 1))
+        self.response, self.forces_n = np.empty((6, 3 * feet + 1)), np.empty(3 * feet)
         self._mu, self._f_min_n, self._f_max_n = mu, f_min_n, f_max_n
         sides = np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
         self._sides = np.kron(np.eye(feet), sides)
@@ -50,14 +53,17 @@ class ForceQp:
         self._columns = np.asfortranarray(np.concatenate([-self._sides, normal]).T)
         self._at_least = np.concatenate([np.zeros(4 * feet), np.tile(limits, feet)])
 
+    @property
+    def free_answer(self) -> tuple[Float, QpStatus]:
+        """Where the free minimum is the answer: its forces (3 S,), and where they come from."""
+        return self.forces_n, QpStatus.SOLVED if len(self.forces_n) else QpStatus.FLIGHT
+
     def solve(self, is_finite: bool, mpc_forces_n: Float, stance: NDArray[np.bool_]) -> tuple[Float, QpStatus]:
         """Forces (3 S,) and where they come from.
 
         is_finite: hessian and gradient are numbers, which no solver should be asked otherwise. mpc_forces_n (4, 3), of
         the feet in stance (4,), stand in where no solver gives any.
         """
-        if len(self.gradient) == 0:
-            return self.gradient, QpStatus.FLIGHT
         if is_finite:
             forces_n = self._daqp()
             if forces_n is not None:
@@ -80,7 +86,7 @@ class ForceQp:
         return forces_n if self._is_feasible(forces_n) else None
 
     def _is_feasible(self, forces_n: Float) -> bool:
-        return bool(is_feasible(forces_n, self._mu, self._f_min_n, self._f_max_n))
+        return bool(in_pyramid(forces_n, self._mu, self._f_min_n, self._f_max_n, FEASIBLE_N))
 
     def _projected(self, forces_n: Float) -> Float:
         """Each normal force (S, 3) into its range, then the others to the sides; what is no number becomes 0."""
@@ -91,13 +97,31 @@ class ForceQp:
         return forces.ravel()
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def free_minimum(hessian, gradient, forces):  # type: ignore[no-untyped-def]
+    """Writes where 1/2 f^T hessian f + gradient f is least without any limit, forces (n,)."""
+    for k in range(len(forces)):
+        forces[k] = -gradient[k]
+    solve_positive(hessian, forces.reshape(len(forces), 1))
+
+
 @njit(cache=True, error_model="numpy")
-def is_feasible(forces_n, mu, f_min_n, f_max_n):  # type: ignore[no-untyped-def]
-    """Whether forces (3 S,) keep to their pyramids and ranges, but for FEASIBLE_N; what is no number does not."""
-    for k in range(0, len(forces_n), 3):
-        side = mu * forces_n[k + 2] + FEASIBLE_N
-        if not (abs(forces_n[k]) <= side and abs(forces_n[k + 1]) <= side):
-            return False
-        if not f_min_n - FEASIBLE_N <= forces_n[k + 2] <= f_max_n + FEASIBLE_N:
-            return False
-    return True
+def solve_positive(matrix, columns):  # type: ignore[no-untyped-def]
+    """Overwrites columns (n, C) by matrix^-1 columns, of a symmetric positive definite matrix (n, n), by Cholesky."""
+    n, count = columns.shape
+    factor = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            left = matrix[i, j]
+            for k in range(j):
+                left -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(left) if i == j else left / factor[j, j]
+    for c in range(count):
+        for i in range(n):
+            for k in range(i):
+                columns[i, c] -= factor[i, k] * columns[k, c]
+            columns[i, c] /= factor[i, i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                columns[i, c] -= factor[k, i] * columns[k, c]
+            columns[i, c] /= factor[i, i]

@@ -23,6 +23,8 @@ from quadlog.messages import Float
 
 FEASIBLE_N = 1e-6
 """A solver's answer that leaves the pyramid by more than this is a failure."""
+LEVEL: Float = np.eye(3)
+"""Level ground, seen along map's axes."""
 
 
 class MpcStatus(StrEnum):
@@ -102,42 +104,61 @@ class Mpc:
         self._pyramids: dict[int, tuple[Float, Float]] = {}
         self._last: tuple[Float, NDArray[np.bool_]] | None = None
 
-    def solve(self, state: Float, reference: Float, lever_arms_m: Float, contacts: NDArray[np.bool_]) -> MpcSolution:
+    def solve(
+        self,
+        state: Float,
+        reference: Float,
+        lever_arms_m: Float,
+        contacts: NDArray[np.bool_],
+        ground_to_map: Float = LEVEL,
+    ) -> MpcSolution:
         """Forces for a state (12,) as in `centroidal`, over N steps of dt from now.
 
         reference (N, 12): the states wanted at the steps' ends. lever_arms_m
         (N, 4, 3): from the centre of mass to the feet amid each step, in map: taken
         at its start, a body at 0.3 m/s is planned 0.6 N m wrong in pitch.
         contacts (N, 4): which feet stand; the others get no force, and their
-        lever arms are not read. The yaw of the linear model is the mean over
-        the steps' starts: the measured one, then the reference's. ValueError
-        for other shapes and for what is not finite; never an error for
-        numerical trouble, which `status` tells.
+        lever arms are not read. ground_to_map (3, 3): a rotation; its columns are
+        where the friction pyramids' sides face and their normal. The yaw of the
+        linear model is the mean over the steps' starts: the measured one, then
+        the reference's. ValueError for other shapes and for what is not finite;
+        never an error for numerical trouble, which `status` tells.
         """
         start_ns = perf_counter_ns()
-        state, reference, lever_arms_m, contacts = self._shaped(state, reference, lever_arms_m, contacts)
-        forces, status, iterations = self._forces(state, reference, lever_arms_m, contacts)
-        self._last = forces, contacts
+        problem = self._shaped(state, reference, lever_arms_m, contacts, ground_to_map)
+        forces, status, iterations = self._forces(*problem)
+        self._last = forces, problem[3]
         self.counts[status] += 1
         return MpcSolution(forces[0].copy(), forces.copy(), status, iterations, (perf_counter_ns() - start_ns) * 1e-3)
 
     def _shaped(
-        self, state: Float, reference: Float, lever_arms_m: Float, contacts: NDArray[np.bool_]
-    ) -> tuple[Float, Float, Float, NDArray[np.bool_]]:
+        self,
+        state: Float,
+        reference: Float,
+        lever_arms_m: Float,
+        contacts: NDArray[np.bool_],
+        ground_to_map: Float,
+    ) -> tuple[Float, Float, Float, NDArray[np.bool_], Float]:
         steps = self.settings.horizon
         state = np.ascontiguousarray(state, dtype=np.float64)
         reference = np.ascontiguousarray(reference, dtype=np.float64)
         lever_arms_m = np.ascontiguousarray(lever_arms_m, dtype=np.float64)
         # A copy, as it is kept beside the forces.
         contacts = np.array(contacts, dtype=np.bool_, order="C")
-        shapes = state.shape, reference.shape, lever_arms_m.shape, contacts.shape
-        wanted = (STATES,), (steps, STATES), (steps, LEGS, 3), (steps, LEGS)
+        ground_to_map = np.ascontiguousarray(ground_to_map, dtype=np.float64)
+        shapes = state.shape, reference.shape, lever_arms_m.shape, contacts.shape, ground_to_map.shape
+        wanted = (STATES,), (steps, STATES), (steps, LEGS, 3), (steps, LEGS), (3, 3)
         if shapes != wanted:
-            raise ValueError(f"state, reference, lever arms and contacts have shapes {shapes}, not {wanted}")
-        return state, reference, lever_arms_m, contacts
+            raise ValueError(f"state, reference, lever arms, contacts and ground have shapes {shapes}, not {wanted}")
+        return state, reference, lever_arms_m, contacts, ground_to_map
 
     def _forces(
-        self, state: Float, reference: Float, lever_arms_m: Float, contacts: NDArray[np.bool_]
+        self,
+        state: Float,
+        reference: Float,
+        lever_arms_m: Float,
+        contacts: NDArray[np.bool_],
+        ground_to_map: Float,
     ) -> tuple[Float, MpcStatus, int]:
         H, g, is_finite = build_cost(
             state,
@@ -150,33 +171,38 @@ class Mpc:
             self.settings.alpha,
             self.settings.dt_s,
         )
-        if not is_finite:
+        if not (is_finite and np.isfinite(ground_to_map).all()):
             # From the input, or from an overflow: only the former is the caller's fault.
-            for name, array in (("state", state), ("reference", reference), ("lever arms", lever_arms_m[contacts])):
+            for name, array in (
+                ("state", state),
+                ("reference", reference),
+                ("lever arms", lever_arms_m[contacts]),
+                ("ground's axes", ground_to_map),
+            ):
                 if not np.isfinite(array).all():
                     raise ValueError(f"the {name} are not all finite")
         if len(g) == 0:
             return np.zeros((*contacts.shape, 3)), MpcStatus.FLIGHT, 0
         if is_finite:
             for status, solver in ((MpcStatus.SOLVED, self._quadprog), (MpcStatus.SECOND_SOLVER, self._daqp)):
-                answer, iterations = solver(H, g)
-                if answer is not None and self._is_allowed(answer, FEASIBLE_N):
+                answer, iterations = solver(H, g, ground_to_map)
+                if answer is not None and self._is_allowed(answer, ground_to_map, FEASIBLE_N):
                     forces = np.zeros((*contacts.shape, 3))
                     forces[contacts] = answer.reshape(-1, 3)
                     return forces, status, iterations
-        forces, status = self._without_solver(contacts)
+        forces, status = self._without_solver(contacts, ground_to_map)
         return forces, status, 0
 
-    def _quadprog(self, H: Float, g: Float) -> tuple[Float | None, int]:
+    def _quadprog(self, H: Float, g: Float, ground_to_map: Float) -> tuple[Float | None, int]:
         """Forces (n,), None if it failed, and iterations: none where no constraint is active, as mostly in a walk."""
         # H is symmetric: its transpose is H in the order of LAPACK.
         factor, forces, failed = dposv(H.T, -g)
         if failed:
             return None, 0
-        if self._is_allowed(forces, 0.0):
+        if self._is_allowed(forces, ground_to_map, 0.0):
             return forces, 0
         inverse, _ = dtrtri(factor)
-        rows, lower = self._pyramid(len(g) // 3)
+        rows, lower = self._pyramid(len(g) // 3, ground_to_map)
         try:
             forces, _, _, iterations, _, _ = quadprog.solve_qp(inverse, -g, rows.T, lower, 0, True)
         except ValueError:
@@ -184,18 +210,22 @@ class Mpc:
             return None, 0
         return forces, int(iterations[0])
 
-    def _daqp(self, H: Float, g: Float) -> tuple[Float | None, int]:
+    def _daqp(self, H: Float, g: Float, ground_to_map: Float) -> tuple[Float | None, int]:
         """Forces (n,), None if it failed, and iterations."""
-        rows, lower = self._pyramid(len(g) // 3)
+        rows, lower = self._pyramid(len(g) // 3, ground_to_map)
         forces, _, exit_flag, info = daqp.solve(H, g, rows, np.full(len(lower), np.inf), lower)
         return (forces if exit_flag == 1 else None), int(info["iterations"])
 
-    def _is_allowed(self, forces: Float, tolerance_n: float) -> bool:
+    def _is_allowed(self, forces: Float, ground_to_map: Float, tolerance_n: float) -> bool:
         settings = self.settings
+        forces = (forces.reshape(-1, 3) @ ground_to_map).ravel()
         return bool(in_pyramid(forces, settings.mu, settings.f_min_n, settings.f_max_n, tolerance_n))
 
-    def _pyramid(self, feet: int) -> tuple[Float, Float]:
-        """|fx|, |fy| <= mu fz and f_min <= fz <= f_max for all forces (n,) of the feet, as rows @ forces >= lower."""
+    def _pyramid(self, feet: int, ground_to_map: Float) -> tuple[Float, Float]:
+        """|fx|, |fy| <= mu fz and f_min <= fz <= f_max along the ground's axes, as rows @ forces >= lower.
+
+        forces (n,) are those of all feet, in map.
+        """
         if feet not in self._pyramids:
             mu, f_min, f_max = self.settings.mu, self.settings.f_min_n, self.settings.f_max_n
             rows = [[-1.0, 0.0, mu], [1.0, 0.0, mu], [0.0, -1.0, mu], [0.0, 1.0, mu], [0.0, 0.0, -1.0]]
@@ -205,9 +235,11 @@ class Mpc:
                 rows.append([0.0, 0.0, 1.0])
                 lower.append(f_min)
             self._pyramids[feet] = np.kron(np.eye(feet), np.array(rows)), np.tile(lower, feet)
-        return self._pyramids[feet]
+        along_ground, at_least = self._pyramids[feet]
+        # Each row is a foot's force after the other: all of them are turned by the same rotation.
+        return (along_ground.reshape(-1, 3) @ ground_to_map.T).reshape(along_ground.shape), at_least
 
-    def _without_solver(self, contacts: NDArray[np.bool_]) -> tuple[Float, MpcStatus]:
+    def _without_solver(self, contacts: NDArray[np.bool_], ground_to_map: Float) -> tuple[Float, MpcStatus]:
         """The last one step on, where the same feet stand; else the weight in equal parts. Clipped to the pyramid."""
         stance = contacts.sum(axis=1, keepdims=True)
         forces = np.zeros((*contacts.shape, 3))
@@ -220,8 +252,10 @@ class Mpc:
             forces[same] = last_forces[same]
             if same[0]:
                 status = MpcStatus.SHIFTED
+        forces = forces @ ground_to_map
         forces[..., 2] = np.clip(forces[..., 2], self.settings.f_min_n, self.settings.f_max_n)
         side = self.settings.mu * forces[..., 2:]
         forces[..., :2] = np.clip(forces[..., :2], -side, side)
+        forces = forces @ ground_to_map.T
         forces[~contacts] = 0.0
         return forces, status

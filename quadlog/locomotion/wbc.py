@@ -10,17 +10,60 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.locomotion.force_qp import ForceQp, QpStatus
-from quadlog.locomotion.wbc_terms import JOINTS, SIZE, commands, force_cost, joint_torques, leg_torques
+from quadlog.locomotion.record import Record
+from quadlog.locomotion.wbc_terms import JOINTS, SIZE, before_qp, joint_torques, leg_torques
 from quadlog.messages import Float
 
 Bool = NDArray[np.bool_]
+
+_STATE = np.dtype(
+    [
+        ("rotation_body_to_map", "f8", (3, 3)),
+        ("rpy", "f8", 3),
+        ("position_m", "f8", 3),
+        ("qvel", "f8", SIZE),
+        ("feet_m", "f8", (4, 3)),
+        ("foot_jacobians", "f8", (4, 3, SIZE)),
+        ("foot_jacobian_rates", "f8", (4, 3)),
+        ("mass_matrix", "f8", (SIZE, SIZE)),
+        ("bias", "f8", SIZE),
+        ("touches", "u1", 4),
+    ],
+    align=True,
+)
+_TARGETS = np.dtype(
+    [
+        ("rotation_body_to_map", "f8", (3, 3)),
+        ("body", "f8", (5, 3)),
+        ("feet", "f8", (3, 4, 3)),
+        ("forces_n", "f8", (4, 3)),
+        ("stance", "u1", 4),
+    ],
+    align=True,
+)
+_CONTROL = np.dtype(
+    [
+        ("task_gains", "f8", (3, 2)),
+        ("weights", "f8", 2),
+        ("joint_gains", "f8", 2),
+        ("swing_force_gains", "f8", 2),
+        ("limits_nm", "f8", JOINTS),
+        ("pyramid", "f8", 3),
+        ("weakest", "f8"),
+        ("out", "f8", (SIZE, 3)),
+        ("room", "f8", (5, SIZE, SIZE)),
+        ("forces_n", "f8", (4, 3)),
+        ("torques_nm", "f8", JOINTS),
+        ("saturated", "u1", JOINTS),
+    ],
+    align=True,
+)
 
 
 @dataclass(frozen=True)
@@ -63,21 +106,17 @@ class WbcSettings:
         if limits.shape not in ((1,), (JOINTS,)) or not (limits > 0).all():
             raise ValueError(f"torque_limit_nm {self.torque_limit_nm} is not one or {JOINTS} numbers > 0")
 
-    @cached_property
-    def torque_limits_nm(self) -> Float:
-        """(12,) for each joint."""
-        return np.broadcast_to(np.asarray(self.torque_limit_nm, dtype=np.float64), JOINTS).copy()
 
+class WholeBodyState(Record):
+    """Where the robot is, and its dynamics there.
 
-class WholeBodyState(NamedTuple):
-    """Where the robot is, and its dynamics there; a tuple, because it is made at every tick, like the next two.
-
-    rotation_body_to_map (3, 3), position_m (3,) of the base, qvel (18,); feet_m (4, 3) in map, foot_jacobians
-    (4, 3, 18) and foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,) of Coriolis
-    forces and gravity. All float64 and contiguous.
+    rotation_body_to_map (3, 3), its angles rpy (3,), position_m (3,) of the base, qvel (18,); feet_m (4, 3) in map,
+    foot_jacobians (4, 3, 18) and foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,)
+    of Coriolis forces and gravity; touches (4,): which feet are in contact with anything.
     """
 
     rotation_body_to_map: Float
+    rpy: Float
     position_m: Float
     qvel: Float
     feet_m: Float
@@ -85,18 +124,28 @@ class WholeBodyState(NamedTuple):
     foot_jacobian_rates: Float
     mass_matrix: Float
     bias: Float
+    touches: Bool
+
+    def __init__(self) -> None:
+        super().__init__(_STATE)
 
 
-class WholeBodyTargets(NamedTuple):
+class WholeBodyTargets(Record):
     """What is wanted, in map.
 
     rotation_body_to_map (3, 3); body (5, 3): position, velocity, angular velocity, acceleration, angular acceleration;
-    feet (3, 4, 3): positions, velocities and accelerations of the feet, of which only those in swing count.
+    stance (4,): which feet stand; feet (3, 4, 3): positions, velocities and accelerations of the others; forces_n
+    (4, 3): the MPC's.
     """
 
     rotation_body_to_map: Float
     body: Float
     feet: Float
+    forces_n: Float
+    stance: Bool
+
+    def __init__(self) -> None:
+        super().__init__(_TARGETS)
 
 
 class WbcCommand(NamedTuple):
@@ -115,103 +164,52 @@ class WbcCommand(NamedTuple):
     is_damped: bool
 
 
-class WholeBodyControl:
+class WholeBodyControl(Record):
     """Whole-body control, tick after tick. `counts` says how often each status came up, `damped` how often no number.
 
     The tasks' order is Table 3's: contacts, rotation, translation, swing. The text has the same and counts from 1.
     """
 
+    out: Float
+    forces_n: Float
+    torques_nm: Float
+    saturated: Bool
+
     def __init__(self, settings: WbcSettings | None = None) -> None:
+        super().__init__(_CONTROL)
         self.settings = settings = settings or WbcSettings()
         self.counts: Counter[QpStatus] = Counter()
         self.damped = 0
-        self._weakest = float(settings.weakest)
-        self._task_gains = np.array([settings.rotation_gains, settings.translation_gains, settings.swing_gains], float)
-        self._weights = np.array([settings.weight_acceleration, settings.weight_force], float)
-        self._joint_gains = np.array(settings.joint_gains, float)
-        self._limits = settings.torque_limits_nm
-        self._qps = [ForceQp(feet, settings.mu, settings.f_min_n, settings.f_max_n) for feet in range(5)]
-        self._room = np.empty((5, SIZE, SIZE))
-        self._out = np.empty((SIZE, 3))
+        record = self.record
+        record["task_gains"] = settings.rotation_gains, settings.translation_gains, settings.swing_gains
+        record["weights"] = settings.weight_acceleration, settings.weight_force
+        record["joint_gains"], record["swing_force_gains"] = settings.joint_gains, settings.swing_force_gains
+        record["limits_nm"], record["weakest"] = settings.torque_limit_nm, settings.weakest
+        pyramid = settings.mu, settings.f_min_n, settings.f_max_n
+        record["pyramid"] = pyramid
+        self._qps = [ForceQp(feet, *pyramid) for feet in range(5)]
+        self._qddot_cmd = self.out[:, 2]
 
-    def step(self, state: WholeBodyState, targets: WholeBodyTargets, stance: Bool, mpc_forces_n: Float) -> WbcCommand:
-        """The command for feet in stance (4,), the others in swing, and the MPC's forces (4, 3)."""
-        out = self._out
-        weak = commands(
-            state.rotation_body_to_map,
-            state.position_m,
-            state.qvel,
-            state.feet_m,
-            state.foot_jacobians,
-            state.foot_jacobian_rates,
-            stance,
-            targets.rotation_body_to_map,
-            targets.body,
-            targets.feet,
-            self._task_gains,
-            self._weakest,
-            out,
-            self._room,
-        )
-        qp = self._qps[int(np.count_nonzero(stance))]
-        is_finite = force_cost(
-            state.mass_matrix,
-            state.bias,
-            state.foot_jacobians,
-            stance,
-            out,
-            mpc_forces_n,
-            self._weights,
-            qp.hessian,
-            qp.gradient,
-            qp.response,
-        )
-        stance_forces_n, status = qp.solve(is_finite, mpc_forces_n, stance)
-        forces_n, torques_nm, saturated = np.empty((4, 3)), np.empty(JOINTS), np.empty(JOINTS, dtype=np.bool_)
-        is_finite = joint_torques(
-            state.mass_matrix,
-            state.bias,
-            state.foot_jacobians,
-            stance,
-            state.qvel,
-            out,
-            qp.response,
-            stance_forces_n,
-            self._joint_gains,
-            self._limits,
-            forces_n,
-            torques_nm,
-            saturated,
-        )
+    def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> WbcCommand:
+        """The command, whose arrays are overwritten by the next one."""
+        qp = self._qps[int(np.count_nonzero(targets.stance))]
+        records = state.record, targets.record, self.record
+        weak, is_finite, is_answer = before_qp(*records, qp.hessian, qp.gradient, qp.response, qp.forces_n)
+        if is_answer:
+            stance_forces_n, status = qp.free_answer
+        else:
+            stance_forces_n, status = qp.solve(is_finite, targets.forces_n, targets.stance)
+        is_damped = not joint_torques(*records, qp.response, stance_forces_n)
         self.counts[status] += 1
-        self.damped += not is_finite
-        return WbcCommand(torques_nm, forces_n, out[:, 2].copy(), status, saturated, weak, not is_finite)
+        self.damped += is_damped
+        return WbcCommand(self.torques_nm, self.forces_n, self._qddot_cmd, status, self.saturated, weak, is_damped)
 
+    def mpc_only_torques(self, state: WholeBodyState, targets: WholeBodyTargets) -> tuple[Float, Bool]:
+        """Torques (12,) without whole-body control, within the limits, and which were cut; both are overwritten.
 
-def mpc_only_torques(
-    state: WholeBodyState, targets: WholeBodyTargets, stance: Bool, mpc_forces_n: Float, settings: WbcSettings
-) -> tuple[Float, Bool]:
-    """Torques (12,) without whole-body control, within the limits, and which were cut.
-
-    Feet in stance push by the MPC's forces and nothing else, so an error of the MPC shows that whole-body control
-    would hide. Feet in swing are drawn to their curves by a spring, with their own leg's inertia fed forward. Legs
-    carry their own weight.
-    """
-    torques_nm, saturated = np.empty(JOINTS), np.empty(JOINTS, dtype=np.bool_)
-    leg_torques(
-        state.mass_matrix,
-        state.bias,
-        state.foot_jacobians,
-        state.foot_jacobian_rates,
-        state.qvel,
-        state.feet_m,
-        stance,
-        mpc_forces_n,
-        targets.feet,
-        np.array(settings.swing_force_gains, float),
-        float(settings.weakest),
-        settings.torque_limits_nm,
-        torques_nm,
-        saturated,
-    )
-    return torques_nm, saturated
+        Feet in stance push by the MPC's forces and nothing else, so an error of the MPC shows that whole-body control
+        would hide. Feet in swing are drawn to their curves by a spring, with their own leg's inertia fed forward. Legs
+        carry their own weight.
+        """
+        leg_torques(state.record, targets.record, self.record)
+        return self.torques_nm, self.saturated

@@ -68,16 +68,3 @@ def position_in_map(motion: Motion, place_m: Float) -> Float:
     """Where points (N, 3) of the walker's own frame are in map at N instants: (N, 3)."""
     base_m = np.column_stack([motion.position_m, motion.height_m])
     return base_m + turned_into_map(motion, place_m)
-
-
-def quat_from_euler(yaw_rad: Float, pitch_rad: Float, roll_rad: Float) -> Float:
-    """Quaternions (N, 4) as x, y, z, w of R_z(yaw) R_y(pitch) R_x(roll), angles (N,)."""
-    (cz, sz), (cy, sy), (cx, sx) = ((np.cos(half), np.sin(half)) for half in (yaw_rad / 2, pitch_rad / 2, roll_rad / 2))
-    quat = [
-        cz * cy * sx - sz * sy * cx,
-        cz * sy * cx + sz * cy * sx,
-        sz * cy * cx - cz * sy * sx,
-        cz * cy * cx + sz * sy * sx,
-    ]
-    # Adding 0 turns the -0 of a level walker into 0.
-    return np.stack(quat, axis=-1) + 0.0

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.geometry import quat_from_yaw, seconds_since
+from quadlog.geometry import quat_from_euler, quat_from_yaw, seconds_since
 from quadlog.messages import Float, Imu, Int, Odometry
-from quadlog.simulation.footing import quat_from_euler, turned_from_level
+from quadlog.simulation.footing import turned_from_level
 from quadlog.simulation.walk import Motion, Walk
 
 GRAVITY_MPS2 = 9.81

@@ -7,19 +7,19 @@ import math
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from quadlog.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
+from quadlog.simulation.foot_motion import foot_motion
 from quadlog.simulation.quadruped_model import QuadrupedModel
 
-JOINTS, DOF = 12, 18
+BASE, DOF = 6, 18
 
 
 class Quadruped:
     """The robot of a model, put on its feet at a place in map.
 
-    read and act take turns. The arrays that read returns are overwritten by the next one.
+    read and act take turns. What read returns is the same each time, and overwritten by the next one.
     """
 
     def __init__(self, model: QuadrupedModel, x_m: float, y_m: float, yaw_rad: float) -> None:
@@ -29,47 +29,32 @@ class Quadruped:
         # The leg of each geom, 4 for those of none.
         self._leg_of_geom = np.full(model.model.ngeom, 4)
         self._leg_of_geom[model.foot_geoms] = range(4)
-        self._sites = [int(site) for site in model.foot_sites]
-        self._bodies = [int(body) for body in model.foot_bodies]
-        self._mass = np.zeros((DOF, DOF))
-        self._jacobians, self._jacobian_rates, self._rates = (
-            np.zeros((4, 3, DOF)),
-            np.zeros((4, 3, DOF)),
-            np.zeros((4, 3)),
-        )
-        self._feet, self._force = np.zeros((4, 3)), np.zeros(6)
+        self._state, self._mass, self._force = WholeBodyState(), np.zeros((DOF, DOF)), np.zeros(6)
+        # A robot of the user's may have its legs in another order.
+        order = np.concatenate([np.arange(BASE), model.joint_qvel])
+        self._places = order, model.model.dof_jntid[model.joint_qvel].reshape(4, 3), model.foot_sites
         # Views into MuJoCo's memory, which stays where it is: each costs more to make than to read.
         data = self.data
-        self._qpos, self._qvel, self._bias, self._site_xpos = data.qpos, data.qvel, data.qfrc_bias, data.site_xpos
-        self._trunk_xmat = data.xmat[model.trunk_body].reshape(3, 3)
+        self._views = (
+            *(data.qpos, data.qvel, data.qfrc_bias, data.xmat[model.trunk_body].reshape(3, 3)),
+            *(data.xanchor, data.xaxis, data.site_xpos),
+        )
         self._push_n, self._ctrl = data.xfrc_applied[model.trunk_body, :3], data.ctrl
 
     def read(self) -> WholeBodyState:
         """Where the robot is now, and its dynamics there."""
-        m, d = self.model.model, self.data
-        mujoco.mj_step1(m, d)
-        mujoco.mj_fullM(m, d, self._mass)
-        self._site_xpos.take(self._sites, axis=0, out=self._feet, mode="clip")
-        for leg in range(4):
-            mujoco.mj_jacSite(m, d, self._jacobians[leg], None, self._sites[leg])
-            mujoco.mj_jacDot(m, d, self._jacobian_rates[leg], None, self._feet[leg], self._bodies[leg])
-        _times(self._jacobian_rates, self._qvel, self._rates)
-        return WholeBodyState(
-            self._trunk_xmat,
-            self._qpos[:3].copy(),
-            self._qvel.copy(),
-            self._feet,
-            self._jacobians,
-            self._rates,
-            self._mass,
-            self._bias,
-        )
+        state = self._state
+        mujoco.mj_step1(self.model.model, self.data)
+        mujoco.mj_fullM(self.model.model, self.data, self._mass)
+        _read(*self._views, self._mass, *self._places, state.record)
+        state.touches[:] = self._touches()
+        return state
 
-    def touches(self) -> NDArray[np.bool_]:
-        """(4,) which feet are in contact with anything."""
-        touching = np.zeros(5, dtype=np.bool_)
-        touching[self._leg_of_geom[self.data.contact.geom]] = True
-        return touching[:4]
+    def _touches(self) -> list[bool]:
+        """Of each foot, whether it is in contact with anything."""
+        legs = self._leg_of_geom
+        touching = {legs[geom] for pair in self.data.contact.geom.tolist() for geom in pair}
+        return [leg in touching for leg in range(4)]
 
     def act(self, torques_nm: Float, push_n: Float | None = None) -> None:
         """Hold the joint torques (12,) for one tick, and push the trunk by a force (3,) in map."""
@@ -87,16 +72,29 @@ class Quadruped:
 
 
 @njit(cache=True, error_model="numpy")
-def _times(jacobian_rates, qvel, rates):  # type: ignore[no-untyped-def]
-    """Writes rates (4, 3), the change of each foot's Jacobian times qvel."""
+def _read(  # type: ignore[no-untyped-def]
+    qpos, qvel, bias, rotation, anchors, axes, sites_m, mass, order, joints, sites, state
+):
+    """Writes a state record, its joints in the order of quadlog's legs."""
+    to = state[0]
+    for axis in range(3):
+        to.position_m[axis] = qpos[axis]
+        for j in range(3):
+            to.rotation_body_to_map[axis, j] = rotation[axis, j]
+    to.rpy[0], to.rpy[1], to.rpy[2] = roll_pitch_yaw(rotation)
+    for i in range(DOF):
+        to.qvel[i], to.bias[i] = qvel[order[i]], bias[order[i]]
+        for j in range(DOF):
+            to.mass_matrix[i, j] = mass[order[i], order[j]]
     for leg in range(4):
         for axis in range(3):
-            rates[leg, axis] = 0.0
-            for j in range(len(qvel)):
-                rates[leg, axis] += jacobian_rates[leg, axis, j] * qvel[j]
+            to.feet_m[leg, axis] = sites_m[sites[leg], axis]
+        motion = to.foot_jacobians[leg], to.foot_jacobian_rates[leg]
+        foot_motion(qpos, rotation, to.qvel, BASE + 3 * leg, joints[leg], anchors, axes, to.feet_m[leg], *motion)
 
 
+@njit(cache=True, error_model="numpy")
 def roll_pitch_yaw(rotation: Float) -> tuple[float, float, float]:
     """Of a rotation body to map (3, 3) = Rz(yaw) Ry(pitch) Rx(roll)."""
-    pitch = math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0))
+    pitch = math.asin(min(max(-rotation[2, 0], -1.0), 1.0))
     return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])

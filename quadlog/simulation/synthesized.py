@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.geometry import quat_from_yaw, seconds_since, transform_from_rpy
+from quadlog.geometry import quat_from_euler, quat_from_yaw, seconds_since, transform_from_rpy
 from quadlog.messages import Float, Int, Message, Pose, Transforms
-from quadlog.simulation.footing import quat_from_euler
 from quadlog.simulation.inertial_sensor import ImuErrors, OdometryErrors, imu_messages, odometry_messages
 from quadlog.simulation.lidar_sensor import Lidar, PointClass, Scan, World, sweep
 from quadlog.simulation.scene import Obstacle, RayCaster

@@ -15,7 +15,7 @@ from quadlog.messages import Float
 from quadlog.metrics.effort import Effort
 from quadlog.simulation.disturbances import NONE, Disturbances, DisturbanceSettings
 from quadlog.simulation.model_files import without_log
-from quadlog.simulation.quadruped import Quadruped, roll_pitch_yaw
+from quadlog.simulation.quadruped import Quadruped
 from quadlog.simulation.quadruped_model import QuadrupedModel
 
 # How fast commands may change: pure pursuit's jump where a path begins and bends.
@@ -43,10 +43,11 @@ class WalkingRobot:
         x_m, y_m, yaw_rad = start_pose.tolist()
         self._quadruped = Quadruped(model, x_m, y_m, yaw_rad)
         self._state = self._quadruped.read()
-        self.rpy = roll_pitch_yaw(self._state.rotation_body_to_map)
+        # What the controller takes for it.
+        self._estimated = WholeBodyState() if disturbances.velocity_bias_mps else self._state
         settings = replace(settings, mass_error=disturbances.mass_error)
-        self.walker = Walker(model.robot, settings, self._state, self.rpy)
-        # Of the tick before; loads (4,) are the normal forces on the feet.
+        self.walker = Walker(model.robot, settings, self._state)
+        # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet.
         self.torques_nm: Float = np.zeros(12)
         self.foot_loads_n: Float = np.zeros(4)
         self._speed_mps, self._yaw_rate_radps = 0.0, 0.0
@@ -70,18 +71,25 @@ class WalkingRobot:
     @property
     def position_m(self) -> Float:
         """(3,) of the body's origin in map."""
-        return self._state.position_m
+        return self._state.position_m.copy()
 
     @property
     def pose(self) -> Float:
         """(3,) x_m, y_m, yaw_rad, as they truly are."""
-        return np.array([self._state.position_m[0], self._state.position_m[1], self.rpy[2]])
+        return np.array([self._state.position_m[0], self._state.position_m[1], self._state.rpy[2]])
+
+    @property
+    def rpy(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw, as they truly are."""
+        roll, pitch, yaw = self._state.rpy.tolist()
+        return roll, pitch, yaw
 
     @property
     def velocity(self) -> tuple[float, float, float]:
         """Forward and left in the body's heading, m/s, and yaw rate, rad/s."""
         vx, vy, _ = self._state.qvel[:3].tolist()
-        cos, sin = math.cos(self.rpy[2]), math.sin(self.rpy[2])
+        yaw = self.rpy[2]
+        cos, sin = math.cos(yaw), math.sin(yaw)
         yaw_rate = float(self._state.rotation_body_to_map[2] @ self._state.qvel[3:6])
         return cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate
 
@@ -112,46 +120,38 @@ class WalkingRobot:
         self._yaw_rate_radps += min(max(yaw_rate_radps - self._yaw_rate_radps, -step_radps), step_radps)
 
     def _tick(self, wanted: WantedMotion, weigh: bool) -> None:
-        quadruped, state = self._quadruped, self._state
-        torques_nm, cut = self.walker.step(
-            self.t_s, self.tick_s, self._estimated(state), self.rpy, quadruped.touches(), wanted
-        )
-        quadruped.act(torques_nm, self.disturbances.push_at(self.t_s, self.rpy[2]))
+        quadruped, state, walker = self._quadruped, self._state, self.walker
+        if self._estimated is not state:
+            np.copyto(self._estimated.record, state.record)
+            self._estimated.qvel[:3] += self.disturbances.velocity_bias_mps
+        t_s = self.t_s
+        self.torques_nm, cut = walker.step(t_s, self.tick_s, self._estimated, wanted)
+        _sum_up(self._sums, self.torques_nm, cut, state.record, walker.reference.record, self.tick_s)
+        quadruped.act(self.torques_nm, self.disturbances.push_at(t_s, float(state.rpy[2])))
         if weigh:
             self.foot_loads_n = quadruped.foot_loads_n()
-        reference = self.walker.reference
-        pitch_error_rad = self.rpy[1] - reference.rpy[1]
-        height_error_m = state.position_m[2] - reference.position_m[2]
-        _sum_up(self._sums, torques_nm, cut, state.qvel, pitch_error_rad, height_error_m, self.tick_s)
         self._walked += 1
-        self.torques_nm = torques_nm
         self.ticks += 1
-        self._state = quadruped.read()
-        self.rpy = roll_pitch_yaw(self._state.rotation_body_to_map)
-        self.fallen = self._has_fallen()
-
-    def _estimated(self, state: WholeBodyState) -> WholeBodyState:
-        """What the controller takes for the robot's state."""
-        if self.disturbances.settings.velocity_bias_mps == 0:
-            return state
-        qvel = state.qvel.copy()
-        qvel[:3] += self.disturbances.velocity_bias_mps
-        return state._replace(qvel=qvel)
-
-    def _has_fallen(self) -> bool:
-        roll, pitch, _ = self.rpy
-        (a, b, c), (x, y, z) = self.walker.stride.plane.tolist(), self._state.position_m.tolist()
-        too_low = z - (a * x + b * y + c) < FALLEN_HEIGHT_SHARE * self.model.robot.standing_height_m
-        return too_low or max(abs(roll), abs(pitch)) > FALLEN_TILT_RAD
+        quadruped.read()
+        self.fallen = _has_fallen(state.record, walker.stride.plane, self.model.robot.standing_height_m)
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_up(sums, torques, cut, qvel, pitch_error, height_error, tick_s):  # type: ignore[no-untyped-def]
+def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-untyped-def]
     """Adds a tick to what Effort is made of."""
+    now, wanted = state[0], reference[0]
+    pitch_error, height_error = now.rpy[1] - wanted.rpy[1], now.position_m[2] - wanted.position_m[2]
     for joint in range(12):
-        sums[0] += abs(torques[joint] * qvel[6 + joint]) * tick_s
+        sums[0] += abs(torques[joint] * now.qvel[6 + joint]) * tick_s
         sums[2] = max(sums[2], abs(torques[joint]))
         sums[3] += cut[joint]
-    sums[1] += math.hypot(qvel[0], qvel[1]) * tick_s
+    sums[1] += math.hypot(now.qvel[0], now.qvel[1]) * tick_s
     sums[4] += pitch_error * pitch_error
     sums[5] += height_error * height_error
+
+
+@njit(cache=True, error_model="numpy")
+def _has_fallen(state, plane, standing_height_m):  # type: ignore[no-untyped-def]
+    x, y, z = state[0].position_m
+    too_low = z - (plane[0] * x + plane[1] * y + plane[2]) < FALLEN_HEIGHT_SHARE * standing_height_m
+    return too_low or max(abs(state[0].rpy[0]), abs(state[0].rpy[1])) > FALLEN_TILT_RAD

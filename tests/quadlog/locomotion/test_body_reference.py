@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.locomotion.body_reference import LEASH_M, LEASH_RAD, SLOPE_TIME_S, BodyReference, WantedMotion
+from quadlog.locomotion.body_reference import LEASH_M, LEASH_RAD, SLOPE_TIME_S, BodyReference, WantedMotion, follow
 
 LEVEL = np.zeros(3)
 HEIGHT_M = 0.27
@@ -14,10 +14,14 @@ START_M = np.array([1.0, 2.0, HEIGHT_M])
 angle = st.floats(-3.1, 3.1)
 
 
+def step(reference, dt_s, wanted, position_m, yaw_rad, plane):
+    follow(reference.record, dt_s, *wanted, position_m, yaw_rad, plane)
+
+
 def followed(reference, seconds, dt_s, wanted, plane=LEVEL):
     """A robot that is always where it should be."""
     for _ in range(round(seconds / dt_s)):
-        reference.step(dt_s, wanted, reference.position_m.copy(), float(reference.rpy[2]), plane)
+        step(reference, dt_s, wanted, reference.position_m.copy(), float(reference.rpy[2]), plane)
 
 
 def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
@@ -52,11 +56,11 @@ def test_the_start_is_not_the_callers_array():
 def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
     for _ in range(500):
-        reference.step(0.002, WantedMotion(0.5, 0.0), START_M, yaw_rad, LEVEL)
+        step(reference, 0.002, WantedMotion(0.5, 0.0), START_M, yaw_rad, LEVEL)
     heading = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0])
     np.testing.assert_allclose(reference.position_m, START_M + LEASH_M * heading, atol=1e-12)
     for _ in range(500):
-        reference.step(0.002, WantedMotion(0.0, -0.5), START_M, yaw_rad, LEVEL)
+        step(reference, 0.002, WantedMotion(0.0, -0.5), START_M, yaw_rad, LEVEL)
     assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
 
 
@@ -65,7 +69,7 @@ def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
 def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_mps, yaw_rate_radps, away_m):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
     measured_m = START_M + np.array([*away_m, 0])
-    reference.step(0.002, WantedMotion(speed_mps, yaw_rate_radps), measured_m, measured_rad, LEVEL)
+    step(reference, 0.002, WantedMotion(speed_mps, yaw_rate_radps), measured_m, measured_rad, LEVEL)
     assert np.linalg.norm((reference.position_m - measured_m)[:2]) <= LEASH_M + 1e-12
     assert abs(reference.rpy[2] - measured_rad) <= LEASH_RAD + 1e-12
 
@@ -73,7 +77,7 @@ def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_m
 def test_a_push_moves_the_reference_and_not_farther_than_it_must():
     reference = BodyReference(START_M, 0.0, HEIGHT_M)
     push_m = np.array([0, 0.10, 0])
-    reference.step(0.002, WantedMotion(0.0, 0.0), START_M + push_m, 0.0, LEVEL)
+    step(reference, 0.002, WantedMotion(0.0, 0.0), START_M + push_m, 0.0, LEVEL)
     np.testing.assert_allclose(reference.position_m, START_M + (1 - LEASH_M / 0.10) * push_m, atol=1e-12)
 
 
@@ -81,7 +85,7 @@ def test_past_half_a_turn_it_goes_on_turning():
     reference = BodyReference(START_M, math.pi - 0.01, HEIGHT_M)
     for _ in range(10):
         measured_rad = math.remainder(float(reference.rpy[2]), 2 * math.pi)
-        reference.step(0.01, WantedMotion(0.0, 1.0), START_M, measured_rad, LEVEL)
+        step(reference, 0.01, WantedMotion(0.0, 1.0), START_M, measured_rad, LEVEL)
     assert math.remainder(float(reference.rpy[2]), 2 * math.pi) == pytest.approx(-math.pi + 0.09)
 
 

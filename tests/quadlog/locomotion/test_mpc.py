@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from quadlog.locomotion.mpc import Mpc, MpcSettings, MpcStatus
+from quadlog.locomotion.mpc import LEVEL, Mpc, MpcSettings, MpcStatus
 from quadlog.locomotion.mpc_build import build_cost
 
 MASS_KG = 12.786
@@ -23,6 +23,7 @@ HIPS_M = np.array([[0.18, 0.12, 0], [0.18, -0.12, 0], [-0.18, 0.12, 0], [-0.18, 
 HEIGHT_M, DT_S, STEPS = 0.29, 0.03, 10
 ALL_STAND = np.ones((STEPS, 4), dtype=bool)
 STANDING = np.array([0, 0, 0, 0, 0, HEIGHT_M, 0, 0, 0, 0, 0, 0], dtype=float)
+HILL = Rotation.from_euler("ZYX", [2.0, 0.35, -0.1]).as_matrix()
 ARMS_M = np.tile(HIPS_M - [0, 0, HEIGHT_M], (STEPS, 1, 1))
 
 
@@ -40,27 +41,28 @@ def _random_problem(seed, scale):
     return state, reference, arms_m, contacts
 
 
-def _qp(mpc, state, reference, arms_m, contacts):
+def _qp(mpc, state, reference, arms_m, contacts, ground_to_map):
     """H, g and the pyramid's rows @ f >= lower, these written here anew."""
     s = mpc.settings
     H, g, _ = build_cost(
         state, reference, arms_m, contacts, MASS_KG, np.linalg.inv(INERTIA), s.weights(), s.alpha, s.dt_s
     )
     rows = np.array([[-1, 0, s.mu], [1, 0, s.mu], [0, -1, s.mu], [0, 1, s.mu], [0, 0, 1], [0, 0, -1]])
-    feet = len(g) // 3
+    rows, feet = rows @ ground_to_map.T, len(g) // 3
     return H, g, np.kron(np.eye(feet), rows), np.tile([0, 0, 0, 0, s.f_min_n, -s.f_max_n], feet)
 
 
 @pytest.mark.parametrize("f_min_n", [0.0, 4.0])
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
-def test_forces_are_those_of_an_independent_solver(scale, f_min_n):
+@pytest.mark.parametrize("ground", [LEVEL, HILL], ids=["level", "hill"])
+def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
     active = 0
     for seed in range(8):
         mpc = Mpc(MASS_KG, INERTIA, MpcSettings(f_min_n=f_min_n))
         problem = _random_problem(seed, scale)
-        solution = mpc.solve(*problem)
+        solution = mpc.solve(*problem, ground)
         assert solution.status == MpcStatus.SOLVED
-        H, g, rows, lower = _qp(mpc, *problem)
+        H, g, rows, lower = _qp(mpc, *problem, ground)
         solver = piqp.DenseSolver()
         # Cost in units that make its numbers near 1, and no relative tolerance: that alone leaves some 1e-6 N.
         solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-10
@@ -82,7 +84,7 @@ def test_forces_are_those_of_an_independent_solver(scale, f_min_n):
 
 def test_the_second_solver_gives_the_same_forces(monkeypatch):
     problems = [_random_problem(seed, 3.0) for seed in range(10)]
-    first = [Mpc(MASS_KG, INERTIA).solve(*problem) for problem in problems]
+    first = [Mpc(MASS_KG, INERTIA).solve(*problem, HILL) for problem in problems]
     assert any(solution.iterations > 1 for solution in first)
 
     def fails(*_):
@@ -91,7 +93,7 @@ def test_the_second_solver_gives_the_same_forces(monkeypatch):
     monkeypatch.setattr(quadprog, "solve_qp", fails)
     mpc = Mpc(MASS_KG, INERTIA)
     for problem, solution in zip(problems, first, strict=True):
-        second = mpc.solve(*problem)
+        second = mpc.solve(*problem, HILL)
         np.testing.assert_allclose(second.all_forces_n, solution.all_forces_n, atol=1e-6)
     assert mpc.counts[MpcStatus.SECOND_SOLVER] > 1
     assert mpc.counts.total() == 10
@@ -109,7 +111,10 @@ def test_standing_carries_exactly_the_weight():
 
 @pytest.mark.parametrize("turn_deg", [90.0, 180.0, -37.0])
 def test_a_turned_world_turns_the_forces(turn_deg):
-    """All in map turns, and yaw with it; roll and pitch are the robot's own. T_z for T_z^T breaks it at 90 degrees."""
+    """All in map turns, yaw and the ground with it; roll and pitch are the robot's own.
+
+    T_z for T_z^T breaks it at 90 degrees.
+    """
     turn = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
 
     def turned(states):
@@ -120,15 +125,30 @@ def test_a_turned_world_turns_the_forces(turn_deg):
         return states
 
     uneven = MpcSettings(weight_rpy=(25.0, 60.0, 12.0))
-    # The pyramid's sides are map's, and only quarter turns put it onto itself: else none of them may be active.
-    scale = 2.0 if turn_deg % 90 == 0 else 0.1
     for seed in range(6):
-        state, reference, arms_m, contacts = _random_problem(seed, scale)
+        state, reference, arms_m, contacts = _random_problem(seed, 2.0)
         contacts[:] = True
-        plain = Mpc(MASS_KG, INERTIA, uneven).solve(state, reference, arms_m, contacts)
-        there = Mpc(MASS_KG, INERTIA, uneven).solve(turned(state), turned(reference), arms_m @ turn.T, contacts)
-        assert scale > 1 or plain.iterations == there.iterations == 0
+        turned_problem = turned(state), turned(reference), arms_m @ turn.T, contacts
+        plain = Mpc(MASS_KG, INERTIA, uneven).solve(state, reference, arms_m, contacts, HILL)
+        there = Mpc(MASS_KG, INERTIA, uneven).solve(*turned_problem, turn @ HILL)
+        assert plain.iterations > 1
         np.testing.assert_allclose(there.all_forces_n, plain.all_forces_n @ turn.T, atol=1e-6)
+
+
+def test_a_mirrored_world_mirrors_the_forces():
+    """Left for right, and with it the legs; a rotation mirrored on both sides is one again."""
+    mirror, legs = np.diag([1.0, -1.0, 1.0]), [1, 0, 3, 2]
+    # Angles and turns about x and z change sign, ways and speeds along y.
+    polar = np.tile([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0], 2)
+    active = 0
+    for seed in range(6):
+        state, reference, arms_m, contacts = _random_problem(seed, 2.0)
+        plain = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, HILL)
+        mirrored = polar * state, polar * reference, (arms_m @ mirror)[:, legs], contacts[:, legs]
+        there = Mpc(MASS_KG, INERTIA).solve(*mirrored, mirror @ HILL @ mirror)
+        np.testing.assert_allclose(there.all_forces_n, (plain.all_forces_n @ mirror)[:, legs], atol=1e-6)
+        active += plain.iterations
+    assert active > 0
 
 
 def _motion(state, forces_n, feet_m, mass_kg):
@@ -255,6 +275,24 @@ def test_a_push_takes_the_friction_there_is_and_no_more(mu):
     np.testing.assert_allclose(forces[:, 2], 150, atol=1e-6)
 
 
+def test_on_a_hill_a_push_takes_the_friction_along_the_ground():
+    """The forces of level ground would slip there; on it, saying so changes nothing to the bit."""
+    hill = Rotation.from_euler("ZYX", [0.3, 0.35, 0.0]).as_matrix()
+    pushed, reference = STANDING.copy(), np.tile(STANDING, (STEPS, 1))
+    pushed[9:11] = 1.5, -1.5
+    level, said, on_hill = (
+        Mpc(MASS_KG, INERTIA).solve(pushed, reference, ARMS_M, ALL_STAND, *ground).all_forces_n
+        for ground in ((), (np.eye(3),), (hill,))
+    )
+    assert level.tobytes() == said.tobytes()
+    along = on_hill @ hill
+    assert (abs(along[..., :2]) <= 0.6 * along[..., 2:] + 1e-7).all()
+    np.testing.assert_allclose(abs(along[0, :, :2]).max(axis=1), 0.6 * along[0, :, 2], atol=1e-6)
+    slipping = (level[0] @ hill)[level[0, :, 2] > 20]
+    assert len(slipping)
+    assert (np.hypot(slipping[:, 0], slipping[:, 1]) > slipping[:, 2]).all()
+
+
 def test_swing_feet_have_no_force_and_flight_needs_no_solver():
     contacts = ALL_STAND.copy()
     contacts[:3] = False
@@ -325,6 +363,11 @@ def test_when_both_solvers_fail_and_other_feet_stand_they_share_the_weight(no_so
     # A weight above what the feet may carry is clipped.
     heavy = Mpc(100.0, INERTIA).solve(state, reference, arms_m, contacts)
     np.testing.assert_allclose(heavy.forces_n[[0, 3], 2], 150)
+    # Upright forces on ground that is steeper than friction holds lean into its pyramid.
+    steep = Rotation.from_euler("y", 45, degrees=True).as_matrix()
+    along = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, steep).forces_n @ steep
+    np.testing.assert_allclose(abs(along[[0, 3], 0]), 0.6 * along[[0, 3], 2])
+    np.testing.assert_allclose(along[[0, 3], 2], WEIGHT_N / 2 * np.cos(np.pi / 4))
 
 
 @pytest.mark.parametrize("size", [1e9, 1e160])
@@ -344,26 +387,28 @@ def test_numerical_trouble_is_survived(size):
     arrays(np.float64, (STEPS, 12), elements=st.floats(-1e3, 1e3)),
     arrays(np.float64, (STEPS, 4, 3), elements=st.floats(-2, 2)),
     arrays(np.bool_, (STEPS, 4)),
+    st.tuples(st.floats(-3.1, 3.1), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)),
 )
-def test_any_finite_problem_gives_forces_within_the_pyramid(state, reference, arms_m, contacts):
-    forces = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts).all_forces_n
+def test_any_finite_problem_gives_forces_within_the_pyramid(state, reference, arms_m, contacts, angles_rad):
+    ground = Rotation.from_euler("ZYX", angles_rad).as_matrix()
+    forces = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, ground).all_forces_n @ ground
     assert (abs(forces[..., :2]) <= 0.6 * forces[..., 2:] + 1e-6).all()
     assert forces.max() <= 150 + 1e-6
     assert not forces[~contacts].any()
 
 
-@pytest.mark.parametrize("which", [0, 1, 2])
+@pytest.mark.parametrize("which", [0, 1, 2, 4])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_input_that_is_not_finite_is_refused(which, value):
-    problem = [STANDING.copy(), np.tile(STANDING, (STEPS, 1)), ARMS_M.copy(), ALL_STAND]
+    problem = [STANDING.copy(), np.tile(STANDING, (STEPS, 1)), ARMS_M.copy(), ALL_STAND, LEVEL.copy()]
     problem[which].flat[-1] = value
     with pytest.raises(ValueError, match="not all finite"):
         Mpc(MASS_KG, INERTIA).solve(*problem)
 
 
-@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("which", range(5))
 def test_input_of_another_shape_is_refused(which):
-    problem = [STANDING, np.tile(STANDING, (STEPS, 1)), ARMS_M, ALL_STAND]
+    problem = [STANDING, np.tile(STANDING, (STEPS, 1)), ARMS_M, ALL_STAND, LEVEL]
     problem[which] = problem[which][:-1]
     with pytest.raises(ValueError, match="shapes"):
         Mpc(MASS_KG, INERTIA).solve(*problem)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from quadlog.locomotion.body_reference import WantedMotion
 from quadlog.locomotion.footholds import slope_angles
@@ -12,9 +13,10 @@ from quadlog.locomotion.gait import GAITS
 from quadlog.locomotion.mpc import Mpc, MpcStatus
 from quadlog.locomotion.robot import ROBOTS
 from quadlog.locomotion.walker import Walker, WalkerSettings
+from quadlog.locomotion.wbc import WholeBodyControl
 from quadlog.messages import Float
 from quadlog.simulation.ground import flat, slope
-from quadlog.simulation.quadruped import Quadruped, roll_pitch_yaw
+from quadlog.simulation.quadruped import Quadruped
 from quadlog.simulation.quadruped_model import QuadrupedModel, quadruped_model
 
 ROBOT = ROBOTS["tracking"]
@@ -78,18 +80,18 @@ def walk(
     """From standing, with half a second to come up to speed; push_n: on the trunk, amid the first second, for 0.1 s."""
     quadruped, dt_s = Quadruped(model, 0.0, 0.0, yaw_rad), float(model.model.opt.timestep)
     state = quadruped.read()
-    walker = Walker(model.robot, settings, state, roll_pitch_yaw(state.rotation_body_to_map))
+    walker = Walker(model.robot, settings, state)
     rows, cut = [], 0
     for tick in range(round(seconds / dt_s)):
-        t_s, rpy = tick * dt_s, roll_pitch_yaw(state.rotation_body_to_map)
+        t_s = tick * dt_s
         share = min(t_s / 0.5, 1.0)
         wanted = WantedMotion(share * speed_mps, share * yaw_rate_radps)
-        torques_nm, saturated = walker.step(t_s, dt_s, state, rpy, quadruped.touches(), wanted)
-        rows.append([*state.position_m, *rpy, *state.qvel[:3], walker.reference.position_m[2]])
+        torques_nm, saturated = walker.step(t_s, dt_s, state, wanted)
+        rows.append([*state.position_m, *state.rpy, *state.qvel[:3], walker.reference.position_m[2]])
         cut += int(saturated.sum())
         pushed = push_n is not None and 0.6 <= t_s < 0.7
         quadruped.act(torques_nm, np.array(push_n) if pushed else None)
-        state = quadruped.read()
+        quadruped.read()
     columns = np.array(rows)
     columns[:, 5] = np.unwrap(columns[:, 5])
     return Walk(dt_s, columns[:, :3], columns[:, 3:6], columns[:, 6:9], columns[:, 9], cut, walker)
@@ -121,6 +123,16 @@ def test_without_whole_body_control_it_walks_nearly_as_told(level, yaw_rate_radp
 
 
 @pytest.mark.parametrize("whole_body", [True, False])
+def test_it_walks_on_the_curve_of_foot_too(level, whole_body):
+    curved = WalkerSettings(whole_body=whole_body, swing="foot_curve", aside_m=0.02)
+    walked = walk(level, 2.0, 0.5, settings=curved)
+    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
+    assert walked.tilt_deg < 3
+    plain = walk(level, 2.0, 0.5, settings=replace(curved, swing="quintic"))
+    assert np.abs(walked.positions_m - plain.positions_m).max() > 1e-4
+
+
+@pytest.mark.parametrize("whole_body", [True, False])
 @pytest.mark.parametrize("angle_deg", [10.0, -10.0])
 def test_up_and_down_hill_it_walks_along_the_ground(whole_body, angle_deg):
     hill = quadruped_model(ROBOT, slope(math.radians(angle_deg)))
@@ -136,9 +148,33 @@ def test_up_and_down_hill_it_walks_along_the_ground(whole_body, angle_deg):
     assert slope_angles(walked.walker.stride.plane, 0.0)[1] == pytest.approx(-math.radians(angle_deg), abs=0.02)
 
 
-@pytest.mark.parametrize("whole_body", [True, False])
-# The friction pyramid's sides lie along map's axes: pushed to its limits the robot tells the quarters apart.
-@pytest.mark.parametrize(("turned_deg", "push_n"), [(90.0, None), (137.0, None), (90.0, (-40.0, 100.0, 0.0))])
+def test_uphill_the_friction_pyramids_lie_on_the_ground_and_along_the_heading(monkeypatch):
+    grounds, solve = [], Mpc.solve
+
+    def spy(mpc, state, reference, arms_m, contacts, ground_to_map):
+        grounds.append(ground_to_map.copy())
+        return solve(mpc, state, reference, arms_m, contacts, ground_to_map)
+
+    monkeypatch.setattr(Mpc, "solve", spy)
+    angle_rad = math.radians(15.0)
+    walk(quadruped_model(ROBOT, slope(angle_rad, heading_rad=0.5)), 1.5, 0.4, yaw_rad=0.5)
+    normal = np.array([-math.sin(angle_rad) * math.cos(0.5), -math.sin(angle_rad) * math.sin(0.5), math.cos(angle_rad)])
+    for ground_to_map in grounds[-20:]:
+        np.testing.assert_allclose(ground_to_map @ ground_to_map.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(ground_to_map[:, 2], normal, atol=0.03)
+        assert math.atan2(ground_to_map[1, 0], ground_to_map[0, 0]) == pytest.approx(0.5, abs=0.06)
+
+
+# Pushed to its limits, whole-body control tells the quarters apart: the sides of its pyramids lie along map's axes.
+@pytest.mark.parametrize(
+    ("whole_body", "turned_deg", "push_n"),
+    [
+        (True, 137.0, None),
+        (True, 90.0, (-40.0, 100.0, 0.0)),
+        (False, 137.0, None),
+        (False, 137.0, (-40.0, 100.0, 0.0)),
+    ],
+)
 def test_in_a_turned_world_it_walks_the_same(level, whole_body, turned_deg, push_n):
     settings, turned_rad = WalkerSettings(whole_body=whole_body), math.radians(turned_deg)
     cos, sin = math.cos(turned_rad), math.sin(turned_rad)
@@ -206,9 +242,9 @@ def test_the_mpc_plans_on_feet_that_stand_about_under_their_hips(level, yaw_rad,
     planned = []
     solve = Mpc.solve
 
-    def spy(mpc, state, reference, arms_m, contacts):
+    def spy(mpc, state, reference, arms_m, contacts, ground_to_map):
         planned.append((arms_m.copy(), contacts.copy()))
-        return solve(mpc, state, reference, arms_m, contacts)
+        return solve(mpc, state, reference, arms_m, contacts, ground_to_map)
 
     monkeypatch.setattr(Mpc, "solve", spy)
     walk(level, 2.0, 0.5, settings=WalkerSettings(), yaw_rad=yaw_rad)
@@ -225,3 +261,21 @@ def test_the_mpc_plans_on_feet_that_stand_about_under_their_hips(level, yaw_rad,
     # Within a step of the plan the ground goes back under a body that goes on.
     stays = contacts[:, 1:] & contacts[:, :-1]
     np.testing.assert_allclose((away_m[:, 1:] - away_m[:, :-1])[stays][:, 0], -0.5 * 0.03, atol=1e-3)
+
+
+def test_what_whole_body_control_is_asked_for_is_the_reference_and_the_legs(level, monkeypatch):
+    asked, step = [], WholeBodyControl.step
+
+    def spy(control, state, targets):
+        asked.append(targets)
+        return step(control, state, targets)
+
+    monkeypatch.setattr(WholeBodyControl, "step", spy)
+    walker = walk(level, 0.9, 0.5, 0.3, WalkerSettings()).walker
+    reference, stride, targets = walker.reference, walker.stride, asked[-1]
+    np.testing.assert_array_equal(targets.body[:2], [reference.position_m, reference.velocity_mps])
+    np.testing.assert_array_equal(targets.body[2:], [[0, 0, 0.3], [0, 0, 0], [0, 0, 0]])
+    turn = Rotation.from_euler("ZYX", reference.rpy[::-1]).as_matrix()
+    np.testing.assert_allclose(targets.rotation_body_to_map, turn, atol=1e-12)
+    np.testing.assert_array_equal(targets.stance, stride.stands)
+    np.testing.assert_array_equal(targets.feet, stride.swing)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import daqp
 import mujoco
 import numpy as np
@@ -12,16 +14,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quadlog.locomotion.force_qp import QpStatus
-from quadlog.locomotion.wbc import WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets, mpc_only_torques
+from quadlog.locomotion.wbc import WbcCommand, WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets
 from quadlog.locomotion.wbc_terms import commands, rotation_error
 
+SOLVE = daqp.solve
 SEEDS = st.integers(0, 2**32 - 1)
 MASS_KG = 12.8
 TROT = np.array([True, False, False, True])
 ALL = np.ones(4, dtype=bool)
 # Torques by the equations of motion alone, as eq. 43 has them.
 PLAIN = WbcSettings(joint_gains=(0.0, 0.0), torque_limit_nm=np.inf)
-GAINS = np.array([[80.0, 8.0], [60.0, 8.0], [350.0, 30.0]])
 
 
 def leg(name, fore, side):
@@ -63,16 +65,16 @@ class Quadruped:
         return self
 
     def state(self):
-        model, data = self.model, self.data
+        model, data, state = self.model, self.data, WholeBodyState()
         mujoco.mj_forward(model, data)
-        mass, rates = np.zeros((18, 18)), np.zeros((4, 3, 18))
-        mujoco.mj_fullM(model, data, mass)
-        feet = data.site_xpos.copy()
+        rates = np.zeros((4, 3, 18))
+        mujoco.mj_fullM(model, data, state.mass_matrix)
         for k in range(4):
-            mujoco.mj_jacDot(model, data, rates[k], None, feet[k], model.site_bodyid[k])
-        rotation = data.xmat[1].reshape(3, 3).copy()
-        parts = (self.foot_jacobians(), rates @ data.qvel, mass, data.qfrc_bias.copy())
-        return WholeBodyState(rotation, data.qpos[:3].copy(), data.qvel.copy(), feet, *parts)
+            mujoco.mj_jacDot(model, data, rates[k], None, data.site_xpos[k], model.site_bodyid[k])
+        state.rotation_body_to_map[:], state.position_m[:] = data.xmat[1].reshape(3, 3), data.qpos[:3]
+        state.qvel[:], state.bias[:], state.feet_m[:] = data.qvel, data.qfrc_bias, data.site_xpos
+        state.foot_jacobians[:], state.foot_jacobian_rates[:] = self.foot_jacobians(), rates @ data.qvel
+        return state
 
     def foot_jacobians(self):
         jacobians = np.zeros((4, 3, 18))
@@ -121,14 +123,32 @@ def near(rng, state, size=1.0):
     body[0] += state.position_m
     feet = size * rng.normal(size=(3, 4, 3)) * np.array([0.03, 1.0, 1.0])[:, None, None]
     feet[0] += state.feet_m
-    return WholeBodyTargets(turn @ state.rotation_body_to_map, body, feet)
+    return targets_of(turn @ state.rotation_body_to_map, body, feet)
 
 
-def command_columns(state, targets, stance, weakest=0.02):
+def targets_of(rotation, body, feet):
+    targets = WholeBodyTargets()
+    targets.rotation_body_to_map[:], targets.body[:], targets.feet[:] = rotation, body, feet
+    return targets
+
+
+def step(control, state, targets, stance, mpc_forces_n):
+    """A command of its own, not overwritten by the next."""
+    targets.stance[:], targets.forces_n[:] = stance, mpc_forces_n
+    return WbcCommand(*(each.copy() if isinstance(each, np.ndarray) else each for each in control.step(state, targets)))
+
+
+def mpc_only_torques(state, targets, stance, mpc_forces_n, chosen):
+    targets.stance[:], targets.forces_n[:] = stance, mpc_forces_n
+    return WholeBodyControl(chosen).mpc_only_torques(state, targets)
+
+
+def command_columns(state, targets, stance):
     """(tasks met weakly, change of q, velocity, acceleration), before the QP."""
-    out, room = np.empty((18, 3)), np.empty((5, 18, 18))
-    weak = commands(*state[:6], stance, *targets, GAINS, weakest, out, room)
-    return weak, *out.T
+    control = WholeBodyControl()
+    targets.stance[:] = stance
+    weak = commands(state.record, targets.record, control.record)
+    return weak, *control.out.T
 
 
 def any_forces(rng):
@@ -208,7 +228,7 @@ def test_rotation_error_against_scipy(seed, angle):
 
 def residual(robot, state, targets, stance, mpc_forces_n, qp=PLAIN):
     """How far MuJoCo's accelerations are from those commanded, in parts of the largest."""
-    command = WholeBodyControl(qp).step(state, targets, stance, mpc_forces_n)
+    command = step(WholeBodyControl(qp), state, targets, stance, mpc_forces_n)
     found = robot.acceleration(command.torques_nm, command.forces_n)
     return float(np.abs(found - command.qddot_cmd).max() / max(1.0, np.abs(command.qddot_cmd).max()))
 
@@ -252,7 +272,7 @@ def test_momentum_changes_by_gravity_and_the_feet(robot, seed):
     """Newton and Euler about the centre of mass; without a foot down that is free fall."""
     rng = np.random.default_rng(seed)
     state = robot.anywhere(rng).state()
-    command = WholeBodyControl(PLAIN).step(state, near(rng, state), rng.random(4) < 0.6, any_forces(rng))
+    command = step(WholeBodyControl(PLAIN), state, near(rng, state), rng.random(4) < 0.6, any_forces(rng))
     acceleration = robot.rates(command.qddot_cmd, lambda each: each.data.subtree_linvel[1].copy())
     arms = state.feet_m - robot.data.subtree_com[1]
     scale = max(1.0, float(np.abs(command.qddot_cmd).max()))
@@ -271,7 +291,7 @@ def test_forces_against_the_qp_with_its_equality(robot, seed, weight):
     targets, stance, mpc_forces_n = near(rng, state), rng.random(4) < 0.7, any_forces(rng)
     chosen = WbcSettings(weight_acceleration=weight, f_min_n=5.0, f_max_n=120.0)
     control = WholeBodyControl(chosen)
-    command = control.step(state, targets, stance, mpc_forces_n)
+    command = step(control, state, targets, stance, mpc_forces_n)
     assert (command.forces_n[~stance] == 0).all()
     if not stance.any():
         assert command.status is QpStatus.FLIGHT
@@ -304,12 +324,33 @@ def test_forces_keep_to_the_pyramid_and_torques_to_the_limits(robot, seed, mu):
     limits = tuple(rng.uniform(5.0, 40.0, 12))
     control = WholeBodyControl(WbcSettings(mu=mu, f_min_n=2.0, torque_limit_nm=limits))
     stance = rng.random(4) < 0.7
-    command = control.step(state, near(rng, state, 20.0), stance, 300 * rng.normal(size=(4, 3)))
+    command = step(control, state, near(rng, state, 20.0), stance, 300 * rng.normal(size=(4, 3)))
     down = command.forces_n[stance]
     assert (np.abs(down[:, :2]) <= mu * down[:, 2:] + 1e-6).all()
     assert ((down[:, 2] >= 2.0 - 1e-6) & (down[:, 2] <= 150.0 + 1e-6)).all()
     assert (np.abs(command.torques_nm) <= limits).all()
     np.testing.assert_array_equal(command.saturated, np.abs(command.torques_nm) == limits)
+
+
+def test_no_solver_is_asked_where_no_force_comes_to_its_limits(robot, monkeypatch):
+    rng = np.random.default_rng(3)
+    state = robot.anywhere(rng).state()
+    targets, forces_n = near(rng, state), np.tile([0.0, 0.0, 60.0], (4, 1))
+    chosen = WbcSettings(weight_acceleration=1e-3, f_max_n=1e3)
+    # The limit a little below what the largest of them would be.
+    free = step(WholeBodyControl(chosen), state, targets, TROT, forces_n)
+    lower = replace(chosen, f_max_n=float(free.forces_n[:, 2].max()) - 1e-3)
+    asked = []
+    monkeypatch.setattr(daqp, "solve", lambda *problem: asked.append(problem) or SOLVE(*problem))
+    for each, calls in ((chosen, 0), (lower, 1)):
+        command = step(WholeBodyControl(each), state, targets, TROT, forces_n)
+        assert command.status is QpStatus.SOLVED
+        assert len(asked) == calls
+    np.testing.assert_allclose(command.forces_n, free.forces_n, rtol=0, atol=0.01)
+    assert command.forces_n[:, 2].max() == pytest.approx(lower.f_max_n, abs=1e-6)
+    problem = asked[0]
+    # Its own cost, without limits.
+    np.testing.assert_allclose(free.forces_n[TROT].ravel(), np.linalg.solve(problem[0], -problem[1]), atol=1e-9)
 
 
 def failing(*args, **kwargs):
@@ -325,13 +366,13 @@ def test_failed_solvers_are_counted_and_survived(robot, monkeypatch):
     state = robot.anywhere(rng).state()
     targets, forces_n = near(rng, state), 4 * any_forces(rng)
     control = WholeBodyControl(PLAIN)
-    first = control.step(state, targets, TROT, forces_n)
+    first = step(control, state, targets, TROT, forces_n)
     with monkeypatch.context() as patch:
         patch.setattr(daqp, "solve", failing)
-        second = control.step(state, targets, TROT, forces_n)
+        second = step(control, state, targets, TROT, forces_n)
         np.testing.assert_allclose(second.forces_n, first.forces_n, rtol=0, atol=1e-9)
         patch.setattr(quadprog, "solve_qp", inconsistent)
-        third = control.step(state, targets, TROT, forces_n)
+        third = step(control, state, targets, TROT, forces_n)
     assert [each.status for each in (first, second, third)] == list(QpStatus)[:3]
     assert all(control.counts[status] == 1 for status in list(QpStatus)[:3])
     down = third.forces_n[TROT]
@@ -341,20 +382,20 @@ def test_failed_solvers_are_counted_and_survived(robot, monkeypatch):
     np.testing.assert_allclose(found, third.qddot_cmd, rtol=0, atol=1e-8 * np.abs(found).max())
 
 
-@pytest.mark.parametrize("field", range(8))
+@pytest.mark.parametrize("field", sorted(set(WholeBodyState().record.dtype.names) - {"rpy", "touches"}))
 def test_an_input_that_is_no_number_only_damps(robot, field):
     state = robot.anywhere(np.random.default_rng(4)).state()
     targets = near(np.random.default_rng(4), state)
     whole = state.qvel[6:].copy()
-    state[field].flat[-1] = np.nan
+    getattr(state, field).flat[-1] = np.nan
     control = WholeBodyControl()
-    command = control.step(state, targets, TROT, np.full((4, 3), 20.0))
+    command = step(control, state, targets, TROT, np.full((4, 3), 20.0))
     assert np.isfinite(command.torques_nm).all()
     assert np.isfinite(command.forces_n).all()
     if command.is_damped:
         np.testing.assert_allclose(command.torques_nm[:-1], -0.8 * whole[:-1])
     assert control.damped == command.is_damped
-    assert command.is_damped == (field != 3 or not TROT[-1])
+    assert command.is_damped == (field != "feet_m" or not TROT[-1])
     torques_nm, _ = mpc_only_torques(state, targets, TROT, np.full((4, 3), np.nan), WbcSettings())
     assert np.isfinite(torques_nm).all()
 
@@ -365,7 +406,7 @@ def test_straight_legs_ask_for_nothing_endless(robot, stance, weak_tasks):
     before = None
     for knee_rad in np.linspace(0.05, -0.05, 101):
         state = robot.stand(knee_rad).state()
-        still = WholeBodyTargets(np.eye(3), np.zeros((5, 3)), np.zeros((3, 4, 3)))
+        still = targets_of(np.eye(3), np.zeros((5, 3)), np.zeros((3, 4, 3)))
         still.feet[0] = state.feet_m
         still.body[0] = state.position_m + np.array([0.0, 0.0, 0.01])
         weak, *columns = command_columns(state, still, stance)
@@ -381,9 +422,9 @@ def test_the_same_input_gives_the_same_bytes(robot):
     state = robot.anywhere(rng).state()
     targets, forces_n = near(rng, state), any_forces(rng)
     used = WholeBodyControl()
-    used.step(state, near(rng, state), ALL, forces_n)
+    step(used, state, near(rng, state), ALL, forces_n)
     for stance in (TROT, ALL):
-        one, other = (each.step(state, targets, stance, forces_n) for each in (used, WholeBodyControl()))
+        one, other = (step(each, state, targets, stance, forces_n) for each in (used, WholeBodyControl()))
         assert one.torques_nm.tobytes() == other.torques_nm.tobytes()
         assert one.forces_n.tobytes() == other.forces_n.tobytes()
 
@@ -393,7 +434,7 @@ def test_joint_feedback_is_the_change_of_q_and_the_velocity_commanded(robot):
     state = robot.anywhere(rng).state()
     targets, forces_n = near(rng, state), any_forces(rng)
     with_it, without = (
-        WholeBodyControl(WbcSettings(joint_gains=gains, torque_limit_nm=np.inf)).step(state, targets, TROT, forces_n)
+        step(WholeBodyControl(WbcSettings(joint_gains=gains, torque_limit_nm=np.inf)), state, targets, TROT, forces_n)
         for gains in ((20.0, 0.8), (0.0, 0.0))
     )
     _, change, velocity, _ = command_columns(state, targets, TROT)
@@ -407,10 +448,10 @@ def test_the_robot_stands_on_mujocos_ground_and_moves_as_told(robot):
     turn = Rotation.from_euler("ZYX", [0.1, 0.05, -0.05]).as_matrix()
     body = np.zeros((5, 3))
     body[0] = state.position_m + np.array([0.01, -0.01, -0.01])
-    targets = WholeBodyTargets(turn, body, np.zeros((3, 4, 3)))
+    targets = targets_of(turn, body, np.zeros((3, 4, 3)))
     control = WholeBodyControl(WbcSettings(weight_acceleration=1e4))
     for _ in range(500):
-        command = control.step(robot.state(), targets, ALL, np.tile([0.0, 0.0, MASS_KG * 9.81 / 4], (4, 1)))
+        command = step(control, robot.state(), targets, ALL, np.tile([0.0, 0.0, MASS_KG * 9.81 / 4], (4, 1)))
         robot.data.qfrc_applied[6:] = command.torques_nm
         mujoco.mj_step(robot.model, robot.data)
     robot.data.qfrc_applied[:] = 0.0

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from quadlog.geometry import quat_from_euler
 from quadlog.simulation.footing import (
     ROBOT_FEET_M,
     OnTerrain,
     position_in_map,
-    quat_from_euler,
     turned_from_level,
     turned_into_map,
 )

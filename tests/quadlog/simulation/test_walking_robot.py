@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from quadlog.locomotion.robot import ROBOTS
-from quadlog.locomotion.walker import WalkerSettings
+from quadlog.locomotion.walker import Walker, WalkerSettings
 from quadlog.simulation import ground
 from quadlog.simulation.disturbances import NONE
 from quadlog.simulation.quadruped_model import quadruped_model
@@ -104,6 +104,22 @@ def test_what_it_walked_is_what_it_truly_walked(model):
         biased.walk(1, 0.0, 0.0)
         places.append(biased.pose[:2])
     assert biased.effort.distance_m == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum(), rel=0.02)
+
+
+def test_the_controller_is_told_the_velocity_with_its_error(model, monkeypatch):
+    told, step = [], Walker.step
+
+    def spy(walker, t_s, dt_s, state, wanted):
+        told.append(state.qvel.copy())
+        return step(walker, t_s, dt_s, state, wanted)
+
+    monkeypatch.setattr(Walker, "step", spy)
+    robot = _robot(model, replace(NONE, velocity_bias_mps=0.2))
+    for _ in range(5):
+        true = robot._state.qvel.copy()
+        robot.walk(1, 0.3, 0.0)
+        np.testing.assert_array_equal(told[-1][:3], true[:3] + robot.disturbances.velocity_bias_mps)
+        np.testing.assert_array_equal(told[-1][3:], true[3:])
 
 
 def test_the_same_walk_twice_is_bitwise_the_same(model):
