@@ -19,7 +19,7 @@ from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulation.one_walk import walk_once, warm_up
 from quadlog.pipelines.simulation.settings import check_rate
 from quadlog.pipelines.simulation.walk_folder import WalkDescription, fill_folder, verdict
-from quadlog.pipelines.simulation.where import find_course, make_ground
+from quadlog.pipelines.simulation.where import Remarks, find_course, ground_remarks, make_ground
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
 from quadlog.simulation.courses import Course
@@ -68,6 +68,7 @@ class _Seed:
     request: SimulateRequest
     course: Course
     config: Config
+    remarks: Remarks
     seed: int
     run: Path
 
@@ -85,9 +86,14 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     config = request.config.model_copy(update={"pursuit": pursuit})
     folder = request.output / f"{course.name}-{controller}"
-    todo = [_Seed(request, course, config, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
+    remarks = ground_remarks(course, config)
+    todo = [_Seed(request, course, config, remarks, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
     if not request.force:
         _refuse_existing(each.run for each in todo)
+    if any(each.run.resolve() == Path(config.simulation.terrain).resolve() for each in todo):
+        raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
+    for warning in remarks.warnings:
+        progress.say(f"warning: {warning}")
     progress.begin("simulate", len(todo))
     workers = min(jobs or os.cpu_count() or 1, len(todo))
     runs = _one_by_one(todo, progress) if workers == 1 else _in_processes(todo, workers, progress)
@@ -108,7 +114,7 @@ def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
     simulated = walk_once(each.course, each.config, ground, each.seed)
     folder = RunFolder.create(each.run, each.request.force)
     description = WalkDescription(
-        each.request.course, each.course, ground, each.config, each.seed, each.request.command, startup_s
+        each.request.course, each.course, ground, each.remarks, each.config, each.seed, each.request.command, startup_s
     )
     metrics = fill_folder(folder, description, simulated, progress.say)
     ended = verdict(simulated)

@@ -37,6 +37,8 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
     return WalkerSettings(
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
+        swing=simulation.swing,
+        aside_m=simulation.swing_aside_m,
         whole_body=simulation.controller != "fpm",
         mpc_every_s=config.mpc.every_s,
         mpc=mpc_settings(config.mpc),

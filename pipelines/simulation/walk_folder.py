@@ -16,7 +16,11 @@ from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
 from quadlog.pipelines.progress import StageClock, peak_memory_mb
 from quadlog.pipelines.simulation.one_walk import SimulatedWalk
+from quadlog.pipelines.simulation.seen_ground import LEAST_POINTS
+from quadlog.pipelines.simulation.where import Remarks
+from quadlog.results.derived_mcap import write_derived
 from quadlog.results.frame_strip import write_frame_strip
+from quadlog.results.layout import write_layout
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.report import write_page, write_plots
 from quadlog.results.run_folder import RunFolder
@@ -40,6 +44,7 @@ class WalkDescription:
     course_argument: str
     course: Course
     ground: Ground
+    remarks: Remarks
     config: Config
     seed: int
     command: tuple[str, ...]
@@ -56,6 +61,8 @@ def fill_folder(
         _write_tables(run, description, simulated)
         metrics = _plain(walk_metrics(simulated))
         folder.write_metrics(metrics)
+        write_derived(run, record=_record(description, simulated, clock))
+        write_layout(run)
         _write_frames(run, simulated, description.config.results.frames, say)
         pictures = write_plots(run, _record(description, simulated, clock))
     record = _record(description, simulated, clock)
@@ -87,7 +94,9 @@ def walk_metrics(simulated: SimulatedWalk) -> Metrics:
 def verdict(simulated: SimulatedWalk) -> str:
     """How the walk ended, where it did not end at the course's end; else empty."""
     control = simulated.walk.control
-    where = f"after {_lasted_s(simulated):.2f} s at ({control['x_m'][-1]:.2f}, {control['y_m'][-1]:.2f}) m"
+    # Adding 0 makes a plain 0 of -0.
+    x_m, y_m = (round(float(control[name][-1]), 2) + 0.0 for name in ("x_m", "y_m"))
+    where = f"after {_lasted_s(simulated):.2f} s at ({x_m:.2f}, {y_m:.2f}) m"
     if control["fallen"][-1]:
         return f"fell {where}"
     return "" if simulated.walk.completed_ns is not None else f"gave up {where}: it should have arrived long before"
@@ -116,7 +125,8 @@ def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedW
     if not ground.is_plane:
         # A corner's height stands for the cell about it.
         origin_m = np.array(ground.origin_m) - ground.cell_m / 2
-        seen = np.ones(ground.height_m.shape, np.int64)
+        # It is known everywhere, so that it can be a terrain again.
+        seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
         write_ground(run, GroundMap(origin_m, ground.cell_m, ground.height_m.astype(np.float64), seen))
 
 
@@ -146,6 +156,7 @@ def _record(description: WalkDescription, simulated: SimulatedWalk, clock: Stage
         recorded_s=_lasted_s(simulated),
         counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
         warnings=_warnings(description, simulated),
+        notes=list(description.remarks.notes),
         stages=[
             StageRecord("control", simulated.seconds, peak_memory_mb()),
             StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
@@ -165,7 +176,9 @@ def _input(description: WalkDescription) -> InputRecord:
 
 
 def _warnings(description: WalkDescription, simulated: SimulatedWalk) -> list[str]:
-    warnings = [f"the robot {ended}"] if (ended := verdict(simulated)) else []
+    warnings = list(description.remarks.warnings)
+    if ended := verdict(simulated):
+        warnings.append(f"the robot {ended}")
     if simulated.failed_solves:
         warnings.append(f"{simulated.failed_solves} solves failed, and older or simpler forces had to do: see counts")
     weight_n, most_n = simulated.walk.mass_kg * GRAVITY_MPS2, description.config.mpc.f_max_n

@@ -13,6 +13,7 @@ from quadlog.mapping.accumulated import OCCUPIED
 from quadlog.mapping.window import crop, window_at
 from quadlog.messages import Float
 from quadlog.pipelines.simulation.one_walk import solver_counts
+from quadlog.pipelines.simulation.seen_ground import seen_ground
 from quadlog.pipelines.simulation.settings import (
     check_rate,
     disturbance_settings,
@@ -24,16 +25,13 @@ from quadlog.pipelines.stages.plan import PlanTables, configured_planner, record
 from quadlog.pipelines.stages.walk import Walk, WalkedBody
 from quadlog.planning.replan import Replanner
 from quadlog.results.maps import load_maps
-from quadlog.results.samples import read_ground
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
-from quadlog.simulation.ground import Ground, flat, from_height_map
+from quadlog.simulation.courses import SPEED_MPS
+from quadlog.simulation.ground import Ground, flat
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 from quadlog.simulation.unicycle_robot import UnicycleRobot
 from quadlog.simulation.walking_robot import WalkingRobot
-
-LEAST_POINTS = 5
-"""A cell of the ground that was seen less is as high as those around it: far away, a point may be anything's."""
 
 
 def resimulate_walk(walk: Walk) -> None:
@@ -95,23 +93,21 @@ def _robot(walk: Walk, start_pose: Float) -> WalkingRobot | UnicycleRobot:
 
 def _ground(walk: Walk) -> Ground:
     """The run's own height map where it has one that feet can stand on, else a plane, which is said."""
-    seen = read_ground(walk.run.path)
-    height_m = np.where(seen.count >= LEAST_POINTS, seen.height_m, np.nan)
-    if not np.isfinite(height_m).any():
+    seen = seen_ground(walk.run.path)
+    if seen is None:
         walk.warn("no ground was seen: the re-simulated robot walks on a plane")
         return flat()
-    ground = from_height_map(height_m, seen.cell_m, seen.origin_m)
-    too_steep = ground.too_steep_for(walk.config.simulation.friction)
+    too_steep = seen.ground.too_steep_for(walk.config.simulation.friction)
     if too_steep is not None:
         walk.warn(f"the re-simulated robot walks on a plane: {too_steep}")
         return flat()
-    return ground
+    return seen.ground
 
 
 def _settings(walk: Walk) -> PursuitSettings:
     pursuit, robot = walk.config.pursuit, walk.config.robot
     return PursuitSettings(
-        speed_mps=pursuit.speed_mps,
+        speed_mps=SPEED_MPS if pursuit.speed_mps is None else pursuit.speed_mps,
         max_yaw_rate_radps=pursuit.max_yaw_rate_radps,
         rate_hz=pursuit.rate_hz,
         body_length_m=robot.length_m,

@@ -11,6 +11,8 @@ import numpy as np
 from quadlog.messages import Float
 
 SPACING_M = 0.02
+SPEED_MPS = 0.6
+"""Of the line and the circle [Tracking, section 5], and of every path without a speed of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +33,12 @@ class Course:
 
 def line() -> Course:
     """From (0, 0) to (10, 10) at 0.6 m/s [Tracking, section 5.1]."""
-    return Course("line", _pieces(0.0, 0.0, math.pi / 4, [(10 * math.sqrt(2), 0.0)]), 0.6)
+    return Course("line", _pieces(0.0, 0.0, math.pi / 4, [(10 * math.sqrt(2), 0.0)]), SPEED_MPS)
 
 
 def circle() -> Course:
     """Once round, radius 5 m, from (0, 0) along +x and to the left, at 0.6 m/s [Tracking, section 5.1]."""
-    return Course("circle", _pieces(0.0, 0.0, 0.0, [(10 * math.pi, 1 / 5)]), 0.6)
+    return Course("circle", _pieces(0.0, 0.0, 0.0, [(10 * math.pi, 1 / 5)]), SPEED_MPS)
 
 
 def s_curve() -> Course:

@@ -23,6 +23,9 @@ WIDTH_PX, HEIGHT_PX = 400, 300
 # Elsewhere than on Linux, MuJoCo's own choice needs no screen.
 BACKENDS = ("egl", "osmesa") if sys.platform == "linux" else ("",)
 LONGEST_S = 120.0
+# How far off the sun stands, and how much of the model's extent it draws shadows on: with less, ground far off is
+# speckled with its own.
+SUN_M, SHADOWED = 3.0, 6.0
 
 
 class CannotDraw(Exception):
@@ -70,10 +73,14 @@ def _draw(folder: Path) -> None:
     data, joints = mujoco.MjData(model), np.load(folder / "joints.npy")
     camera = mujoco.MjvCamera()
     camera.distance, camera.elevation = 1.5, -18.0
+    # Shadows are drawn about a light's place only. Those of a light far away go along with the robot.
+    suns = np.flatnonzero((model.light_bodyid == 0) & (model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL))
+    model.vis.map.shadowclip = SHADOWED
     frames = np.empty((len(joints), HEIGHT_PX, WIDTH_PX, 3), np.uint8)
     with mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX) as renderer:
         for frame, coordinates in zip(frames, joints, strict=True):
             data.qpos[:] = coordinates
+            model.light_pos[suns] = coordinates[:3] - SUN_M * model.light_dir[suns]
             mujoco.mj_forward(model, data)
             w, x, y, z = coordinates[3:7].tolist()
             yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -23,12 +23,14 @@ from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
 from quadlog.simulation.clearance import body_clearance, occupied_centres
-from quadlog.simulation.course_walk import CourseRobot
-from quadlog.simulation.pursuit_ticks import CLEARANCE, COMMAND, TICK_COLUMNS, FollowedPlan, follow_tick
+from quadlog.simulation.course_robot import CourseRobot
+from quadlog.simulation.pursuit_ticks import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
 NS = 1_000_000_000
+# Behind what is written for every tick stands how far off the obstacles are.
+CLEARANCE = len(TICK_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,7 @@ class _State:
 
     robot: CourseRobot
     lookahead: LookaheadControl
-    plan: FollowedPlan | None = None
+    plan: FollowedPath | None = None
     planned_at_ns: int = 0
     plans: list[PlanRecord] = field(default_factory=list)
     paths: list[PlannedPath] = field(default_factory=list)
@@ -107,11 +109,11 @@ def resimulate(
     """
     walk = _State(robot, lookahead)
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
-    rows: list[Float] = [np.empty((0, len(TICK_COLUMNS)))]
+    rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
     first_ns, tick = None, 0
     for instant, next_ns in _with_next(instants):
         first_ns = instant.t_ns if first_ns is None else first_ns
-        _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0])
+        _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], settings)
         # Ticks up to the next map's instant, which itself belongs to that map's plan.
         until = _ticks_before(next_ns - first_ns, settings.rate_hz)
         if until > MAX_TICKS:
@@ -150,7 +152,9 @@ def _tick_times_ns(first: int, until: int, rate_hz: float) -> Int:
     return np.rint(np.arange(first, until) * (NS / rate_hz)).astype(np.int64)
 
 
-def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float) -> None:
+def _replan(
+    walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float, settings: PursuitSettings
+) -> None:
     here = walk.robot.pose[:2]
     if not np.isfinite(target_m).all():
         return
@@ -161,13 +165,14 @@ def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: F
     walk.plans.append(replan.record)
     if replan.path is not None:
         walk.paths.append(replan.path)
-        walk.plan, walk.planned_at_ns = FollowedPlan(replan.path.smooth_xy_m), instant.t_ns
+        walk.plan = FollowedPath(replan.path.smooth_xy_m, settings.speed_mps, settings.max_yaw_rate_radps)
+        walk.planned_at_ns = instant.t_ns
         walk.lookahead.reset()
 
 
 def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSettings) -> Float:
-    """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS))."""
-    robot, rows = walk.robot, np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
+    """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS) + 1)."""
+    robot, rows = walk.robot, np.full((len(t_ns), len(TICK_COLUMNS) + 1), np.nan)
     solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
     centres_m, cell_m = occupied_centres(solid, instant.window), instant.window.cell_m
     since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
@@ -179,15 +184,14 @@ def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSetti
             row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *body, centres_m, cell_m)
         else:
             walk.outside_ticks += 1
-        follow_tick(row, robot, walk.plan, walk.lookahead, age_s, settings, every * robot.tick_s)
+        follow_tick(row, robot, walk.plan, walk.lookahead, age_s, every * robot.tick_s)
         robot.walk(every, row[COMMAND], row[COMMAND + 1])
     return rows
 
 
 def _gathered(walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float]) -> Resimulation:
-    ticks = dict(zip(TICK_COLUMNS, rows.T, strict=True))
-    clearance_m, fallen = ticks.pop("clearance_m"), ticks.pop("fallen") > 0
-    control: dict[str, Float | Int | Bool] = {"t_ns": t_ns, **ticks, "fallen": fallen}
+    ticks, clearance_m = dict(zip(TICK_COLUMNS, rows.T[:CLEARANCE], strict=True)), rows[:, CLEARANCE]
+    control: dict[str, Float | Int | Bool] = {"t_ns": t_ns, **ticks, "fallen": ticks["fallen"] > 0}
     target_m = target_xy_at(t_ns)
     target_distance_m = np.hypot(target_m[:, 0] - ticks["x_m"], target_m[:, 1] - ticks["y_m"])
     return Resimulation(

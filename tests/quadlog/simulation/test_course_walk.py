@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -100,6 +101,30 @@ def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
     np.testing.assert_allclose(away, late.control["error_m"], atol=1e-9)
 
 
+def test_the_look_ahead_goes_by_the_error_that_is_known():
+    class Told(FixedLookahead):
+        heard: ClassVar[list[float]] = []
+
+        def step(self, cross_track_m, dt_s, speed_mps):
+            self.heard.append(cross_track_m)
+            return super().step(cross_track_m, dt_s, speed_mps)
+
+    control = _walk(BEND, _unicycle(BEND, replace(NONE, pose_lag_s=0.5)), Told(0.6)).control
+    assert control["cross_track_m"].max() > 0.01
+    np.testing.assert_allclose(Told.heard[25:], control["cross_track_m"][:-25], atol=1e-9)
+
+
+def test_who_falls_at_the_end_has_not_arrived():
+    class Stumbler(UnicycleRobot):
+        @property
+        def fallen(self):
+            return bool(np.hypot(self.pose[0] - 1.5, self.pose[1] - 0.3) <= 0.1)
+
+    walk = _walk(BEND, Stumbler(BEND.start_pose, TIMESTEP_S, np.random.default_rng(0)))
+    assert walk.control["fallen"][-1]
+    assert walk.completed_ns is None
+
+
 def test_a_fall_ends_the_walk_and_is_its_last_tick():
     walk = _walk(BEND, _legged(BEND, replace(NONE, push_n=2000.0, push_s=0.2, push_every_s=0.3)))
     fallen = walk.control["fallen"]
@@ -121,3 +146,13 @@ def test_the_rate_is_that_of_the_ticks_and_each_is_watched():
     walk = _walk(BEND, _unicycle(BEND), rate_hz=100.0, most_s=0.5, watch=lambda: seen.append(1))
     assert set(np.diff(walk.control["t_ns"])) == {10_000_000}
     assert len(seen) == len(walk.control["t_ns"]) == 51
+
+
+def test_a_robot_without_a_body_has_the_speed_it_is_told_at_once():
+    control = _walk(BEND, _unicycle(BEND)).control
+    np.testing.assert_array_equal(control["vx_mps"], control["cmd_v_mps"])
+    np.testing.assert_array_equal(control["yaw_rate_radps"], control["cmd_yaw_rate_radps"])
+    # So it goes from each tick to the next: the chord of an arc is its length, but for the third order.
+    steps_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
+    np.testing.assert_allclose(steps_m, control["vx_mps"][:-1] * 0.02, atol=1e-6)
+    np.testing.assert_allclose(np.diff(control["yaw_rad"]), control["yaw_rate_radps"][:-1] * 0.02, atol=1e-12)

@@ -26,6 +26,19 @@ def test_the_robot_stays_in_the_picture_wherever_it_is():
     assert (middle < 0.8 * border).all()
 
 
+def test_its_shadow_goes_along():
+    model = _model()
+    try:
+        pictures = frames.render_frames(
+            model.model, np.array([model.standing_at(0.0, 0.0), model.standing_at(9.0, 9.0)])
+        )
+    except frames.CannotDraw as error:
+        pytest.skip(str(error))
+    dark = (pictures[:, 150:].max(axis=3) < 60).sum(axis=(1, 2))
+    assert dark[0] > 1500
+    assert dark[1] == pytest.approx(dark[0], rel=0.02)
+
+
 def test_a_backend_that_is_not_there_is_an_error_with_its_reason(monkeypatch):
     monkeypatch.setattr(frames, "BACKENDS", ("none-such",))
     with pytest.raises(frames.CannotDraw, match=r"none-such: .*MUJOCO_GL"):

@@ -92,6 +92,27 @@ def test_a_runs_height_map_becomes_ground():
         from_height_map(np.full((2, 2), np.nan), 0.2, np.zeros(2))
 
 
+@settings(deadline=None)
+@given(
+    st.integers(0, 1000),
+    st.tuples(st.floats(-9, 9), st.floats(-9, 9)),
+    st.tuples(st.floats(0, 9), st.floats(0, 9)),
+)
+def test_over_an_extent_it_is_the_same_ground_and_not_much_more(seed, low, size):
+    rng = np.random.default_rng(seed)
+    ground = Ground(rng.normal(size=rng.integers(3, 20, 2)).astype(np.float32), 0.3, (-2.0, 1.0))
+    extent = Extent(*low, low[0] + size[0], low[1] + size[1])
+    part = ground.over(extent)
+    xy_m = rng.uniform(extent[:2], extent[2:], size=(50, 2))
+    np.testing.assert_allclose(part.height_at(xy_m), ground.height_at(xy_m), atol=1e-5)
+    assert not part.is_plane
+    for axis, cells in enumerate(part.height_m.shape[::-1]):
+        first, last = part.origin_m[axis], part.origin_m[axis] + 0.3 * (cells - 1)
+        assert first <= extent[axis] + 1e-9
+        assert last >= extent[axis + 2] - 1e-9
+        assert last - first <= size[axis] + 3 * 0.3
+
+
 def test_a_slope_beyond_the_friction_cone_is_told():
     assert slope(math.radians(38)).too_steep_for(0.8) is None
     reason = slope(math.radians(40)).too_steep_for(0.8)
@@ -113,6 +134,10 @@ def test_sizes_are_bounded_before_anything_is_allocated(monkeypatch):
         undulating(0.03, extent=SMALL)
     with pytest.raises(TooLarge):
         from_height_map(np.zeros((20, 20)), 0.2, np.zeros(2))
+    with pytest.raises(TooLarge, match="along a side"):
+        flat().over(Extent(0.0, 0.0, 1e300, 1.0))
+    with pytest.raises(TooLarge):
+        Ground(np.zeros((3, 3), np.float32), 0.1, (0.0, 0.0)).over(Extent(0.0, 0.0, 2.0, 2.0))
     with pytest.raises(TooLarge):
         Ground(np.zeros((20, 20), np.float32), 0.1, (0.0, 0.0))
 
