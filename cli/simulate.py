@@ -8,15 +8,33 @@ from pathlib import Path
 
 import click
 
+from quadlog.cli.completion import files
+
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic")
 TERRAINS = ("flat", "3cm", "6cm")
 MOST_SEEDS = 1000
+TROT = "trot-32s"
+
+
+def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | None) -> str | None:
+    """The name or the run folder as --set takes it: whatever a folder is called, with a ./ it is no other value."""
+    if terrain is None or terrain in TERRAINS:
+        return terrain
+    if not Path(terrain).is_dir():
+        raise click.BadParameter(f"{terrain!r} is none of {', '.join(TERRAINS)}, and no run folder either.")
+    return terrain if Path(terrain).is_absolute() else f"./{terrain}"
 
 
 @click.command(name="simulate", short_help="Walk a course with a simulated quadruped.")
-@click.argument("course", metavar="COURSE")
+@click.argument("course", metavar="COURSE", shell_complete=files("line", "circle", "s-curve", TROT))
 @click.option("--controller", type=click.Choice(CONTROLLERS), help="Short for --set simulation.controller=NAME.")
-@click.option("--terrain", type=click.Choice(TERRAINS), help="Default: flat; the s-curve has its own.")
+@click.option(
+    "--terrain",
+    metavar=f"{'|'.join(TERRAINS)}|RUN",
+    callback=_terrain,
+    shell_complete=files(*TERRAINS),
+    help="RUN: the ground that a run saw. Default: flat; the s-curve has its own.",
+)
 @click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Default: 0.6; the s-curve 0.5.")
 @click.option("--disturbed", is_flag=True, help="Pushes, wrong mass and velocity, a noisy and late pose.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="The first; draws ground and disturbances.")
@@ -44,16 +62,24 @@ def command(
 ) -> None:
     """Walk a course with a simulated quadruped, one run folder for each seed.
 
-    A COURSE is line, circle or s-curve [Tracking], or a path: a TUM trajectory, or a CSV file with the columns x_m and
-    y_m.
+    A COURSE is line, circle or s-curve [Tracking], trot-32s [Foot], or a path: a TUM trajectory, or a CSV file with the
+    columns x_m and y_m.
 
     fpmw steers by the fuzzy look-ahead and walks by MPC and whole-body control, fpm without the latter, pmw with a
     fixed look-ahead; kinematic is a point that does as it is told. A fall is a result, not a failure.
+
+    trot-32s is an experiment without a controller: joints driven along a foot curve, without and with a bulge aside.
+    Its runs are OUTPUT/trot-32s/baseline and OUTPUT/trot-32s/3d-curve, of several --seeds the folders seed-000 and so
+    on in these. Payload, leg masses, hips and the curve are set as in --set simulation.trot.payload_kg=1.2.
     """
     from quadlog.cli.progress import open_progress
     from quadlog.config_file import load_config
     from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
+    from quadlog.pipelines.trot_32s import TrotRequest, trot_32s
     from quadlog.results.walks_text import walks_text
+
+    if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
+        raise click.UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help.")
 
     shorthands = [
         ("simulation.controller", controller),
@@ -65,21 +91,18 @@ def command(
         *(f"{key}={value}" for key, value in shorthands if value is not None),
         *overrides,
     ]
-    request = SimulateRequest(
-        course=course,
-        config=load_config(config_path, settings),
-        seeds=range(seed, seed + seeds),
-        output=output,
-        force=force,
-        command=("quadlog", *sys.argv[1:]),
-    )
+    config, walked, line = load_config(config_path, settings), range(seed, seed + seeds), ("quadlog", *sys.argv[1:])
     with open_progress() as progress:
-        runs = simulate(request, jobs, progress)
-    rows = [each.to_dict() for each in runs]
+        if course == TROT:
+            runs = trot_32s(TrotRequest(config, walked, output, force, line), jobs, progress)
+        else:
+            runs = simulate(SimulateRequest(course, config, walked, output, force, line), jobs, progress)
     if as_json:
-        click.echo(json.dumps(rows, indent=2, allow_nan=False))
+        click.echo(json.dumps([each.to_dict() for each in runs], indent=2, allow_nan=False))
         return
-    click.echo(f"{runs[0].run.parent}: {runs[0].course}, {runs[0].controller}")
-    click.echo(walks_text(rows), nl=False)
-    for each in runs:
-        click.echo(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")
+    for name in dict.fromkeys(each.controller for each in runs):
+        mine = [each for each in runs if each.controller == name]
+        click.echo(f"{mine[0].run.parent}: {mine[0].course}, {name}")
+        click.echo(walks_text([each.to_dict() for each in mine]), nl=False)
+        for each in mine:
+            click.echo(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")

@@ -11,4 +11,6 @@ TABLES = {
     "planning-ea": "quadlog.pipelines.tables.planning_ea",
     "tracking-courses": "quadlog.pipelines.tables.tracking_courses",
     "tracking-5": "quadlog.pipelines.tables.tracking_5",
+    "foot-torque": "quadlog.pipelines.tables.foot_torque",
+    "foot-drift": "quadlog.pipelines.tables.foot_drift",
 }

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from quadlog.cli.main import run
 from quadlog.cli.simulate import CONTROLLERS, TERRAINS
+from quadlog.cli.simulate import _terrain as option_terrain
 from quadlog.config_control import Simulation
+from quadlog.config_file import load_config
 from quadlog.pipelines.simulation.where import BANDS_M
+from quadlog.results.samples import GroundMap, read_ground, write_ground
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]
 
@@ -55,6 +60,35 @@ def test_usage_errors_exit_with_2(path, tmp_path, capsys):
     assert run(["simulate", str(path), "--set", "simulation.controller=none", *output]) == 2
     capsys.readouterr()
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("name", ["1", "true", "3cm", 'a "b" c', "'", "[x]", "./run", "../run"])
+def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    Path(name).mkdir()
+    for given in (str(Path(name).resolve()), f"./{name}" if name in TERRAINS else name):
+        terrain = option_terrain(None, None, given)
+        assert Path(load_config(None, [f"simulation.terrain={terrain}"], {}).simulation.terrain).samefile(name)
+
+
+def test_a_walk_on_a_runs_ground_says_so(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "walk").mkdir()
+    height_m = np.zeros((5, 60))
+    write_ground(tmp_path / "walk", GroundMap(np.array([-5.0, -0.5]), 0.2, height_m, np.full(height_m.shape, 99)))
+    (tmp_path / "walk.csv").write_text("0,0\n0,1.5\n")
+    assert run(["simulate", "walk.csv", *QUICK, "--terrain", "walk", "-o", "out"]) == 0
+    said = capsys.readouterr().err
+    record = json.loads((tmp_path / "out" / "walk-kinematic" / "seed-000" / "run.json").read_text())
+    assert len(record["notes"]) == len(record["warnings"]) == 1
+    assert f"warning: {record['warnings'][0]}" in said
+    assert "the ground that walk saw" in said
+    assert (
+        run(["simulate", "walk.csv", *QUICK, "--terrain", "out/walk-kinematic/seed-000", "-o", "out", "--force"]) == 2
+    )
+    assert "cannot be the terrain of the walk that replaces it" in capsys.readouterr().err
+    assert read_ground(tmp_path / "out" / "walk-kinematic" / "seed-000").cell_m == 0.2
 
 
 @pytest.mark.parametrize(

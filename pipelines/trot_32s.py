@@ -1,0 +1,144 @@
+"""The story of `quadlog simulate trot-32s` [Foot, section 4]: for each seed, the walk without and with y(t)."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+from quadlog.config import Config
+from quadlog.errors import AlreadyExists, ExitCode, QuadlogError
+from quadlog.pipelines.batch import summarise
+from quadlog.pipelines.progress import Kept, Progress
+from quadlog.pipelines.replay import ReplayOutcome
+from quadlog.pipelines.simulate import SimulatedRun
+from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
+from quadlog.pipelines.simulation.trot_folder import COURSE, TrotDescription, fill_trot_folder, verdict
+from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, cores
+from quadlog.results.files import is_part
+from quadlog.results.run_folder import RunFolder
+
+
+@dataclass(frozen=True, slots=True)
+class TrotRequest:
+    """seeds: one walk of each curve for each."""
+
+    config: Config
+    seeds: Sequence[int] = (0,)
+    output: Path = Path("runs")
+    force: bool = False
+    command: tuple[str, ...] = ("quadlog", "simulate", COURSE)
+
+    def run(self, curve: str, seed: int) -> Path:
+        """Where a walk goes: the curve's folder, and one below it for each seed where there are several."""
+        folder = self.output / COURSE / curve
+        return folder if len(self.seeds) == 1 else folder / f"seed-{seed:03d}"
+
+
+def trot_32s(request: TrotRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
+    """Walk with both curves for each seed; a fall is a result. Returns the walks curve by curve, these as controllers.
+
+    Raises AlreadyExists, and InvalidConfigValue for a curve out of reach, before anything is written.
+    """
+    if not request.force:
+        for curve in CURVES:
+            for seed in request.seeds:
+                _refuse_existing(request.run(curve, seed))
+    startup_s = _warm_up(request, progress)
+    progress.begin("simulate", len(request.seeds))
+    workers = min(jobs or cores(), len(request.seeds))
+    pairs = _in_processes(request, workers, progress) if workers > 1 else _one_by_one(request, startup_s, progress)
+    runs = [run for curve in range(len(CURVES)) for run in (pair[curve] for pair in pairs)]
+    _summarise(runs, progress)
+    return runs
+
+
+def _refuse_existing(run: Path) -> None:
+    if run.is_dir() and not all(is_part(entry.name) for entry in run.iterdir()):
+        raise AlreadyExists(run)
+
+
+def _warm_up(request: TrotRequest, progress: Progress) -> float:
+    """Load and compile, here once for all workers, by what joints are sent to; returns the seconds it took."""
+    started = time.perf_counter()
+    with compiled_elsewhere(None, progress.say):
+        plan_trot(request.config.simulation, "3d-curve", request.seeds[0])
+    return time.perf_counter() - started
+
+
+def _one_by_one(request: TrotRequest, startup_s: float, progress: Progress) -> list[list[SimulatedRun]]:
+    pairs = []
+    for seed in request.seeds:
+        pairs.append(_walk_pair(request, seed, startup_s, progress))
+        progress.advance()
+    return pairs
+
+
+def _walk_pair(request: TrotRequest, seed: int, startup_s: float, progress: Progress) -> list[SimulatedRun]:
+    """Both curves of a seed, simulated before anything is written."""
+    walks = {curve: trot_once(request.config.simulation, curve, seed) for curve in CURVES}
+    return [_save(request, curve, seed, walk, startup_s, progress) for curve, walk in walks.items()]
+
+
+def _save(
+    request: TrotRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
+) -> SimulatedRun:
+    folder = RunFolder.create(request.run(curve, seed), request.force)
+    description = TrotDescription(curve, request.config, seed, request.command, startup_s)
+    metrics = fill_trot_folder(folder, description, walk, progress.say)
+    ended = verdict(walk)
+    progress.say(f"{folder.path}: {ended or 'done'}")
+    return SimulatedRun(folder.path, COURSE, curve, seed, ended, metrics)
+
+
+def _in_processes(request: TrotRequest, workers: int, progress: Progress) -> list[list[SimulatedRun]]:
+    """The same, a seed at a time on each worker. The first error is raised once all others are done."""
+    pairs: dict[int, list[SimulatedRun]] = {}
+    failures: dict[int, str] = {}
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        try:
+            futures = {pool.submit(_survive, request, seed): seed for seed in request.seeds}
+            for future in as_completed(futures):
+                seed = futures[future]
+                pair, failure, lines = future.result()
+                for line in lines:
+                    progress.say(line)
+                if pair:
+                    pairs[seed] = pair
+                else:
+                    failures[seed] = failure
+                progress.advance()
+        except BrokenProcessPool:
+            raise QuadlogError("a worker process was killed (out of memory?); fewer --jobs need less") from None
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
+    if failures:
+        raise QuadlogError(failures[min(failures)])
+    return [pairs[seed] for seed in request.seeds]
+
+
+def _survive(request: TrotRequest, seed: int) -> tuple[list[SimulatedRun], str, tuple[str, ...]]:
+    """Both walks of a seed in a process of its own, or why there are none; and what it had to say."""
+    kept = Kept()
+    try:
+        pair, failure = _walk_pair(request, seed, 0.0, kept), ""
+    except QuadlogError as error:
+        pair, failure = [], str(error)
+    return pair, failure, tuple(kept.lines)
+
+
+def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:
+    """summary.parquet and report.html of the folders that hold the runs."""
+    outcomes: dict[Path, list[ReplayOutcome]] = {}
+    for each in runs:
+        outcome = ReplayOutcome(Path(COURSE), each.run, ExitCode.DONE, each.ended, each.metrics)
+        outcomes.setdefault(each.run.parent, []).append(outcome)
+    for folder, mine in outcomes.items():
+        summarise({folder}, mine, progress)

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadlog.config_file import load_config
+from quadlog.errors import AlreadyExists, InvalidConfigValue
+from quadlog.pipelines.progress import Kept, Silent
+from quadlog.pipelines.simulate import SimulatedRun
+from quadlog.pipelines.simulation import trot_folder
+from quadlog.pipelines.trot_32s import TrotRequest, trot_32s
+from quadlog.results.report import write_report
+from quadlog.results.run_folder import read_metrics, read_run_json
+from quadlog.results.tables import read_table
+from quadlog.simulation import trot_walk
+
+
+def _request(output: Path, *keys: str, **options) -> TrotRequest:
+    config = load_config(None, ["results.frames=0", *(f"simulation.trot.{key}" for key in keys)], {})
+    return TrotRequest(config, output=output, **options)
+
+
+@pytest.fixture
+def short(monkeypatch) -> None:
+    """Three steps, and no plots, which take longer than these."""
+    monkeypatch.setattr(trot_walk, "TROT_S", 3.0)
+    monkeypatch.setattr(trot_folder, "write_plots", lambda *_: {})
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory) -> list[SimulatedRun]:
+    return trot_32s(_request(tmp_path_factory.mktemp("runs"), "payload_kg=1.2"), 1, Silent())
+
+
+def test_there_is_a_run_for_each_curve(walked):
+    assert [each.run.parts[-2:] for each in walked] == [("trot-32s", "baseline"), ("trot-32s", "3d-curve")]
+    for each in walked:
+        names = {entry.name for entry in each.run.iterdir()}
+        assert {"run.json", "config.toml", "metrics.json", "control.parquet", "report.html", "plots"} <= names
+        assert {"displacement.png", "euler_angles.png", "torques.png"} <= {
+            entry.name for entry in (each.run / "plots").iterdir()
+        }
+        metrics = read_metrics(each.run)
+        assert {"lateral_drift_m", "yaw_rate_degps", "forward_m", "roll_range_deg", "fallen"} <= set(metrics)
+        record = read_run_json(each.run)
+        assert record["options"] == {"course": "trot-32s", "controller": each.run.name, "seed": 0}
+        assert record["config"]["simulation"]["trot"]["payload_kg"] == 1.2
+        assert record["recorded_s"] == 32.0
+
+
+def test_metrics_are_those_of_the_table(walked):
+    for each in walked:
+        control = read_table(each.run, "control")
+        metrics = {name: metric["value"] for name, metric in read_metrics(each.run).items()}
+        assert metrics["lateral_drift_m"] == control["y_m"][-1] - control["y_m"][100]
+        assert metrics["forward_m"] == control["x_m"][-1] - control["x_m"][100]
+        assert metrics["roll_range_deg"] == pytest.approx(np.degrees(np.ptp(control["roll_rad"][100:])))
+        assert each.to_dict() == {
+            "run": str(each.run),
+            "course": "trot-32s",
+            "controller": each.run.name,
+            "seed": 0,
+            **metrics,
+        }
+        assert np.isnan(control["ref_x_m"]).all()
+
+
+def test_the_curve_is_the_only_difference(walked):
+    first, second = (read_run_json(each.run) for each in walked)
+    assert first["config"] == second["config"]
+    assert first["input"]["sha256"] != second["input"]["sha256"]
+    assert first["notes"][0] == "y(t) has a peak of 0.00 mm"
+    assert second["notes"][0] == "y(t) has a peak of 10.01 mm"
+    assert first["notes"][1] == second["notes"][1]
+
+
+def test_the_folder_of_both_has_a_row_for_each_and_a_page(walked):
+    folder = walked[0].run.parent
+    summary = read_table(folder, "summary")
+    assert summary["recording"].tolist() == ["3d-curve", "baseline"]
+    assert np.isfinite(summary["lateral_drift_m"]).all()
+    assert "3d-curve" in (folder / "report.html").read_text()
+
+
+def test_the_page_can_be_made_again(walked):
+    page = (walked[0].run / "report.html").read_bytes()
+    assert b"trot-32s, baseline, seed 0" in page
+    assert b"Euler angles" in page
+    write_report(walked[0].run)
+    assert (walked[0].run / "report.html").read_bytes() == page
+
+
+def test_the_written_config_gives_the_same_walks(walked, tmp_path, monkeypatch):
+    monkeypatch.setattr(trot_folder, "write_plots", lambda *_: {})
+    config = load_config(walked[0].run / "config.toml", [], {})
+    for before, after in zip(walked, trot_32s(TrotRequest(config, output=tmp_path), 1, Silent()), strict=True):
+        for name in ("control.parquet", "config.toml", "trajectory.tum"):
+            assert (after.run / name).read_bytes() == (before.run / name).read_bytes(), name
+
+
+def test_many_seeds_have_folders_below_the_curves(tmp_path, short):
+    runs = trot_32s(_request(tmp_path, seeds=(4, 5)), 1, Silent())
+    assert [str(each.run.relative_to(tmp_path / "trot-32s")) for each in runs] == [
+        "baseline/seed-004",
+        "baseline/seed-005",
+        "3d-curve/seed-004",
+        "3d-curve/seed-005",
+    ]
+    for curve in ("baseline", "3d-curve"):
+        summary = read_table(tmp_path / "trot-32s" / curve, "summary")
+        assert summary["recording"].tolist() == ["seed-004", "seed-005"]
+        assert summary["forward_m"][0] != summary["forward_m"][1]
+
+
+def test_many_processes_give_the_same_bytes(tmp_path):
+    request = _request(tmp_path / "two", seeds=(1, 2))
+    two = trot_32s(request, 2, Silent())
+    one = trot_32s(replace(request, output=tmp_path / "one"), 1, Silent())
+    for a, b in zip(one, two, strict=True):
+        assert a.run.parts[-2:] == b.run.parts[-2:]
+        for name in ("control.parquet", "trajectory.tum", "plots/euler_angles.png"):
+            assert (a.run / name).read_bytes() == (b.run / name).read_bytes(), name
+
+
+def test_nothing_is_overwritten_unless_forced(tmp_path, short):
+    request = _request(tmp_path)
+    run = trot_32s(request, 1, Silent())[1].run
+    (run / "mine.txt").touch()
+    with pytest.raises(AlreadyExists, match="--force allows it"):
+        trot_32s(request, 1, Silent())
+    trot_32s(replace(request, force=True), 1, Silent())
+    assert (run / "mine.txt").exists()
+
+
+def test_a_curve_out_of_reach_leaves_nothing_behind(tmp_path):
+    with pytest.raises(InvalidConfigValue, match="foot_curve_k"):
+        trot_32s(_request(tmp_path / "runs", "foot_curve_k=1"), 1, Silent())
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_fall_is_a_result(tmp_path, short):
+    progress = Kept()
+    runs = trot_32s(_request(tmp_path, "payload_kg=50", "payload_x_m=0.4"), 1, progress)
+    assert all(each.metrics["fallen"]["value"] == 1 for each in runs)
+    assert all(each.ended.startswith("fell after ") for each in runs)
+    assert any("fell after" in line for line in progress.lines)
+    assert read_run_json(runs[0].run)["warnings"] == [f"the robot {runs[0].ended}"]
+    assert read_table(runs[0].run.parent, "summary")["exit_code"].tolist() == [0, 0]
