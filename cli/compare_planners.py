@@ -7,10 +7,8 @@ from pathlib import Path
 
 import click
 
-PLANNERS = (
-    *("astar", "astar_paper", "ia_star", "ia_star_bounded", "ea_star", "clearance_astar"),
-    *("d_star_lite", "mt_d_star_lite", "lpa_star", "ara_star", "dijkstra"),
-)
+from quadlog.cli.completion import PlannerName, files
+
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
 
@@ -28,8 +26,8 @@ class Cell(click.ParamType):
 
 
 @click.command(name="compare-planners", short_help="Every planner on the same maps, paired and with intervals.")
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
-@click.option("--planner", "planners", multiple=True, type=click.Choice(PLANNERS), help="Repeatable. Default: all.")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, shell_complete=files("forest:"))
+@click.option("--planner", "planners", multiple=True, type=PlannerName(), help="Repeatable. Default: all.")
 @click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline and counting rule.")
 @click.option("--costs", type=click.Choice(["integer", "exact"]), help="10/14, or 1 and the root of 2 (with --scen).")
 @click.option("--ties", type=click.Choice(["larger-g", "smaller-g"]), default="larger-g", help="Among equal f.")
@@ -44,7 +42,7 @@ class Cell(click.ParamType):
 @click.option("--start-cell", type=Cell(), help="On a map in a file.")
 @click.option("--goal-cell", type=Cell(), help="On a map in a file.")
 @click.option("--episodes", type=click.IntRange(1, 100_000), default=40, help="Walks through each forest.")
-@click.option("--leader", type=click.Choice(PLANNERS), help="Walks the forests. Default: astar; preset paper: ia_star.")
+@click.option("--leader", type=PlannerName(), help="Walks the forests. Default: astar; preset paper: ia_star.")
 @click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="For recordings and ROS maps.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key of the config; repeatable.")
 @click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="On stdout.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from quadlog.cli.completion import files, planners, words
 from quadlog.errors import UsageError
 from quadlog.stages import STAGES
 
@@ -18,9 +19,11 @@ if TYPE_CHECKING:
     from quadlog.pipelines.batch import Planned
     from quadlog.pipelines.replay import ReplayOutcome
 
+CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
+
 
 @click.command(name="replay", short_help="Replay recordings through every stage, one run folder each.")
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", shell_complete=files())
 @click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("runs"), help="Where run folders go.")
@@ -28,9 +31,9 @@ if TYPE_CHECKING:
 @click.option(
     "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S."
 )
-@click.option("--preset", help="paper: the methods the papers used.")
-@click.option("--planner", help="Short for --set planner.name=NAME.")
-@click.option("--controller", help="Short for --set simulation.controller=NAME.")
+@click.option("--preset", shell_complete=words("paper"), help="paper: the methods the papers used.")
+@click.option("--planner", shell_complete=planners, help="Short for --set planner.name=NAME.")
+@click.option("--controller", shell_complete=words(*CONTROLLERS), help="Short for --set simulation.controller=NAME.")
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Recordings at a time; default: the number of cores.")
 @click.option("--resume", is_flag=True, help="Keep finished runs, complete the others.")

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.config import Config
-from quadlog.errors import ExitCode, UnknownName
+from quadlog.errors import ExitCode
 from quadlog.metrics.planner_comparison import Comparison, compare_planners
 from quadlog.metrics.planner_verdict import notes, verdict
 from quadlog.pipelines.comparison.asking import Answers, ask_everything
 from quadlog.pipelines.comparison.open_sources import open_sources
 from quadlog.pipelines.comparison.source import Source
 from quadlog.pipelines.progress import Progress
-from quadlog.planning.registry import PLANNERS, make_planner
+from quadlog.planning.registry import make_planner, planner_names, planner_plugin, planner_type
 from quadlog.planning.rules import Rules
 from quadlog.results.comparison_folder import ComparisonFiles, write_comparison
 
@@ -62,19 +62,18 @@ class CompareOptions:
 
     @property
     def walked_by(self) -> str:
-        """Whose plans are walked through forests; the paper's robot follows IA*'s. Raises UnknownName."""
+        """Whose plans are walked through forests; the paper's robot follows IA*'s. Raises as planner_type does."""
         leader = self.leader or ("ia_star" if self.preset == "paper" else "astar")
-        if leader not in PLANNERS:
-            raise UnknownName("planner", leader, PLANNERS)
+        planner_type(leader)
         return leader
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The planners to run, the baseline first. Raises UnknownName."""
-        for name in self.planners:
-            if name not in PLANNERS:
-                raise UnknownName("planner", name, PLANNERS)
-        return tuple(dict.fromkeys([self.baseline, *(self.planners or PLANNERS)]))
+        """The planners to run, the baseline first. Raises as planner_type does."""
+        names = tuple(dict.fromkeys([self.baseline, *(self.planners or planner_names())]))
+        for name in names:
+            planner_type(name)
+        return names
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +91,8 @@ def compare(
 ) -> CompareOutcome:
     """Compare planners on all sources, and write what was found to `folder`, if any.
 
-    Raises UnknownName, UsageError, AlreadyExists, CannotWrite, and what opening a source raises, before anything is
-    asked.
+    Raises what planner_type raises, UsageError, AlreadyExists, CannotWrite, and what opening a source raises, before
+    anything is asked; PluginUnusable also later.
     """
     names = options.names
     with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch, ExitStack() as stack:
@@ -116,7 +115,7 @@ def compare(
 def _compared(
     sources: Sequence[Source], names: Sequence[str], options: CompareOptions, progress: Progress
 ) -> Iterator[tuple[Source, Comparison, Answers]]:
-    incremental = [name for name in names if PLANNERS[name].incremental]
+    incremental = [name for name in names if planner_type(name).incremental]
     for number, source in enumerate(sources):
         progress.begin("compare", source.count)
         answers = ask_everything(source, names, options.rules, progress)
@@ -135,6 +134,8 @@ def rule_lines(names: Sequence[str], options: CompareOptions) -> list[str]:
     for name in names:
         groups.setdefault(str(make_planner(name, options.rules).rules), []).append(name)
     lines = [f"Rules of {', '.join(members)}: {rules}." for rules, members in groups.items()]
+    plugins = [each for name in names if (each := planner_plugin(name)) is not None]
+    lines += [f"Planner {each.name} is of {each.distribution} {each.version}." for each in plugins]
     return [f"Preset {options.preset}, counting {counted(options)} cells, seed {options.seed}.", *lines]
 
 

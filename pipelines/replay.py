@@ -10,6 +10,7 @@ from typing import Any, Literal
 from quadlog.config import Config
 from quadlog.errors import ExitCode, NotARun
 from quadlog.pipelines.progress import Progress, StageClock
+from quadlog.plugins import is_installed
 from quadlog.results.record import describe_input
 from quadlog.results.run_folder import RunFolder, read_metrics, read_run_json
 from quadlog.stages import stages_until
@@ -142,6 +143,8 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
     except NotARun:
+        return None
+    if any(not is_installed(**each) for each in record.get("plugins", [])):
         return None
     reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)

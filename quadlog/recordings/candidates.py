@@ -7,31 +7,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.messages import PointCloud
-from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part
+from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part, plugged_decoder
 from quadlog.recordings.recording import Recording
 
-CLOUD_TYPES = frozenset(
-    {
-        "sensor_msgs/msg/PointCloud2",
-        "livox_ros_driver/msg/CustomMsg",
-        "livox_ros_driver2/msg/CustomMsg",
-        "foxglove.PointCloud",
-    }
-)
-ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
-IMU_TYPES = frozenset({"sensor_msgs/msg/Imu"})
-POSE_TYPES = frozenset(
-    {
-        "geometry_msgs/msg/PoseStamped",
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        "geometry_msgs/msg/TransformStamped",
-        "foxglove.PoseInFrame",
-    }
-)
-TF_TYPES = frozenset({"tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"})
+# What messages of a type become, which is what decides the roles they can play.
+OWN_KINDS: dict[str, type[Message]] = {
+    "sensor_msgs/msg/PointCloud2": PointCloud,
+    "livox_ros_driver/msg/CustomMsg": PointCloud,
+    "livox_ros_driver2/msg/CustomMsg": PointCloud,
+    "foxglove.PointCloud": PointCloud,
+    "nav_msgs/msg/Odometry": Odometry,
+    "sensor_msgs/msg/Imu": Imu,
+    "geometry_msgs/msg/PoseStamped": Pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": Pose,
+    "geometry_msgs/msg/TransformStamped": Pose,
+    "foxglove.PoseInFrame": Pose,
+    "tf/msg/tfMessage": Transforms,
+    "tf2_msgs/msg/TFMessage": Transforms,
+    "gtec_msgs/msg/Ranging": UwbRanges,
+    "uwb_driver/msg/UwbRange": UwbRanges,
+    "sensor_msgs/msg/Range": UwbRanges,
+}
 RANGE_TYPE = "sensor_msgs/msg/Range"
-SINGLE_RANGE_TYPES = frozenset({"gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange"})
 
 TRUTH_WORDS = ("mocap", "vicon", "optitrack", "vrpn", "qualisys", "ground_truth", "groundtruth", "truth")
 TARGET_NAMES = ("goal", "target", "person", "leader", "initialpose")
@@ -57,6 +55,14 @@ NO_RETURN_M = 1e4
 SAMPLED_SCANS = 5
 FEW_POINTS = 100  # a spinning lidar gives thousands, a radar tens
 FLAT_M = 0.02
+_NEAREST_ROLE: dict[type[Message], str] = {
+    PointCloud: "lidar",
+    UwbRanges: "uwb",
+    Odometry: "odometry",
+    Imu: "imu",
+    Pose: "reference",
+    Transforms: "tf",
+}
 # The rank of what is a cloud, but hardly a lidar's.
 _POOR = 1
 
@@ -70,8 +76,18 @@ class Candidate:
     why: str
 
 
+def kind_of(type_name: str) -> type[Message] | None:
+    """What messages of a type become, None for types that nobody decodes."""
+    plugged = plugged_decoder(type_name)
+    if plugged is not None:
+        return plugged.gives
+    return UwbRanges if last_part(type_name) in LINKTRACK else OWN_KINDS.get(type_name)
+
+
 def refusal(type_name: str) -> str | None:
     """Why a type that looks like a sensor's cannot be used, or None."""
+    if plugged_decoder(type_name) is not None:
+        return None
     if last_part(type_name) in REFUSED:
         return REFUSED[last_part(type_name)]
     package, last = type_name.partition("/")[0], last_part(type_name)
@@ -85,22 +101,17 @@ def refusal(type_name: str) -> str | None:
 
 def nearest_role(type_name: str) -> str | None:
     """The role that topics of a type look fit for, usable or not."""
-    if type_name in CLOUD_TYPES or type_name.partition("/")[0] in DRIVER_PACKAGES:
-        return "lidar"
-    if is_uwb_type(type_name) or last_part(type_name) in REFUSED:
+    kind = kind_of(type_name)
+    if kind is not None:
+        return _NEAREST_ROLE[kind]
+    if last_part(type_name) in REFUSED:
         return "uwb"
-    kinds = (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES), ("reference", POSE_TYPES), ("tf", TF_TYPES))
-    return next((role for role, types in kinds if type_name in types), None)
+    return "lidar" if type_name.partition("/")[0] in DRIVER_PACKAGES else None
 
 
 def is_target_name(topic: str) -> bool:
     """Whether a pose topic's name speaks of something to go to rather than of the robot."""
     return any(word in topic.lower() for word in TARGET_NAMES)
-
-
-def is_uwb_type(type_name: str) -> bool:
-    """Whether messages of this type can carry UWB ranges."""
-    return type_name in SINGLE_RANGE_TYPES or type_name == RANGE_TYPE or last_part(type_name) in LINKTRACK
 
 
 def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[str, str]) -> list[Candidate]:
@@ -109,7 +120,7 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     for topic, name in free.items():
         if name == RANGE_TYPE and recording.ends_of(topic) is None:
             unused[topic] = "is a Range whose ends nothing tells; map them in [[uwb.range_topics]] if it is UWB"
-        elif is_uwb_type(name):
+        elif kind_of(name) is UwbRanges:
             kinds.setdefault(last_part(name), []).append(topic)
     return [
         Candidate(tuple(topics), 1, f"{len(topics)} topics of {kind}" if len(topics) > 1 else f"the only {kind}")

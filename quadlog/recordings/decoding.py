@@ -1,12 +1,14 @@
-"""Which decoder reads which message type: a new sensor is one new file and one line here."""
+"""Which decoder reads which message type: a new sensor is one new file and one line here, or a plug-in."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
+from quadlog.plugins import DECODERS, Plugin, find_plugin
 from quadlog.recordings.container import Channel
 from quadlog.recordings.decoders import (
     foxglove,
@@ -22,6 +24,7 @@ from quadlog.recordings.decoders import (
 from quadlog.recordings.decoders.livox import livox_decoder
 from quadlog.recordings.decoders.point_cloud2 import point_cloud2_decoder
 from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 from quadlog.recordings.protobuf_messages import protobuf_deserialiser
 from quadlog.recordings.ros_messages import Definitions, Plain
 
@@ -104,9 +107,28 @@ def last_part(type_name: str) -> str:
     return type_name.rpartition("/")[2]
 
 
+def decoder_plugin(type_name: str) -> Plugin | None:
+    """The plug-in that decodes a type, None where quadlog does or nobody. Raises PluginNameTaken."""
+    own = (BY_HAND, ROS, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
+    taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
+    return find_plugin(DECODERS, type_name, taken=taken)
+
+
+@lru_cache(maxsize=1024)
+def plugged_decoder(type_name: str) -> MessageDecoder | None:
+    """The decoder of a plug-in for a type, None where there is none. Raises PluginNameTaken and PluginUnusable."""
+    plugin = decoder_plugin(type_name)
+    return None if plugin is None else check_decoder(plugin, plugin.load())
+
+
 def is_decodable(channel: Channel) -> bool:
-    """Whether quadlog has a decoder for the channel's type, whatever its payloads turn out to be."""
+    """Whether there is a decoder for the channel's type, whatever its payloads turn out to be.
+
+    Raises PluginNameTaken and PluginUnusable where a plug-in would be that decoder.
+    """
     name, encoding = channel.type_name, channel.message_encoding
+    if plugged_decoder(name) is not None:
+        return True
     if encoding == "protobuf":
         return name in FOXGLOVE_PROTOBUF
     if encoding == "json":
@@ -126,6 +148,9 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Dec
     if encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
         raise DecodeError(topic, f"its message encoding {encoding[:40]!r} is not one quadlog reads ({known})")
+    plugged = plugged_decoder(name)
+    if plugged is not None:
+        return _plugged(channel, plugged, definitions or Definitions())
     if encoding == "json":
         return _single(FOXGLOVE_JSON[name](topic))
     if encoding == "protobuf":
@@ -137,6 +162,16 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Dec
         return _single(definitions.decoder(channel, ROS[name], PLAIN.get(name, ())))
     last = last_part(name)
     return definitions.decoder(channel, LINKTRACK[last], PLAIN_LINKTRACK.get(last, ()))
+
+
+def _plugged(channel: Channel, decoder: MessageDecoder, definitions: Definitions) -> Decoder:
+    """A plug-in's decoder, behind what makes messages of payloads."""
+    interpret = interpreter(decoder)
+    if channel.message_encoding == "json":
+        return _chain(partial(foxglove.json_object, topic=channel.topic), interpret, channel.topic)
+    if channel.message_encoding == "protobuf":
+        return _chain(protobuf_deserialiser(channel), interpret, channel.topic)
+    return definitions.decoder(channel, interpret)
 
 
 def _single(decode: Callable[[Payload], Message]) -> Decoder:

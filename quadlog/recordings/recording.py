@@ -21,10 +21,10 @@ ENDS_NS = 5_000_000_000
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     *,
     stamp: Stamp = "header",
-    msg_path: Sequence[Path] = (),
+    msg_path: Sequence[Path | str] = (),
     range_topics: Mapping[str, tuple[int, int]] | None = None,
     anchor_ids: Collection[int] = (),
 ) -> Recording:
@@ -39,7 +39,7 @@ def open_recording(
     return Recording(
         open_container(Path(path)),
         stamp=stamp,
-        definitions=Definitions(msg_path),
+        definitions=Definitions([Path(folder) for folder in msg_path]),
         range_topics=range_topics or {},
         anchor_ids=anchor_ids,
     )

@@ -7,16 +7,12 @@ from dataclasses import dataclass, field
 
 from quadlog.config import Topics
 from quadlog.errors import AmbiguousTopic, UnknownTopic
+from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.candidates import (
-    CLOUD_TYPES,
-    IMU_TYPES,
-    ODOMETRY_TYPES,
-    POSE_TYPES,
-    TF_TYPES,
     TRUTH_WORDS,
     Candidate,
     is_target_name,
-    is_uwb_type,
+    kind_of,
     look_at_clouds,
     nearest_role,
     refusal,
@@ -28,13 +24,14 @@ from quadlog.text import set_flag
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
 POSITION_WORDS = ("auto", "uwb", "odometry", "tf", "fixed")
-KINDS = {
-    "position": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
-    "lidar": (CLOUD_TYPES, "a point cloud"),
-    "odometry": (ODOMETRY_TYPES | POSE_TYPES, "odometry"),
-    "imu": (IMU_TYPES, "an IMU"),
-    "reference": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
-    "target": (POSE_TYPES | ODOMETRY_TYPES, "a pose"),
+KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
+    "position": ((Pose, Odometry), "a pose"),
+    "lidar": ((PointCloud,), "a point cloud"),
+    "uwb": ((UwbRanges,), "UWB ranges"),
+    "odometry": ((Pose, Odometry), "odometry"),
+    "imu": ((Imu,), "an IMU"),
+    "reference": ((Pose, Odometry), "a pose"),
+    "target": ((Pose, Odometry), "a pose"),
 }
 
 
@@ -113,7 +110,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     free = {topic: name for topic, name in usable.items() if topic not in taken}
 
     if "lidar" not in found:
-        clouds = [topic for topic, name in free.items() if name in CLOUD_TYPES]
+        clouds = [topic for topic, name in free.items() if kind_of(name) is PointCloud]
         _settle("lidar", look_at_clouds(recording, clouds), found, ambiguous, unused)
     if "uwb" not in found:
         families = uwb_candidates(recording, free, unused)
@@ -121,17 +118,17 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             found["uwb"] = Role("uwb", families[0].topics, families[0].why)
         elif families:
             ambiguous["uwb"] = tuple(family.topics for family in families)
-    for role, types in (("odometry", ODOMETRY_TYPES), ("imu", IMU_TYPES)):
+    for role, kind in (("odometry", Odometry), ("imu", Imu)):
         if role not in found:
-            _settle(role, _by_type(role, types, free), found, ambiguous, unused)
+            _settle(role, _by_kind(role, kind, free), found, ambiguous, unused)
     if "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
-        _settle("reference", _by_type("reference", POSE_TYPES, free | sources), found, ambiguous, unused)
+        _settle("reference", _by_kind("reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
-    transforms = tuple(topic for topic, name in usable.items() if name in TF_TYPES)
+    transforms = tuple(topic for topic, name in usable.items() if kind_of(name) is Transforms)
     if transforms:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
-    targets = tuple(topic for topic, name in free.items() if name in POSE_TYPES and is_target_name(topic))
+    targets = tuple(topic for topic, name in free.items() if kind_of(name) is Pose and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
 
@@ -203,8 +200,7 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
     if len(types) > 1:
         raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(types)})")
     if not _fits(role, types[0]):
-        kind = KINDS[role][1] if role in KINDS else "UWB ranges"
-        raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {kind}")
+        raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 
 
 def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
@@ -214,18 +210,20 @@ def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
 
 
 def _fits(role: str, type_name: str) -> bool:
-    return is_uwb_type(type_name) if role == "uwb" else type_name in KINDS[role][0]
+    return kind_of(type_name) in KINDS[role][0]
 
 
-def _by_type(role: str, types: Collection[str], free: Mapping[str, str]) -> list[Candidate]:
-    """Topics of the types; a name that speaks of truth makes a reference, of whatever type, and no odometry."""
+def _by_kind(role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
+    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry."""
     candidates = []
     for topic, name in free.items():
         truth = any(word in topic.lower() for word in TRUTH_WORDS)
-        if role == "reference" and truth and name in POSE_TYPES | ODOMETRY_TYPES:
+        if role == "reference" and truth and _fits(role, name):
             candidates.append(Candidate((topic,), 2, f"{name}, and its name speaks of truth"))
         elif (
-            name in types and not (role == "odometry" and truth) and not (role == "reference" and is_target_name(topic))
+            kind_of(name) is kind
+            and not (role == "odometry" and truth)
+            and not (role == "reference" and is_target_name(topic))
         ):
             candidates.append(Candidate((topic,), 1, f"the only {name}"))
     return candidates

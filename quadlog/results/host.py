@@ -8,8 +8,9 @@ from importlib import metadata
 from typing import Any
 
 _PACKAGES = (
-    *("foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support", "mcap-ros1-support", "mcap-ros2-support"),
-    *("numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "rosbags", "scipy"),
+    *("daqp", "foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support", "mcap-ros1-support", "mcap-ros2-support"),
+    *("mujoco", "numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "quadprog", "rosbags"),
+    *("scipy",),
 )
 
 

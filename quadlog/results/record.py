@@ -14,6 +14,9 @@ from quadlog.errors import RecordingNotFound
 from quadlog.recordings.naming import recording_files
 from quadlog.results.host import describe_host, package_versions
 
+RUN_FORMAT = 1
+"""One more whenever scripts that read run folders would have to change, for a file, a column or a unit."""
+
 
 @dataclass(frozen=True, slots=True)
 class InputRecord:
@@ -55,6 +58,16 @@ class StageRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class PluginRecord:
+    """A planner or decoder of another distribution that took part: its entry point, and whose it is."""
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True)
 class RunRecord:
     """The content of `run.json`.
 
@@ -64,7 +77,8 @@ class RunRecord:
     recorded_s: length of what was replayed; topics, counts (name: number),
     losses, warnings, notes (choices that decided the result); stages; startup_s: imports and compilation, apart from
     the stages; realtime_factor: recorded_s / seconds in the stages, None when
-    there is nothing to divide. host and packages are filled in by themselves.
+    there is nothing to divide. plugins: those that took part. host and packages are filled in by themselves.
+    run_format: which files with which columns a run folder has; see `run_folder.read_run_json`.
     """
 
     quadlog_version: str
@@ -82,8 +96,10 @@ class RunRecord:
     stages: Sequence[StageRecord] = ()
     startup_s: float = 0.0
     realtime_factor: float | None = None
+    plugins: Sequence[PluginRecord] = ()
     host: Mapping[str, Any] = field(default_factory=describe_host)
     packages: Mapping[str, str] = field(default_factory=package_versions)
+    run_format: int = RUN_FORMAT
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; keys are the fields' names, and one that is None is absent."""

@@ -34,9 +34,8 @@ def one_line(capsys) -> str:
     return said
 
 
-def test_planners_and_formats_are_those_there_are():
+def test_formats_are_those_there_are():
     """They are written down again in the command, so that its help needs no numpy."""
-    assert tuple(PLANNERS) == compare_planners.PLANNERS
     assert tuple(FORMATS) == compare_planners.FORMATS
 
 

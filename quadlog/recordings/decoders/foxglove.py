@@ -43,7 +43,7 @@ def json_point_cloud_decoder(topic: str) -> Callable[[Payload], PointCloud]:
     """A decoder of JSON foxglove.PointCloud payloads (data in base64)."""
 
     def decode(payload: Payload) -> PointCloud:
-        message = _json_object(payload, topic)
+        message = json_object(payload, topic)
         try:
             fields = {str(each["name"]): (int(each["offset"]), _numeric(each["type"])) for each in message["fields"]}
             data = base64.b64decode(message["data"], validate=True)
@@ -61,7 +61,7 @@ def json_pose_decoder(topic: str) -> Callable[[Payload], Pose]:
     """A decoder of JSON foxglove.PoseInFrame payloads."""
 
     def decode(payload: Payload) -> Pose:
-        message = _json_object(payload, topic)
+        message = json_object(payload, topic)
         try:
             position, quaternion = _json_pose(message["pose"], topic)
             return Pose(_json_stamp(message), frame_name(message["frame_id"]), "", position, quaternion)
@@ -107,7 +107,8 @@ def _proto_pose(pose: Any, topic: str) -> PoseParts:
     return vector(at), unit_quaternion(turn, topic)
 
 
-def _json_object(payload: Payload, topic: str) -> dict[str, Any]:
+def json_object(payload: Payload, topic: str) -> dict[str, Any]:
+    """The object that a payload is as JSON. Raises DecodeError."""
     try:
         message = json.loads(bytes(payload))
     except (ValueError, RecursionError) as error:

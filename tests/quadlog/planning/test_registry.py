@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 import pytest
 
 from quadlog.config import Planner as PlannerSection
 from quadlog.errors import UnknownName
+from quadlog.planning.names import PLANNER_NAMES
 from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
 from quadlog.planning.rules import USUAL, Rules
 
@@ -52,9 +51,11 @@ def test_optimal_ones_do_not_take_the_heuristic_of_the_paper():
         assert make_planner(name, Rules(heuristic="manhattan")).rules == make_planner(name, USUAL).rules
 
 
-def test_config_offers_what_there_is():
-    """It lists the names itself: importing the planners would make every command wait for their compiled cores."""
-    assert get_args(PlannerSection.model_fields["name"].annotation) == tuple(PLANNERS)
+def test_names_are_those_of_the_planners():
+    """They are listed by themselves: importing the planners would make every command wait for their compiled cores."""
+    assert tuple(PLANNERS) == PLANNER_NAMES
+    for name in PLANNER_NAMES:
+        assert PlannerSection(name=name).name == name
 
 
 def test_unknown_name_lists_the_choices():

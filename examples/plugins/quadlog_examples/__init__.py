@@ -1,0 +1,1 @@
+"""A planner and a message decoder that quadlog finds by their entry points."""

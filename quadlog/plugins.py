@@ -1,0 +1,94 @@
+"""What other distributions add to quadlog: found among the entry points, and imported only when it is used.
+
+A distribution names what it adds in its pyproject.toml:
+
+    [project.entry-points."quadlog.planners"]
+    greedy = "my_package.greedy:Greedy"                 # a class: quadlog.planning.protocol.Planner
+    [project.entry-points."quadlog.decoders"]
+    "my_msgs/msg/Report" = "my_package.report:decoder"  # an object: quadlog.recordings.plugged.MessageDecoder
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+from quadlog.errors import PluginNameTaken, PluginUnusable
+
+PLANNERS = "quadlog.planners"
+DECODERS = "quadlog.decoders"
+KINDS = {PLANNERS: "planner", DECODERS: "decoder"}
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """An entry point, and the distribution that has it: one that is not imported yet."""
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+    entry_point: metadata.EntryPoint
+
+    @property
+    def kind(self) -> str:
+        """`planner` or `decoder`."""
+        return KINDS[self.group]
+
+    def load(self) -> Any:
+        """The object it names. Raises PluginUnusable where importing it fails, whatever the reason."""
+        try:
+            return self.entry_point.load()
+        except (Exception, SystemExit) as error:  # another's code: it may fail in any way
+            raise self.unusable(f"cannot be loaded: {type(error).__name__}: {error}") from error
+
+    def unusable(self, reason: str) -> PluginUnusable:
+        """The error that says why it cannot be used."""
+        return PluginUnusable(self.kind, self.name, f"{self.distribution} {self.version}", reason)
+
+
+def plugin_names(group: str) -> tuple[str, ...]:
+    """The names in a group, sorted; nothing is imported."""
+    return tuple(sorted(_installed(group)))
+
+
+def all_plugins() -> list[Plugin]:
+    """Every plug-in, by group and name; also those whose name is taken."""
+    return [each for group in KINDS for name in plugin_names(group) for each in _installed(group)[name]]
+
+
+def is_installed(group: str, name: str, distribution: str, version: str) -> bool:
+    """Whether a plug-in that took part in an earlier run would take part again."""
+    return [(each.distribution, each.version) for each in _installed(group).get(name, ())] == [(distribution, version)]
+
+
+def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
+    """The plug-in of a name, None where there is none. taken: whether quadlog has that name itself.
+
+    Raises PluginNameTaken where quadlog or another distribution has the name as well: which is meant, nobody can tell.
+    """
+    found = _installed(group).get(name, ())
+    if not found:
+        return None
+    owners = [f"{each.distribution} {each.version}" for each in found]
+    if taken or len(found) > 1:
+        raise PluginNameTaken(KINDS[group], name, ["quadlog", *owners] if taken else owners)
+    return found[0]
+
+
+@cache
+def _installed(group: str) -> dict[str, tuple[Plugin, ...]]:
+    """Name -> the plug-ins of that name; more than one where distributions collide."""
+    found: dict[str, tuple[Plugin, ...]] = {}
+    for each in metadata.entry_points(group=group):
+        found[each.name] = (*found.get(each.name, ()), Plugin(group, each.name, *_owner(each), each))
+    return found
+
+
+def _owner(entry_point: metadata.EntryPoint) -> tuple[str, str]:
+    """Name and version of the distribution, as far as its metadata tell: some installers leave none."""
+    about: Any = entry_point.dist.metadata if entry_point.dist else None
+    told = {} if about is None else {"name": about.get("Name"), "version": about.get("Version")}
+    return told.get("name") or "an unnamed distribution", told.get("version") or "?"

@@ -1,0 +1,116 @@
+"""Decoders of plug-ins: what they are asked, and what their answers have to be before anything builds on them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from quadlog.errors import DecodeError
+from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.plugins import Plugin
+from quadlog.recordings.decoders.pose import normalised
+
+Interpret = Callable[[Any, str], tuple[Message, ...]]
+
+# Field -> what it holds and its shape; letters stand for a length that is the same in all fields.
+_ARRAYS: dict[type, dict[str, tuple[DTypeLike, tuple[int | str, ...]]]] = {
+    PointCloud: {"xyz_m": (np.float32, ("n", 3)), "ring": (np.uint16, ("n",)), "offset_ns": (np.int64, ("n",))},
+    UwbRanges: {
+        "anchor": (np.int64, ("k",)),
+        "range_m": (np.float64, ("k",)),
+        "first_path_gap_db": (np.float64, ("k",)),
+    },
+    Pose: {"position_m": (np.float64, (3,)), "quat_xyzw": (np.float64, (4,))},
+    Odometry: {
+        "position_m": (np.float64, (3,)),
+        "quat_xyzw": (np.float64, (4,)),
+        "linear_mps": (np.float64, (3,)),
+        "angular_radps": (np.float64, (3,)),
+    },
+    Imu: {"quat_xyzw": (np.float64, (4,)), "angular_radps": (np.float64, (3,)), "linear_mps2": (np.float64, (3,))},
+    Transforms: {},
+}
+_MAY_BE_NONE = {
+    (PointCloud, "ring"),
+    (PointCloud, "offset_ns"),
+    (UwbRanges, "first_path_gap_db"),
+    (Imu, "quat_xyzw"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDecoder:
+    """What an entry point of the group `quadlog.decoders` names; the entry point's own name is the message type.
+
+    gives: one of the classes of `quadlog.messages`; it decides which roles a topic of the type can play.
+    decode: called with a message and its topic. The message is what the recording's definition makes of a payload:
+    an object with the fields of a ROS message (arrays of numbers are numpy's) or of a protobuf one, or the dict of a
+    JSON one. Gives none, one or several of `gives`; whatever it raises counts as a message that could not be decoded.
+    """
+
+    gives: type[Message]
+    decode: Callable[[Any, str], Iterable[Message]]
+
+
+def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
+    """What an entry point names, as the decoder it has to be. Raises PluginUnusable, which says what is wrong."""
+    if not isinstance(found, MessageDecoder):
+        raise plugin.unusable(f"is no MessageDecoder but {type(found).__name__}")
+    if found.gives not in _ARRAYS:
+        known = ", ".join(each.__name__ for each in _ARRAYS)
+        raise plugin.unusable(f"gives {getattr(found.gives, '__name__', found.gives)}, which is none of {known}")
+    return found
+
+
+def interpreter(decoder: MessageDecoder) -> Interpret:
+    """Its decode, with arrays of the types that quadlog computes with. Raises DecodeError for whatever goes wrong."""
+
+    def interpret(message: Any, topic: str) -> tuple[Message, ...]:
+        try:
+            return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
+        except DecodeError:
+            raise
+        except Exception as error:  # another's code on a stranger's message
+            raise DecodeError(topic, f"its plug-in failed: {type(error).__name__}: {error}") from error
+
+    return interpret
+
+
+def _sound(message: Any, gives: type[Message], topic: str) -> Message:
+    """The message as quadlog's own decoders give it. Raises DecodeError, or what a field of another kind raises."""
+    if not isinstance(message, gives):
+        raise DecodeError(topic, f"its plug-in gave {type(message).__name__} instead of {gives.__name__}")
+    sound: dict[str, Any] = {
+        name: None if (value := getattr(message, name)) is None else operator.index(value)
+        for name in ("stamp_ns", "tag")
+        if hasattr(message, name)
+    }
+    for name in ("frame_id", "child_frame_id"):
+        if not isinstance(getattr(message, name, ""), str):
+            raise DecodeError(topic, f"its plug-in gave a {name} that is no text")
+    if isinstance(message, Transforms):
+        sound["transforms"] = tuple(_sound(each, Pose, topic) for each in message.transforms)
+    sound |= _sound_arrays(message, gives, topic)
+    return replace(message, **sound)
+
+
+def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, Float]:
+    """Its arrays by name, of the right type and shape, and rotations of unit length. Raises DecodeError, ValueError."""
+    lengths: dict[str, int] = {}
+    arrays = {}
+    for name, (kind, shape) in _ARRAYS[gives].items():
+        value = getattr(message, name)
+        if value is None and (gives, name) in _MAY_BE_NONE:
+            continue
+        array = np.asarray(value, dtype=kind)
+        length = len(array) if array.ndim else 0
+        wanted = tuple(lengths.setdefault(each, length) if isinstance(each, str) else each for each in shape)
+        if array.shape != wanted:
+            raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {wanted}")
+        arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
+    return arrays

@@ -1,0 +1,168 @@
+"""A checked planner says nothing of sound plans, and names what is wrong with others."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.errors import PluginUnusable, UnknownName
+from quadlog.planning.checked import CheckedPlanner
+from quadlog.planning.protocol import Plan
+from quadlog.planning.registry import PLANNERS, make_planner, planner_names, planner_type
+from quadlog.planning.rules import USUAL, Rules
+from quadlog.plugins import PLANNERS as GROUP
+from quadlog.plugins import Plugin
+
+PLUGIN = Plugin(GROUP, "odd", "quadlog-odd", "1.0", None)  # type: ignore[arg-type]
+FREE = np.zeros((6, 8), dtype=bool)
+
+
+def answering(answer, rules: Rules = USUAL) -> CheckedPlanner:
+    """A checked planner whose every plan is that of A*, as the function makes it."""
+
+    class Odd:
+        name, incremental = "odd", False
+
+        def __init__(self, rules):
+            self.rules = rules
+
+        def plan(self, blocked, start, goal, shift=(0, 0)):
+            return answer(make_planner("astar", self.rules).plan(blocked, start, goal))
+
+        def reset(self):
+            pass
+
+    return CheckedPlanner(PLUGIN, Odd, rules)  # type: ignore[arg-type]
+
+
+def fault_of(answer, blocked=FREE, start=(0, 0), goal=(7, 5), rules: Rules = USUAL) -> str:
+    with pytest.raises(PluginUnusable) as raised:
+        answering(answer, rules).plan(blocked, start, goal)
+    said = str(raised.value)
+    assert said.startswith("planner odd of quadlog-odd 1.0: ")
+    return said.removeprefix("planner odd of quadlog-odd 1.0: ")
+
+
+@pytest.mark.parametrize("name", sorted(PLANNERS))
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    density=st.floats(0, 0.6),
+    costs=st.sampled_from(["integer", "exact"]),
+    corner_cutting=st.booleans(),
+)
+def test_quadlogs_own_plans_pass_unchanged(name, seed, density, costs, corner_cutting):
+    rng = np.random.default_rng(seed)
+    blocked = rng.random((7, 9)) < density
+    start, goal = (tuple(rng.integers((9, 7)).tolist()) for _ in range(2))
+    rules = Rules(costs=costs, corner_cutting=corner_cutting)
+    checked = CheckedPlanner(PLUGIN, PLANNERS[name], rules)
+    ours, theirs = make_planner(name, rules).plan(blocked, start, goal), checked.plan(blocked, start, goal)
+    assert theirs.cells.dtype == np.int32
+    np.testing.assert_array_equal(theirs.cells, ours.cells)
+    assert theirs._replace(cells=ours.cells) == ours
+    checked.reset()
+
+
+def test_its_own_rules_are_what_it_is_held_to():
+    """A planner that is defined by one of the rules keeps it."""
+    assert CheckedPlanner(PLUGIN, PLANNERS["dijkstra"], USUAL).rules.heuristic == "zero"
+
+
+def test_cells_of_any_integers_become_int32():
+    plan = answering(lambda plan: plan._replace(cells=plan.cells.astype(np.int64).tolist())).plan(FREE, (0, 0), (7, 5))
+    assert plan.cells.dtype == np.int32
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (lambda plan: None, "gives no Plan"),
+        (lambda plan: (True, plan.cells, 1), "gives no Plan"),
+        (lambda plan: plan._replace(cells=None), "gives no Plan"),
+        (lambda plan: plan._replace(cells=plan.cells.astype(float)), "gives no Plan: its cells are float64 (8, 2)"),
+        (lambda plan: plan._replace(cells=plan.cells.ravel()), "gives no Plan: its cells are int32 (16,)"),
+        (lambda plan: plan._replace(cells=[["a", "b"]]), "gives no Plan"),
+        (lambda plan: plan._replace(cost="dear"), "gives no Plan"),
+        (lambda plan: plan._replace(expanded=1.5), "gives no Plan"),
+        (lambda plan: plan._replace(touched=-1), "gives no Plan: a count is negative"),
+        (lambda plan: plan._replace(cells=plan.cells[:0]), "does not lead from start to goal"),
+        (lambda plan: plan._replace(cells=plan.cells[::-1]), "does not lead from start to goal"),
+        (lambda plan: plan._replace(cells=plan.cells[:-1]), "does not lead from start to goal"),
+        (lambda plan: plan._replace(cells=plan.cells[1:]), "does not lead from start to goal"),
+        (lambda plan: plan._replace(cells=plan.cells[[0, -1]]), "steps that are not to a neighbour"),
+        (lambda plan: plan._replace(cells=np.repeat(plan.cells, 2, axis=0)), "steps that are not to a neighbour"),
+        (lambda plan: plan._replace(cost=plan.cost + 1), "its cost is 91, its steps cost 90"),
+        (lambda plan: plan._replace(cost=math.nan), "its cost is nan, its steps cost 90"),
+    ],
+)
+def test_what_is_wrong_with_a_plan_is_said(answer, said):
+    assert said in fault_of(answer)
+
+
+def test_a_path_through_an_obstacle_or_out_of_the_window_is_refused():
+    wall = FREE.copy()
+    wall[:, 3] = True
+    through = [(col, 0) for col in range(8)]
+    plan = Plan(True, np.array(through), 70, 8, 8, 8, True, 0)
+    assert "leaves the free cells" in fault_of(lambda _: plan, blocked=wall, goal=(7, 0))
+    outside = [(0, 0), (0, -1), (1, -1), (1, 0)]
+    plan = Plan(True, np.array(outside), 30, 4, 4, 4, True, 0)
+    assert "leaves the free cells" in fault_of(lambda _: plan, goal=(1, 0))
+
+
+@pytest.mark.parametrize("blocked_cell", [(0, 1), (1, 0)])
+def test_a_cut_corner_is_refused_unless_the_rules_allow_it(blocked_cell):
+    blocked = np.zeros((2, 2), dtype=bool)
+    blocked[blocked_cell] = True
+    plan = Plan(True, np.array([(0, 0), (1, 1)]), 14, 2, 2, 2, True, 0)
+    assert "cuts a corner" in fault_of(lambda _: plan, blocked=blocked, goal=(1, 1))
+    cutting = answering(lambda _: plan, Rules(corner_cutting=True))
+    assert cutting.plan(blocked, (0, 0), (1, 1)).cost == 14
+
+
+def test_an_exception_is_one_line_that_keeps_its_cause():
+    def fail(_):
+        raise KeyError("no\nsuch cell")
+
+    with pytest.raises(PluginUnusable, match=r"could not plan: KeyError: 'no\\nsuch cell'") as raised:
+        answering(fail).plan(FREE, (0, 0), (1, 1))
+    assert isinstance(raised.value.__cause__, KeyError)
+
+
+GOOD = """
+from quadlog.planning.astar import AStar
+class Mine(AStar):
+    name = "mine"
+"""
+
+
+def test_a_plugins_planner_is_made_by_name(install):
+    install("quadlog-mine", "1.0", {GROUP: {"mine": "mine:Mine"}}, {"mine": GOOD})
+    assert planner_names() == (*PLANNERS, "mine")
+    assert make_planner("mine", Rules(corner_cutting=True)).rules.corner_cutting
+    assert make_planner("mine").plan(FREE, (0, 0), (7, 5)).cost == 90
+    assert planner_type("mine").incremental is False
+    with pytest.raises(UnknownName, match="ia_star_bounded, lpa_star, mine, mt_d_star_lite"):
+        make_planner("nobody")
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("Mine = 5", "is no class but int"),
+        ("class Mine: pass", "it lacks name (str), incremental (bool), plan(), reset()"),
+        (GOOD.replace('"mine"', '"yours"'), "calls itself 'yours'; name and entry point must agree"),
+        (GOOD + "    def __init__(self, rules): 1 / 0", "could not be made: ZeroDivisionError"),
+        (GOOD + "    def __init__(self, rules): self.rules = 'mine'", "its rules are no Rules"),
+    ],
+)
+def test_what_is_no_planner_is_said(install, source, said):
+    install("quadlog-mine", "1.0", {GROUP: {"mine": "mine:Mine"}}, {"mine": source})
+    with pytest.raises(PluginUnusable) as raised:
+        make_planner("mine")
+    assert said in str(raised.value)
