@@ -8,11 +8,14 @@ import sys
 
 import click
 
+from quadlog.cli.versions import print_versions
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.text import printable
-from quadlog.version import __version__
 
-COMMANDS = ("info", "init", "replay", "compare-planners", "simulate", "report", "export", "synthesize", "tables")
+COMMANDS = (
+    *("info", "init", "replay", "compare-planners", "simulate"),
+    *("metrics", "report", "export", "diff", "check", "synthesize", "tables"),
+)
 
 
 class LazyGroup(click.Group):
@@ -34,7 +37,14 @@ class LazyGroup(click.Group):
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
-@click.version_option(__version__, prog_name="quadlog")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=print_versions,
+    help="Show the versions of quadlog, of what it builds on and of its plug-ins.",
+)
 def cli() -> None:
     """Replay what a quadruped logged through every algorithm worth comparing.
 
@@ -62,7 +72,8 @@ def run(arguments: list[str]) -> int:
         click.echo(f"quadlog: {printable(error)}", err=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
-        click.echo("quadlog: interrupted; nothing half-written was left, and a replay goes on with --resume", err=True)
+        goes_on = ", and --resume goes on" if arguments[:1] == ["replay"] else ""
+        click.echo(f"quadlog: interrupted; nothing half-written was left{goes_on}", err=True)
         return ExitCode.FAILED
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.

@@ -1,106 +1,161 @@
-"""Every metric of a run, from its saved tables."""
+"""`quadlog metrics`: what is known of the metrics of saved runs, from their files alone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
+from quadlog.errors import ExitCode, NotARun, QuadlogError
+from quadlog.metrics.bounds import Condition
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.measured import Measured, MeasuredRun
+from quadlog.metrics.spread import Spread, spread
+from quadlog.metrics.summary import Samples, Summary, summarise
+from quadlog.pipelines.reference import REFERENCE_METRICS, Reference, compare_with_reference
+from quadlog.pipelines.saved_samples import read_samples
+from quadlog.results.find_runs import find_runs, run_labels
+from quadlog.results.run_folder import read_run_json, read_sound_metrics
 
-from quadlog.config import Config
-from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import Float, PoseSeries
-from quadlog.metrics.effort import effort_metrics
-from quadlog.metrics.metric import Metrics
-from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
-from quadlog.metrics.search import Replans, search_metrics
-from quadlog.metrics.tracking import TrackedWalk, tracking_metrics
-from quadlog.pipelines.stages.uwb import lever_of
-from quadlog.pipelines.stages.walk import WalkedBody
-from quadlog.pipelines.tag_truth import tag_truth
-from quadlog.planning.registry import PLANNERS
-from quadlog.results.tables import has_table, read_table
-from quadlog.results.tum import read_tum
+_SAME = 1e-9  # relative: what adding up in another order may differ by
+_TOLD = 3
 
 
-def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_frame: bool) -> Metrics:
-    """UWB residuals; with reference.tum also the fixes' and the poses' error against it.
+@dataclass(frozen=True, slots=True)
+class MetricsOutcome:
+    """The runs that could be read; spreads: of each metric over them, in their order.
 
-    The reference is a pose of base; a fix is compared with where the tag, at
-    its place in base, must have been. Poses that are not in the reference's
-    frame have no ate_rmse_m: where they start would be most of it.
+    said: lines on how they were read; problems: a line for everything that could not be; failing: a line for every
+    condition that holds on a run, or cannot be told.
     """
-    reference = _read_reference(run)
-    metrics: Metrics = {}
-    if robot_tag is not None and has_table(run, "fixes"):
-        fixes = read_table(run, "fixes")
-        own = fixes["tag"] == robot_tag
-        error_m = None
-        if reference is not None:
-            truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
-            error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
-        metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
-    if reference is not None and has_table(run, "poses"):
-        poses = read_table(run, "poses")
-        if len(poses["t_ns"]) and poses["source"][0] != "fixed":
-            position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
-            estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
-            metrics |= trajectory_metrics(_trajectory(reference), estimate)
-            if not same_frame:
-                metrics.pop("ate_rmse_m", None)
-    return metrics
+
+    runs: list[MeasuredRun]
+    spreads: dict[str, Spread]
+    said: list[str]
+    problems: list[str]
+    failing: list[str]
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """CHECK_FAILED before WITH_LOSS before DONE."""
+        if self.failing:
+            return ExitCode.CHECK_FAILED
+        return ExitCode.WITH_LOSS if self.problems else ExitCode.DONE
 
 
-def planning_metrics(run: Path, astar_expanded: Sequence[int]) -> Metrics:
-    """Cells, success and excess cost of the logged walk's replans."""
-    if not has_table(run, "plans"):
-        return {}
-    plans = read_table(run, "plans")
-    if len(plans["t_ns"]) == 0:
-        return {}
-    replans = Replans(
-        found=plans["found"],
-        expanded=plans["expanded"],
-        generated=plans["generated"],
-        cost=plans["cost"],
-        optimal_cost=plans["optimal_cost"],
-        from_scratch=plans["from_scratch"],
-        astar_expanded=np.array(astar_expanded, dtype=np.int64) if len(astar_expanded) else None,
-    )
-    return search_metrics(replans, incremental=PLANNERS[str(plans["planner"][0])].incremental)
+def measure_runs(
+    paths: Sequence[Path], reference: Reference | None, conditions: Sequence[Condition], in_detail: bool | None = None
+) -> MetricsOutcome:
+    """Every metric of every run among the paths (see `find_runs`), in their order.
+
+    in_detail: whether the samples behind the values are read too; None for a run that is alone.
+    A condition on a metric that a run does not have, or on a run that cannot be read, counts as failing: a check that
+    could not be made has not been passed.
+
+    Raises NotARun for a path without a run, and what is wrong with the runs when not one of them can be read.
+    """
+    found = find_runs(paths)
+    detail = len(found) == 1 if in_detail is None else in_detail
+    runs: list[MeasuredRun] = []
+    said: list[str] = []
+    problems: list[str] = []
+    failing: list[str] = []
+    for path, label in zip(found, run_labels(found), strict=True):
+        try:
+            measured, lines, damage = _measure(path, reference, detail)
+        except QuadlogError as error:
+            if len(found) == 1:
+                raise
+            problems.append(str(error))
+            failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
+            continue
+        runs.append(MeasuredRun(path, label, measured))
+        said += lines
+        problems += damage
+        failing += _failing(path, measured, conditions)
+    if not runs:
+        raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
+    return MetricsOutcome(runs, spread_of(runs), said, problems, failing)
 
 
-def control_metrics(
-    run: Path, clearance_m: Float | None, target_distance_m: Float | None, body: WalkedBody | None
-) -> Metrics:
-    """Tracking error, clearance, distance kept and, of a robot with a body, its effort, of the re-simulated walk."""
-    if not has_table(run, "control"):
-        return {}
-    control = read_table(run, "control")
-    walk = TrackedWalk(
-        t_ns=control["t_ns"],
-        error_m=control["error_m"],
-        cross_track_m=control["cross_track_m"],
-        time_error_m=control["time_error_m"],
-        heading_error_rad=control["heading_error_rad"],
-        clearance_m=clearance_m,
-        target_distance_m=target_distance_m,
-        fallen=None if body is None else control["fallen"],
-    )
-    return tracking_metrics(walk) | ({} if body is None else _effort(body))
+def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
+    """How each metric differs over the runs that have it."""
+    spreads: dict[str, Spread] = {}
+    for name in CATALOGUE:
+        over = spread([run.metrics[name].value for run in runs if name in run.metrics], yes_or_no=name == "fallen")
+        if over is not None:
+            spreads[name] = over
+    return spreads
 
 
-def _effort(body: WalkedBody) -> Metrics:
-    return effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
+def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
+    """The metrics of one run in the contract's order, lines for people, and what is damaged."""
+    read_run_json(run)
+    metrics, problems = _saved_metrics(run)
+    said: list[str] = []
+    if detail or problems:
+        found, damage = _from_samples(run, metrics if not problems else None)
+        problems += damage + _contradictions(run, metrics, found)
+        for name, summary in found.items():
+            metrics[name] = _summarised(name, summary, metrics.get(name))
+    if reference is not None:
+        metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
+        compared = compare_with_reference(run, reference)
+        said += compared.said
+        metrics |= {name: _summarised(name, each, None) for name, each in _summaries(compared.samples).items()}
+    return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
 
 
-def _read_reference(run: Path) -> PoseSeries | None:
-    path = run / "reference.tum"
-    return read_tum(path) if path.is_file() else None
+def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
+    """metrics.json as far as it can be read, and a line when it cannot."""
+    try:
+        sound, damaged = read_sound_metrics(run)
+    except NotARun as error:
+        return {}, [f"{error}; shown is what the tables give"]
+    metrics = {
+        name: Measured(float(each["value"]), int(each.get("n", 0)), str(each.get("unit", "")))
+        for name, each in sound.items()
+        if name in CATALOGUE
+    }
+    problems = [f"{run / 'metrics.json'}: is damaged: {', '.join(damaged[:5])} without a value"] if damaged else []
+    return metrics, problems
 
 
-def _trajectory(poses: PoseSeries) -> Trajectory:
-    """A reference in the plane, as the robot's poses are."""
-    position_m = poses.position_m * np.array([1.0, 1.0, 0.0])
-    return Trajectory(poses.t_ns, position_m, quat_from_yaw(yaw_from_quat(poses.quat_xyzw)))
+def _from_samples(run: Path, metrics: Mapping[str, Measured] | None) -> tuple[dict[str, Summary], list[str]]:
+    samples, problems = read_samples(run, metrics)
+    return _summaries(samples), problems
+
+
+def _summaries(samples: Mapping[str, Samples]) -> dict[str, Summary]:
+    found = {name: summarise(each) for name, each in samples.items()}
+    return {name: each for name, each in found.items() if each is not None and each.value == each.value}
+
+
+def _contradictions(run: Path, metrics: Mapping[str, Measured], found: Mapping[str, Summary]) -> list[str]:
+    """A line when metrics.json holds values that the run's own tables do not give."""
+    both = [(name, metrics[name].value, summary.value) for name, summary in found.items() if name in metrics]
+    differ = [
+        f"{name} {saved:.9g} there, {again:.9g} by its tables"
+        for name, saved, again in both
+        if abs(saved - again) > _SAME * max(abs(saved), abs(again))
+    ]
+    more = f" and {len(differ) - _TOLD} more" if len(differ) > _TOLD else ""
+    words = f"{run / 'metrics.json'}: is not of this run's tables: {', '.join(differ[:_TOLD])}{more}"
+    return [words] if differ else []
+
+
+def _summarised(name: str, summary: Summary, saved: Measured | None) -> Measured:
+    if saved is not None:
+        return Measured(saved.value, saved.n, saved.unit, summary)
+    return Measured(summary.value, summary.n, CATALOGUE[name].unit, summary)
+
+
+def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Condition]) -> list[str]:
+    lines = []
+    for each in conditions:
+        measured = metrics.get(each.name)
+        if measured is None:
+            lines.append(f"{run}: {each}: cannot be told, the run has no {each.name}")
+        elif each.holds(measured.value):
+            lines.append(f"{run}: {each} holds: {measured.value:.9g} {measured.unit}".rstrip())
+    return lines

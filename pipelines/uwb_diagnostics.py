@@ -9,8 +9,9 @@ import numpy as np
 from quadlog.config import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
-from quadlog.pipelines.stages.uwb import anchors_of, roles_of, settings_of, tags_of
+from quadlog.pipelines.stages.uwb import anchors_of, settings_of, tags_of
 from quadlog.pipelines.stages.uwb_words import located_warnings
+from quadlog.pipelines.tag_roles import roles_of
 from quadlog.pipelines.tag_truth import levers_on_robot
 from quadlog.pipelines.uwb_quality import PositionErrors, TagErrors, dilution_of, errors_of_tags
 from quadlog.positioning.dilution import ellipse_95

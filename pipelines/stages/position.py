@@ -13,8 +13,9 @@ from quadlog.messages import Float, Int, PoseSeries
 from quadlog.metrics.frame_offset import find_frame_offset, frame_offset_words
 from quadlog.pipelines.stages.heading import find_heading
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
-from quadlog.pipelines.stages.uwb import UwbPositions, lever_of, locate_tags, write_uwb
+from quadlog.pipelines.stages.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.tag_roles import lever_of
 from quadlog.pipelines.tag_truth import tag_truth
 from quadlog.positioning.lever_arm import base_covariance, tag_to_base
 from quadlog.results.schemas import TABLES

@@ -6,12 +6,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.pipelines.metrics import control_metrics, planning_metrics, positioning_metrics
-from quadlog.pipelines.stages.uwb import roles_of
+from quadlog.pipelines.stages.measure import control_metrics, planning_metrics, positioning_metrics
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.tag_roles import roles_of
+from quadlog.planning.registry import planner_plugin
+from quadlog.recordings.decoding import decoder_plugin
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.layout import write_layout
-from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.report import write_page, write_plots
 from quadlog.stages import STAGES, stages_until
 from quadlog.version import __version__
@@ -30,7 +32,7 @@ def finish_walk(walk: Walk, request: ReplayRequest, startup_s: float) -> dict[st
         metrics = _metrics(walk)
         walk.run.write_metrics(_plain(metrics))
         if walk.robot is not None:
-            write_derived(run)
+            write_derived(run, record=_record(walk, request, startup_s))
             write_layout(run)
         pictures = write_plots(run, _record(walk, request, startup_s))
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
@@ -102,7 +104,18 @@ def _record(walk: Walk, request: ReplayRequest, startup_s: float) -> RunRecord:
         stages=[StageRecord(name, clock.seconds[name], clock.peak_memory_mb[name]) for name in ran],
         startup_s=startup_s,
         realtime_factor=_realtime_factor(walk, request),
+        plugins=_plugins(walk, request),
     )
+
+
+def _plugins(walk: Walk, request: ReplayRequest) -> list[PluginRecord]:
+    """The plug-ins among the decoders of the topics used and, where there was planning, the planner."""
+    used = {topic for topics in walk.used.values() for topic in topics}
+    types = sorted({each.type_name for each in walk.recording.channels if each.topic in used})
+    found = [decoder_plugin(name) for name in types]
+    if "plan" in stages_until(request.options.until):
+        found.append(planner_plugin(walk.config.planner.name))
+    return [PluginRecord(each.group, each.name, each.distribution, each.version) for each in found if each is not None]
 
 
 def _topics(walk: Walk) -> list[TopicRecord]:

@@ -14,6 +14,7 @@ from quadlog.pipelines.stages.survey import tell_survey
 from quadlog.pipelines.stages.uwb_tables import write_uwb_tables
 from quadlog.pipelines.stages.uwb_words import tell_located
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.tag_roles import roles_of
 from quadlog.positioning.body_motion import BodyMotion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.results.schemas import TABLES
@@ -83,19 +84,6 @@ def anchors_of(config: Config) -> Anchors:
         np.array([[anchor.x_m, anchor.y_m, anchor.z_m] for anchor in anchors]),
         np.array([anchor.bias_m for anchor in anchors]),
     )
-
-
-def roles_of(config: Config, tags: list[int]) -> dict[str, int]:
-    """Role -> tag id: as the table says; without one the lowest id is the robot, the next one the person."""
-    if config.uwb.tags:
-        return {tag.role: tag.id for tag in reversed(config.uwb.tags) if tag.role != "none" and tag.id in tags}
-    return dict(zip(("robot", "person"), sorted(tags), strict=False))
-
-
-def lever_of(config: Config, tag: int) -> tuple[float, float]:
-    """Where a tag sits in base, x_m and y_m; at its origin unless the table says otherwise."""
-    row = next((each for each in config.uwb.tags if each.id == tag), None)
-    return (row.x_m, row.y_m) if row is not None else (0.0, 0.0)
 
 
 def tags_of(config: Config, ranges: RangeSeries) -> dict[int, TagInfo]:

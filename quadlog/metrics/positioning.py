@@ -19,6 +19,10 @@ class Trajectory:
     position_m: Float
     quat_xyzw: Float
 
+    def rows(self, index: Int) -> Trajectory:
+        """The poses with these indices (M,)."""
+        return Trajectory(self.t_ns[index], self.position_m[index], self.quat_xyzw[index])
+
 
 def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) -> Metrics:
     """uwb_rmse_m and uwb_bias_m from error_xy_m (N, 2), fix less truth, None without a truth; and uwb_residual_m.
@@ -47,14 +51,24 @@ def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_differen
     """
     metrics: Metrics = {}
     in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s)
-    true_m, ours_m = reference.position_m[in_reference], estimate.position_m[in_estimate]
-    add_rmse(metrics, "ate_rmse_m", np.linalg.norm(ours_m - true_m, axis=1), "m")
-    if len(in_reference) > 1:
-        true_step = _steps(true_m, reference.quat_xyzw[in_reference])
-        our_step = _steps(ours_m, estimate.quat_xyzw[in_estimate])
-        # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
-        add_rmse(metrics, "rpe_rmse_m", np.linalg.norm(our_step - true_step, axis=1), "m")
+    absolute_m, relative_m = pair_errors(reference.rows(in_reference), estimate.rows(in_estimate))
+    add_rmse(metrics, "ate_rmse_m", absolute_m, "m")
+    add_rmse(metrics, "rpe_rmse_m", relative_m, "m")
     return metrics
+
+
+def pair_errors(reference: Trajectory, estimate: Trajectory) -> tuple[Float, Float]:
+    """Of M pairs of poses, one by one: how far apart they are (M,), and how different their steps to the next (M - 1,).
+
+    Steps are seen from their first pose, so that a rigid motion of either trajectory does not change them.
+    """
+    absolute_m: Float = np.linalg.norm(estimate.position_m - reference.position_m, axis=1)
+    if len(absolute_m) < 2:
+        return absolute_m, np.empty(0)
+    # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
+    our_step, true_step = (_steps(each.position_m, each.quat_xyzw) for each in (estimate, reference))
+    relative_m: Float = np.linalg.norm(our_step - true_step, axis=1)
+    return absolute_m, relative_m
 
 
 def positions_at(t_ns: Int, trajectory: Trajectory, max_gap_ns: int) -> Float:
@@ -78,15 +92,16 @@ def positions_at(t_ns: Int, trajectory: Trajectory, max_gap_ns: int) -> Float:
     return positions_m
 
 
-def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float) -> tuple[Int, Int]:
+def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: float = 0.0) -> tuple[Int, Int]:
     """Indices (M,) into two rising time series of the pairs nearest in time, as evo pairs them.
 
     Each of the shorter series (the second, when equal) takes its nearest of the longer one,
     the earlier of two as near, if within max_difference_s; one of the longer may be taken twice.
+    offset_s is added to the other's times; that is, taken from the first ones where these are the longer series.
     """
     if len(other_t_ns) > len(t_ns):
-        return _nearest_pairs(_as_evo_reads(t_ns), _as_evo_reads(other_t_ns), max_difference_s)
-    in_other, in_first = _nearest_pairs(_as_evo_reads(other_t_ns), _as_evo_reads(t_ns), max_difference_s)
+        return _nearest_pairs(_as_evo_reads(t_ns), _as_evo_reads(other_t_ns) + offset_s, max_difference_s)
+    in_other, in_first = _nearest_pairs(_as_evo_reads(other_t_ns), _as_evo_reads(t_ns) - offset_s, max_difference_s)
     return in_first, in_other
 
 

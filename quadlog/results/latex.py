@@ -38,6 +38,7 @@ _ESCAPED = {
     "Δ": r"$\Delta$",
 }
 _SPECIAL = re.compile("[" + re.escape("".join(_ESCAPED)) + "]")
+WRAPPED = r"p{0.35\linewidth}"
 _NUMBER = re.compile(r"(-?)(\d+(?:\.\d+)?)(?:e([+-]\d+))?")
 
 
@@ -47,10 +48,18 @@ def escape_latex(text: str) -> str:
 
 
 def latex_table(
-    caption: str, label: str, header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[str] = ()
+    caption: str,
+    label: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    right: Sequence[str] = (),
+    wrapped: Sequence[str] = (),
 ) -> str:
-    """A floating table in booktabs style, cells escaped; numbers are set as mathematics, minus signs and all."""
-    columns = "".join("r" if name in right else "l" for name in header)
+    """A floating table in booktabs style, cells escaped; numbers are set as mathematics, minus signs and all.
+
+    Columns whose header is in `right` are aligned to the right, those in `wrapped` are broken into lines.
+    """
+    columns = "".join("r" if name in right else WRAPPED if name in wrapped else "l" for name in header)
     body = "\n".join(_line(row) for row in rows)
     return (
         "\\begin{table}\n\\centering\n"

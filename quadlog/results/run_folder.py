@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,11 @@ from typing import Any, Self
 
 import tomli_w
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun
+from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownRunFormat
 from quadlog.results.files import is_part, remove_stale_parts, write_whole
 from quadlog.results.names import OWN_FILES
-from quadlog.results.record import RunRecord
+from quadlog.results.record import RUN_FORMAT, RunRecord
+from quadlog.version import __version__
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
 _MAX_JSON_BYTES = 64 << 20
@@ -87,7 +89,7 @@ class RunFolder:
         """Whether this run was finished with this very input, config, version and options (see RunRecord)."""
         try:
             record = read_run_json(self.path)
-        except NotARun:
+        except (NotARun, UnknownRunFormat):
             return False
         wanted = json.loads(to_json({"config": config, "options": options or {}}))
         recording = record.get("input")
@@ -101,23 +103,40 @@ class RunFolder:
 
 
 def read_run_json(run: Path) -> dict[str, Any]:
-    """The record of a finished run, as RunRecord describes it. Raises NotARun for anything else."""
-    return _read_object(run, "run.json", "is no finished run: it has no run.json")
+    """The record of a finished run, as RunRecord describes it.
+
+    Raises NotARun for anything else, UnknownRunFormat for a run of a format that is not RUN_FORMAT. Without
+    `run_format` it is 1: runs were written so before there was another.
+    """
+    record = _read_record(run)
+    found = record.get("run_format", 1)
+    if type(found) is not int or found != RUN_FORMAT:
+        raise UnknownRunFormat(run, found, record.get("quadlog_version"), RUN_FORMAT, __version__)
+    return record
 
 
 def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
     """`metrics.json` of a run: name: {value, n, unit}. Raises NotARun."""
-    metrics = _read_object(run, "metrics.json", "has no metrics.json")
-    for name, metric in metrics.items():
-        value = metric.get("value") if isinstance(metric, dict) else None
-        if not isinstance(value, int | float) or not math.isfinite(value):
-            raise NotARun(run / "metrics.json", f"is damaged: {name} has no value")
+    metrics, damaged = read_sound_metrics(run)
+    if damaged:
+        raise NotARun(run / "metrics.json", f"is damaged: {damaged[0]} has no value")
     return metrics
+
+
+def read_sound_metrics(run: Path) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """`metrics.json` of a run as `read_metrics` gives it, and the names in it that have no value. Raises NotARun."""
+    found = _read_object(run, "metrics.json", "has no metrics.json")
+    metrics = {name: metric for name, metric in found.items() if isinstance(metric, dict) and _is_sound(metric)}
+    return metrics, sorted(set(found) - set(metrics))
 
 
 def to_json(content: Any) -> bytes:
     """JSON for people and programs: keys sorted, no NaN, one trailing newline."""
     return (json.dumps(content, indent=2, sort_keys=True, allow_nan=False, default=_plain) + "\n").encode()
+
+
+def _read_record(run: Path) -> dict[str, Any]:
+    return _read_object(run, "run.json", "is no finished run: it has no run.json")
 
 
 def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
@@ -135,6 +154,15 @@ def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     return content
 
 
+def _is_sound(metric: Mapping[str, Any]) -> bool:
+    """Whether the metric has a finite value, and counts and unit, where they are there, that can be shown."""
+    value, n, unit = metric.get("value"), metric.get("n", 0), metric.get("unit", "")
+    if isinstance(value, bool) or not isinstance(value, int | float) or type(n) is not int:
+        return False
+    # Larger than a float is no number to count with; as `inf` it would compare as one.
+    return isinstance(unit, str) and abs(value) <= sys.float_info.max and 0 <= n < 2**63
+
+
 def _is_ours(path: Path) -> bool:
     """Whether quadlog made this folder: by what its files say, since others have a config.toml too."""
     config = path / "config.toml"
@@ -143,7 +171,7 @@ def _is_ours(path: Path) -> bool:
             with config.open("rb") as file:
                 if file.read(len(_CONFIG_HEADER)) == _CONFIG_HEADER.encode():
                     return True
-        return "quadlog_version" in read_run_json(path)
+        return "quadlog_version" in _read_record(path)
     except (NotARun, OSError):
         return False
 

@@ -128,7 +128,7 @@ def read_table(run: Path, name: str, columns: Sequence[str] | None = None) -> di
             table = parquet.read(columns=wanted)
     except (pa.ArrowException, OSError, ValueError, KeyError, NotImplementedError) as error:
         raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
-    return {column: _to_numpy(path, column, table.column(column)) for column in wanted}
+    return {column: column_to_numpy(path, column, table.column(column)) for column in wanted}
 
 
 def _open_parquet(part: Path, schema: pa.Schema) -> pq.ParquetWriter:
@@ -194,10 +194,36 @@ def _check_file(path: Path, parquet: pq.ParquetFile, schema: pa.Schema, wanted: 
         raise TooLarge(f"{path}: values", values, _MAX_VALUES)
 
 
-def _to_numpy(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
+def column_to_numpy(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
+    """One column (N,) as read_table gives it, of the file `path`, which NotARun names when it has no such values."""
     if values.null_count and values.type != pa.float64():
         raise NotARun(path, f"column {column} has missing values")
-    return np.array(values.to_numpy())  # a copy: arrow's own memory is read-only
+    if values.type == pa.string():
+        return _strings(path, column, values)
+    kind = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}[values.type]
+    return np.concatenate([np.empty(0, kind), *(_chunk_numbers(chunk) for chunk in values.chunks if len(chunk))])
+
+
+def _strings(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
+    try:
+        return np.array(values.to_pylist(), dtype=object)
+    except UnicodeDecodeError as error:
+        raise NotARun(path, f"column {column} holds what is no text") from error
+
+
+# By their buffers, because Arrow's own to_numpy loads pandas too.
+def _chunk_numbers(chunk: pa.Array) -> NDArray[Any]:
+    """Numbers, NaN where there is no value, or truth values; a view of Arrow's memory where it can be."""
+    valid, data = chunk.buffers()
+    first, end = chunk.offset, chunk.offset + len(chunk)
+    if chunk.type == pa.bool_():
+        return _bits(data, first, end)
+    numbers = np.frombuffer(data, np.int64 if chunk.type == pa.int64() else np.float64, end)[first:]
+    return numbers if valid is None or chunk.null_count == 0 else np.where(_bits(valid, first, end), numbers, np.nan)
+
+
+def _bits(buffer: pa.Buffer, first: int, end: int) -> NDArray[np.bool_]:
+    return np.unpackbits(np.frombuffer(buffer, np.uint8), count=end, bitorder="little")[first:].astype(np.bool_)
 
 
 def _first_line(error: Exception) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
@@ -24,13 +25,11 @@ def write_tum(path: Path, t_ns: Int, x_m: Float, y_m: Float, yaw_rad: Float) -> 
 
     Rows without a finite pose are left out. Raises CannotWrite.
     """
-    quat = quat_from_yaw(yaw_rad)
+    pose = np.column_stack([x_m, y_m, quat_from_yaw(yaw_rad)[:, 2:]])
+    whole = np.isfinite(pose).all(axis=1)
     lines = [
         f"{_seconds(t)} {x!r} {y!r} 0.0 0.0 0.0 {qz!r} {qw!r}\n"
-        for t, x, y, qz, qw in zip(
-            t_ns.tolist(), x_m.tolist(), y_m.tolist(), quat[:, 2].tolist(), quat[:, 3].tolist(), strict=True
-        )
-        if np.isfinite((x, y, qz)).all()
+        for t, (x, y, qz, qw) in zip(t_ns[whole].tolist(), pose[whole].tolist(), strict=True)
     ]
     write_whole(path, "".join(lines).encode())
 
@@ -50,7 +49,7 @@ def read_tum(path: Path) -> PoseSeries:
             t = _nanoseconds(time)
         except (ValueError, InvalidOperation):
             row, t = [], 0
-        if len(row) != 7 or not np.isfinite(row).all() or not any(row[3:]):
+        if len(row) != 7 or not all(map(math.isfinite, row)) or not any(row[3:]):
             raise UnreadableFile(path, "is not 't x y z qx qy qz qw' with a quaternion of some length", number)
         if t_ns and t <= t_ns[-1]:
             raise UnreadableFile(path, "time does not increase", number)

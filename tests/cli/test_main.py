@@ -59,3 +59,17 @@ def test_a_closed_pipe_ends_quietly():
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout.startswith("Usage: quadlog")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_who_is_interrupted_is_told_how_to_go_on_where_that_can_be(name, monkeypatch, capsys):
+    def interrupted(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "main", interrupted)
+    assert run([name]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("quadlog: interrupted; nothing half-written was left")
+    command = cli.get_command(None, name)  # type: ignore[arg-type]
+    assert command is not None
+    assert ("--resume" in said) == any("--resume" in option.opts for option in command.params)

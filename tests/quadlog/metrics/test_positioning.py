@@ -48,6 +48,19 @@ def test_association_takes_the_earlier_of_equals_and_none_too_far():
     assert [len(each) for each in associate(empty, empty, 0.01)] == [0, 0]
 
 
+@pytest.mark.parametrize("offset_s", [-0.37, 0.004, 2.5])
+@pytest.mark.parametrize("counts", [(300, 100), (100, 300), (200, 200)])
+def test_an_offset_is_added_as_evo_adds_it(counts, offset_s):
+    rng = np.random.default_rng(8)
+    one, other = (np.sort(rng.choice(3000, n, replace=False)) * 1_000_000 + 10**10 for n in counts)
+    ours = associate(one, other - round(offset_s * 1e9), 0.01, offset_s)
+    reference, estimate = trajectory(rng, one), trajectory(rng, other - round(offset_s * 1e9))
+    theirs = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01, offset_2=offset_s)
+    assert len(ours[0]) == theirs[0].num_poses > 50
+    np.testing.assert_allclose(reference.position_m[ours[0]], theirs[0].positions_xyz)
+    np.testing.assert_allclose(estimate.position_m[ours[1]], theirs[1].positions_xyz)
+
+
 def test_trajectories_without_common_time_have_no_metrics():
     rng = np.random.default_rng(0)
     early, late = trajectory(rng, np.arange(5) * 10**8), trajectory(rng, np.arange(5) * 10**8 + 10**12)

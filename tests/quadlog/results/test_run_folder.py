@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun
+from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownRunFormat
 from quadlog.results import read_metrics, read_run_json
 from quadlog.results.names import OWN_FILES
-from quadlog.results.record import RunRecord
-from quadlog.results.run_folder import RunFolder
+from quadlog.results.record import RUN_FORMAT, RunRecord
+from quadlog.results.run_folder import RunFolder, read_sound_metrics
 
 FILES = """
     run.json config.toml fixes.parquet ranges.parquet poses.parquet target.parquet scans.parquet maps.npz
@@ -151,6 +151,41 @@ def test_damaged_json_is_no_run(tiny_run: Path, name: str, read: Any, damage: by
     (tiny_run / name).unlink()
     with pytest.raises(NotARun, match=rf"no {name}"):
         read(tiny_run)
+
+
+@pytest.mark.parametrize("found", [2, 0, -1, "1", 1.0, True, None, [1] * 1000])
+def test_a_run_of_another_format_is_refused_by_name(tiny_run: Path, tiny_record: RunRecord, found: object) -> None:
+    record = json.loads((tiny_run / "run.json").read_bytes())
+    assert record["run_format"] == RUN_FORMAT == 1
+    (tiny_run / "run.json").write_text(json.dumps(record | {"run_format": found, "quadlog_version": "9.8.7"}))
+    with pytest.raises(
+        UnknownRunFormat, match=r"walk: is a run of format .*by quadlog 9\.8\.7; this .* reads format 1"
+    ) as told:
+        read_run_json(tiny_run)
+    assert len(str(told.value)) < 400
+    assert not RunFolder(tiny_run).is_finished("ab" * 32, tiny_record.config, "0.1.0", tiny_record.options)
+    with pytest.raises(AlreadyExists):
+        RunFolder.create(tiny_run)
+    (tiny_run / "config.toml").unlink()  # whose it is, run.json says as well
+    RunFolder.create(tiny_run, force=True)
+    assert not (tiny_run / "run.json").exists()
+
+
+def test_a_run_from_before_formats_were_counted_is_read(tiny_run: Path) -> None:
+    record = json.loads((tiny_run / "run.json").read_bytes())
+    del record["run_format"]
+    (tiny_run / "run.json").write_text(json.dumps(record))
+    assert read_run_json(tiny_run) == record
+
+
+def test_sound_metrics_are_had_beside_damaged_ones(tiny_run: Path) -> None:
+    odd = '{"value": %s, "n": %s, "unit": %s}'
+    bad = [("NaN", 1, '"m"'), ("1" * 400, 1, '"m"'), ("true", 1, '""'), (1, -1, '""'), (1, 1.5, '""'), (1, 1, "3")]
+    entries = [f'"bad{i}": {odd % each}' for i, each in enumerate(bad)] + ['"eta_m": {"value": 2, "n": 5, "unit": "m"}']
+    (tiny_run / "metrics.json").write_text(f"{{{', '.join(entries)}}}")
+    metrics, damaged = read_sound_metrics(tiny_run)
+    assert metrics == {"eta_m": {"value": 2, "n": 5, "unit": "m"}}
+    assert damaged == [f"bad{i}" for i in range(len(bad))]
 
 
 @pytest.mark.parametrize("metric", ["3", '{"n": 1}', '{"value": "x"}', '{"value": NaN}'])

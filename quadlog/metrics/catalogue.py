@@ -1,0 +1,168 @@
+"""What every metric means: its formula, where that comes from, and what its n counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class MetricEntry:
+    """One metric of the contract.
+
+    formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
+    itself; counted: what n counts; worst_is_lowest: of the samples, each at most 1.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    formula: str
+    source: str
+    counted: str
+    worst_is_lowest: bool = False
+
+
+_OURS = "quadlog's own definition"
+_TICKS = "control ticks whose error is known"
+_BODY = "ticks of the simulation"
+_JOINTS = "joint torques, 12 at each tick of the simulation"
+_REPLANS = "replans"
+
+_ENTRIES = (
+    MetricEntry(
+        *("eta_m", "m", "mean distance from the robot to the nearest point of its reference path"),
+        *("η = 1/N Σ error_i", "[Tracking] eq. 46", _TICKS),
+    ),
+    MetricEntry(
+        *("sigma_m", "m", "sample standard deviation of the distance to the reference path"),
+        *("σ = √( Σ (error_i − η)² / (N − 1) )", "[Tracking] eq. 47", _TICKS),
+    ),
+    MetricEntry(
+        *("eta_time_m", "m", "mean distance from the robot to where the reference is at that instant"),
+        *("1/N Σ time_error_i", "[Tracking] eq. 46, of the timed reference", _TICKS),
+    ),
+    MetricEntry(
+        *("sigma_time_m", "m", "sample standard deviation of the distance to where the reference is at that instant"),
+        *("√( Σ (time_error_i − eta_time)² / (N − 1) )", "[Tracking] eq. 47, of the timed reference", _TICKS),
+    ),
+    MetricEntry(
+        *("completion_time_s", "s", "time from the first tick until the course's end was reached"),
+        *("t_end − t_0", _OURS, "courses finished: 1"),
+    ),
+    MetricEntry(
+        *("max_error_m", "m", "largest distance from the robot to its reference path"),
+        *("max error_i", _OURS, _TICKS),
+    ),
+    MetricEntry(
+        *("cross_track_rmse_m", "m", "root mean square of the signed distance to the reference path, left positive"),
+        *("√( 1/N Σ cross_track_i² )", _OURS, _TICKS),
+    ),
+    MetricEntry(
+        *("heading_rmse_rad", "rad", "root mean square of the heading less the reference path's direction"),
+        *("√( 1/N Σ heading_error_i² )", _OURS, _TICKS),
+    ),
+    MetricEntry(
+        *("fallen", "", "1 when the robot fell, else 0; absent for a robot without a body"),
+        *("max fallen_i", _OURS, "control ticks"),
+    ),
+    MetricEntry(
+        *("pitch_rms_rad", "rad", "root mean square of the body's pitch less the pitch that the ground asks for"),
+        *("√( 1/N Σ (pitch_i − wanted_i)² )", _OURS, _BODY),
+    ),
+    MetricEntry(
+        *("height_rms_m", "m", "root mean square of the body's height less the height that the ground asks for"),
+        *("√( 1/N Σ (z_i − wanted_i)² )", _OURS, _BODY),
+    ),
+    MetricEntry(
+        *("torque_max_nm", "N·m", "largest joint torque"),
+        *("max |tau_ij|", _OURS, _JOINTS),
+    ),
+    MetricEntry(
+        *("torque_saturation_share", "", "share of joint torques that were cut at the joint's limit"),
+        *("cut / N", _OURS, _JOINTS),
+    ),
+    MetricEntry(
+        *("cost_of_transport", "", "energy of the joints per weight and distance; braking costs as driving does"),
+        *("Σ |tau_ij ω_ij| Δt / (m g d)", _OURS, _BODY),
+    ),
+    MetricEntry(
+        *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),
+        *("min clearance_i", _OURS, "control ticks with an obstacle on the map"),
+    ),
+    MetricEntry(
+        *("collisions", "", "how often contact with an obstacle began"),
+        *("number of ticks with clearance ≤ 0 after one without", _OURS, "control ticks inside the map"),
+    ),
+    MetricEntry(
+        *("following_distance_mean_m", "m", "mean distance to who is followed"),
+        *("1/N Σ |target_i − robot_i|", _OURS, "control ticks with a known target"),
+    ),
+    MetricEntry(
+        *("lateral_drift_m", "m", "how far to the left a trot along x ended"),
+        *("y_end − y_start", "[Foot] Figs 5, 6", "samples of the trot"),
+    ),
+    MetricEntry(
+        *("yaw_rate_degps", "deg/s", "rate at which a trot along x turns to the left"),
+        *("slope of the line through the mean yaw of each gait cycle", "[Foot] Figs 5, 6", "gait cycles"),
+    ),
+    MetricEntry(
+        *("forward_m", "m", "how far along x a trot went"),
+        *("x_end − x_start", "[Foot] Figs 5, 6", "samples of the trot"),
+    ),
+    MetricEntry(
+        *("expanded_total", "", "cells that the planner closed, over all replans"),
+        *("Σ expanded_i", _OURS, _REPLANS),
+    ),
+    MetricEntry(
+        *("generated_total", "", "distinct cells that the planner ever opened, over all replans"),
+        *("Σ generated_i", _OURS, _REPLANS),
+    ),
+    MetricEntry(
+        *("expanded_mean", "", "cells that the planner closed, per replan"),
+        *("1/N Σ expanded_i", _OURS, _REPLANS),
+    ),
+    MetricEntry(
+        *("ratio_to_astar", "", "cells that A* closes on the same queries per cell closed; above 1 is better"),
+        *("Σ astar_expanded_i / Σ expanded_i", _OURS, _REPLANS),
+    ),
+    MetricEntry(
+        *("fallback_share", "", "share of replans in which an incremental planner had to start from scratch"),
+        *("Σ from_scratch_i / N, without the first, which always does", _OURS, "replans after the first"),
+    ),
+    MetricEntry(
+        *("suboptimality_mean", "", "mean excess of the path's cost, as a fraction of the optimal cost"),
+        *("1/N Σ (cost_i / optimal_cost_i − 1)", _OURS, "replans that found a path of some length"),
+    ),
+    MetricEntry(
+        *("success_rate", "", "share of replans that found a path"),
+        *("Σ found_i / N", _OURS, _REPLANS),
+        worst_is_lowest=True,
+    ),
+    MetricEntry(
+        *("uwb_rmse_m", "m", "root mean square distance of the robot's UWB fixes from the truth, unsmoothed"),
+        *("√( 1/N Σ |fix_i − truth_i|² )", _OURS, "fixes of the robot's tag with a truth"),
+    ),
+    MetricEntry(
+        *("uwb_bias_m", "m", "length of the mean error of the robot's UWB fixes: what averaging would not remove"),
+        *("| 1/N Σ (fix_i − truth_i) |", _OURS, "fixes of the robot's tag with a truth"),
+    ),
+    MetricEntry(
+        *("uwb_residual_m", "m", "root mean square of the ranges of the robot's fixes less what the fixes predict"),
+        *("√( Σ n_i residual_i² / Σ n_i ), n_i ranges in fix i", _OURS, "ranges"),
+    ),
+    MetricEntry(
+        *("ate_rmse_m", "m", "absolute trajectory error against a reference, translation; equal to evo_ape's rmse"),
+        *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *("rpe_rmse_m", "m", "relative pose error from pair to pair, translation; equal to evo_rpe's rmse"),
+        *("√( 1/N Σ |trans( (Q_i⁻¹ Q_i+1)⁻¹ (P_i⁻¹ P_i+1) )|² )", "[Sturm]", "steps between neighbouring pairs"),
+    ),
+    MetricEntry(
+        *("realtime_factor", "", "recorded seconds per second of computing, start-up and compilation apart"),
+        *("recorded_s / Σ stage seconds", _OURS, "runs: 1"),
+    ),
+)
+
+CATALOGUE: dict[str, MetricEntry] = {entry.name: entry for entry in _ENTRIES}
+"""Every metric of the contract by name, in the contract's order."""

@@ -1,0 +1,125 @@
+"""How the samples behind one value scatter, and how far that value is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.messages import Float, Int
+from quadlog.metrics.bootstrap import Interval
+from quadlog.metrics.mean_in_time import mean_interval_in_time
+
+Statistic = Literal["mean", "std", "rms", "sum", "max"]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What a value is made of: t_ns (N,) rising, values (N,) finite, statistic: how they make the value.
+
+    weights: (N,) how often each counts, for the statistic rms alone; None when all count once.
+    """
+
+    t_ns: Int
+    values: Float
+    statistic: Statistic
+    weights: Int | None = None
+
+
+def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
+    """The samples (N,) that exist: NaN and infinity mean that there was nothing to measure."""
+    values = values.astype(np.float64)
+    known = np.isfinite(values)
+    return Samples(t_ns[known], values[known], statistic)
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A value of n samples; mean and sample std of these, and quantiles of their size; interval: 95 %, of the value.
+
+    None where there is nothing to say: a deviation or an interval of too few samples, or of samples all alike.
+    """
+
+    value: float
+    n: int
+    mean: float
+    std: float | None
+    p50: float
+    p95: float
+    interval: Interval | None
+
+
+def summarise(samples: Samples) -> Summary | None:
+    """The summary of a run's samples in time order; None when there are none.
+
+    The interval says how the value would scatter over walks as long as this one that go on as it did. It treats
+    neighbours in time as dependent (`mean_interval_in_time`); it knows nothing of how other walks would differ.
+    """
+    x, weights = samples.values, samples.weights
+    count = len(x)
+    if count == 0 or (weights is not None and weights.sum() == 0):
+        return None
+    p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
+    return Summary(
+        value=_value(samples),
+        n=count if weights is None else int(weights.sum()),
+        mean=float(np.mean(x)),
+        std=float(np.std(x, ddof=1)) if count > 1 else None,
+        p50=p50,
+        p95=p95,
+        interval=_interval(samples),
+    )
+
+
+def _value(samples: Samples) -> float:
+    x, weights = samples.values, samples.weights
+    match samples.statistic:
+        case "mean":
+            return float(np.mean(x))
+        case "std":
+            return float(np.std(x, ddof=1)) if len(x) > 1 else math.nan
+        case "rms":
+            if weights is not None:
+                return float(float(np.sum(x**2 * weights)) / int(weights.sum())) ** 0.5
+            return float(np.sqrt(np.mean(x**2)))
+        case "sum":
+            return float(np.sum(x))
+        case "max":
+            return float(np.max(x))
+
+
+def _interval(samples: Samples) -> Interval | None:
+    """Of the value, from the interval of the mean that it is a function of; a maximum is none."""
+    x, weights = samples.values, samples.weights
+    match samples.statistic:
+        case "mean":
+            return _possible(mean_interval_in_time(x), x)
+        case "std":
+            return _root(mean_interval_in_time((x - np.mean(x)) ** 2))
+        case "rms" if weights is not None:
+            # The ratio of two sums moves with a sample as this moves, to first order.
+            inner = float(np.sum(x**2 * weights)) / float(weights.sum())
+            return _root(mean_interval_in_time(inner + weights * (x**2 - inner) / np.mean(weights)))
+        case "rms":
+            return _root(mean_interval_in_time(x**2))
+        case "sum":
+            of_mean = _possible(mean_interval_in_time(x), x)
+            return None if of_mean is None else (of_mean[0] * len(x), of_mean[1] * len(x))
+        case "max":
+            return None
+
+
+def _possible(of_mean: Interval | None, x: Float) -> Interval | None:
+    """The interval without what no mean can be: below 0 of samples that never are, above 1 of a share's."""
+    if of_mean is None or x.min() < 0:
+        return of_mean
+    is_share = bool(np.isin(x, (0.0, 1.0)).all())
+    return max(of_mean[0], 0.0), min(of_mean[1], 1.0) if is_share else of_mean[1]
+
+
+def _root(of_square: Interval | None) -> Interval | None:
+    """The square's interval as its root's; a square is not negative."""
+    return None if of_square is None else (math.sqrt(max(of_square[0], 0.0)), math.sqrt(max(of_square[1], 0.0)))

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadlog.cli.main import run
+from quadlog.results.record import InputRecord, RunRecord
+from quadlog.results.run_folder import RunFolder
+from quadlog.results.schemas import TABLES
+from quadlog.results.tables import write_table
+from quadlog.results.tum import write_tum
+
+T_NS = np.arange(200, dtype=np.int64) * 20_000_000
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    """A folder of three kinematic walks, whose error grows from one to the next."""
+    for number in range(3):
+        folder = RunFolder.create(tmp_path / "runs" / f"walk-{number}")
+        folder.write_config({})
+        error_m = 0.1 * (number + 1) + 0.01 * np.sin(T_NS / 3e8)
+        columns = dict.fromkeys(set(TABLES["control"].names) - {"t_ns", "fallen"}, np.nan)
+        columns |= {"t_ns": T_NS, "error_m": error_m, "cross_track_m": -error_m, "fallen": False}
+        write_table(folder.path / "control.parquet", TABLES["control"], columns)
+        write_tum(folder.path / "trajectory.tum", T_NS, np.sqrt(T_NS / 1e9), error_m, 0 * error_m)
+        folder.write_metrics({"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
+        folder.write_run_json(RunRecord("0.1.0", ["quadlog"], {}, {}, InputRecord("x", 1, "ab"), 0, 4.0))
+    return tmp_path / "runs"
+
+
+def test_json_is_what_the_contract_says(runs, capsys):
+    assert run(["metrics", str(runs), "--format", "json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [each["run"] for each in found] == [str(runs / f"walk-{number}") for number in range(3)]
+    assert [set(each) for each in found] == [{"run", "eta_m"}] * 3
+    assert found[0]["eta_m"] == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("to", ["table", "csv", "markdown", "latex"])
+def test_other_formats_name_every_run(runs, capsys, to):
+    assert run(["metrics", str(runs), "--format", to]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert all(f"walk-{number}" in captured.out for number in range(3))
+
+
+def test_csv_always_has_the_samples(runs, capsys):
+    assert run(["metrics", str(runs), "--format", "csv"]) == 0
+    header, *rows = csv.reader(capsys.readouterr().out.splitlines())
+    assert len(rows) == 3
+    assert all(float(dict(zip(header, row, strict=True))["p95"]) > 0.1 for row in rows)
+
+
+def test_a_condition_that_holds_is_exit_code_4(runs, capsys):
+    assert run(["metrics", str(runs), "--fail-if", "eta_m > 0.5"]) == 0
+    assert capsys.readouterr().err == ""
+    assert run(["metrics", str(runs), "--fail-if", "eta_m>0.25", "--fail-if", "sigma_m>1", "--format", "json"]) == 4
+    captured = capsys.readouterr()
+    json.loads(captured.out)
+    lines = captured.err.splitlines()
+    assert lines[0] == f"--fail-if {runs}/walk-0: sigma_m > 1: cannot be told, the run has no sigma_m"
+    assert f"--fail-if {runs}/walk-2: eta_m > 0.25 holds: 0.3" in lines[2]
+    assert len(lines) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--fail-if", "eta>0.3"], "unknown metric 'eta'; did you mean eta_m?"),
+        (["--fail-if", "eta_m ~ 0.3"], "condition 'eta_m ~ 0.3': write NAME OPERATOR NUMBER"),
+        (["--explain", "etam"], "unknown metric 'etam'; did you mean eta_m?"),
+        (["--explain", "eta_m", "--format", "json"], "--explain prints text"),
+        (["--t-max-diff", "nan"], "are finite seconds"),
+        (["--t-offset", "nan"], "are finite seconds"),
+        (["--t-offset", "1e300"], "are finite seconds"),
+        (["--t-max-diff", "-1"], "--t-max-diff"),
+    ],
+)
+def test_wrong_usage_is_one_line(runs, capsys, arguments, words):
+    assert run(["metrics", str(runs), *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert words in captured.err
+
+
+def test_without_a_run_there_is_only_the_explanation(capsys):
+    assert run(["metrics", "--explain", "sigma_m"]) == 0
+    assert "[Tracking] eq. 47" in capsys.readouterr().out
+    assert run(["metrics"]) == 2
+    assert run(["metrics", "--explain", "eta_m", "--fail-if", "eta_m>1"]) == 2
+
+
+def test_the_worst_instants_are_shown(runs, capsys):
+    assert run(["metrics", str(runs / "walk-1"), "--explain", "eta_m"]) == 0
+    out = capsys.readouterr().out
+    assert "walk-1: 0.2" in out
+    assert len(out.splitlines()) == 11
+
+
+def test_a_reference_gives_ate_and_another_clock_is_refused(runs, tmp_path, capsys):
+    walk, truth = runs / "walk-0", tmp_path / "truth.tum"
+    write_tum(truth, T_NS, np.sqrt(T_NS / 1e9), np.zeros(200), np.zeros(200))
+    assert run(["metrics", str(walk), "--reference", str(truth), "--format", "json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)[0]["ate_rmse_m"] == pytest.approx(0.1, abs=0.01)
+    assert "200 poses" in captured.err
+    truth.write_text(truth.read_text().replace(" 0.0 0.0 0.0 0.0 ", " 0.0 0.3 0.0 0.0 "))
+    for extra, expected_m in (([], 0.3), (["--project-to-plane", "xy"], 0.1)):
+        assert run(["metrics", str(walk), "--reference", str(truth), "--format", "json", *extra]) == 0
+        assert json.loads(capsys.readouterr().out)[0]["ate_rmse_m"] == pytest.approx(expected_m, abs=0.02)
+    write_tum(truth, T_NS + 10**18, np.sqrt(T_NS / 1e9), np.zeros(200), np.zeros(200))
+    assert run(["metrics", str(walk), "--reference", str(truth)]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "--t-offset 1000000000.0" in captured.err
+    assert run(["metrics", str(walk), "--reference", str(truth), "--t-offset", "1e9"]) == 0
+
+
+def test_a_damaged_run_is_told_and_is_exit_code_3(runs, capsys):
+    (runs / "walk-1" / "run.json").write_text("")
+    assert run(["metrics", str(runs)]) == 3
+    captured = capsys.readouterr()
+    assert "walk-2" in captured.out
+    assert captured.err.count("\n") == 1
+    assert "walk-1/run.json: is damaged" in captured.err
+
+
+def test_pandas_is_not_loaded(runs):
+    code = (
+        "import sys\nfrom quadlog.cli.main import run\n"
+        f"assert run(['metrics', {str(runs)!r}, '--format', 'csv']) == 0\n"
+        "assert not {'pandas', 'matplotlib', 'numba', 'mujoco'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
