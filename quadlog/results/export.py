@@ -26,7 +26,9 @@ def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Pa
 
 
 def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
-    """The robot's poses as a TUM trajectory."""
+    """The robot's poses as a TUM trajectory; a walk along a course has no poses but its trajectory."""
+    if not has_table(run, "poses"):
+        return _copy(run, ["trajectory.tum"], [output], force)
     poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad"])
     _prepare([output], force)
     write_tum(output, poses["t_ns"], poses["x_m"], poses["y_m"], poses["yaw_rad"])

@@ -1,5 +1,10 @@
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import zipfile
 from pathlib import Path
 
 import pandas as pd
@@ -27,6 +32,27 @@ def test_every_format_is_written_where_asked_and_listed(runs, tmp_path, capsys):
         assert all(path.is_file() for path in listed)
     assert (tmp_path / "a.tum").read_bytes() == (runs / "follow" / "trajectory.tum").read_bytes()
     assert len(pd.read_csv(tmp_path / "tables" / "scans.csv")) == 5
+
+
+def test_evo_ape_reads_the_trajectory_and_finds_the_same_error(runs, tmp_path):
+    out, result = tmp_path / "follow.tum", tmp_path / "evo.zip"
+    assert run(["export", str(runs / "follow"), "--to", "tum", "-o", str(out)]) == 0
+    truth = runs / "follow" / "reference.tum"
+    evo_ape = [
+        str(Path(sys.executable).with_name("evo_ape")),
+        "tum",
+        str(truth),
+        str(out),
+        "--save_results",
+        str(result),
+    ]
+    # evo keeps its settings at home.
+    subprocess.run(evo_ape, check=True, capture_output=True, env={**os.environ, "HOME": str(tmp_path)})
+    ours = json.loads((runs / "follow" / "metrics.json").read_text())["ate_rmse_m"]
+    with zipfile.ZipFile(result) as archive:
+        theirs = json.loads(archive.read("stats.json"))
+    assert ours["value"] == pytest.approx(theirs["rmse"], abs=1e-9)
+    assert theirs["rmse"] > 0
 
 
 def test_without_an_output_the_file_bears_the_runs_name(runs, tmp_path, monkeypatch, capsys):
