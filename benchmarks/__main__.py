@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import perception, planning, positioning, reading, startup, walking
+from benchmarks import metrics, perception, planning, positioning, reading, report, startup, walking
 from benchmarks.figures import print_figures
 
 PARTS = {
@@ -20,6 +20,8 @@ PARTS = {
     "perception": perception,
     "planning": planning,
     "walking": walking,
+    "metrics": metrics,
+    "report": report,
 }
 
 

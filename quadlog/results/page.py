@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -14,23 +15,21 @@ from markupsafe import Markup
 _TEMPLATES = "quadlog.results", "templates"
 
 
-def render_page(template: str, script: str | None = None, **values: Any) -> bytes:
-    """The page made from templates/TEMPLATE, in UTF-8, with report.css and, when asked for, a script inside.
+def render_page(template: str, scripts: Sequence[str] = (), styles: Sequence[str] = (), **values: Any) -> bytes:
+    """The page made from templates/TEMPLATE, in UTF-8, with report.css and these scripts and styles inside, in order.
 
     Recordings choose topic names, and those end up here: besides escaping, the
-    page's Content-Security-Policy admits the style and script by their hashes
+    page's Content-Security-Policy admits styles and scripts by their hashes
     alone, pictures from the page itself, and no request to anywhere.
     """
-    css = _own_file("report.css")
-    code = _own_file(script) if script else None
-    scripts = f"'sha256-{_digest(code)}'" if code else "'none'"
+    css, code = [[_own_file(name) for name in names] for names in (("report.css", *styles), scripts)]
     policy = (
-        f"default-src 'none'; img-src data:; style-src 'sha256-{_digest(css)}'; script-src {scripts}; "
+        f"default-src 'none'; img-src data:; style-src {_hashes(css)}; script-src {_hashes(code)}; "
         "base-uri 'none'; form-action 'none'"
     )
-    # `css` and `script` are files of this package, the only text that goes in unescaped.
-    page = _environment().get_template(template)
-    text = page.render(policy=policy, css=Markup(css), script=Markup(code or ""), **values)  # noqa: S704
+    # Files of this package are the only text that goes in unescaped.
+    inside = {"styles": [Markup(text) for text in css], "scripts": [Markup(text) for text in code]}  # noqa: S704
+    text = _environment().get_template(template).render(policy=policy, **inside, **values)
     # JSON can carry halves of characters that no encoding has.
     return text.encode("utf-8", "replace")
 
@@ -85,5 +84,7 @@ def _own_file(name: str) -> str:
     return (resources.files(package) / folder / name).read_text(encoding="utf-8")
 
 
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+def _hashes(texts: Sequence[str]) -> str:
+    """What a Content-Security-Policy admits: these texts, or nothing."""
+    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts)
+    return " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"

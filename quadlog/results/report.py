@@ -8,7 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from quadlog.errors import CannotWrite
+from quadlog.results.chart_panels import to_script_json
+from quadlog.results.charts import run_charts
 from quadlog.results.files import write_whole
 from quadlog.results.folder_report import write_folder_report
 from quadlog.results.page import render_page
@@ -24,6 +28,8 @@ _MAX_CONFIG_CHARS = 1_000_000
 _MAX_FRAMES_BYTES = 64 << 20
 _PNG = b"\x89PNG\r\n\x1a\n"
 _SIMULATED_STAGES = ("control", "report")
+_CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
+_CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
 def write_report(run: Path) -> Path:
@@ -31,7 +37,8 @@ def write_report(run: Path) -> Path:
 
     Raises NotARun for an unfinished or damaged run, CannotWrite.
     """
-    return write_page(run, write_plots(run))
+    data = RunData(run)
+    return _write_page(data, _draw(data))
 
 
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
@@ -41,15 +48,23 @@ def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
     last; without it the file is read. Pictures of an earlier report whose data
     is gone are removed. Raises NotARun, CannotWrite.
     """
-    pictures = render_plots(RunData(run, record))
-    _write_plots(run / "plots", pictures)
-    return pictures
+    return _draw(RunData(run, record))
 
 
 def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
     """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
-    report = run / "report.html"
-    write_whole(report, _render(RunData(run, record), pictures))
+    return _write_page(RunData(run, record), pictures)
+
+
+def _draw(data: RunData) -> dict[str, bytes]:
+    pictures = render_plots(data)
+    _write_plots(data.path / "plots", pictures)
+    return pictures
+
+
+def _write_page(data: RunData, pictures: Mapping[str, bytes]) -> Path:
+    report = data.path / "report.html"
+    write_whole(report, _render(data, pictures))
     return report
 
 
@@ -70,8 +85,13 @@ def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
 def _render(data: RunData, pictures: Mapping[str, bytes]) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
+    charts = run_charts(data, list(pictures))
     return render_page(
         "report.html.jinja",
+        scripts=_CHART_SCRIPTS if charts else (),
+        styles=_CHART_STYLES if charts else (),
+        charts=charts,
+        chart_data=Markup(to_script_json(charts)),  # noqa: S704
         title=_title(data),
         record=record,
         simulated=data.simulated,

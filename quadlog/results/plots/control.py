@@ -22,15 +22,14 @@ def draw_lookahead(run: RunData) -> Figure | None:
     if control is None or not _has(control, "lookahead_m"):
         return None
     gains = [name for name in ("k_v", "k_w") if _has(control, name)]
-    figure = style.new_figure(2.6 + 2.0 * bool(gains))
-    panels = figure.subplots(2 if gains else 1, 1, squeeze=False, sharex=True)[:, 0]
+    figure, grid = style.new_stack(2 if gains else 1, 2.1)
+    panels = grid[:, 0]
     _draw_lines(run, panels[0], control, [("lookahead_m", "l", style.ROBOT)], "look-ahead (m)")
     panels[0].set_ylim(bottom=0)
     if gains:
         colors = {"k_v": style.PLAN, "k_w": style.TARGET}
         _draw_lines(run, panels[1], control, [(name, name, colors[name]) for name in gains], "fuzzy gain (1)")
     panels[-1].set_xlabel("time (s)")
-    figure.align_ylabels()
     return figure
 
 
@@ -40,8 +39,8 @@ def draw_commands(run: RunData) -> Figure | None:
     if control is None or not _has(control, "cmd_v_mps"):
         return None
     sways = _has(control, "vy_mps") and bool(np.nan_to_num(control["vy_mps"]).any())
-    figure = style.new_figure(4.8 + 2.0 * sways)
-    panels = figure.subplots(2 + sways, 1, sharex=True)
+    figure, grid = style.new_stack(2 + sways, 2.1)
+    panels = grid[:, 0]
     speed = [("vx_mps", "reached", style.RESIM), ("cmd_v_mps", "commanded", style.ROBOT)]
     turn = [("yaw_rate_radps", "reached", style.RESIM), ("cmd_yaw_rate_radps", "commanded", style.ROBOT)]
     _draw_lines(run, panels[0], control, speed, "forward speed (m/s)")
@@ -49,7 +48,6 @@ def draw_commands(run: RunData) -> Figure | None:
     if sways:
         _draw_lines(run, panels[2], control, [("vy_mps", "reached", style.RESIM)], "speed to the left (m/s)")
     panels[-1].set_xlabel("time (s)")
-    figure.align_ylabels()
     return figure
 
 
@@ -58,13 +56,12 @@ def draw_posture(run: RunData) -> Figure | None:
     control = run.table("control")
     if control is None or not _has(control, "pitch_rad"):
         return None
-    figure = style.new_figure(4.8)
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, grid = style.new_stack(2, 2.1)
+    panels = grid[:, 0]
     tilt = [("pitch_rad", "pitch", style.PLAN), ("roll_rad", "roll", style.TARGET)]
     _draw_lines(run, panels[0], control, tilt, "tilt (rad)")
     _draw_lines(run, panels[1], control, [("z_m", "height in map", style.RESIM)], "height (m)")
     panels[1].set_xlabel("time (s)")
-    figure.align_ylabels()
     return figure
 
 
@@ -74,14 +71,13 @@ def draw_torques(run: RunData) -> Figure | None:
     names = [[f"tau_{leg * JOINTS + joint:02d}_nm" for joint in range(JOINTS)] for leg in range(LEGS)]
     if control is None or not any(_has(control, name) for leg in names for name in leg):
         return None
-    figure = style.new_figure(7.0)
-    panels = figure.subplots(LEGS, JOINTS, sharex=True, sharey=True)
+    figure, panels = style.new_stack(LEGS, 1.6, above_in=0.26, columns=JOINTS)
     for leg, row in enumerate(panels):
         for name, panel in zip(names[leg], row, strict=True):
             keep = style.thin_line(control[name])
             panel.plot(run.seconds(control["t_ns"])[keep], control[name][keep], color=style.ROBOT, linewidth=0.7)
             panel.set_title(f"τ{name[4:6]}", pad=3)
-        row[0].set_ylabel(f"leg {leg}\ntorque (N·m)")
+        row[0].set_ylabel(f"leg {leg}: τ (N·m)")
     for panel in panels[-1]:
         panel.set_xlabel("time (s)")
     return figure

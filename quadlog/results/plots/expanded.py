@@ -20,8 +20,8 @@ def draw_expanded(run: RunData) -> Figure | None:
     present = [(name, plans) for name, plans in walks if plans is not None]
     if not present:
         return None
-    figure = style.new_figure(0.4 + 2.7 * len(present))
-    panels = figure.subplots(len(present), 1, squeeze=False, sharex=True)[:, 0]
+    figure, grid = style.new_stack(len(present), 2.6, above_in=0.6)
+    panels = grid[:, 0]
     for panel, (name, plans) in zip(panels, present, strict=True):
         _draw_walk(run, panel, name, plans)
     panels[-1].set_xlabel("time (s)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +19,7 @@ from quadlog.results.plots.scans import draw_scan, draw_scans
 from quadlog.results.plots.terrain import draw_terrain
 from quadlog.results.plots.tracking import draw_tracking_error
 from quadlog.results.plots.trajectory import draw_trajectory
+from quadlog.results.plots.trot import draw_displacement, draw_euler_angles
 from quadlog.results.plots.uwb_error import draw_uwb_error
 from quadlog.results.plots.uwb_geometry import draw_uwb_geometry
 from quadlog.results.plots.uwb_links import draw_uwb_links
@@ -51,8 +53,8 @@ PLOTS = (
         "Trajectory over the map",
         "Paths of robot, target and re-simulated walk drawn over the occupancy map, from above.",
         "Where robot and target walked (● start, ■ end), with UWB fixes, some of the planned paths and the "
-        "re-simulated walk where the run has them. The darker a cell, the more of the maps that covered it had it "
-        "occupied: walls are dark, what moved is pale.",
+        "re-simulated walk where the run has them. In the picture, the darker a cell, the more of the maps that "
+        "covered it had it occupied: walls are dark, what moved is pale; a chart has the cells that half of them had.",
         draw_trajectory,
         "The simulated walk (● start, ■ end) along its course, from above [Tracking, Figs 11, 16, 21].",
     ),
@@ -61,8 +63,8 @@ PLOTS = (
         "UWB ranges",
         "Range to every anchor over time for each tag, and below it the residual of each anchor over time.",
         "Measured ranges, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton trilateration "
-        "[Following]) at the smoothed track. Orange crosses: late by more than three standard deviations, most likely "
-        "without line of sight.",
+        "[Following]) at the smoothed track. Orange crosses in the picture: late by more than three standard "
+        "deviations, most likely without line of sight.",
         draw_ranges,
     ),
     Plot(
@@ -156,6 +158,21 @@ PLOTS = (
         "η (eq. 46); grey: ± σ (eq. 47).",
     ),
     Plot(
+        "displacement",
+        "Displacement",
+        "Place of the trunk's middle over time: forward, to the left, and height.",
+        "Where the trunk's middle is, 2 s of rest included [Foot, Fig. 5].",
+        draw_displacement,
+    ),
+    Plot(
+        "euler_angles",
+        "Euler angles",
+        "Roll, pitch and yaw of the trunk over time.",
+        "How the trunk is turned: roll positive with the left side up, pitch with the nose down, yaw to the left "
+        "[Foot, Fig. 6].",
+        draw_euler_angles,
+    ),
+    Plot(
         "lookahead",
         "Look-ahead",
         "Look-ahead distance of the pure pursuit over time, with its fuzzy gains where there are any.",
@@ -167,7 +184,7 @@ PLOTS = (
         "commands",
         "Commands",
         "Commanded and reached forward speed and yaw rate over time, and the speed sideways of a robot that has one.",
-        "What pure pursuit asked for [Tracking, eqs 15–16] and what the re-simulated robot did.",
+        "What pure pursuit asked for [Tracking, eqs 15–16] and what the simulated robot did.",
         draw_commands,
     ),
     Plot(
@@ -190,5 +207,9 @@ PLOTS = (
 
 def render_plots(run: RunData) -> dict[str, bytes]:
     """The PNG of every figure whose data is there: name -> bytes, in the order of PLOTS."""
-    rendered = {plot.name: style.render_png(partial(plot.draw, run)) for plot in PLOTS}
+    gc.freeze()  # figures leave cycles; looking for them among all that is loaded takes a tenth of the time
+    try:
+        rendered = {plot.name: style.render_png(partial(plot.draw, run)) for plot in PLOTS}
+    finally:
+        gc.unfreeze()
     return {name: png for name, png in rendered.items() if png is not None}

@@ -45,7 +45,8 @@ def accumulate(maps: MapSequence) -> Occupancy | None:
     occupied, covered = np.zeros(size, np.int64), np.zeros(size, np.int64)
     for index, (column, row) in zip(chosen, corner, strict=True):
         at_row, at_column = np.nonzero(maps.occupied(int(index)))
-        cells = np.unique((at_row + row) // coarse * size[1] + (at_column + column) // coarse)
+        cells = (at_row + row) // coarse * size[1] + (at_column + column) // coarse
+        cells = np.unique(cells) if coarse > 1 else cells
         occupied.flat[cells] += 1
         last_row, last_column = (row + maps.shape[0] - 1) // coarse, (column + maps.shape[1] - 1) // coarse
         covered[row // coarse : last_row + 1, column // coarse : last_column + 1] += 1

@@ -28,8 +28,7 @@ def draw_residuals(run: RunData) -> Figure | None:
     anchors, left_out = shown_anchors(ranges["anchor"])
     columns = min(4, len(anchors))
     rows = -(-len(anchors) // columns)
-    figure = style.new_figure(0.6 + 2.6 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    figure, panels = style.new_stack(rows, 2.9, above_in=1.15, columns=columns)
     bins = np.linspace(-1, 1, BINS + 1) * residual_limit_m(residual_m)
     for panel in panels.flat[len(anchors) :]:
         panel.set_visible(False)
@@ -37,10 +36,11 @@ def draw_residuals(run: RunData) -> Figure | None:
         mine = ranges["anchor"] == anchor
         _draw_histogram(panel, residual_m[mine & ~nlos], residual_m[mine & nlos], bins)
         panel.set_title(f"anchor {anchor}", pad=44)
-    figure.supxlabel("residual: range − predicted (m)" + (f"   ({left_out})" if left_out else ""), fontsize=10)
-    figure.supylabel("ranges per bin (count)", fontsize=10)
+    for row in panels:
+        row[0].set_ylabel("ranges per bin (count)")
+    figure.supxlabel("residual: range − predicted (m)" + (f"   ({left_out})" if left_out else ""), fontsize=10, y=0.02)
     handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    figure.legend(handles, labels, loc="upper right", ncols=3)
     return figure
 
 
@@ -49,13 +49,11 @@ def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> 
     both_m = both_m[np.isfinite(both_m)]
     # The last bins also hold what lies beyond them: nothing vanishes from a histogram.
     inside = [np.clip(part[np.isfinite(part)], bins[0], bins[-1]) for part in (clear_m, nlos_m)]
-    panel.hist(
-        inside,
-        bins=list(bins),
-        stacked=True,
-        color=[style.ROBOT, style.NOTE],
-        label=["line of sight", f"late by more than {LATE_STD:g} std: NLOS"],
-    )
+    clear, late = (np.histogram(part, bins)[0] for part in inside)
+    panel.stairs(clear, bins, fill=True, color=style.ROBOT, label="line of sight")
+    late_label = f"late by more than {LATE_STD:g} std: NLOS"
+    panel.stairs(clear + late, bins, baseline=clear, fill=True, color=style.NOTE, label=late_label)
+    panel.set_ylim(bottom=0)
     panel.axvline(0, color=style.GREY, linewidth=0.8)
     if not len(both_m):
         return

@@ -14,16 +14,15 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.results.dilution import DilutionGrid, read_dilution
 from quadlog.results.maps import MapSequence, load_maps
+from quadlog.results.plots.occupancy import Occupancy, accumulate
 from quadlog.results.record import RunRecord
 from quadlog.results.run_folder import read_metrics, read_run_json
+from quadlog.results.run_start import TIMED
 from quadlog.results.samples import CloudSample, GroundMap, read_cloud_samples, read_ground
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import read_tum
 
 Table = dict[str, NDArray[Any]]
-
-# Their earliest instant is 0 s, so that all figures share one time axis.
-_TIMED = ("ranges", "fixes", "poses", "target", "scans", "plans", "control")
 
 LATE_STD = 3.0
 
@@ -51,6 +50,11 @@ class RunData:
         """The map sequence, or None when there is no map."""
         maps = load_maps(self.path) if (self.path / "maps.npz").is_file() else None
         return maps if maps is not None and len(maps) else None
+
+    @cached_property
+    def occupancy(self) -> Occupancy | None:
+        """All maps as one: in which share of them each cell was occupied; None when there is no map."""
+        return accumulate(self.maps) if self.maps is not None else None
 
     @cached_property
     def cloud_samples(self) -> tuple[list[CloudSample], list[str]]:
@@ -113,7 +117,7 @@ class RunData:
     @cached_property
     def start_ns(self) -> int:
         """The earliest instant of all tables and maps; 0 s of every time axis."""
-        starts = [int(table["t_ns"].min()) for name in _TIMED if (table := self.table(name)) is not None]
+        starts = [int(table["t_ns"].min()) for name in TIMED if (table := self.table(name)) is not None]
         if self.maps is not None:
             starts.append(int(self.maps.t_ns.min()))
         return min(starts, default=0)

@@ -64,8 +64,8 @@ def draw_scans(run: RunData) -> Figure | None:
     keep = style.thin_line(scans["n_valid"], 2000)
     seconds = run.seconds(scans["t_ns"])[keep]
     counts = {name: scans[f"n_{name}"][keep] for name in ("ground", "obstacle", "outlier")}
-    figure = style.new_figure(3.2)
-    axes = figure.subplots()
+    figure, grid = style.new_stack(1, 2.7)
+    axes = grid[0, 0]
     colors = [CLASS_COLOR[name] for name in counts]
     axes.stackplot(seconds, *counts.values(), labels=list(counts), colors=colors, linewidth=0)
     axes.plot(seconds, scans["n_valid"][keep], color=style.BLACK, linewidth=1.1, label="valid, before the crop")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _ERRORS = (
     ("error_m", "distance to the path (m)", style.ROBOT, ("eta_m", "sigma_m"), "η"),
     ("cross_track_m", "cross-track (m, left +)", style.PLAN, None, ""),
-    ("time_error_m", "distance to the timed\nreference (m)", style.TARGET, ("eta_time_m", "sigma_time_m"), "η"),
+    ("time_error_m", "timed distance (m)", style.TARGET, ("eta_time_m", "sigma_time_m"), "η"),
     ("heading_error_rad", "yaw error (rad)", style.RESIM, None, ""),
 )
 
@@ -30,8 +30,8 @@ def draw_tracking_error(run: RunData) -> Figure | None:
     errors = [error for error in _ERRORS if np.isfinite(control[error[0]]).any()]
     if not errors:
         return None
-    figure = style.new_figure(0.5 + 2.0 * len(errors))
-    panels = figure.subplots(len(errors), 1, squeeze=False, sharex=True)[:, 0]
+    figure, grid = style.new_stack(len(errors), 2.0)
+    panels = grid[:, 0]
     seconds = run.seconds(control["t_ns"])
     for panel, (column, label, color, saved, symbol) in zip(panels, errors, strict=True):
         keep = style.thin_line(control[column])
@@ -43,7 +43,6 @@ def draw_tracking_error(run: RunData) -> Figure | None:
         panel.set_ylabel(label)
         style.legend_above(panel)
     panels[-1].set_xlabel("time (s)")
-    figure.align_ylabels()
     return figure
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.results.plots import style
-from quadlog.results.plots.occupancy import accumulate
 from quadlog.results.plots.run_data import RunData, Table
 
 if TYPE_CHECKING:
@@ -80,8 +79,7 @@ def _view(paths: list[Float], anchors_m: list[tuple[float, float]]) -> tuple[Flo
 
 
 def _draw_map(run: RunData, figure: Figure, axes: Axes) -> None:
-    maps = run.maps
-    occupancy = accumulate(maps) if maps is not None else None
+    occupancy = run.occupancy
     if occupancy is None:
         return
     share = np.ma.masked_invalid(np.where(occupancy.share > 0, occupancy.share, np.nan))

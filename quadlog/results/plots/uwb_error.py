@@ -26,8 +26,8 @@ def draw_uwb_error(run: RunData) -> Figure | None:
         return None
     tags = np.unique(errors["tag"])
     shown = tags[:MAX_TAGS]
-    figure = style.new_figure(0.7 + 2.6 * len(shown))
-    panels = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+    figure, grid = style.new_stack(len(shown), 2.7, above_in=0.74)
+    panels = grid[:, 0]
     for panel, tag in zip(panels, shown, strict=True):
         rows = {name: column[errors["tag"] == tag] for name, column in errors.items()}
         _draw_tag(run, panel, rows, f"tag {tag}" if len(tags) > 1 else "")

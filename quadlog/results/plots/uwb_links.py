@@ -25,8 +25,8 @@ def draw_uwb_links(run: RunData) -> Figure | None:
     if links is None or ranges is None:
         return None
     tags, anchors = np.unique(links["tag"]), np.unique(links["anchor"])
-    figure = style.new_figure(8.0)
-    residual_axes, bias_axes, nlos_axes = figure.subplots(3, 1, sharex=True, height_ratios=[1.4, 1.2, 1])
+    figure, grid = style.new_stack(3, 2.4)
+    residual_axes, bias_axes, nlos_axes = grid[:, 0]
     shown = min(len(tags), MAX_TAGS)
     for place, tag in enumerate(tags[:MAX_TAGS]):
         color = style.SERIES[place]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import SeekingReader
+from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.dilution import DilutionGrid, write_dilution
@@ -28,6 +33,49 @@ CONFIG: dict[str, Any] = {
     "planner": {"name": "ia_star"},
 }
 ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
+
+BROWSER_FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-logging=stderr",
+]
+
+
+@pytest.fixture
+def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Opens a page with more flags; gives the DOM and the console's lines."""
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+    chromium = next((found for name in names if (found := shutil.which(name))), None)
+    if chromium is None:
+        pytest.skip("no Chromium is installed, so the report is not tried in a browser")
+
+    def open_page(page: Path, *flags: str) -> tuple[str, list[str]]:
+        command = [chromium, *BROWSER_FLAGS, f"--user-data-dir={tmp_path / 'profile'}", *flags, page.resolve().as_uri()]
+        quiet = {**os.environ, "HOME": str(tmp_path)}
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True, env=quiet)
+        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+    return open_page
+
+
+@pytest.fixture
+def tiny_walk(tiny_run: Path) -> Path:
+    """The tiny run with the tables of a walk along a course alone."""
+    kept = {"control.parquet", "paths.parquet", "ground.npz", "metrics.json", "config.toml", "run.json"}
+    for each in tiny_run.iterdir():
+        if each.name not in kept:
+            each.unlink()
+    record = json.loads((tiny_run / "run.json").read_text())
+    record |= {"options": {"course": "line", "controller": "fpmw", "seed": 0}, "losses": [], "topics": []}
+    (tiny_run / "run.json").write_text(json.dumps(record))
+    return tiny_run
 
 
 @pytest.fixture(scope="session")
@@ -72,7 +120,7 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
                 "ate_rmse_m": {"value": float("nan"), "n": 0, "unit": "m"},
             }
         )
-        write_derived(path)
+        write_derived(path, record=tiny_record)
         write_layout(path)
         folder.write_run_json(tiny_record)
         return path
@@ -84,6 +132,24 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
 def tiny_original(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny run, written once; not to be changed."""
     return write_run(tmp_path_factory.mktemp("original") / "walk")
+
+
+@pytest.fixture(scope="session")
+def derived(tiny_original: Path) -> dict[str, list[tuple[int, Any]]]:
+    """(log time, decoded message) by topic of the tiny run's `derived.mcap`, every chunk's checksum verified."""
+    return decode_mcap(tiny_original / "derived.mcap")
+
+
+def decode_mcap(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    found: dict[str, list[tuple[int, Any]]] = {}
+    decode = DecoderFactory()
+    with path.open("rb") as file:
+        for schema, channel, message in SeekingReader(file, validate_crcs=True).iter_messages():
+            assert message.publish_time == message.log_time
+            decoder = decode.decoder_for(channel.message_encoding, schema)
+            assert decoder is not None
+            found.setdefault(channel.topic, []).append((message.log_time, decoder(message.data)))
+    return found
 
 
 @pytest.fixture

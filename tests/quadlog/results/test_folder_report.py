@@ -1,4 +1,6 @@
+import json
 import re
+import statistics
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +54,10 @@ def test_hostile_names_stay_text_and_lead_nowhere(tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
     (tmp_path / "report.html").write_text("")
     names = ["..", HOSTILE, "javascript:alert(1)", "a/../..", "."]
-    _summary(tmp_path / "runs", recording=names, exit_code=[1] * 5, reason=[HOSTILE] * 5)
+    _summary(tmp_path / "runs", recording=names, exit_code=[1] * 5, reason=[HOSTILE] * 5, eta_m=[5, 1, 2, 3, 4])
     page = write_folder_report(tmp_path / "runs").read_text()
     assert page.count("<script>") == 1
+    assert page.count("<title>") == 6  # of the page, and of each dot of the chart
     assert "<a " not in page
     assert len(_rows(page)) == 5
 
@@ -69,3 +72,50 @@ def test_an_empty_summary_is_a_page_and_a_missing_one_is_refused(tmp_path: Path)
 def test_the_same_summary_gives_the_same_bytes(tmp_path: Path) -> None:
     _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], eta_m=[1.0, 2.0])
     assert write_folder_report(tmp_path).read_bytes() == write_folder_report(tmp_path).read_bytes()
+
+
+def _walks(folder: Path, *names: str, option: str = "course") -> None:
+    for name in names:
+        (folder / name).mkdir()
+        (folder / name / "run.json").write_text(json.dumps({"options": {option: "line"}}))
+
+
+def test_seeds_of_a_course_are_walks_with_their_mean_and_deviation(tmp_path: Path) -> None:
+    _walks(tmp_path, "seed-000", "seed-001", "seed-002")
+    names = ["seed-000", "seed-001", "seed-002"]
+    columns = {"eta_m": [1.0, 2.0, 6.0], "completion_time_s": [np.nan, 30.0, np.nan]}
+    _summary(tmp_path, recording=names, exit_code=[0, 0, 0], reason=["", "fell", ""], **columns)
+    page = write_folder_report(tmp_path).read_text()
+    assert f"{tmp_path.name}: 3 walks" in page
+    assert ">Walks</h2>" in page
+    assert "recording" not in page.lower()
+    foot = re.search(r"<tfoot>(.*)</tfoot>", page, re.DOTALL)
+    assert foot is not None
+    mean, std = (re.findall(r"<t[hd][^>]*>([^<]*)</t", row) for row in foot[1].split("</tr>")[:-1])
+    assert mean == ["mean", "", "", "3", "30"]
+    assert std == ["std", "", "", f"{statistics.stdev([1, 2, 6]):.4g}", "–"]
+
+
+def test_one_walk_has_no_mean_and_a_column_without_a_reason_is_left_out(tmp_path: Path) -> None:
+    _walks(tmp_path, "seed-000")
+    _summary(tmp_path, recording=["seed-000"], exit_code=[0], reason=[""], eta_m=[1.0])
+    page = write_folder_report(tmp_path).read_text()
+    assert f"{tmp_path.name}: 1 walk<" in page or f"{tmp_path.name}: 1 walk " in page
+    assert "<tfoot>" not in page
+    assert ">reason<" not in page
+    assert [len(re.findall(r"<t[hd]", row)) for row in _rows(page)] == [3]
+
+
+@pytest.mark.parametrize("other", ["replay", "damaged", "missing", "hostile"])
+def test_walks_beside_anything_else_are_recordings(tmp_path: Path, other: str) -> None:
+    _walks(tmp_path, "seed-000")
+    if other == "replay":
+        _walks(tmp_path, other, option="until")
+    elif other == "damaged":
+        (tmp_path / other).mkdir()
+        (tmp_path / other / "run.json").write_text("{")
+    name = "./seed-000" if other == "hostile" else other
+    _summary(tmp_path, recording=["seed-000", name], exit_code=[0, 0], reason=["", ""], eta_m=[1.0, 2.0])
+    page = write_folder_report(tmp_path).read_text()
+    assert ": 2 recordings" in page
+    assert "<tfoot>" not in page

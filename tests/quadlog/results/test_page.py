@@ -1,3 +1,6 @@
+import base64
+import hashlib
+import html
 import re
 
 import pytest
@@ -8,7 +11,8 @@ from quadlog.results.page import format_bytes, format_metres, format_number, for
 
 
 def _folder(title: str) -> str:
-    return render_page("folder.html.jinja", script="sort.js", title=title, rows=[], metrics=[], tiles=[]).decode()
+    values = {"title": title, "one": "recording", "many": "recordings", "rows": [], "metrics": [], "tiles": []}
+    return render_page("folder.html.jinja", scripts=["sort.js"], **values).decode()
 
 
 def test_style_and_script_are_the_only_ones_the_policy_admits() -> None:
@@ -21,6 +25,21 @@ def test_style_and_script_are_the_only_ones_the_policy_admits() -> None:
     assert "form-action 'none'" in words
     assert not any("unsafe" in word or "http" in word or "*" in word for word in words)
     assert " style=" not in page  # a hash admits no style attribute
+
+
+def test_the_policy_has_the_hash_of_every_style_and_script() -> None:
+    scripts, styles = ["sort.js", "vendor/uPlot.iife.min.js"], ["vendor/uPlot.min.css"]
+    values = {"title": "runs", "one": "", "many": "", "rows": [], "metrics": [], "tiles": []}
+    page = render_page("folder.html.jinja", scripts=scripts, styles=styles, **values).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    rules = [rule.split() for rule in html.unescape(policy[1]).split("; ")]
+    admitted = {kind: sources for kind, *sources in rules}
+    for kind, tag, count in (("script-src", "script", 2), ("style-src", "style", 2)):
+        inside = re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL)
+        digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in inside]
+        assert admitted[kind] == [f"'sha256-{digest}'" for digest in digests]
+        assert len(inside) == count
 
 
 @given(st.text())

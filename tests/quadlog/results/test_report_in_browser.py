@@ -1,9 +1,6 @@
 """Both pages in a real browser: they render, the policy blocks nothing of ours, and sorting sorts."""
 
-import os
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,36 +12,6 @@ from quadlog.results.folder_report import write_folder_report
 from quadlog.results.report import write_report
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
-
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-logging=stderr",
-]
-
-
-@pytest.fixture
-def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
-    """Opens a page with more flags; gives the DOM and the console's lines."""
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-    chromium = next((found for name in names if (found := shutil.which(name))), None)
-    if chromium is None:
-        pytest.skip("no Chromium is installed, so the report is not tried in a browser")
-
-    def open_page(page: Path, *flags: str) -> tuple[str, list[str]]:
-        command = [chromium, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", *flags, page.resolve().as_uri()]
-        quiet = {**os.environ, "HOME": str(tmp_path)}
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True, env=quiet)
-        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-    return open_page
 
 
 def _click_first(page: Path, header: str) -> Path:
@@ -93,3 +60,28 @@ def test_a_click_sorts_the_folder(tmp_path: Path, browse: Callable[..., tuple[st
 
     assert order("eta_m") == "dcba"
     assert order("recording") == "abcd"
+
+
+def test_a_folder_of_walks_sorts_above_its_mean(tmp_path: Path, browse: Callable[..., tuple[str, list[str]]]) -> None:
+    for name in "abc":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text('{"options": {"course": "line"}}')
+    columns = {"recording": list("abc"), "exit_code": [0] * 3, "reason": ["", "fell", ""], "eta_m": [10.0, 9.0, 0.5]}
+    write_table(tmp_path / "summary.parquet", TABLES["summary"], columns)
+    dom, complaints = browse(_click_first(write_folder_report(tmp_path), "eta_m"), "--dump-dom")
+    assert complaints == []
+    assert "".join(re.findall(r'<th scope="row"[^>]*>(\w+)</th>', dom)) == "cbameanstd"
+
+
+@pytest.mark.parametrize("width_px", [390, 1000])
+def test_a_simulated_walk_fits_its_window(
+    tiny_walk: Path, browse: Callable[..., tuple[str, list[str]]], width_px: int
+) -> None:
+    page = write_report(tiny_walk)
+    flags = ("--blink-settings=preferredColorScheme=0", "--hide-scrollbars", f"--window-size={width_px},6000")
+    _, complaints = browse(page, *flags, f"--screenshot={tiny_walk / 'shot.png'}")
+    assert complaints == []
+    shot = np.asarray(Image.open(tiny_walk / "shot.png").convert("RGB")).astype(int)
+    # Dark throughout, and nothing is so wide that it reaches the right edge.
+    assert (np.abs(shot[:, -4:] - np.array([0x14, 0x17, 0x1B])).max(axis=2) <= 2).all()
+    assert "Simulated by quadlog" in page.read_text()

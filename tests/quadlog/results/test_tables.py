@@ -193,3 +193,11 @@ def test_a_table_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypat
     monkeypatch.setattr(tables, "_MAX_VALUES", 499)
     with pytest.raises(TooLarge, match="500"):
         read_table(tmp_path, "poses")
+
+
+def test_text_that_is_none_is_damage(tmp_path: Path) -> None:
+    columns = {"t_ns": [1], "x_m": [1.0], "y_m": [1.0], "yaw_rad": [1.0]}
+    odd = pa.array([b"\xff\xfe"]).view(pa.string())
+    pq.write_table(pa.table(columns | {"source": odd}), tmp_path / "poses.parquet")
+    with pytest.raises(NotARun, match="column source holds what is no text"):
+        read_table(tmp_path, "poses")

@@ -31,6 +31,8 @@ NEEDS = {
     "posture": ["control"],
     "torques": ["control"],
 }
+# Of the experiment trot-32s alone.
+TROT_ONLY = ("displacement", "euler_angles")
 DRAW = {plot.name: plot.draw for plot in PLOTS}
 
 
@@ -53,7 +55,7 @@ def _with_a_body(run: Path) -> None:
 def test_every_figure_is_drawn_from_a_complete_run(tiny_run: Path) -> None:
     _with_a_body(tiny_run)
     pictures = render_plots(RunData(tiny_run))
-    assert list(pictures) == [plot.name for plot in PLOTS] == list(NEEDS)
+    assert list(pictures) == [plot.name for plot in PLOTS if plot.name not in TROT_ONLY] == list(NEEDS)
     for png in pictures.values():
         image = Image.open(io.BytesIO(png))
         image.load()

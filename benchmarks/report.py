@@ -1,0 +1,42 @@
+"""Report: pictures, charts and page of a minute's walk again, in processor time of the whole command."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.figures import Figure
+from benchmarks.startup import QUADLOG, cpu_ms
+
+ROUNDS = 5
+SECONDS = 60
+LIMIT_S, LIMIT_MB = 3.0, 6.0
+# A sweep of fewer rays: how many points a scan had plays no part in a report.
+AZIMUTH_STEPS = 450
+MATPLOTLIB = "import matplotlib.figure, matplotlib.backends.backend_agg, matplotlib.style"
+
+
+def measure(folder: Path) -> Iterator[Figure]:
+    """`quadlog report RUN` in turn with importing what it draws with; the recording is made and replayed first."""
+    run = _replayed(folder)
+    pairs = [(cpu_ms([QUADLOG, "report", str(run)]), cpu_ms([sys.executable, "-c", MATPLOTLIB])) for _ in range(ROUNDS)]
+    report_s, import_s = (statistics.median(pair[which] for pair in pairs) / 1e3 for which in (0, 1))
+    floor = f"floor: importing matplotlib alone is {import_s:.2f} s, one empty panel of one picture about 0.02 s"
+    yield Figure(f"quadlog report of {SECONDS} s with UWB, lidar and torques", report_s, "s cpu", LIMIT_S, floor=floor)
+    ratio = statistics.median(report / alone for report, alone in pairs)
+    yield Figure("the same / importing matplotlib", ratio, "x")
+    yield Figure("report.html", (run / "report.html").stat().st_size / 1e6, "MB", LIMIT_MB)
+
+
+def _replayed(folder: Path) -> Path:
+    recording, config, runs = folder / "follow.mcap", folder / "quadlog.toml", folder / "runs"
+    make = ["synthesize", "follow", "--duration", str(SECONDS), "--azimuth-steps", str(AZIMUTH_STEPS)]
+    for words in (
+        [*make, "-o", str(recording), "--config-output", str(config)],
+        ["replay", str(recording), "-c", str(config), "-o", str(runs)],
+    ):
+        subprocess.run([QUADLOG, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    return runs / recording.stem
