@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import foxglove.messages as fox
 import numpy as np
@@ -29,7 +30,7 @@ def paths(columns: Columns, prefix: str, color: str) -> Stream:
     x_m, y_m = columns[f"{prefix}x_m"], columns[f"{prefix}y_m"]
     # One path at a time: a long run has millions of points.
     starts = np.flatnonzero(np.diff(t_ns, prepend=t_ns[:1] - 1)).tolist()
-    for first, last in zip(starts, [*starts[1:], len(t_ns)], strict=True):
+    for first, last in pairwise([*starts, len(t_ns)]):
         points = np.column_stack([x_m[first:last], y_m[first:last]])
         line = fox.LinePrimitive(
             type=fox.LinePrimitiveLineType.LineStrip,

@@ -16,7 +16,7 @@ from quadlog.errors import NotARun, TooLarge
 from quadlog.results import read_table
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.export import export_run
-from quadlog.results.foxglove_scene import POINT
+from quadlog.results.foxglove_scene import POINT, paths
 from quadlog.results.plots.scans import CLASS_COLOR
 from quadlog.results.record import LossRecord, RunRecord
 from quadlog.results.samples import CloudSample, read_cloud_samples, write_cloud_samples
@@ -58,6 +58,11 @@ def test_paths_are_lines_of_the_points_there_are(tiny_run: Path, derived: Any) -
             assert [point.x for point in line.points] == paths["x_m"][rows].tolist()
             assert [point.y for point in line.points] == paths["y_m"][rows].tolist()
             assert len(derived[f"{topic}/path_smooth"][k][1].entities[0].lines[0].points) == 8
+
+
+def test_without_a_path_there_is_no_line() -> None:
+    nothing = {name: np.zeros(0) for name in ("x_m", "y_m", "smooth_x_m", "smooth_y_m")}
+    assert list(paths({"t_ns": np.zeros(0, np.int64), **nothing}, "", "#000000")) == []
 
 
 def test_anchors_stand_where_the_links_say(tiny_run: Path, derived: Any) -> None:
