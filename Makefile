@@ -5,12 +5,12 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo tables test install lint typecheck unit bench fixture clean
+.PHONY: demo tables test install lint typecheck unit bench docs fixture clean
 
 demo: install  ## replay the committed recording and print its metrics
 	$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
 
-tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws less
+tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws less; what is there and unchanged is kept
 	$(BIN)/quadlog tables -o tables --force $(if $(filter-out 0,$(FAST)),--fast)
 
 test: install lint typecheck unit  ## everything a change must pass
@@ -41,6 +41,9 @@ unit: install
 bench: install  ## the figures the README quotes, with limit and floor beside each; PARTS=perception measures less
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks $(PARTS)
+
+docs: install  ## write the pages of docs/ again that say what the code says
+	$(BIN)/python docs/make.py
 
 fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,9 +15,11 @@ if TYPE_CHECKING:
     from quadlog.results.paper_rows import PaperTable
 
 
+NAMES = f"TABLE is any of {', '.join(TABLES)}; without one, all of them are made."
 HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV file, a LaTeX file and pictures for each.
 
-TABLE is any of {", ".join(TABLES)}; without one, all of them are made.
+\b
+{textwrap.fill(NAMES, 76, break_on_hyphens=False)}
 """
 
 
@@ -25,7 +28,7 @@ TABLE is any of {", ".join(TABLES)}; without one, all of them are made.
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("tables"), help="Folder to write to.")
 @click.option("--fast", is_flag=True, help="Fewer draws and wider intervals; the page says so.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Draws everything random.")
-@click.option("--force", is_flag=True, help="Replace what is there.")
+@click.option("--force", is_flag=True, help="Replace what is there, if it would change.")
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
     """Make, write and print."""
     from quadlog.cli.progress import open_progress
@@ -44,11 +47,9 @@ def print_table(table: PaperTable) -> None:
     from quadlog.results.paper_page import RIGHT, SHOWN, shown_cells
 
     printed = [row for row in table.rows if row.paper is not None]
-    judged = [row.reproduces for row in printed if row.reproduces is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
     _print_columns([SHOWN, *(shown_cells(row) for row in printed or table.rows)], RIGHT)
-    reproduced = f"{sum(judged)} of {len(judged)} printed numbers reproduce" if printed else "the paper prints none"
-    click.echo(f"{reproduced}; {len(table.rows)} quantities in all")
+    click.echo(f"{table.reproduced}; {len(table.rows)} quantities in all")
 
 
 def _print_columns(lines: Sequence[Sequence[str]], right: Sequence[str]) -> None:

@@ -13,6 +13,7 @@ from quadlog.pipelines.tables.followed_cells import (
     preset_group,
     setting_group,
 )
+from quadlog.pipelines.tables.followed_person import person_group
 from quadlog.pipelines.tables.person_ahead import AHEAD_M, SPEED_MPS
 from quadlog.pipelines.tables.planner_pictures import draw_all_ratios, draw_first_run
 from quadlog.pipelines.tables.planner_walks import DENSITIES_PER_M2, HELD_OUT_SEED, PAPER, PRESETS
@@ -39,7 +40,11 @@ def make_table(fast: bool, seed: int) -> PaperTable:
         f"drawn from seed {HELD_OUT_SEED + seed}.",
         seed=seed,
         fast=fast,
-        groups=(*(preset_group(preset, measured) for preset in PRESETS), setting_group(measured)),
+        groups=(
+            *(preset_group(preset, measured) for preset in PRESETS),
+            setting_group(measured),
+            person_group(walks, seed),
+        ),
         pictures=_pictures(measured),
     )
 

@@ -22,10 +22,14 @@ from quadlog.pipelines.tables.tracking_figures import (
     ETA_TIME,
     HEIGHT,
     LOOKAHEAD,
+    LOOKAHEAD_RANGE,
     PITCH,
+    SATURATED,
     SIGMA,
     SIGMA_TIME,
     TIME,
+    TORQUE,
+    YAW_ERROR,
     Figure,
     fall_row,
     mean_row,
@@ -45,6 +49,8 @@ PRINTED: dict[Figure, tuple[dict[str, float], float]] = {
     TIME: (PRINTED_S, 1.0),
 }
 """Table 5, which does not say what its errors are: either of ours stands beside them. With the last digit."""
+CURVED = (YAW_ERROR, TORQUE, SATURATED, LOOKAHEAD, LOOKAHEAD_RANGE)
+"""What Figs 28 and 29 draw over time, beside the errors; no number of it is printed."""
 INTERVALS = "Intervals: 95 % after Student over the seeds; shares of walks after Wilson."
 RATIO_INTERVALS = "Intervals: 95 % after Student, of the logarithms over the seeds."
 
@@ -57,7 +63,7 @@ def number_group(condition: str, measured: Measured) -> RowGroup:
         for figure, (printed, step) in PRINTED.items():
             rows += mean_row(where, figure, walks, printed[name], step, why_not=_why_not(figure, printed[name], walks))
         rows.append(fall_row(where, walks))
-        for figure in (PITCH, HEIGHT, LOOKAHEAD):
+        for figure in (PITCH, HEIGHT, *CURVED):
             rows += mean_row(where, figure, walks)
     conditions = (
         "The pose is known exactly and nothing pushes; the seed draws the ground."

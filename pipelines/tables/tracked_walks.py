@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,11 @@ SEEDS_PER_TABLE = 100
 CONDITIONS = {"ideal": False, "disturbed": True}
 """What the tables call them, and whether `quadlog simulate --disturbed` is meant."""
 NS = 1_000_000_000
+CURVES = (
+    *("x_m", "y_m", "ref_x_m", "ref_y_m", "heading_error_rad", "vx_mps", "yaw_rate_radps", "lookahead_m"),
+    *("k_v", "k_w", "tau_00_nm", "tau_01_nm", "tau_02_nm"),
+)
+"""What the paper draws of a walk; torques are those of the front left leg."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +50,14 @@ class Steering:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One walk; terrain: as [simulation] has it."""
+    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture."""
 
     course: str
     terrain: str
     steering: Steering
     disturbed: bool
     seed: int
+    drawn: bool = False
 
     @property
     def config(self) -> Config:
@@ -75,11 +81,15 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """What is kept of a walk: figures by name, one that does not apply is absent, and error_m (T,) at t_s (T,)."""
+    """What is kept of a walk: figures by name, one that does not apply is absent, and error_m (T,) at t_s (T,).
+
+    curves: columns (T,) of control.parquet; none unless they are to be drawn.
+    """
 
     figures: dict[str, float]
     t_s: Float
     error_m: Float
+    curves: Mapping[str, Float] = field(default_factory=dict)
 
     def of(self, name: str) -> float:
         """A figure, NaN when it is absent."""
@@ -116,7 +126,9 @@ def walk_task(task: Task, most_s: float | None = None) -> Tracked:
     config = task.config
     course = find_course(task.course, config)
     ground = make_ground(task.course, course, config, task.seed)
-    return tracked(walk_once(course, config, ground, task.seed, most_s))
+    simulated = walk_once(course, config, ground, task.seed, most_s)
+    walk, control = tracked(simulated), simulated.walk.control
+    return replace(walk, curves={name: np.asarray(control[name]) for name in CURVES}) if task.drawn else walk
 
 
 def tracked(simulated: SimulatedWalk) -> Tracked:
@@ -128,12 +140,20 @@ def tracked(simulated: SimulatedWalk) -> Tracked:
     figures |= {
         "lookahead_mean_m": float(np.mean(lookahead_m)),
         "lookahead_range_m": float(np.ptp(lookahead_m)),
+        "x_error_rms_m": _rms(control["x_m"] - control["ref_x_m"]),
+        "y_error_rms_m": _rms(control["y_m"] - control["ref_y_m"]),
         "speed_mean_mps": float(np.mean(control["vx_mps"])),
         "speed_std_mps": float(np.std(control["vx_mps"])),
         "yaw_rate_std_radps": float(np.std(control["yaw_rate_radps"])),
     }
+    gains = {name: control[name] for name in ("k_v", "k_w") if name in control}
+    figures |= {f"{name}_range": float(np.ptp(gain)) for name, gain in gains.items() if np.isfinite(gain).all()}
     t_ns = control["t_ns"]
     return Tracked(figures, (t_ns - t_ns[0]) / NS, np.asarray(control["error_m"], np.float64))
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _warm_up(task: Task) -> None:

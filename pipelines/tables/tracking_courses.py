@@ -9,11 +9,14 @@ from quadlog.pipelines.tables.tracked_courses import (
     CIRCLE_S,
     COURSES,
     DESIRED_MPS,
+    DRAWN,
     Measured,
     claim_group,
     course_group,
+    curve_group,
     measure_courses,
 )
+from quadlog.pipelines.tables.tracked_curves import draw_curves
 from quadlog.pipelines.tables.tracked_walks import CONDITIONS, held_out_seeds
 from quadlog.pipelines.tables.tracking_pictures import draw_errors, draw_etas
 from quadlog.results.paper_rows import PaperTable, Picture
@@ -41,7 +44,11 @@ def make_table(fast: bool, seed: int) -> PaperTable:
         f"walks drawn from seeds {held_out_seeds(walks, seed)[0]} to {held_out_seeds(walks, seed)[-1]}.",
         seed=seed,
         fast=fast,
-        groups=(*(course_group(condition, measured) for condition in CONDITIONS), claim_group(measured)),
+        groups=(
+            *(course_group(condition, measured) for condition in CONDITIONS),
+            claim_group(measured),
+            curve_group(measured),
+        ),
         pictures=_pictures(measured, seed),
         errata=(ERRATUM,),
     )
@@ -50,8 +57,10 @@ def make_table(fast: bool, seed: int) -> PaperTable:
 def _pictures(measured: Measured, seed: int) -> tuple[Picture, ...]:
     panels = {condition: {called: measured[condition, called] for called in COURSES} for condition in CONDITIONS}
     errors, etas = render_png(partial(draw_errors, panels)), render_png(partial(draw_etas, panels))
+    curves = render_png(partial(draw_curves, measured[DRAWN][0]))
     assert errors is not None
     assert etas is not None
+    assert curves is not None
     return (
         Picture(
             "errors",
@@ -64,5 +73,12 @@ def _pictures(measured: Measured, seed: int) -> tuple[Picture, ...]:
             "Mean error of each walk by course, with means and intervals, undisturbed and disturbed.",
             "A dot for each walk, hollow where it fell; above it the mean over the seeds and its 95 % interval.",
             etas,
+        ),
+        Picture(
+            "curves",
+            "A walk round the circle: its way, errors of position and yaw, speed and yaw rate, joint torques of a leg, "
+            "k_v and k_w, and the look-ahead.",
+            f"As Figs 21 to 24: the undisturbed walk of seed {held_out_seeds(1, seed)[0]} round the circle on 6 cm.",
+            curves,
         ),
     )

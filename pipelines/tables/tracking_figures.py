@@ -38,7 +38,11 @@ SIGMA_TIME = Figure("sigma_time_m", "σ beside the place in time", "m")
 TIME = Figure("completion_time_s", "completion time", "s")
 PITCH = Figure("pitch_rms_rad", "pitch rms", "°", math.degrees(1.0))
 HEIGHT = Figure("height_rms_m", "height rms", "mm", 1e3)
+YAW_ERROR = Figure("heading_rmse_rad", "yaw error, rms", "rad")
+TORQUE = Figure("torque_max_nm", "largest joint torque", "N m")
+SATURATED = Figure("torque_saturation_share", "share of torques at their limit", "1")
 LOOKAHEAD = Figure("lookahead_mean_m", "mean look-ahead", "m")
+LOOKAHEAD_RANGE = Figure("lookahead_range_m", "range of look-ahead", "m")
 
 
 def mean_interval(values: Float) -> tuple[float, Interval | None]:

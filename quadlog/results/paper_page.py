@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
 
 from quadlog.results.latex import latex_table
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.results.paper_rows import PaperRow, PaperTable, Picture, RowGroup
+from quadlog.results.paper_store import picture_file
 
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
 RIGHT = ("paper", "ours", "95 % interval", "difference")
-
-PREFACE = """# The papers' tables, measured again
-
-Each table has what a paper prints beside what quadlog finds, as `TABLE.csv`, as `TABLE.tex` (booktabs) and below.
-
-- **paper** is empty where the paper prints no such number.
-- **95 % interval** is that of ours; it is empty where ours is computed without any random draw.
-- **reproduces** is *yes* where ours, rounded to the digits that the paper prints, is the printed number, or where the
-  interval holds it; *no* otherwise, with a note why; empty where there is nothing to reproduce.
-"""
+ROWS_A_PAGE = 22
+"""A quantity's name takes up to two lines of LaTeX, and a page has some fifty."""
+MARKS = {True: "yes", False: "✗ no", None: ""}
+"""What the page has for a verdict: what fails is seen without reading."""
 
 
 def csv_text(table: PaperTable) -> str:
@@ -38,17 +32,19 @@ def csv_text(table: PaperTable) -> str:
 
 
 def latex_text(table: PaperTable) -> str:
-    """One floating table per group, without the notes."""
+    """Floating tables of each group, without the notes; a group that fills more than a page is continued."""
     head = f"% {table.command}\n% needs \\usepackage{{booktabs}}\n"
     tables = [
         latex_table(
-            f"{table.title}: {group.title}" + (" (fast run)" if table.fast else ""),
-            f"tab:{table.name}-{number}",
+            f"{table.title}: {group.title}" + (" (fast run)" if table.fast else "") + (" (continued)" if first else ""),
+            f"tab:{table.name}-{number}" + (f"-{first}" if first else ""),
             SHOWN,
-            [shown_cells(row) for row in group.rows],
+            [shown_cells(row) for row in group.rows[first : first + ROWS_A_PAGE]],
             RIGHT,
+            wrapped=SHOWN[:1],
         )
         for number, group in enumerate(table.groups, start=1)
+        for first in range(0, len(group.rows), ROWS_A_PAGE)
     ]
     return head + "\n" + "\n".join(tables)
 
@@ -69,11 +65,6 @@ def section_text(table: PaperTable) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def readme_text(sections: Sequence[str]) -> str:
-    """The whole page from the sections of its tables."""
-    return "\n".join([PREFACE, *sections])
-
-
 def shown_cells(row: PaperRow) -> tuple[str, ...]:
     """A row as people read it, in the order of SHOWN, with four significant digits."""
     interval = ""
@@ -89,14 +80,9 @@ def _picture_block(table: PaperTable, picture: Picture) -> str:
 
 
 def _group_blocks(group: RowGroup) -> list[str]:
-    rows = [(*shown_cells(row), row.note) for row in group.rows]
+    rows = [(*shown_cells(row)[:-1], MARKS[row.reproduces], row.note) for row in group.rows]
     body = markdown_table((*SHOWN, "note"), rows, RIGHT).rstrip("\n")
     return [f"### {escape_markdown(group.title)}", escape_markdown(group.text), body]
-
-
-def picture_file(table: PaperTable, picture: Picture) -> str:
-    """Where a picture lies, beside the page."""
-    return f"{table.name}-{picture.name}.png"
 
 
 def format_value(value: float | None, digits: int = 4) -> str:

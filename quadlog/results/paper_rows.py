@@ -81,6 +81,18 @@ class PaperTable:
         return tuple(row for group in self.groups for row in group.rows)
 
     @property
+    def judged(self) -> tuple[PaperRow, ...]:
+        """The rows that reproduce or do not."""
+        return tuple(row for row in self.rows if row.reproduces is not None)
+
+    @property
+    def reproduced(self) -> str:
+        """How many of what the paper prints, in words."""
+        if not self.judged:
+            return "the paper prints none"
+        return f"{sum(row.reproduces is True for row in self.judged)} of {len(self.judged)} printed numbers reproduce"
+
+    @property
     def command(self) -> str:
         """The command line that makes this table."""
         fast, seed = " --fast" if self.fast else "", f" --seed {self.seed}" if self.seed else ""

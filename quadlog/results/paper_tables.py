@@ -1,24 +1,33 @@
-"""The folder of the papers' tables: one page, and a CSV file, a LaTeX file and pictures for each table."""
+"""The folder of the papers' tables: one page, and a CSV, a LaTeX and a JSON file and pictures for each table."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.results.files import write_whole
-from quadlog.results.paper_page import csv_text, latex_text, picture_file, readme_text, section_text
-from quadlog.results.paper_rows import PaperTable
+from quadlog.results.paper_page import csv_text, latex_text
+from quadlog.results.paper_readme import Appendix, readme_text
+from quadlog.results.paper_store import Origin, SavedTable, json_bytes, load_saved, picture_file
 
 README = "README.md"
 
 
-def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
-    """Make the folder, before any work is done for it. Raises AlreadyExists unless `force`, and CannotWrite."""
-    outputs = [folder / README, *(folder / f"{name}.{suffix}" for name in names for suffix in ("md", "csv", "tex"))]
-    pictures = [path for name in names for path in sorted(folder.glob(f"{name}-*.png"))]
-    for path in (*outputs, *pictures):
-        if path.exists() and not force:
+def reusable_tables(folder: Path, names: Sequence[str], origin: Origin) -> list[SavedTable]:
+    """Those of the named tables that lie whole in a folder and have this origin."""
+    saved = (load_saved(folder, name) for name in names)
+    return [each for each in saved if each is not None and each.origin == origin]
+
+
+def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTable], force: bool) -> None:
+    """Make the folder, before anything is measured for the named tables.
+
+    Raises CannotWrite, and unless `force` AlreadyExists for the page and for a file of theirs,
+    and for a file of a reused table that is not as it would be written.
+    """
+    for path in () if force else _in_the_way(folder, names, reused):
+        if path.exists():
             raise AlreadyExists(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -26,18 +35,44 @@ def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
         raise CannotWrite(folder, error.strerror or str(error)) from error
 
 
-def write_table(folder: Path, table: PaperTable) -> None:
-    """One table's files, each whole; its section of the page last, for that one says that the others are there."""
-    for picture in table.pictures:
-        write_whole(folder / picture_file(table, picture), picture.png)
-    write_whole(folder / f"{table.name}.csv", csv_text(table).encode())
-    write_whole(folder / f"{table.name}.tex", latex_text(table).encode())
-    write_whole(folder / f"{table.name}.md", section_text(table).encode())
+def write_table(folder: Path, saved: SavedTable) -> None:
+    """One table's files, each whole; its JSON file last, for that one says that the others are there."""
+    for name, content in _files(saved).items():
+        if not _holds(folder / name, content):
+            write_whole(folder / name, content)
 
 
-def write_readme(folder: Path, names: Sequence[str]) -> Path:
-    """The page of all tables that the folder holds, also those of earlier commands, in the order of names."""
-    sections = [folder / f"{name}.md" for name in names]
-    text = readme_text([section.read_text(encoding="utf-8") for section in sections if section.is_file()])
-    write_whole(folder / README, text.encode())
-    return folder / README
+def write_readme(folder: Path, names: Sequence[str], code: str, appendices: Sequence[Appendix], force: bool) -> Path:
+    """The page of all tables that the folder holds, also those of earlier commands, in the order of names.
+
+    Raises AlreadyExists for another page, unless `force`.
+    """
+    saved = [each for name in names if (each := load_saved(folder, name)) is not None]
+    page, text = folder / README, readme_text(saved, code, appendices).encode()
+    if not _holds(page, text):
+        if page.exists() and not force:
+            raise AlreadyExists(page)
+        write_whole(page, text)
+    return page
+
+
+def _in_the_way(folder: Path, names: Sequence[str], reused: Sequence[SavedTable]) -> Iterator[Path]:
+    if names:
+        yield folder / README
+    for name in names:
+        yield from (folder / f"{name}.{suffix}" for suffix in ("csv", "tex", "json"))
+        yield from sorted(folder.glob(f"{name}-*.png"))
+    for saved in reused:
+        yield from (folder / name for name, content in _files(saved).items() if not _holds(folder / name, content))
+
+
+def _files(saved: SavedTable) -> dict[str, bytes]:
+    """What a table is written as, by file name, in the order of writing."""
+    table = saved.table
+    pictures = {picture_file(table, picture): picture.png for picture in table.pictures}
+    texts = {f"{table.name}.csv": csv_text(table).encode(), f"{table.name}.tex": latex_text(table).encode()}
+    return {**pictures, **texts, f"{table.name}.json": json_bytes(saved)}
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.read_bytes() == content

@@ -6,6 +6,7 @@ import pytest
 
 from quadlog.cli.main import run
 from quadlog.cli.tables import print_table
+from quadlog.pipelines import paper_tables
 from quadlog.pipelines.tables import following_uwb
 from quadlog.pipelines.tables.registry import TABLES
 from quadlog.results.paper_rows import PaperRow, PaperTable, RowGroup
@@ -13,8 +14,9 @@ from quadlog.results.paper_rows import PaperRow, PaperTable, RowGroup
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_draws():
-    """The command as it is, only with fewer draws."""
+    """The command as it is, only with fewer draws, and whoever edits quadlog meanwhile."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper_tables, "code_digest", lambda: "this code")
         patch.setattr(following_uwb, "FAST_FIXES", 1000)
         patch.setattr(following_uwb, "FAST_RUNS", 3)
         yield
@@ -29,7 +31,7 @@ def made(tmp_path_factory):
 
 def test_everything_the_contract_names_is_written(made):
     names = {path.name for path in made.iterdir()}
-    assert {"README.md", "following-uwb.csv", "following-uwb.tex"} <= names
+    assert {"README.md", "following-uwb.csv", "following-uwb.json", "following-uwb.tex"} <= names
     assert {name for name in names if name.endswith(".png")} == {
         "following-uwb-site.png",
         "following-uwb-efficiency.png",
@@ -93,14 +95,25 @@ def test_where_the_paper_prints_nothing_all_of_ours_is_printed(capsys):
     assert last == "the paper prints none; 2 quantities in all"
 
 
+def test_what_was_measured_before_is_printed_again_and_not_measured(made, capsys, monkeypatch):
+    assert run(["tables", "following-uwb", "-o", str(made), "--fast", "--force"]) == 0
+    first = capsys.readouterr()
+    before = {path.name: path.read_bytes() for path in made.iterdir()}
+    monkeypatch.setattr(following_uwb, "make_table", None)
+    assert run(["tables", "following-uwb", "-o", str(made), "--fast"]) == 0
+    second = capsys.readouterr()
+    assert second.out == first.out
+    assert second.err == "measured before, and nothing has changed since: following-uwb\n"
+    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
+
+
 def test_nothing_is_overwritten_without_force(made, capsys):
     before = {path.name: path.read_bytes() for path in made.iterdir()}
-    assert run(["tables", "following-uwb", "-o", str(made), "--fast"]) == 1
+    assert run(["tables", "following-uwb", "-o", str(made), "--fast", "--seed", "5"]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "--force" in error
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
-    assert run(["tables", "following-uwb", "-o", str(made), "--fast", "--force"]) == 0
 
 
 def test_an_unknown_table_is_wrong_usage_and_the_known_ones_are_listed(tmp_path, capsys):

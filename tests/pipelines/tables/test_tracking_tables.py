@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.pipelines.tables import tracked_courses, tracked_s_curve, tracking_5, tracking_courses
-from quadlog.pipelines.tables.tracked_walks import Tracked
+from quadlog.pipelines.tables import s_curve_rows, tracked_courses, tracked_s_curve, tracking_5, tracking_courses
+from quadlog.pipelines.tables.tracked_walks import CURVES, Tracked
 from quadlog.results.paper_page import section_text
 
 T_S = np.linspace(0, 60, 50)
@@ -34,7 +34,11 @@ def _pretended(task):
     figures = dict.fromkeys((*names, "height_rms_m", "speed_std_mps", "yaw_rate_std_radps"), eta_m)
     figures |= {"eta_m": eta_m, "fallen": float(fell), "lookahead_mean_m": l_m, "lookahead_range_m": 1 + eta_m}
     figures |= {"speed_mean_mps": 0.59} | ({} if fell else {"completion_time_s": 52.6})
-    return Tracked(figures, T_S, eta_m * (1 + np.sin(T_S)))
+    figures |= {
+        figure.key: eta_m for figure in (*tracked_courses.CURVED, *s_curve_rows.CURVED) if figure.key not in figures
+    }
+    curves = {name: np.sin(T_S) for name in CURVES} if task.drawn else {}
+    return Tracked(figures, T_S, eta_m * (1 + np.sin(T_S)), curves)
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +99,12 @@ def test_table_5_stands_beside_ours(tables):
         assert mine[f"{condition}: η, pMW / FpMW (1)"].paper == pytest.approx(1.8326, abs=1e-4)
 
 
+def test_what_figs_28_and_29_draw_stands_in_numbers(tables):
+    mine = rows(tables["tracking_5", False])
+    for name in ("FpMW", "FpM", "pMW"):
+        assert mine[f"disturbed, {name}: largest joint torque (N m)"].paper is None
+
+
 def test_the_order_is_judged_by_interval_and_by_medians(tables):
     mine = rows(tables["tracking_5", False])
     assert mine["ideal: η, FpM / FpMW (1)"].reproduces
@@ -136,6 +146,14 @@ def test_the_printed_circle_does_not_fit_its_speed(tables):
     assert (row.paper, row.reproduces) == (62, False)
     assert "0.507 m/s" in row.note
     assert "52.4 s" in table.errata[0]
+
+
+def test_what_the_paper_draws_stands_in_numbers_on_uneven_ground(tables):
+    mine = rows(tables["tracking_courses", False])
+    for figure in tracked_courses.CURVED:
+        assert f"disturbed, circle, 6 cm: {figure.called} ({figure.unit})" in mine
+        assert f"ideal, line, 3 cm: {figure.called} ({figure.unit})" in mine
+        assert f"ideal, line, flat: {figure.called} ({figure.unit})" not in mine
 
 
 def test_flat_ground_without_disturbances_is_walked_once(tables):

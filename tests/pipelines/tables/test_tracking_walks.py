@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from quadlog.pipelines.tables import tracked_walks
 from quadlog.pipelines.tables.tracked_s_curve import CONTROLLERS, KNOWN_BEST_M, LENGTHS_M, TUNED, best_fixed_m, fixed
 from quadlog.pipelines.tables.tracked_walks import (
     CHOOSING_SEEDS,
+    CURVES,
     SEEDS_PER_TABLE,
     Steering,
     Task,
@@ -72,11 +73,11 @@ def test_the_best_fixed_lookahead_is_the_smallest_error_of_those_that_stand():
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """A line of 2 m, walked twice."""
+    """A line of 2 m, walked twice, the second time with its curves."""
     path = tmp_path_factory.mktemp("course") / "short.csv"
     path.write_text("x_m,y_m\n" + "".join(f"{x_m:.2f},0\n" for x_m in np.arange(0, 2.01, 0.1)))
     mine = task(Steering("FpMW", "fpmw"), True, str(path), "3cm")
-    return [walk_task(mine), walk_task(mine)]
+    return [walk_task(mine), walk_task(replace(mine, drawn=True))]
 
 
 def test_a_short_walk_fills_its_rows(short):
@@ -94,6 +95,17 @@ def test_a_short_walk_fills_its_rows(short):
     assert 3 < time_s < 4.5
     assert time_s == pytest.approx(short[0].t_s[-1])
     assert 1 < lookahead_m < 2
+
+
+def test_what_is_drawn_is_kept_and_its_figures_are_those_of_the_curves(short):
+    first, drawn = short
+    assert first.curves == {}
+    assert set(drawn.curves) == set(CURVES)
+    off_m = {axis: drawn.curves[f"{axis}_m"] - drawn.curves[f"ref_{axis}_m"] for axis in "xy"}
+    assert np.hypot(off_m["x"], off_m["y"]) == pytest.approx(drawn.error_m)
+    both = np.hypot(first.of("x_error_rms_m"), first.of("y_error_rms_m"))
+    assert both == pytest.approx(np.sqrt(np.mean(drawn.error_m**2)))
+    assert first.of("k_v_range") == pytest.approx(np.ptp(drawn.curves["k_v"]))
 
 
 def test_the_same_task_is_the_same_walk(short):

@@ -6,7 +6,7 @@ import io
 import pytest
 from markdown_it import MarkdownIt
 
-from quadlog.results.paper_page import csv_text, format_value, latex_text, readme_text, section_text
+from quadlog.results.paper_page import ROWS_A_PAGE, csv_text, format_value, latex_text, section_text
 from quadlog.results.paper_rows import PaperRow, PaperTable, Picture, RowGroup
 
 ROWS = (
@@ -51,7 +51,7 @@ def test_the_section_shows_everything():
         "<h3>One_group</h3>",
         "<td>length, &quot;A|B&quot; (m)</td>",
         '<td style="text-align:right">1.2 to 1.3</td>',
-        "<td>why not</td>",
+        "<td>✗ no</td>\n<td>why not</td>",
         "<li>Erratum_1</li>",
         '<a href="planning-1.csv">',
         '<a href="planning-1.tex">',
@@ -75,10 +75,12 @@ def test_latex_has_one_table_per_group():
     assert r"\label{tab:planning-1-1}" in text
     assert r"\label{tab:planning-1-2}" in text
     assert "95 \\% interval" in text
+    assert text.count(r"\begin{tabular}{p{0.35\linewidth}rrrrl}") == 2
 
 
-def test_the_page_explains_its_columns_and_keeps_its_sections_apart():
-    text = readme_text(["## A\n", "## B\n"])
-    for word in ("**paper**", "**95 % interval**", "**reproduces**"):
-        assert word in text
-    assert text.endswith("\n## A\n\n## B\n")
+def test_latex_continues_what_is_longer_than_a_page():
+    rows = tuple(PaperRow(f"row {number}", float(number)) for number in range(ROWS_A_PAGE + 1))
+    text = latex_text(PaperTable("foot-drift", "Title", "", "", 0, False, (RowGroup("Group", "", rows),)))
+    assert text.count(r"\toprule") == 2
+    assert text.count("Group (continued)}") == text.count(rf"\label{{tab:foot-drift-1-{ROWS_A_PAGE}}}") == 1
+    assert [text.count(f"row {number} &") for number in range(len(rows))] == [1] * len(rows)

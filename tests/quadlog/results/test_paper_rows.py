@@ -31,6 +31,13 @@ def test_rows_are_those_of_all_groups_and_named_once():
         table(groups[0], groups[0])
 
 
+def test_what_can_be_judged_is_counted():
+    rows = PaperRow("a", 1.0, 1.0, reproduces=True), PaperRow("b", 1.0, 2.0, reproduces=False), PaperRow("c", 1.0, 2.0)
+    assert table(RowGroup("x", "", rows)).judged == rows[:2]
+    assert table(RowGroup("x", "", rows)).reproduced == "1 of 2 printed numbers reproduce"
+    assert table(RowGroup("x", "", rows[2:])).reproduced == "the paper prints none"
+
+
 def test_the_command_says_what_differs_from_the_defaults():
     assert table().command == "quadlog tables planning-1"
     assert table(fast=True, seed=7).command == "quadlog tables planning-1 --fast --seed 7"
