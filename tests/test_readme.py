@@ -1,61 +1,37 @@
-"""Whatever the README tells a reader to type, typed."""
+"""What the README says of quadlog, held against quadlog; its commands are typed in test_docs.py."""
 
 from __future__ import annotations
 
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from quadlog.cli.main import COMMANDS, run
+from quadlog.errors import ExitCode
+from quadlog.version import __version__
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-LINES = [line.split("  #")[0].strip() for block in BLOCKS for line in block.splitlines()]
-TOLD = [shlex.split(line)[1:] for line in LINES if line.startswith("quadlog ")]
-
-
-@pytest.fixture(scope="module")
-def yesterday(tmp_path_factory):
-    """A folder with the log of the README's reader: a bag, and a folder of bags."""
-    folder = tmp_path_factory.mktemp("reader")
-    arguments = ["--duration", "1.5", "--azimuth-steps", "120"]
-    assert run(["synthesize", "follow", "-o", str(folder / "yesterday.bag"), *arguments]) == 0
-    (folder / "bags").mkdir()
-    for name in ("one.bag", "two.bag"):
-        shutil.copy(folder / "yesterday.bag", folder / "bags" / name)
-    return folder
-
-
-def test_the_tour_is_long_enough_to_mean_something():
-    assert len(TOLD) >= 8
-    assert {words[0] for words in TOLD} <= set(COMMANDS)
-
-
-def test_every_command_of_the_tour_runs(yesterday, monkeypatch):
-    monkeypatch.chdir(yesterday)
-    for words in TOLD:
-        shortened = [{"20": "0.5", "30": "0.5"}.get(word, word) for word in words]
-        assert run(shortened) in (0, 3), words
-    assert (yesterday / "runs" / "yesterday" / "report.html").is_file()
-    assert (yesterday / "season" / "summary.parquet").is_file()
-
-
-def test_the_files_it_lists_are_the_files_there_are(yesterday, monkeypatch):
-    monkeypatch.chdir(yesterday)
-    if not (yesterday / "runs" / "yesterday").exists():
-        assert run(["replay", "yesterday.bag"]) == 0
-    listed = README.split("leaves `runs/yesterday/`:")[1].split("Some things to try")[0]
-    for name in re.findall(r"`([\w-]+\.(?:html|npz|tum|pgm|yaml|mcap|json|toml))`", listed):
-        assert (yesterday / "runs" / "yesterday" / name).exists() or name == "truth.tum", name
 
 
 def test_every_command_is_in_its_table():
     table = README.split("## Commands")[1].split("##")[0]
-    assert set(re.findall(r"`quadlog ([a-z-]+)", table)) == set(COMMANDS)
+    assert re.findall(r"^\| `quadlog ([a-z-]+)", table, re.MULTILINE) == sorted(
+        COMMANDS, key=lambda name: table.index(f"`quadlog {name} ")
+    )
+
+
+def test_every_exit_code_is_told():
+    told = README.split("Exit codes:")[1].split("Completion")[0]
+    assert re.findall(r"\b(\d) [a-z]", told) == [str(int(code)) for code in ExitCode]
+
+
+def test_the_example_from_python_is_short():
+    example = README.split("```python\n")[1].split("```")[0]
+    assert len(example.strip().splitlines()) <= 8
 
 
 def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):
@@ -70,6 +46,8 @@ def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):
     assert "report.html" in printed
 
 
-@pytest.mark.parametrize("path", re.findall(r"`((?:docs|fixtures)/[\w./-]*)`|\]\(([\w./-]+)\)", README))
-def test_what_it_points_at_exists(path):
-    assert (ROOT / next(filter(None, path))).exists()
+@pytest.mark.parametrize("key", ["title", "authors", "version", "license", "message", "cff-version"])
+def test_it_can_be_cited(key):
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text())
+    assert citation[key]
+    assert (citation["version"], citation["license"]) == (__version__, "Apache-2.0")

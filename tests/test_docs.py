@@ -1,0 +1,192 @@
+"""Whatever README and docs/ tell a reader to type, typed, in one folder and in the order of the pages."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from quadlog.cli.main import COMMANDS, cli, run
+
+ROOT = Path(__file__).parents[1]
+MAKEFILE = (ROOT / "Makefile").read_text()
+PAGES = ("README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")), "CONTRIBUTING.md")
+TEXTS = {page: (ROOT / page).read_text() for page in PAGES}
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PROSE = {page: BLOCK.sub("", text) for page, text in TEXTS.items()}
+INLINE = {(page, code) for page, text in PROSE.items() for code in re.findall(r"`([^`\n]+)`", text)}
+# Less than the page asks for: seconds of a recording, the length of a course, worker processes.
+SHORTER = {"20": "0.5", "30": "0.5", "line": "short.csv", "4": "1"}
+BESIDE = Path(sys.executable).parent  # where quadlog and evo_ape are installed
+
+
+def shell_lines(block: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Each line without its comment, and the exit codes that the comment allows."""
+    for line in block.splitlines():
+        command, _, comment = line.partition("  #")
+        said = re.search(r"exits with (\d)", comment)
+        if command.strip():
+            yield command.strip(), (int(said[1]),) if said else (0, 3)
+
+
+def do(line: str) -> int:
+    """What a reader's shell would do with the line, without a network; ValueError for what nobody here runs."""
+    words = shlex.split(line)
+    with pytest.MonkeyPatch.context() as patch:
+        while "=" in words[0] and words[0].startswith("QUADLOG_"):
+            patch.setenv(*words.pop(0).split("=", 1))
+        if words[0] == "quadlog":
+            return run([SHORTER.get(word, word) for word in words[1:]])
+    if words[0] == "make":
+        return 0 if f"\n{words[1]}:" in MAKEFILE else 2
+    if words[:2] == ["pip", "install"]:
+        return 0 if (ROOT / words[2] / "pyproject.toml").is_file() else 1
+    if words[0] in ("eval", "evo_ape"):
+        environment = {**os.environ, "PATH": f"{BESIDE}{os.pathsep}{os.environ['PATH']}", "HOME": str(Path.cwd())}
+        asked = f"{line} && complete -p quadlog" if words[0] == "eval" else line
+        return subprocess.run(["bash", "-c", asked], env=environment, capture_output=True, check=False).returncode
+    raise ValueError(f"nobody runs {line!r}")
+
+
+def tour(page: str) -> Iterator[str]:
+    """Types everything on the page, and gives what did not do as the page says."""
+    for language, block in BLOCK.findall(TEXTS[page]):
+        if language == "sh":
+            for line, allowed in shell_lines(block):
+                if (code := do(line)) not in allowed:
+                    yield f"{page}: {line}: exit {code}"
+        elif language == "python":
+            exec(compile(block, page, "exec"), {})
+        elif language == "toml":
+            tomllib.loads(block)
+        elif language or re.search(r"^(quadlog|make|pip) ", block, re.MULTILINE):
+            yield f"{page}: a block of {language or 'no language'} that nobody runs"
+
+
+@pytest.fixture(scope="module")
+def toured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """The folder of a reader who typed it all, and what went wrong; at the start it holds a log, twice, and a truth."""
+    folder = tmp_path_factory.mktemp("reader")
+    log = folder / "yesterday.bag"
+    assert run(["synthesize", "follow", "-o", str(log), "--duration", "1.5", "--azimuth-steps", "120"]) == 0
+    (folder / "bags").mkdir()
+    for name in ("one.bag", "two.bag"):
+        shutil.copy(log, folder / "bags" / name)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert run(["replay", "yesterday.bag", "-o", "truth", "--until", "position"]) == 0
+        shutil.move("truth/yesterday/trajectory.tum", "truth.tum")
+        Path("short.csv").write_text("x_m,y_m\n0,0\n0.3,0\n0.6,0\n")
+        return folder, [wrong for page in PAGES for wrong in tour(page)]
+
+
+def test_every_command_of_every_page_does_what_it_says(toured):
+    folder, wrong = toured
+    assert wrong == []
+    assert (folder / "season" / "summary.parquet").is_file()
+    assert (folder / "checks.xml").is_file()
+
+
+def test_the_tour_is_long_enough_to_mean_something():
+    lines = [line for page in PAGES for language, block in BLOCK.findall(TEXTS[page]) if language == "sh"
+             for line, _ in shell_lines(block)]  # fmt: skip
+    told = {shlex.split(line)[1] for line in lines if line.startswith("quadlog ")}
+    assert len(lines) > 30
+    assert {"report", "tables"} >= set(COMMANDS) - told, "these are run by tests of their own"
+
+
+def test_the_files_that_the_readme_lists_are_the_files_there_are(toured):
+    listed = TEXTS["README.md"].split("leaves `runs/yesterday/`:")[1].split("Some things to try")[0]
+    names = re.findall(r"`([\w-]+\.(?:html|npz|tum|pgm|yaml|mcap|json|toml))`", listed)
+    assert len(names) >= 10
+    for name in names:
+        assert (toured[0] / "runs" / "yesterday" / name).is_file(), name
+
+
+@pytest.mark.parametrize("name", ["maps.npz", "cloud_samples.npz", "ground.npz"])
+def test_the_members_of_an_archive_are_those_listed(toured, name):
+    arrays = TEXTS["docs/files.md"].split("## Arrays")[1].split("##")[0]
+    row = arrays.split(f"| `{name}` |")[1].splitlines()[0]
+    names = {code.split()[0] for code in re.findall(r"`([^`]+)`", row)}
+    with np.load(toured[0] / "runs" / "yesterday" / name) as archive:
+        assert set(archive) <= names
+
+
+def test_the_topics_of_derived_mcap_are_those_listed(toured):
+    section = TEXTS["docs/files.md"].split("## derived.mcap")[1].split("##")[0]
+    listed = dict(re.findall(r"^\| (`/.*?) \| (.*) \|$", section, re.MULTILINE))
+    schema_of = {topic: schema for topics, schema in listed.items() for topic in re.findall(r"`([^`]+)`", topics)}
+    with (toured[0] / "runs" / "yesterday" / "derived.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.channels) >= 8
+    for channel in summary.channels.values():
+        said = schema_of[re.sub(r"/\d+$", "/TAG", channel.topic)]
+        assert (summary.schemas[channel.schema_id].name if channel.message_encoding == "protobuf" else "JSON") in said
+
+
+@pytest.mark.parametrize(("page", "code"), sorted(each for each in INLINE if each[1].startswith(("quadlog ", "make "))))
+def test_what_is_mentioned_exists(page, code):
+    first, *words = (word for word in code.split() if "=" not in word)
+    if first == "make":
+        assert f"\n{words[0]}:" in MAKEFILE
+        return
+    second, *rest = words
+    if second in ("--help", "--version", "COMMAND"):
+        return
+    assert second in COMMANDS
+    with cli.make_context("quadlog", [second], resilient_parsing=True) as ctx:
+        command = cli.get_command(ctx, second)
+    assert command is not None
+    flags = {flag for parameter in command.params for flag in parameter.opts}
+    assert {word for word in rest if word.startswith("-")} <= flags
+
+
+@pytest.mark.parametrize(("page", "link"), [
+    (page, link) for page, text in PROSE.items() for link in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in link
+])  # fmt: skip
+def test_every_link_leads_somewhere(page, link):
+    assert ((ROOT / page).parent / link).exists()
+
+
+@pytest.mark.parametrize(("page", "code"), sorted(
+    each for each in INLINE if re.match(r"(quadlog|cli|pipelines|docs|tests|fixtures|examples)/", each[1])
+))  # fmt: skip
+def test_every_path_is_there(page, code):
+    assert any(ROOT.glob(re.sub(r"NAME|PACKAGE|FOLDER", "*", code).rstrip("/"))), code
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_table_has_as_many_cells_in_each_row(page):
+    for table in re.findall(r"(?:^\|.*\n)+", TEXTS[page], re.MULTILINE):
+        assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}) == 1, table
+
+
+def test_tables_to_add_a_line_to_are_where_they_are_said_to_be():
+    said = re.findall(r"`(\w+)` (?:in|of) `([\w/]+\.py)`", TEXTS["docs/adding.md"])
+    assert len(said) >= 8
+    for name, path in said:
+        assert re.search(rf"^{name}\b", (ROOT / path).read_text(), re.MULTILINE), (name, path)
+
+
+def test_the_picture_of_the_house_names_what_is_there():
+    picture = BLOCK.search(TEXTS["docs/architecture.md"])
+    assert picture is not None
+    tree = [path for top in ("quadlog", "cli", "pipelines", "docs") for path in (ROOT / top).rglob("*")]
+    names = {path.name if path.is_dir() else path.stem for path in tree}
+    for word in set(re.findall(r"\b[a-z0-9]+(?:_[a-z0-9]+)+\b", picture[2])) - {"map_server"}:
+        assert word in names, word
+    packages = {path.parent.name for path in tree if path.name == "__init__.py"}
+    assert {name for name in packages if name not in picture[2]} == set()
+    modules = {path.name for path in (ROOT / "quadlog").glob("*.py")} - {"__init__.py", "version.py"}
+    assert {name for name in modules if name not in picture[2]} - {"open3d_import.py", "config_section.py"} == set()
