@@ -29,7 +29,7 @@ def measure(folder: Path) -> Iterator[Figure]:
 
 
 def _replay(folder: Path) -> Path:
-    output = folder / "runs"
+    output = folder / "fixture"
     config = str(FIXTURES / "follow.toml")
     command = [QUADLOG, "replay", str(FIXTURES / "follow.mcap"), "-c", config, "-o", str(output)]
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
