@@ -56,9 +56,9 @@ def test_rows_beyond_memory_are_refused_before_they_are_read(tiny_run: Path, mon
 
 
 def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
-    """Arrow's own memory and numpy's, while tables of one and of ten row groups are compared."""
+    """Arrow's own memory and numpy's, while tables of three and of thirty row groups are compared."""
     peaks = []
-    for groups in (1, 10):
+    for groups in (3, 30):  # from the second on, one group is read while the one before it is still held
         run = tmp_path / str(groups)
         run.mkdir()
         n = groups * 16384
@@ -73,4 +73,4 @@ def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
         peaks.append(tracemalloc.get_traced_memory()[1] + pool.max_memory())
         tracemalloc.stop()
         pa.set_memory_pool(before)
-    assert peaks[1] < 1.5 * peaks[0]
+    assert peaks[1] < 1.1 * peaks[0]
