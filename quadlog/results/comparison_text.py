@@ -72,12 +72,18 @@ def markdown_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
 
 
 def latex_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
-    """A floating table per source; the notes as comments."""
-    header = [each.heading for each in _SHOWN]
-    tables = [
-        latex_table(f"Planners on {title}", f"tab:planners-{number}", header, _cells(mine), header[1:])
-        for number, (title, mine) in enumerate(_by_source(rows), start=1)
-    ]
+    """Two floating tables per source, since no page is wide enough for one; the notes as comments."""
+    search = [each.short for each in _SHOWN].index("95 %") + 1
+    tables = []
+    for number, (title, mine) in enumerate(_by_source(rows), start=1):
+        for label, what, places in (
+            ("search", "search", range(search)),
+            ("paths", "paths and time", (0, *range(search, len(_SHOWN)))),
+        ):
+            header = [_SHOWN[place].heading for place in places]
+            cells = [[line[place] for place in places] for line in _cells(mine)]
+            name = f"tab:planners-{number}-{label}"
+            tables.append(latex_table(f"Planners on {title}: {what}", name, header, cells, header[1:]))
     return "\n".join(["% needs \\usepackage{booktabs}", *(f"% {printable(note)}" for note in notes), *tables])
 
 

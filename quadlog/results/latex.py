@@ -13,7 +13,7 @@ _ESCAPED = {
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
     "`": r"\textasciigrave{}",
-    '"': r"\textquotedbl{}",
+    '"': r"\textquotedblright{}",
     **{each: rf"\{each}" for each in "&%$#_{}"},
     # What pdflatex has no glyph for in its text fonts.
     "\u2212": "$-$",
@@ -38,7 +38,8 @@ _ESCAPED = {
     "Δ": r"$\Delta$",
 }
 _SPECIAL = re.compile("[" + re.escape("".join(_ESCAPED)) + "]")
-WRAPPED = r"p{0.35\linewidth}"
+# Six columns of figures beside it fit a page of a one-column article.
+WRAPPED = r"p{0.32\linewidth}"
 _NUMBER = re.compile(r"(-?)(\d+(?:\.\d+)?)(?:e([+-]\d+))?")
 
 
@@ -62,7 +63,7 @@ def latex_table(
     columns = "".join("r" if name in right else WRAPPED if name in wrapped else "l" for name in header)
     body = "\n".join(_line(row) for row in rows)
     return (
-        "\\begin{table}\n\\centering\n"
+        "\\begin{table}\n\\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}\n"
         f"\\caption{{{escape_latex(caption)}}}\n\\label{{{label}}}\n"
         f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{_line(header)}\n\\midrule\n{body}\n\\bottomrule\n"
         "\\end{tabular}\n\\end{table}\n"

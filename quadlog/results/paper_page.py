@@ -13,7 +13,7 @@ from quadlog.results.paper_store import picture_file
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
 RIGHT = ("paper", "ours", "95 % interval", "difference")
-ROWS_A_PAGE = 22
+ROWS_A_PAGE = 20
 """A quantity's name takes up to two lines of LaTeX, and a page has some fifty."""
 MARKS = {True: "yes", False: "✗ no", None: ""}
 """What the page has for a verdict: what fails is seen without reading."""

@@ -133,12 +133,13 @@ def test_names_keep_no_meaning_that_was_not_meant(name: str) -> None:
     assert len(table.splitlines()) == 6
 
 
-def test_latex_has_a_floating_table_for_each_source() -> None:
+def test_latex_has_two_floating_tables_for_each_source() -> None:
     latex = format_rows(ROWS, "latex", ["how it was paired"])
     assert latex.startswith("% needs \\usepackage{booktabs}\n% how it was paired\n\\begin{table}")
-    assert latex.count("\\begin{tabular}{lrrrrrrrrrrrrrr}") == 2
-    assert re.findall(r"\\label\{(.*)\}", latex) == ["tab:planners-1", "tab:planners-2"]
-    assert "\nia\\_star & 98.5 & 4.57 & 1.352M & 20.27k & 9999 & 199 & 4.96 & 4.79..5.16 & " in latex
+    assert re.findall(r"\\begin\{tabular\}\{(l+r+)\}", latex) == ["lrrrrrrrr", "lrrrrrr"] * 2
+    parts = ("search", "paths")
+    assert re.findall(r"\\label\{(.*)\}", latex) == [f"tab:planners-{n}-{part}" for n in (1, 2) for part in parts]
+    assert "\nia\\_star & 98.5 & 4.57 & 1.352M & 20.27k & 9999 & 199 & 4.96 & 4.79..5.16 \\\\\n" in latex
 
 
 def test_a_name_that_is_no_text_stops_no_format() -> None:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 
 import pytest
 from hypothesis import given
@@ -46,7 +48,7 @@ def test_a_table_is_booktabs_with_caption_label_and_numbers_in_mathematics():
     got = latex_table("A & B", "tab:x-1", ("name", "ours"), [("a_b", "-0.5"), ("c", "1.2e-05"), ("d", "")], ("ours",))
     assert got.splitlines() == [
         r"\begin{table}",
-        r"\centering",
+        r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
         r"\caption{A \& B}",
         r"\label{tab:x-1}",
         r"\begin{tabular}{lr}",
@@ -60,3 +62,23 @@ def test_a_table_is_booktabs_with_caption_label_and_numbers_in_mathematics():
         r"\end{tabular}",
         r"\end{table}",
     ]
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX is installed, so nothing is typeset")
+def test_latex_typesets_any_name_and_a_table_of_seven_columns_fits_the_page(tmp_path):
+    nasty = "a_b%c&d#e$f^g~h{i}\\ <|>`\"' é ±×·≤≥≈→√°²³ησμλθτχΔ−"
+    header = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
+    names = [nasty, *["as many words as a quantity of one of the papers has (m)"] * 19]
+    rows = [(name, "-0.5", "1.2e-05", "0.1 to 0.2", "", "no") for name in names]
+    table = latex_table(nasty, "tab:x-1", header, rows, header[1:5], wrapped=header[:1])
+    (tmp_path / "t.tex").write_text(
+        "\\documentclass{article}\\usepackage[margin=1in]{geometry}\\usepackage{booktabs}\n"
+        f"\\begin{{document}}\n{table}\\end{{document}}\n"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    log = done.stdout.decode("utf-8", "replace")
+    assert done.returncode == 0, log
+    assert "Overfull" not in log
+    assert "Float too large" not in log
+    assert (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")

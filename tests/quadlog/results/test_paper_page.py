@@ -75,7 +75,7 @@ def test_latex_has_one_table_per_group():
     assert r"\label{tab:planning-1-1}" in text
     assert r"\label{tab:planning-1-2}" in text
     assert "95 \\% interval" in text
-    assert text.count(r"\begin{tabular}{p{0.35\linewidth}rrrrl}") == 2
+    assert text.count(r"\begin{tabular}{p{0.32\linewidth}rrrrl}") == 2
 
 
 def test_latex_continues_what_is_longer_than_a_page():
