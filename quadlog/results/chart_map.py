@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.results.chart_panels import rounded
+from quadlog.results.plots.occupancy import seen_around
 from quadlog.results.plots.run_data import RunData, Table
 from quadlog.results.plots.style import thin_points
 
@@ -19,7 +20,10 @@ MAX_RUNS = 20_000
 
 
 def trajectory_chart(run: RunData) -> dict[str, Any] | None:
-    """Paths of robot, target, re-simulated or simulated walk with their times; anchors; walls. None without paths."""
+    """Paths of robot, target, re-simulated or simulated walk with their times; anchors; walls. None without paths.
+
+    around: places that are to be seen, too.
+    """
     walked = "simulated walk" if run.simulated else "re-simulated walk"
     wanted = [("course", "paths", "note")] if run.simulated else []
     wanted += [("robot", "poses", "robot"), ("target", "target", "target"), (walked, "control", "resim")]
@@ -29,7 +33,9 @@ def trajectory_chart(run: RunData) -> dict[str, Any] | None:
     if not walks:
         return None
     anchors = [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in run.anchors()]
-    return {"walks": walks, "anchors": anchors, "walls": _walls(run)}
+    walked_m = np.array([[x_m, y_m] for walk in walks for x_m, y_m in zip(walk["x"], walk["y"], strict=True)])
+    around = [{"x": x_m, "y": y_m} for x_m, y_m in seen_around(walked_m, run.occupancy).tolist()]
+    return {"walks": walks, "anchors": anchors, "around": around, "walls": _walls(run)}
 
 
 def _walk(run: RunData, label: str, table: Table, color: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from quadlog.results.plots.style import thin_points
 
 MAX_CELLS = 4_000_000  # of the picture; larger areas are drawn with coarser cells
 MAX_MAPS = 1000  # taken evenly from longer sequences
+STANDS_M = 1.0  # across: what a robot saw is all there is to look at when it walked less
 MAX_COORDINATE_CELLS = 1e9  # a window farther out than this is a mistake, and would overflow the arithmetic
 
 
@@ -29,6 +30,21 @@ class Occupancy:
         rows, columns = self.share.shape
         left, bottom = float(self.origin_m[0]), float(self.origin_m[1])
         return left, left + columns * self.cell_m, bottom, bottom + rows * self.cell_m
+
+    @property
+    def corners_m(self) -> Float:
+        """(2, 2) lower-left and upper-right corner of the cells that were ever occupied; (0, 2) where none was."""
+        row, column = np.nonzero(np.nan_to_num(self.share) > 0)
+        if not len(row):
+            return np.zeros((0, 2))
+        cells = np.array([[column.min(), row.min()], [column.max() + 1, row.max() + 1]])
+        return self.origin_m + self.cell_m * cells
+
+
+def seen_around(walked_m: Float, occupancy: Occupancy | None) -> Float:
+    """Corners (2, 2) of all that a robot saw whose walk (N, 2) is shorter than STANDS_M; (0, 2) of a longer one."""
+    stands = len(walked_m) and np.ptp(walked_m, axis=0).max() < STANDS_M
+    return occupancy.corners_m if stands and occupancy is not None else np.zeros((0, 2))
 
 
 def accumulate(maps: MapSequence) -> Occupancy | None:

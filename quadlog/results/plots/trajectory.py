@@ -8,6 +8,7 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.results.plots import style
+from quadlog.results.plots.occupancy import seen_around
 from quadlog.results.plots.run_data import RunData, Table
 
 if TYPE_CHECKING:
@@ -27,7 +28,9 @@ def draw_trajectory(run: RunData) -> Figure | None:
         return None
     anchors = run.anchors()
     # Fixes scatter; they decide what the picture shows only where there is no path.
-    low_m, high_m = _view(paths or [_xy(fixes or {})], [anchor[1:] for anchor in anchors])
+    walked = paths or [_xy(fixes or {})]
+    seen_m = seen_around(np.concatenate(walked), run.occupancy)
+    low_m, high_m = _view([*walked, seen_m], [anchor[1:] for anchor in anchors])
     width_m, height_m = high_m - low_m
     across_in = style.WIDTH_IN * (0.79 if run.maps is not None else 0.87)  # the rest is the colour bar and the labels
     figure = style.new_figure(float(across_in * height_m / width_m) + 1.3)
@@ -37,10 +40,10 @@ def draw_trajectory(run: RunData) -> Figure | None:
     _draw_walk(axes, walks["poses"], "robot", style.ROBOT, 3.6)
     _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
     # A simulated robot is on its course, within a line's width: the course is drawn broad, and below it.
-    walked = "simulated walk" if run.simulated else "re-simulated walk"
+    label = "simulated walk" if run.simulated else "re-simulated walk"
     if run.simulated:
         _draw_walk(axes, run.table("paths"), "course", style.LIGHT, 5.0)
-    _draw_walk(axes, walks["control"], walked, style.RESIM, 1.8)
+    _draw_walk(axes, walks["control"], label, style.RESIM, 1.8)
     if not run.simulated:
         _draw_plans(axes, run.table("paths"))
     # Only where it was compared: a truth in another frame would be somewhere else.

@@ -1,12 +1,12 @@
 "use strict";
-for (const [name, { walks, anchors, walls }] of Object.entries(chartData).filter(([, chart]) => chart.walks)) {
+for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData).filter(([, chart]) => chart.walks)) {
   // Who walked where, from above: metres are as long across as up, whatever is shown.
   const MARGIN_M = 1;
   const REACH = 40; // pixels from a walk within which it is read off
   const AXES = [60, 34]; // what the axes take of width and height, nearly
   const TALLEST = 620;
   const limits = (key) => {
-    const values = [...walks, ...anchors].flatMap((each) => each[key]);
+    const values = [...walks, ...anchors, ...around].flatMap((each) => each[key]);
     return values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
   };
   const padded = ([low, high]) => [low - MARGIN_M, high + MARGIN_M];

@@ -6,7 +6,7 @@ import pytest
 
 from quadlog.results.maps import MapsWriter, load_maps
 from quadlog.results.plots import occupancy
-from quadlog.results.plots.occupancy import accumulate
+from quadlog.results.plots.occupancy import accumulate, seen_around
 
 
 def _write(path: Path, maps: list[tuple[tuple[float, float], np.ndarray]], cell_m: float = 0.5) -> None:
@@ -61,3 +61,22 @@ def test_windows_absurdly_far_away_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "far").mkdir()
     _write(tmp_path / "far", [((1e300, 0.0), np.ones((4, 6), bool))])
     assert accumulate(load_maps(tmp_path / "far")) is None
+
+
+def test_what_a_standing_robot_saw_is_shown_around_it(tmp_path: Path) -> None:
+    occupied = np.zeros((4, 6), bool)
+    occupied[1, 2] = occupied[3, 4] = True  # rows and columns: y and x
+    _write(tmp_path, [((10.0, -20.0), occupied)])
+    share = accumulate(load_maps(tmp_path))
+    standing_m, walking_m = np.array([[0.0, 0.0], [0.9, 0.1]]), np.array([[0.0, 0.0], [0.0, 1.0]])
+    assert seen_around(standing_m, share).tolist() == [[11.0, -19.5], [12.5, -18.0]]
+    assert len(seen_around(walking_m, share)) == 0
+    assert len(seen_around(np.zeros((0, 2)), share)) == 0
+    assert len(seen_around(standing_m, None)) == 0
+
+
+def test_a_map_without_obstacles_has_no_corners(tmp_path: Path) -> None:
+    _write(tmp_path, [((0.0, 0.0), np.zeros((4, 6), bool))])
+    share = accumulate(load_maps(tmp_path))
+    assert share is not None
+    assert share.corners_m.shape == (0, 2)
