@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 from quadlog.text import set_flag
 
@@ -28,6 +29,16 @@ class QuadlogError(Exception):
     """Something a user can cause and mend."""
 
     exit_code = ExitCode.FAILED
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From another process a cause comes as it was: made anew it would take its line for its data."""
+        return _as_it_was, (type(self), self.args, self.__dict__)
+
+
+def _as_it_was(cls: type[QuadlogError], args: tuple[Any, ...], data: dict[str, Any]) -> QuadlogError:
+    error = cls.__new__(cls, *args)
+    error.__dict__.update(data)
+    return error
 
 
 class UsageError(QuadlogError):
@@ -58,6 +69,30 @@ class NothingReadable(QuadlogError):
     def __init__(self, path: Path | str, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path}: nothing readable: {reason}")
+
+
+class StorageUnknown(QuadlogError):
+    """A URL whose protocol quadlog does not know, or whose package is not installed."""
+
+    def __init__(self, url: str, reason: str) -> None:
+        self.url, self.reason = url, reason
+        super().__init__(f"{url}: {reason}")
+
+
+class StorageFailed(QuadlogError):
+    """A server that cannot be reached, refuses, does not answer in time, or answers what cannot be right."""
+
+    def __init__(self, url: Path | str, reason: str) -> None:
+        self.url, self.reason = url, reason
+        super().__init__(f"{url}: {reason}")
+
+
+class StorageChanged(QuadlogError):
+    """An object that was replaced while it was read: its bytes would be those of two recordings."""
+
+    def __init__(self, url: Path | str) -> None:
+        self.url = url
+        super().__init__(f"{url}: it changed on the server while it was read; start again when it is whole")
 
 
 class DecodeError(QuadlogError):
@@ -171,6 +206,41 @@ class CannotWrite(QuadlogError):
     def __init__(self, path: Path | str, reason: str) -> None:
         self.path, self.reason = path, reason
         super().__init__(f"{path}: cannot be written: {reason}")
+
+
+class WorkerDied(QuadlogError):
+    """A process amid its task was killed, or ended by itself; exit_code as multiprocessing has it, -9 for SIGKILL."""
+
+    def __init__(self, exit_code: int) -> None:
+        self.died_with = exit_code
+        number = -exit_code if exit_code < 0 else exit_code - 128 if exit_code > 128 else None
+        self.how = f"killed by signal {number}" if number else f"ended with code {exit_code}"
+        super().__init__(f"a worker process was {self.how} (out of memory?); fewer --jobs need less")
+
+
+class ClusterWorkersDied(WorkerDied):
+    """One worker of a cluster after the other died amid the same task; the last one's address."""
+
+    def __init__(self, tries: int, last: str) -> None:
+        QuadlogError.__init__(self, f"{tries} workers died amid the same task, at last {last} (out of memory?)")
+        self.how = f"lost {tries} times, at last {last}"
+
+
+class ClusterUnusable(QuadlogError):
+    """A Dask scheduler that does not answer, or cannot be asked."""
+
+    def __init__(self, address: str, reason: str) -> None:
+        self.address, self.reason = address, reason
+        super().__init__(f"--scheduler {address}: {reason}")
+
+
+class VersionsDiffer(QuadlogError):
+    """A worker with other versions than the one who asks; differing: (package, version there, version here)."""
+
+    def __init__(self, worker: str, differing: Iterable[tuple[str, str, str]]) -> None:
+        self.worker, self.differing = worker, list(differing)
+        words = ", ".join(f"{name} {there} instead of {here}" for name, there, here in self.differing)
+        super().__init__(f"worker {worker} has {words}; install there what is installed here")
 
 
 class UnreadableFile(QuadlogError):

@@ -89,6 +89,9 @@ def _installed(group: str) -> dict[str, tuple[Plugin, ...]]:
 
 def _owner(entry_point: metadata.EntryPoint) -> tuple[str, str]:
     """Name and version of the distribution, as far as its metadata tell: some installers leave none."""
-    about: Any = entry_point.dist.metadata if entry_point.dist else None
+    try:
+        about: Any = entry_point.dist.metadata if entry_point.dist else None
+    except FileNotFoundError:  # from the backport, which answers instead of the standard library once it is imported
+        about = None
     told = {} if about is None else {"name": about.get("Name"), "version": about.get("Version")}
     return told.get("name") or "an unnamed distribution", told.get("version") or "?"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -71,3 +74,60 @@ def install(plugin_site: Path) -> Installer:
         return info
 
     return install
+
+
+@pytest.fixture
+def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """The files of `web.folder` behind `web.url`, on loopback; see benchmarks/web_server.py."""
+    monkeypatch.setenv("NO_PROXY", "*")
+    path = Path(__file__).parents[1] / "benchmarks" / "web_server.py"
+    spec = importlib.util.spec_from_file_location("web_server_of_the_tests", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    folder = tmp_path / "served"
+    folder.mkdir()
+    with module.serve(folder) as server:
+        server.folder = folder
+        yield server
+
+
+@pytest.fixture(scope="session")
+def object_storage() -> Iterator[str]:
+    """The address of an S3-speaking server on loopback."""
+    from moto.server import ThreadedMotoServer
+
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+
+
+@pytest.fixture
+def bucket(object_storage: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Any:
+    """s3fs on an empty bucket, whose name is `bucket.name`."""
+    import s3fs
+
+    for name, value in (
+        ("AWS_ENDPOINT_URL", object_storage),
+        ("AWS_ACCESS_KEY_ID", "testing"),
+        ("AWS_SECRET_ACCESS_KEY", "testing"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
+        monkeypatch.setenv(name, value)
+    system = s3fs.S3FileSystem(use_listings_cache=False)
+    system.name = f"lab-{abs(hash(request.node.nodeid)):x}"
+    system.mkdir(system.name)
+    return system
+
+
+@pytest.fixture
+def closed_port() -> int:
+    """One that nobody listens at."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port: int = taken.getsockname()[1]
+    return port

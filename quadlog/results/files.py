@@ -1,19 +1,26 @@
-"""Files that appear whole or not at all, also after an exception, Ctrl-C or a kill."""
+"""Files that appear whole or not at all, also after an exception, Ctrl-C or a kill, and with others in the folder."""
 
 from __future__ import annotations
 
 import errno
-import itertools
+import hashlib
 import os
+import platform
+import re
+import secrets
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from quadlog.errors import CannotWrite
 
-# Only writing can fail with these, so they are ours to explain wherever they come from.
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_numbers = itertools.count()
+"""Only writing can fail with these, so they are ours to explain wherever they come from."""
+_PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-f]{8}\.part")
+_SURELY_LEFT_S = 24 * 3600.0
+"""Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
+_watching: list[list[Path]] = []
 
 
 @contextmanager
@@ -22,7 +29,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     The file written to lies in the same folder, so that the rename is one step
     of the file system. A killed process leaves it behind under a name that
-    `remove_stale_parts` knows; nothing incomplete is ever called `path`.
+    `remove_stale_parts` knows; nothing incomplete is ever called `path`. Where two write one file, the last one's is
+    there in the end.
 
     Raises CannotWrite when the disk is full or the folder cannot be written to.
     """
@@ -33,10 +41,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield part
         _publish(part, path)
+        for written in _watching:
+            written.append(path)
     except BaseException as error:
         part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno in _FULL:
-            raise CannotWrite(path, os.strerror(error.errno)) from error
+        if isinstance(error, OSError) and is_full(error):
+            raise CannotWrite(path, os.strerror(error.errno or 0)) from error
         raise
 
 
@@ -46,10 +56,26 @@ def write_whole(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
+@contextmanager
+def files_written() -> Iterator[list[Path]]:
+    """The files that this process writes whole while the block runs, each as soon as it has its name."""
+    written: list[Path] = []
+    _watching.append(written)
+    try:
+        yield written
+    finally:
+        _watching.pop()
+
+
+def is_full(error: OSError) -> bool:
+    """Whether a disk, a quota or the largest size of a file is used up."""
+    return error.errno in _FULL
+
+
 def remove_stale_parts(folder: Path) -> None:
-    """Remove what killed runs left in `folder`; no other run may be writing there."""
+    """Remove what killed runs left in `folder`, as far as that is sure: others may be writing there at this moment."""
     for part in folder.iterdir():
-        if is_part(part.name) and (part.is_symlink() or part.is_file()):
+        if is_part(part.name) and (part.is_symlink() or part.is_file()) and _is_left(part):
             part.unlink(missing_ok=True)
 
 
@@ -58,15 +84,46 @@ def is_part(name: str) -> bool:
     return name.startswith(".quadlog-") and name.endswith(".part")
 
 
+def part_prefix(pid: int) -> str:
+    """How the names of a process's unfinished files begin. Hosts and containers count their processes alike."""
+    try:
+        processes = str(Path("/proc/self/ns/pid").readlink())
+    except OSError:
+        processes = ""  # no Linux
+    host = hashlib.sha256(f"{platform.node()} {processes}".encode()).hexdigest()[:8]
+    return f".quadlog-{host}-{pid}-"
+
+
 def _create_part(folder: Path) -> Path:
     """A new empty file of our own; O_EXCL, so that nobody's file or link is written through."""
     while True:
-        part = folder / f".quadlog-{os.getpid()}-{next(_numbers)}.part"
+        part = folder / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
         try:
             os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         except FileExistsError:
             continue
         return part
+
+
+def _is_left(part: Path) -> bool:
+    """Whether who began the file is gone: a dead process of this host, or anyone for a day."""
+    found = _PART.fullmatch(part.name)
+    if found is not None and part.name.startswith(part_prefix(int(found["pid"]))) and not _runs(int(found["pid"])):
+        return True
+    try:
+        return time.time() - part.lstat().st_mtime > _SURELY_LEFT_S
+    except OSError:
+        return False  # gone by itself
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _publish(part: Path, path: Path) -> None:
@@ -78,5 +135,7 @@ def _publish(part: Path, path: Path) -> None:
         finally:
             os.close(handle)
         part.replace(path)
+    except FileNotFoundError as error:
+        raise CannotWrite(path, "its unfinished file, or the folder, was taken away by another process") from error
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error

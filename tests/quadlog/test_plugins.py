@@ -3,9 +3,11 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
+from quadlog import plugins
 from quadlog.errors import PluginNameTaken, PluginUnusable
 from quadlog.plugins import DECODERS, PLANNERS, all_plugins, find_plugin, is_installed, plugin_names
 
@@ -100,3 +102,12 @@ def test_help_looks_for_no_plugins(install):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "[]\n")
+
+
+def test_a_distribution_without_metadata_has_no_name_either_for_the_backport():
+    class Nameless:
+        @property
+        def metadata(self):
+            raise FileNotFoundError("No package metadata was found.")
+
+    assert plugins._owner(SimpleNamespace(dist=Nameless())) == ("an unnamed distribution", "?")

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from quadlog.errors import CannotWrite
-from quadlog.results.files import is_part, remove_stale_parts, whole_file, write_whole
+from quadlog.results.files import files_written, is_part, part_prefix, remove_stale_parts, whole_file, write_whole
 
 
 def test_the_file_appears_only_at_the_end(tmp_path: Path) -> None:
@@ -118,9 +120,73 @@ def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> No
     assert not (tmp_path / "a").is_symlink()
 
 
-def test_cleaning_keeps_what_is_not_ours(tmp_path: Path) -> None:
-    (tmp_path / ".quadlog-1-2.part").write_bytes(b"")
+def test_cleaning_keeps_what_is_not_ours(tmp_path: Path, left_part: str) -> None:
+    (tmp_path / left_part).write_bytes(b"")
     (tmp_path / ".quadlog-folder.part").mkdir()
     (tmp_path / "notes.part").write_bytes(b"")
     remove_stale_parts(tmp_path)
     assert sorted([each.name for each in tmp_path.iterdir()]) == [".quadlog-folder.part", "notes.part"]
+
+
+def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: str) -> None:
+    """Own files, those of another process that runs, of another host, and of an older quadlog; a day later nobody's."""
+    elsewhere = ".quadlog-" + "0" * 8 + left_part[len(".quadlog-") + 8 :]
+    names = [f"{part_prefix(pid)}00000001.part" for pid in (os.getpid(), os.getppid())]
+    names += [elsewhere, ".quadlog-1-2.part"]
+    for name in (*names, left_part):
+        (tmp_path / name).write_bytes(b"")
+    remove_stale_parts(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    for name in names[1:]:
+        os.utime(tmp_path / name, (time.time() - 25 * 3600,) * 2)
+    remove_stale_parts(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == names[:1]
+
+
+def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "a") as one, whole_file(tmp_path / "a") as other:
+        assert one != other
+        assert one.name.startswith(part_prefix(os.getpid()))
+        other.write_bytes(b"last")
+        one.write_bytes(b"first")
+    # The inner block ends first; whoever ends last has the name.
+    assert (tmp_path / "a").read_bytes() == b"first"
+
+
+def test_what_is_written_is_told_once_it_has_its_name(tmp_path: Path) -> None:
+    write_whole(tmp_path / "before", b"")
+    with files_written() as outer:
+        write_whole(tmp_path / "a", b"")
+        with files_written() as inner:
+            write_whole(tmp_path / "b", b"")
+            with pytest.raises(CannotWrite):
+                write_whole(tmp_path / "gone" / "c", b"")
+    write_whole(tmp_path / "after", b"")
+    assert outer == [tmp_path / "a", tmp_path / "b"]
+    assert inner == [tmp_path / "b"]
+
+
+def test_a_file_that_somebody_took_away_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CannotWrite, match="was taken away by another process"), whole_file(tmp_path / "a") as part:
+        part.unlink()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:
+    """Four processes write one name and clean up behind each other: the file is whole each time it is looked at."""
+    script = f"""
+import sys
+from pathlib import Path
+from quadlog.results.files import remove_stale_parts, write_whole
+for number in range(50):
+    write_whole(Path({str(tmp_path)!r}) / "run.json", sys.argv[1].encode() * 100_000)
+    remove_stale_parts(Path({str(tmp_path)!r}))
+"""
+    writers = [subprocess.Popen([sys.executable, "-c", script, letter]) for letter in "abcd"]
+    while any(writer.poll() is None for writer in writers):
+        if (tmp_path / "run.json").exists():
+            content = (tmp_path / "run.json").read_bytes()
+            assert len(content) == 100_000
+            assert len(set(content)) == 1
+    assert [writer.wait() for writer in writers] == [0] * 4
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]

@@ -1,0 +1,1 @@
+"""Where recordings and runs lie: paths of this machine, and addresses of object storage and web servers."""

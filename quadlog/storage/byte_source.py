@@ -1,0 +1,40 @@
+"""Any stretch of a file's bytes, wherever the file lies; without a file position, so that threads can read ahead."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Protocol
+
+
+class ByteSource(Protocol):
+    """An open file of known size."""
+
+    size: int
+
+    def read(self, offset: int, length: int) -> bytes:
+        """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails.
+
+        What lies behind a URL raises StorageFailed and StorageChanged instead: that is no damage of the file.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release it."""
+        ...
+
+
+class LocalBytes:
+    """A file of this machine (ByteSource)."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("rb")
+        self.size = os.fstat(self._file.fileno()).st_size
+        self.close = self._file.close
+
+    def read(self, offset: int, length: int) -> bytes:
+        handle = self._file.fileno()
+        data = os.pread(handle, length, offset)
+        while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
+            data += more
+        return data

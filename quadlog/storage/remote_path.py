@@ -1,0 +1,230 @@
+"""A place behind a URL with the methods of pathlib.Path that quadlog uses.
+
+Not universal-pathlib's UPath: its text shows signatures and passwords, its
+names end in the URL's query, and of a web server it reads whole files to see
+whether they are folders.
+"""
+
+from __future__ import annotations
+
+import io
+import posixpath
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from quadlog.errors import CannotWrite, StorageFailed, TooLarge
+from quadlog.storage.failures import explained, reason_of
+from quadlog.storage.remote_object import RemoteObject, Told, filesystem, open_object, told_by
+from quadlog.storage.urls import protocol_of, redacted, split_query
+
+_NO_LISTING = "a web server's folders cannot be listed; name the recordings in them"
+_PATTERN = frozenset("*?[")
+# Lists, metadata, run records: what is read at once.
+MAX_WHOLE_BYTES = 1 << 26
+
+
+@dataclass(frozen=True, slots=True)
+class Stat:
+    """What `stat` gives; st_mtime_ns is 0 where the server does not tell it."""
+
+    st_size: int
+    st_mtime_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What stands at a URL when it is looked at."""
+
+    kind: Literal["file", "folder", "nothing"]
+    told: Told | None = None
+
+
+class RemotePath:
+    """One URL. Its text leaves out what is secret; url is the whole. What is found there is kept.
+
+    Methods do what those of pathlib.Path do, and raise StorageFailed and StorageUnknown beside their errors.
+    """
+
+    __slots__ = ("_entry", "url")
+
+    def __init__(self, url: str, entry: Entry | None = None) -> None:
+        self.url = url
+        self._entry = entry
+
+    def __str__(self) -> str:
+        return redacted(self.url)
+
+    def __repr__(self) -> str:
+        return f"RemotePath({str(self)!r})"
+
+    def __hash__(self) -> int:
+        return hash(self.url)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RemotePath) and self.url == other.url
+
+    def __lt__(self, other: object) -> bool:
+        # Paths of this machine come first; Python asks this one where they do not know what it is.
+        return isinstance(other, RemotePath) and self.url < other.url
+
+    def __gt__(self, other: object) -> bool:
+        return not isinstance(other, RemotePath) or self.url > other.url
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RemotePath, (self.url,)
+
+    @property
+    def name(self) -> str:
+        """The last part of the path, as it stands in the URL."""
+        return self._place.rstrip("/").rpartition("/")[2]
+
+    @property
+    def suffix(self) -> str:
+        return posixpath.splitext(self.name)[1]
+
+    @property
+    def stem(self) -> str:
+        return posixpath.splitext(self.name)[0]
+
+    @property
+    def parent(self) -> RemotePath:
+        protocol, _, place = self._place.rstrip("/").partition("://")
+        above = place.rpartition("/")[0]
+        return RemotePath(f"{protocol}://{above or place}")
+
+    @property
+    def _place(self) -> str:
+        return split_query(self.url)[0]
+
+    def __truediv__(self, name: str) -> RemotePath:
+        return RemotePath(f"{self._place.rstrip('/')}/{name}")
+
+    def with_name(self, name: str) -> RemotePath:
+        return self.parent / name
+
+    def resolve(self) -> RemotePath:
+        return self
+
+    def is_symlink(self) -> bool:
+        return False
+
+    def exists(self) -> bool:
+        return self.look().kind != "nothing"
+
+    def is_file(self) -> bool:
+        return self.look().kind == "file"
+
+    def is_dir(self) -> bool:
+        # A web server has no folders: its pages are files.
+        return not self.is_web() and self.look().kind == "folder"
+
+    def stat(self) -> Stat:
+        told = self.look().told
+        if told is None:
+            raise FileNotFoundError(str(self))
+        if told.size_bytes is None:
+            raise StorageFailed(str(self), "the server does not tell its size")
+        return Stat(told.size_bytes, told.modified_ns())
+
+    def look(self) -> Entry:
+        """What stands there: looked up until there is something, or known from the listing that named it."""
+        found = self._entry or self._look()
+        self._entry = None if found.kind == "nothing" else found
+        return found
+
+    def iterdir(self) -> Iterator[RemotePath]:
+        """What a folder holds, by name."""
+        if self.is_web():
+            raise StorageFailed(str(self), _NO_LISTING)
+        system = filesystem(self.url)
+        with explained(self.url):
+            top = system._strip_protocol(self._place).rstrip("/")
+            system.invalidate_cache(top)
+            listed = system.ls(top, detail=True)
+        for found in self._named(listed):
+            if found.parent.url.rstrip("/") == self._place.rstrip("/"):
+                yield found
+
+    def has_pattern(self) -> bool:
+        """Whether `*`, `?` or `[` stand in the path; in a web address they mean nothing."""
+        return not self.is_web() and not _PATTERN.isdisjoint(self._place)
+
+    def matches(self) -> list[RemotePath]:
+        """What a pattern leads to, by name."""
+        system = filesystem(self.url)
+        with explained(self.url):
+            system.invalidate_cache()
+            return list(self._named(system.glob(system._strip_protocol(self._place), detail=True).values()))
+
+    def _named(self, listed: Iterable[Mapping[str, Any]]) -> Iterator[RemotePath]:
+        """What a listing names, in order; names that lead elsewhere, as a hostile server may send, are left out."""
+        for info in sorted(listed, key=lambda info: str(info["name"])):
+            name = str(info["name"]).strip("/")
+            if {"", ".", ".."}.isdisjoint(name.split("/")):
+                folder = info.get("type") == "directory"
+                url = f"{self.url.partition('://')[0]}://{'/' if str(info['name']).startswith('/') else ''}{name}"
+                yield RemotePath(url, Entry("folder") if folder else Entry("file", told_by(info)))
+
+    def open_object(self) -> RemoteObject:
+        """The object as it is now. Raises FileNotFoundError."""
+        return open_object(self.url)
+
+    def open(self, mode: str = "rb") -> io.BytesIO:
+        if mode != "rb":
+            raise StorageFailed(str(self), "is written as a whole, not opened for writing")
+        return io.BytesIO(self.read_bytes())
+
+    def read_bytes(self) -> bytes:
+        """All of a small file. Raises TooLarge."""
+        data = bytearray()
+        for block in self.open_object().stream():
+            data += block
+            if len(data) > MAX_WHOLE_BYTES:
+                raise TooLarge(f"{self}: bytes to read at once", len(data), MAX_WHOLE_BYTES)
+        return bytes(data)
+
+    def read_text(self, encoding: str = "utf-8") -> str:
+        return self.read_bytes().decode(encoding)
+
+    def upload(self, path: str) -> None:
+        """A file of this machine under this name, whole or not at all: one PUT. Raises CannotWrite."""
+        self._write(lambda system, place: system.put_file(path, place))
+
+    def unlink(self) -> None:
+        """Take the file away; one that is gone already is as well. Raises CannotWrite."""
+        try:
+            self._write(lambda system, place: system.rm_file(place))
+        except CannotWrite as error:
+            if not isinstance(error.__cause__, FileNotFoundError):
+                raise
+
+    def _write(self, act: Any) -> None:
+        if self.is_web():
+            raise CannotWrite(str(self), "a web server takes no files; give a path, or a bucket")
+        system = filesystem(self.url)
+        self._entry = None
+        try:
+            act(system, system._strip_protocol(self._place))
+        except FileNotFoundError as error:
+            raise CannotWrite(str(self), "no such bucket or folder") from error
+        except Exception as error:  # whatever a library raises for a server that refuses
+            raise CannotWrite(str(self), reason_of(error)) from error
+
+    def _look(self) -> Entry:
+        try:
+            if self.is_web() and self.url.endswith("/"):
+                raise StorageFailed(str(self), _NO_LISTING)
+            if self.is_web():
+                return Entry("file", self.open_object().told)
+            system = filesystem(self.url)
+            with explained(self.url):
+                system.invalidate_cache(system._strip_protocol(self.url))
+                info = system.info(system._strip_protocol(self.url))
+        except FileNotFoundError:
+            return Entry("nothing")
+        return Entry("file", told_by(info)) if info.get("type") == "file" else Entry("folder")
+
+    def is_web(self) -> bool:
+        """Whether a web server gives it, which lists nothing and takes nothing."""
+        return protocol_of(self.url) in ("http", "https")

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import random
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.errors import StorageFailed
+from quadlog.storage import remote_bytes
+from quadlog.storage.remote_bytes import BLOCK_BYTES, RemoteBytes
+from quadlog.storage.remote_object import Told
+
+SIZE = 7 * BLOCK_BYTES + 1234
+CONTENT = random.Random(0).randbytes(SIZE)
+READS = st.lists(st.tuples(st.integers(0, SIZE + 10), st.integers(0, 3 * BLOCK_BYTES)), min_size=1, max_size=8)
+
+
+def blocks(start: int, end: int) -> range:
+    """Those of the file that have any byte from start to end."""
+    end = min(end, SIZE)
+    return range(start // BLOCK_BYTES, -(-end // BLOCK_BYTES)) if start < end else range(0)
+
+
+class Served:
+    """An object in memory that counts how often each of its bytes is asked for."""
+
+    url = "s3://lab/walk?sig=1"
+    told = Told(SIZE)
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, int]] = []
+
+    def fetch(self, start: int, end: int) -> bytes:
+        self.asked.append((start, end))
+        return CONTENT[start:end]
+
+    def times(self) -> Counter[int]:
+        return Counter(block for start, end in self.asked for block in blocks(start, end))
+
+
+@given(READS)
+def test_reads_are_those_of_the_file_and_no_block_comes_twice(reads: list[tuple[int, int]]) -> None:
+    served = Served()
+    source = RemoteBytes(served, SIZE)
+    try:
+        for offset, length in reads:
+            assert source.read(offset, length) == CONTENT[offset : offset + length]
+    finally:
+        source.close()
+    assert set(served.times().values()) <= {1}
+    assert set(served.times()) == {block for offset, length in reads for block in blocks(offset, offset + length)}
+
+
+@given(READS)
+def test_without_room_blocks_come_again_and_are_right(reads: list[tuple[int, int]]) -> None:
+    served = Served()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(remote_bytes.shutil, "disk_usage", lambda _: SimpleNamespace(free=4 * BLOCK_BYTES))
+        source = RemoteBytes(served, SIZE)
+    try:
+        for offset, length in reads:
+            assert source.read(offset, length) == CONTENT[offset : offset + length]
+        assert len(source._blocks) <= 2
+    finally:
+        source.close()
+
+
+def test_neighbours_come_by_one_request() -> None:
+    served = Served()
+    source = RemoteBytes(served, SIZE)
+    source.read(2 * BLOCK_BYTES, 1)
+    source.read(0, SIZE)
+    source.close()
+    assert served.asked[1:] == [(0, 2 * BLOCK_BYTES), (3 * BLOCK_BYTES, SIZE)]
+
+
+def test_threads_share_what_comes() -> None:
+    served = Served()
+    source = RemoteBytes(served, SIZE)
+    draw = random.Random(1)
+    reads = [(draw.randrange(SIZE), draw.randrange(2 * BLOCK_BYTES)) for _ in range(400)]
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda each: source.read(*each), reads))
+    source.close()
+    assert found == [CONTENT[offset : offset + length] for offset, length in reads]
+    assert set(served.times().values()) == {1}
+
+
+def test_what_one_thread_fetches_another_waits_for() -> None:
+    served, entered, release = Served(), Event(), Event()
+    fetch = served.fetch
+
+    def slow(start: int, end: int) -> bytes:
+        data = fetch(start, end)
+        entered.set()
+        release.wait()
+        return data
+
+    served.fetch = slow  # type: ignore[method-assign]
+    source = RemoteBytes(served, SIZE)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(source.read, 0, 10)
+        entered.wait()
+        second = pool.submit(source.read, 5, 10)
+        while not source._change._waiters and len(served.asked) < 2:  # type: ignore[attr-defined]
+            pass
+        release.set()
+        assert (first.result(), second.result()) == (CONTENT[:10], CONTENT[5:15])
+    source.close()
+    assert served.asked == [(0, BLOCK_BYTES)]
+
+
+def test_a_server_that_fails_once_may_be_asked_again() -> None:
+    served = Served()
+    source = RemoteBytes(served, SIZE)
+    served.fetch = lambda start, end: CONTENT[start : end - 1]  # type: ignore[method-assign]
+    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes came"):
+        source.read(0, 10)
+    del served.fetch
+    assert source.read(0, 10) == CONTENT[:10]
+    source.close()

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
+from quadlog.storage import copying, remote_path
+from quadlog.storage.copying import copied, copy_object
+from quadlog.storage.remote_path import RemotePath
+
+CONTENT = random.Random(5).randbytes(100_000)
+
+
+def at(bucket: Any, name: str) -> RemotePath:
+    return RemotePath(f"s3://{bucket.name}/{name}")
+
+
+def test_what_stands_in_a_bucket(bucket: Any) -> None:
+    for name in ("season/walk.mcap", "season/deep/other.mcap", "season/list.txt"):
+        bucket.pipe_file(f"{bucket.name}/{name}", CONTENT)
+    season = at(bucket, "season/")
+    assert season.is_dir()
+    assert not season.is_file()
+    assert [(each.name, each.is_dir()) for each in season.iterdir()] == [
+        ("deep", True),
+        ("list.txt", False),
+        ("walk.mcap", False),
+    ]
+    walk = season / "walk.mcap"
+    assert (walk.is_file(), walk.stat().st_size, walk.read_bytes()) == (True, len(CONTENT), CONTENT)
+    assert walk.stat().st_mtime_ns > 0
+    assert not (season / "gone").exists()
+    assert [each.url for each in at(bucket, "season/*.mcap").matches()] == [walk.url]
+    assert {each.name for each in at(bucket, "**/*.mcap").matches()} == {"walk.mcap", "other.mcap"}
+
+
+def test_names_that_lead_elsewhere_are_not_followed(bucket: Any) -> None:
+    for name in ("season/../up.mcap", "season/./here.mcap", "season//twice.mcap", "season/a%2F..%2Fb.mcap", "season/"):
+        bucket.pipe_file(f"{bucket.name}/{name}", b"x")
+    found = list(at(bucket, "season").iterdir())
+    assert [each.name for each in found] == ["a%2F..%2Fb.mcap"]
+    assert found[0].read_bytes() == b"x"
+    assert {each.name for each in at(bucket, "**/*.mcap").matches()} <= {"a%2F..%2Fb.mcap"}
+
+
+def test_a_file_appears_whole_and_goes(bucket: Any, tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(CONTENT)
+    target = at(bucket, "runs/walk/poses.parquet")
+    target.upload(str(tmp_path / "file"))
+    assert target.read_bytes() == CONTENT
+    target.unlink()
+    assert not target.exists()
+    target.unlink()
+    with pytest.raises(CannotWrite, match="nobucket"):
+        RemotePath("s3://nobucket-of-ours/x").upload(str(tmp_path / "file"))
+
+
+def test_an_object_that_was_replaced_is_no_longer_read(bucket: Any) -> None:
+    path = at(bucket, "walk.mcap")
+    bucket.pipe_file(f"{bucket.name}/walk.mcap", CONTENT)
+    remote = path.open_object()
+    assert remote.fetch(10, 20) == CONTENT[10:20]
+    bucket.pipe_file(f"{bucket.name}/walk.mcap", CONTENT[::-1])
+    with pytest.raises(StorageChanged):
+        remote.fetch(10, 20)
+
+
+def test_systems_without_conditions_are_compared_after_each_part() -> None:
+    import fsspec
+
+    memory = fsspec.filesystem("memory")
+    memory.pipe_file("/lab/walk", CONTENT)
+    remote = RemotePath("memory://lab/walk").open_object()
+    assert remote.fetch(10, 20) == CONTENT[10:20]
+    memory.pipe_file("/lab/walk", CONTENT[:50_000])
+    with pytest.raises(StorageChanged):
+        remote.fetch(10, 20)
+    memory.rm_file("/lab/walk")
+    with pytest.raises(StorageChanged):
+        remote.fetch(10, 20)
+
+
+def test_copies_are_whole_and_bounded(bucket: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bucket.pipe_file(f"{bucket.name}/walk.mcap", CONTENT)
+    path = at(bucket, "walk.mcap")
+    with copied(path.open_object(), "copy.mcap") as folder:
+        assert (Path(folder) / "copy.mcap").read_bytes() == CONTENT
+    monkeypatch.setattr(copying.shutil, "disk_usage", lambda _: type("Free", (), {"free": 150_000}))
+    with pytest.raises(TooLarge):
+        copy_object(path.open_object(), tmp_path / "copy")
+    assert not (tmp_path / "copy").exists()
+    monkeypatch.setattr(remote_path, "MAX_WHOLE_BYTES", 99_999)
+    with pytest.raises(TooLarge):
+        path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("xyz://a/b", "unknown protocol 'xyz'"),
+        ("gs://a/b", "gcsfs"),
+        ("s3://bucket-that-nobody-made/x", ""),
+    ],
+)
+def test_what_cannot_be_had_is_told_or_not_there(bucket: Any, url: str, words: str) -> None:
+    if not words:
+        assert not RemotePath(url).exists()
+        return
+    with pytest.raises(StorageUnknown, match=words):
+        RemotePath(url).exists()
+
+
+def test_without_credentials_the_way_to_give_them_is_told(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from quadlog.storage import remote_object
+
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    monkeypatch.setattr(remote_object, "_filesystem", remote_object._filesystem.__wrapped__)
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
+    try:
+        with pytest.raises(StorageFailed, match="no credentials; set AWS_PROFILE"):
+            at(bucket, "x").exists()
+    finally:
+        s3fs.S3FileSystem.clear_instance_cache()
+
+
+def test_a_web_server_has_no_folders_and_takes_nothing(web: Any, tmp_path: Path) -> None:
+    top = RemotePath(f"{web.url}/")
+    for ask in (top.exists, lambda: list(top.iterdir())):
+        with pytest.raises(StorageFailed, match="cannot be listed"):
+            ask()
+    with pytest.raises(CannotWrite, match="takes no files"):
+        (top / "x").upload(str(tmp_path))

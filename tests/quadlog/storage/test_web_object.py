@@ -1,0 +1,167 @@
+"""Servers as they are, and as they should not be: what they answer is believed only where it can be right."""
+
+from __future__ import annotations
+
+import gzip
+import random
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from aiohttp import web as http
+
+from quadlog.errors import QuadlogError, StorageChanged, StorageFailed
+from quadlog.storage import web_object
+from quadlog.storage.web_object import WebObject
+
+CONTENT = random.Random(3).randbytes(200_000)
+
+
+@pytest.fixture(autouse=True)
+def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_object, "_WAITS_S", (0.0, 0.0, 0.0))
+
+
+@pytest.fixture
+def file(web: Any) -> str:
+    (web.folder / "walk.mcap").write_bytes(CONTENT)
+    return f"{web.url}/walk.mcap?sig=SECRET"
+
+
+def part(request: http.Request, data: bytes = CONTENT, **headers: str) -> http.Response:
+    """The range that was asked for, as a server should answer it."""
+    first, last = map(int, request.headers["Range"].removeprefix("bytes=").split("-"))
+    told = {"Content-Range": f"bytes {first}-{min(last, len(data) - 1)}/{len(data)}"}
+    return http.Response(status=206, body=data[first : last + 1], headers=told | headers)
+
+
+def test_ranges_are_the_file_s(web: Any, file: str) -> None:
+    remote = WebObject(file)
+    assert remote.told.size_bytes == len(CONTENT)
+    assert remote.told.ranges
+    assert remote.told.etag
+    assert remote.told.last_modified
+    for start, end in ((0, 1), (17, 70_000), (len(CONTENT) - 5, len(CONTENT))):
+        assert remote.fetch(start, end) == CONTENT[start:end]
+    assert b"".join(remote.stream()) == CONTENT
+    assert web.sent_bytes == 1 + 1 + 70_000 - 17 + 5 + len(CONTENT)
+
+
+def test_an_empty_file_is_one(web: Any) -> None:
+    (web.folder / "empty").touch()
+    assert WebObject(f"{web.url}/empty").told.size_bytes == 0
+
+
+def test_a_server_without_ranges_says_so_and_is_read_whole(web: Any, file: str) -> None:
+    web.answer = lambda _: http.Response(body=CONTENT)
+    remote = WebObject(file)
+    assert not remote.told.ranges
+    assert remote.told.size_bytes == len(CONTENT)
+    assert b"".join(remote.stream()) == CONTENT
+
+
+def test_a_compressed_answer_has_no_size_that_could_be_believed(web: Any, file: str) -> None:
+    web.answer = lambda _: http.Response(body=gzip.compress(CONTENT), headers={"Content-Encoding": "gzip"})
+    assert WebObject(file).told.size_bytes is None
+
+
+def test_what_fails_for_a_moment_is_asked_for_again(web: Any, file: str) -> None:
+    remote = WebObject(file)
+    answers = iter([http.Response(status=500), http.Response(status=503), http.Response(status=429), None])
+    web.answer = lambda _: next(answers)
+    assert remote.fetch(5, 70_000) == CONTENT[5:70_000]
+
+
+def cut_short(request: http.Request) -> http.StreamResponse:
+    """Promises the range and ends the connection in the middle of it."""
+
+    class Cut(http.Response):
+        async def write_eof(self, data: bytes = b"") -> None:
+            await super(http.Response, self).write(CONTENT[:10])
+            assert request.transport is not None
+            request.transport.close()
+
+    response = part(request)
+    return Cut(status=206, body=response.body, headers={"Content-Range": response.headers["Content-Range"]})
+
+
+BAD: dict[str, tuple[Callable[[http.Request], Any], type[QuadlogError], str]] = {
+    "always 500": (lambda _: http.Response(status=500), StorageFailed, "status 500, 4 times"),
+    "forbidden": (lambda _: http.Response(status=403), StorageFailed, "access is refused"),
+    "teapot": (lambda _: http.Response(status=418), StorageFailed, "status 418"),
+    "whole file": (lambda _: http.Response(body=CONTENT), StorageChanged, "changed"),
+    "precondition": (lambda _: http.Response(status=412), StorageChanged, "changed"),
+    "other version": (lambda r: part(r, ETag='"other"'), StorageChanged, "changed"),
+    "other size": (lambda r: part(r, CONTENT + b"more"), StorageChanged, "changed"),
+    "no range": (lambda r: http.Response(status=206, body=CONTENT[:100]), StorageFailed, "without saying which"),
+    "gzip": (lambda r: part(r, **{"Content-Encoding": "gzip"}), StorageFailed, "without saying which"),
+    "cut short": (cut_short, StorageFailed, "too early"),
+    "nonsense": (
+        lambda _: http.Response(status=206, body=b"", headers={"Content-Range": "bytes 9-3/99999999999999999999"}),
+        StorageFailed,
+        "without saying which",
+    ),
+    "another part": (
+        lambda _: http.Response(status=206, body=CONTENT[:90], headers={"Content-Range": f"bytes 0-89/{len(CONTENT)}"}),
+        StorageFailed,
+        "another range",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_no_answer_becomes_wrong_bytes(web: Any, file: str, name: str) -> None:
+    remote = WebObject(file)
+    web.answer, error, words = BAD[name]
+    with pytest.raises(error, match=words) as caught:
+        remote.fetch(10, 100)
+    assert "SECRET" not in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_was_replaced_is_no_longer_read(web: Any, file: str) -> None:
+    remote = WebObject(file)
+    (web.folder / "walk.mcap").write_bytes(bytes(len(CONTENT)))
+    with pytest.raises(StorageChanged):
+        remote.fetch(0, 10)
+
+
+def test_each_part_is_asked_for_on_condition_that_nothing_changed(web: Any, file: str) -> None:
+    """Also a server that does not repeat the version in its answers."""
+    remote, sent = WebObject(file), []
+    web.answer = lambda request: sent.append(request.headers.get("If-Match"))
+    remote.fetch(0, 10)
+    assert sent == [remote.told.etag]
+
+
+def test_what_is_not_there_is_not_found_and_nobody_waits(web: Any, closed_port: int) -> None:
+    with pytest.raises(FileNotFoundError):
+        WebObject(f"{web.url}/gone")
+    for url, words in (
+        (f"http://127.0.0.1:{closed_port}/x", "cannot be reached"),
+        ("http://no-such-host.invalid/x?sig=SECRET", "no such host"),
+    ):
+        with pytest.raises(StorageFailed, match=words) as caught:
+            WebObject(url)
+        assert "SECRET" not in str(caught.value)
+
+
+def test_every_wait_has_an_end(web: Any, file: str) -> None:
+    """The options of all requests bound the time to connect and between two answers."""
+    remote = WebObject(file)
+    timeout = remote._web.client_kwargs["timeout"]
+    assert 0 < timeout.sock_connect <= 30
+    assert 0 < timeout.sock_read <= 30
+
+
+def test_a_query_arrives_as_it_was_signed(web: Any, file: str) -> None:
+    WebObject(f"{web.url}/walk.mcap?X-Credential=a%2Fb%3D&sig=x%2By")
+    assert web.requests[-1][1].endswith("?X-Credential=a%2Fb%3D&sig=x%2By")
+
+
+def test_a_whole_file_that_was_replaced_is_found_out(web: Any, file: str) -> None:
+    web.answer = lambda _: http.Response(body=CONTENT)
+    remote = WebObject(file)
+    web.answer = lambda _: http.Response(body=CONTENT, headers={"ETag": '"other"'})
+    with pytest.raises(StorageChanged):
+        list(remote.stream())
