@@ -13,12 +13,13 @@ from pathlib import Path
 from quadlog.config import Config
 from quadlog.errors import AlreadyExists, ExitCode, QuadlogError
 from quadlog.pipelines.batch import summarise
+from quadlog.pipelines.engine.cores import cores
 from quadlog.pipelines.progress import Kept, Progress
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulate import SimulatedRun
 from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
 from quadlog.pipelines.simulation.trot_folder import COURSE, TrotDescription, fill_trot_folder, verdict
-from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, cores
+from quadlog.pipelines.stages.first_compilation import compiled_elsewhere
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
 

@@ -6,7 +6,6 @@ another one; what that one compiled is found in the cache afterwards.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +13,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from numba.core import event
+
+from quadlog.pipelines.engine.cores import cores
 
 SAID = "compiling for the first time on this machine, which takes some seconds; later starts find it in the cache"
 LONGEST_S = 600.0
@@ -67,8 +68,3 @@ def compiled_elsewhere(command: list[str] | None, say: Callable[[str], None]) ->
 def python(*arguments: str) -> list[str]:
     """Arguments to this same Python, for which the folder it is started in holds no modules."""
     return [sys.executable, "-P", *arguments]
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

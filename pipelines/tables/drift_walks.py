@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
 
 from quadlog.config_control import Simulation
-from quadlog.errors import QuadlogError
 from quadlog.messages import Float
+from quadlog.pipelines.engine.cores import cores
+from quadlog.pipelines.engine.local_pool import LocalPool
 from quadlog.pipelines.simulation.trot import trot_metrics, trot_once
-from quadlog.pipelines.stages.first_compilation import cores
 
 NS = 1_000_000_000
 SYMMETRIC = "symmetric"
@@ -98,14 +95,8 @@ def walk_all(tasks: Iterable[Task]) -> Drifts:
         return {task: walk_task(task) for task in todo}
     # Compiled once, here: the workers find it in the cache.
     first = walk_task(todo[0])
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            return dict(zip(todo, [first, *pool.map(walk_task, todo[1:], chunksize=2)], strict=True))
-        except BrokenProcessPool:
-            raise QuadlogError("a worker process was killed (out of memory?)") from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with LocalPool(workers) as pool:
+        return dict(zip(todo, [first, *pool.map(walk_task, todo[1:])], strict=True))
 
 
 def walk_task(task: Task) -> Drifted:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import as_completed
 
-from quadlog.errors import QuadlogError
-from quadlog.pipelines.stages.first_compilation import cores
+from quadlog.pipelines.engine.cores import cores
+from quadlog.pipelines.engine.local_pool import LocalPool
 from quadlog.results.paper_rows import PaperTable
 
 SHARED_OUT = ("tracking-courses", "tracking-5", "foot-drift")
@@ -24,8 +21,7 @@ def measure_tables(
 ) -> Iterator[tuple[str, PaperTable]]:
     """Each table with its name, as soon as it is measured. modules: by name, each with make_table(fast, seed).
 
-    Which cores there are changes the order they come in, and nothing in them. Raises QuadlogError when a worker is
-    killed.
+    Which cores there are changes the order they come in, and nothing in them. Raises WorkerDied when one is killed.
     """
     alone = sorted((name for name in modules if name not in SHARED_OUT), key=_turn)
     one_by_one = [name for name in modules if name in SHARED_OUT]
@@ -51,25 +47,10 @@ def _side_by_side(
     modules: dict[str, str], fast: bool, seed: int, workers: int, say: Callable[[str], None]
 ) -> Iterator[tuple[str, PaperTable]]:
     say(_announced(list(modules), fast, seed))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_interrupts_alone) as pool:
-        try:
-            futures = {pool.submit(_measure, module, fast, seed): name for name, module in modules.items()}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenProcessPool:
-            raise QuadlogError("a worker process was killed (out of memory?)") from None
-        except BaseException:
-            # Ctrl-C, or a table that failed: what has not begun is not measured, and nobody waits for what has.
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-
-
-def _leave_interrupts_alone() -> None:
-    """Ctrl-C reaches every process; the one that has the terminal ends the others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with LocalPool(workers) as pool:
+        futures = {pool.submit(_measure, module, fast, seed): name for name, module in modules.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
 
 
 def _measure(module: str, fast: bool, seed: int) -> PaperTable:

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.errors import QuadlogError
 from quadlog.following.lookahead import FuzzySettings
 from quadlog.messages import Float
+from quadlog.pipelines.engine.cores import cores
+from quadlog.pipelines.engine.local_pool import LocalPool
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.simulation.one_walk import SimulatedWalk, walk_once, warm_up
 from quadlog.pipelines.simulation.walk_folder import walk_metrics
 from quadlog.pipelines.simulation.where import find_course, make_ground
-from quadlog.pipelines.stages.first_compilation import cores
 from quadlog.simulation.disturbances import DISTURBED
 
 HELD_OUT_SEED = 2000
@@ -110,15 +107,8 @@ def walk_all(tasks: Sequence[Task]) -> list[Tracked]:
     workers = min(cores(), len(tasks))
     if workers == 1:
         return [walk_task(task) for task in tasks]
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            return list(pool.map(walk_task, tasks))
-        except BrokenProcessPool:
-            raise QuadlogError("a worker process was killed (out of memory?)") from None
-        except BaseException:
-            # One walk that failed, or Ctrl-C: what has not begun is not walked.
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with LocalPool(workers) as pool:
+        return list(pool.map(walk_task, tasks))
 
 
 def walk_task(task: Task, most_s: float | None = None) -> Tracked:

@@ -1,0 +1,158 @@
+"""A Dask cluster that is already there, as an executor: the user's own, of whatever kind, known by its address."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import platform
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from importlib import import_module, metadata
+from typing import Any, ParamSpec, TypeVar
+from uuid import uuid4
+
+from quadlog.errors import ClusterUnusable, ClusterWorkersDied
+from quadlog.pipelines.engine.dask_task import PYTHON, Stopped, check_versions, do_task, minor, own_versions, stop_tasks
+from quadlog.pipelines.engine.telling import Listener
+
+ANSWER_S = 10.0
+"""A scheduler or worker that has not answered after so long is not there."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Cluster(Executor):
+    """An executor of a cluster's workers. Dask gives a task to another worker when one dies, by its own settings."""
+
+    def __init__(self, client: Any, address: str, listener: Listener) -> None:
+        """client: connected to the scheduler of this address. Raises VersionsDiffer."""
+        self._client, self._address = client, address
+        self._topic = f"quadlog-{uuid4().hex}"
+        self._versions = own_versions()
+        self._check_workers()
+        # Not pure: the same recording again is to be replayed again.
+        self._executor: Executor = client.get_executor(pure=False)
+        client.subscribe_topic(self._topic, lambda event: listener(event[1]))
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """The future of a call on one of the workers."""
+        given: Future[T] = self._executor.submit(do_task, self._topic, self._versions, fn, *args, **kwargs)
+        future: Future[T] = Future()
+        given.add_done_callback(lambda given: _pass_on(given, future))
+        return future
+
+    def workers(self) -> int:
+        """How many there are now. Raises ClusterUnusable when nobody knows any more."""
+        return len(self._ask(self._client.nthreads))
+
+    def room(self) -> int:
+        """How many tasks they are to have: two each, so that none waits, but no second one to wait amid a thread."""
+        return sum(2 if threads == 1 else 1 for threads in self._ask(self._client.nthreads).values())
+
+    def stop(self) -> None:
+        """Cancel what has not begun; what runs ends with the next thing it tells."""
+        with suppress(Exception):  # a cluster that has gone has stopped
+            self._client.run(stop_tasks, self._topic, on_error="ignore")
+        with suppress(Exception):
+            self._executor.shutdown(wait=False)
+
+    @property
+    def greeting(self) -> str:
+        """How many workers there are, and where to look at them."""
+        workers = self.workers()
+        many = "1 worker" if workers == 1 else f"{workers} workers"
+        has_dashboard = "dashboard" in self._client.scheduler_info().get("services", {})
+        return f"{many}; dashboard: {self._client.dashboard_link}" if has_dashboard else many
+
+    def _check_workers(self) -> None:
+        """All that are there, by functions that every Python has; who comes or goes meanwhile checks itself later."""
+        found: dict[str, dict[str, str]] = {}
+        for name in self._versions:
+            ask = (platform.python_version,) if name == PYTHON else (metadata.version, name)
+            for worker, version in self._ask(self._client.run, *ask, on_error="return").items():
+                if isinstance(version, str):
+                    found.setdefault(worker, {})[name] = minor(version) if name == PYTHON else version
+                elif isinstance(version, metadata.PackageNotFoundError):
+                    found.setdefault(worker, {})[name] = "none"
+        for worker in sorted(found):
+            if len(found[worker]) == len(self._versions):
+                check_versions(worker, self._versions, found[worker])
+
+    def _ask(self, question: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        try:
+            return question(*args, **kwargs)
+        except (OSError, TimeoutError) as error:
+            raise ClusterUnusable(self._address, f"does not answer any more ({_one_line(error)})") from error
+
+
+@contextmanager
+def open_cluster(address: str, listener: Listener) -> Iterator[Cluster]:
+    """The cluster of a scheduler's address. After an error, its workers are told to stop.
+
+    Raises ClusterUnusable when Dask is not installed or nobody answers, VersionsDiffer.
+    """
+    try:
+        dask = import_module("distributed")
+    except ImportError:
+        raise ClusterUnusable(address, "needs Dask: pip install 'quadlog[cluster]'") from None
+    _check_scheduler(dask, address)
+    with _silent_loggers(), dask.Client(address, timeout=ANSWER_S, set_as_default=False) as client:
+        cluster = Cluster(client, address, listener)
+        try:
+            yield cluster
+        except BaseException:
+            cluster.stop()
+            raise
+
+
+@contextmanager
+def _silent_loggers() -> Iterator[None]:
+    """Dask's client logs with tracebacks what is said here in one line."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _check_scheduler(dask: Any, address: str) -> None:
+    """Dask's client waits forever for a server that takes its connection and says nothing. Raises ClusterUnusable."""
+
+    async def identity() -> dict[str, Any]:
+        async with dask.rpc(address, connection_args=dask.Security().get_connection_args("client")) as there:
+            return await asyncio.wait_for(there.identity(), ANSWER_S)
+
+    try:
+        kind = asyncio.run(identity())["type"]
+    except (ValueError, TypeError) as error:  # no address, or one of a kind that is not set up
+        raise ClusterUnusable(address, f"is no address of a Dask scheduler ({_one_line(error)})") from None
+    except OSError:
+        raise ClusterUnusable(address, f"no Dask scheduler has answered within {ANSWER_S:g} s") from None
+    if kind != "Scheduler":
+        raise ClusterUnusable(address, f"is a Dask {kind.lower()}, not the scheduler")
+
+
+def _pass_on(given: Future[T], future: Future[T]) -> None:
+    """The result or error of the one to the other; of workers that died in quadlog's words."""
+    from distributed import KilledWorker
+
+    error = None if given.cancelled() else given.exception()
+    if given.cancelled() or isinstance(error, Stopped):
+        future.cancel()
+        future.set_running_or_notify_cancel()
+    elif error is None:
+        future.set_result(given.result())
+    elif isinstance(error, KilledWorker):
+        future.set_exception(ClusterWorkersDied(error.allowed_failures + 1, str(error.last_worker.address)))
+    else:
+        future.set_exception(error)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,68 @@
+"""One interface to wherever tasks run: this process, others on this machine, or the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from quadlog.pipelines.engine.here import Here
+from quadlog.pipelines.engine.local_pool import LocalPool
+from quadlog.pipelines.engine.telling import Listener
+
+LOOK_AGAIN_S = 5.0
+"""So often a cluster is asked whether it has grown while no task ends."""
+
+Task = TypeVar("Task")
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """An executor, and what is different from one to another.
+
+    workers: how many there are, and room: how many tasks they are to have, both of which may change. stop: end what
+    runs and take no more. tries: how often a task is given out whose worker dies. greeting: a line for the user.
+    """
+
+    executor: Executor
+    workers: Callable[[], int]
+    room: Callable[[], int]
+    stop: Callable[[], None]
+    tries: int = 1
+    greeting: str = ""
+
+    def done(self, call: Callable[[Task], Any], todo: deque[Task]) -> Iterator[tuple[Task, Future[Any]]]:
+        """Each task with its future when it is done, in the order they end.
+
+        Tasks are taken from the left of `todo` as there is room, and may be put there or taken away meanwhile:
+        thousands of them cost no more than their place in it.
+        """
+        running: dict[Future[Any], Task] = {}
+        while todo or running:
+            room = max(1, self.room())
+            while todo and len(running) < room:
+                task = todo.popleft()
+                running[self.executor.submit(call, task)] = task
+            for future in wait(running, LOOK_AGAIN_S, FIRST_COMPLETED).done:
+                yield running.pop(future), future
+
+
+@contextmanager
+def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterator[Engine]:
+    """Of this process for one job, else of as many others; with the address of a scheduler, the cluster that it serves.
+
+    listener: hears what tasks tell. Raises what `open_cluster` raises. After an error or Ctrl-C nothing goes on.
+    """
+    if scheduler is not None:
+        from quadlog.pipelines.engine.dask_cluster import open_cluster
+
+        with open_cluster(scheduler, listener) as cluster:
+            yield Engine(cluster, cluster.workers, cluster.room, cluster.stop, greeting=cluster.greeting)
+    elif jobs == 1:
+        yield Engine(Here(listener), lambda: 1, lambda: 1, lambda: None)
+    else:
+        with LocalPool(jobs, listener=listener) as pool:
+            yield Engine(pool, lambda: jobs, lambda: 2 * jobs, pool.terminate_workers, tries=2)

@@ -1,0 +1,84 @@
+"""What a process of `LocalPool` does: one task at a time from its pipe, until the pipe or its parent is gone."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
+from types import FrameType
+from typing import Any, NoReturn
+
+from quadlog.pipelines.engine.telling import told_to
+
+TOLD, DONE, RAISED = "told", "done", "raised"
+"""What a worker sends: something said within a task, a task's result, a task's error."""
+CLEAN_UP_S = 30.0
+"""How long an orphan may take to clean up amid a task."""
+
+
+def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
+    """Answer each pickled (call, args, kwargs) with DONE or RAISED; initializer is called before the first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one with the terminal decides
+    signal.signal(signal.SIGTERM, _leave)
+    threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
+    sending, begin = threading.Lock(), initializer
+
+    def send(packed: bytes) -> None:
+        with sending:
+            connection.send_bytes(packed)
+
+    with connection, told_to(lambda message: send(_pack(TOLD, message))):
+        while True:
+            try:
+                task = connection.recv_bytes()
+            except (EOFError, OSError):
+                return
+            try:
+                if begin is not None:
+                    begin(*initargs)
+                    begin = None
+                call, args, kwargs = ForkingPickler.loads(task)
+                answer = _pack(DONE, call(*args, **kwargs))
+            except Exception as error:
+                answer = _raised(error)
+            send(answer)
+
+
+def _pack(kind: str, value: object) -> bytes:
+    return bytes(ForkingPickler.dumps((kind, value)))
+
+
+def _raised(error: Exception) -> bytes:
+    """The error with the traceback it has here; one that does not come out of a pickle again goes as its words."""
+    told = f"in a worker process:\n{''.join(traceback.format_exception(error))}"
+    error.add_note(told)
+    try:
+        answer = _pack(RAISED, error)
+        ForkingPickler.loads(answer)
+    except Exception:
+        words = RuntimeError(f"{type(error).__name__}: {error}")
+        words.add_note(told)
+        answer = _pack(RAISED, words)
+    return answer
+
+
+def _leave(number: int, _: FrameType | None) -> NoReturn:
+    """SIGTERM: unwind, so that temporary folders and unfinished files go; a second one does not disturb that."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(128 + number)
+
+
+def _leave_with_parent() -> None:
+    """Nobody waits for the result of an orphan."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
+    threading.Event().wait(CLEAN_UP_S)
+    os._exit(128 + signal.SIGTERM)
