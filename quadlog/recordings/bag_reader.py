@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import bag_records as bag
@@ -22,27 +21,31 @@ from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.piece_losses import losses_of
 from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 
 def open_bag(path: Path) -> ChunkedReader:
     """Opens a ROS 1 bag. Raises NothingReadable when it is encrypted, or damaged without a message that can be had."""
-    file = path.open("rb")
+    return read_bag(path, LocalBytes(path))
+
+
+def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
+    """The bag in these bytes, which are the reader's from here on; path is its name. Raises as open_bag."""
     try:
-        size = path.stat().st_size
-        contents = _contents(path, file, size)
+        contents = _contents(path, file, file.size)
         serious = [loss for loss in contents.losses if loss.cause != "index"]
         if not contents.pieces and serious:
             raise NothingReadable(path, serious[-1].detail)
     except BaseException:
         file.close()
         raise
-    return ChunkedReader(path, contents, BagFormat(file, size), file.close)
+    return ChunkedReader(path, contents, BagFormat(file, file.size), file.close)
 
 
 class BagFormat:
     """How a piece of a bag is read (PieceFormat)."""
 
-    def __init__(self, file: BinaryIO, size: int) -> None:
+    def __init__(self, file: ByteSource, size: int) -> None:
         self._file, self._size = file, size
 
     def load(self, piece: Piece) -> memoryview:
@@ -58,7 +61,7 @@ class BagFormat:
         return piece.counts
 
 
-def _contents(path: Path, file: BinaryIO, size: int) -> Contents:
+def _contents(path: Path, file: ByteSource, size: int) -> Contents:
     try:
         connections, pieces = _read_index(path, file, size)
     except Damaged as damage:
@@ -78,7 +81,7 @@ def _assemble(connections: Iterable[Connection], pieces: list[Piece], losses: li
     return Contents(held, _channels(connections, declared), declared, span, losses)
 
 
-def _read_index(path: Path, file: BinaryIO, size: int) -> tuple[list[Connection], list[Piece]]:
+def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connection], list[Piece]]:
     """Connections and chunks as the bag's index has them. Raises Damaged when there is no whole index."""
     header = bag.read_frame(file, len(bag.MAGIC), size)
     if header.op != bag.BAG_HEADER:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import BinaryIO
 
 from quadlog.recordings.bounded import Cursor, Damaged, read_at
 from quadlog.recordings.compression import decompress
 from quadlog.recordings.pieces import Entry
 from quadlog.recordings.words import ros2_type_name
+from quadlog.storage.byte_source import ByteSource
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -46,7 +46,7 @@ class Frame:
         return self.data_offset + self.data_length
 
 
-def read_frame(file: BinaryIO, position: int, size: int) -> Frame:
+def read_frame(file: ByteSource, position: int, size: int) -> Frame:
     """The record at position, without its data. Raises Damaged where there is none."""
     (length,) = _U32.unpack(read_at(file, position, 4))
     fields = read_fields(memoryview(read_at(file, position + 4, length, _MAX_HEADER_BYTES)))
@@ -131,7 +131,7 @@ def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, di
     return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
 
 
-def read_chunk(file: BinaryIO, position: int, size: int) -> tuple[memoryview, int]:
+def read_chunk(file: ByteSource, position: int, size: int) -> tuple[memoryview, int]:
     """A chunk's decompressed records and the offset behind it. Raises Damaged."""
     frame = read_frame(file, position, size)
     if frame.op != CHUNK:

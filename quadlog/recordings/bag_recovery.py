@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import BinaryIO
 
 from quadlog.recordings import bag_records as bag
 from quadlog.recordings.bag_records import Connection, Frame
@@ -11,6 +10,7 @@ from quadlog.recordings.bounded import Damaged, read_at
 from quadlog.recordings.container import Loss
 from quadlog.recordings.pieces import Entry, LostPiece, Piece
 from quadlog.recordings.words import instant, several
+from quadlog.storage.byte_source import ByteSource
 
 _LOOSE_BYTES = 1 << 22
 
@@ -22,7 +22,7 @@ class BagScan:
     `.active` bag) are found too.
     """
 
-    def __init__(self, file: BinaryIO, size: int) -> None:
+    def __init__(self, file: ByteSource, size: int) -> None:
         self.pieces: list[Piece] = []
         self.connections: dict[int, Connection] = {}
         self.counts: Counter[int] = Counter()

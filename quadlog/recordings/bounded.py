@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import struct
-from typing import BinaryIO
+
+from quadlog.storage.byte_source import ByteSource
 
 # Far above what recorders write (chunks of 1 to 16 MB), far below what hurts.
 MAX_CHUNK_BYTES = 1 << 29
@@ -25,17 +25,17 @@ class Damaged(Exception):
         super().__init__(reason)
 
 
-def read_at(file: BinaryIO, offset: int, length: int, limit: int = MAX_CHUNK_BYTES) -> bytes:
-    """Exactly length bytes from offset on, or Damaged; nothing is allocated above the limit."""
+def read_at(file: ByteSource, offset: int, length: int, limit: int = MAX_CHUNK_BYTES) -> bytes:
+    """Exactly length bytes from offset on, or Damaged; nothing is allocated above the limit.
+
+    Raises StorageFailed and StorageChanged where a server fails, which is no damage of the file.
+    """
     if length > limit:
         raise Damaged(f"{length} bytes at offset {offset} exceed the limit of {limit}", "too-large")
     if offset < 0 or length < 0 or offset > MAX_TIME_NS:
         raise Damaged(f"an offset of {offset} and a length of {length} point nowhere")
     try:
-        # Without a file position, so that threads can read ahead.
-        data = os.pread(file.fileno(), length, offset)
-        while 0 < len(data) < length and (more := os.pread(file.fileno(), length - len(data), offset + len(data))):
-            data += more
+        data = file.read(offset, length)
     except OSError as error:
         raise Damaged(f"the disk does not give what lies at offset {offset} ({error.strerror})") from None
     if len(data) != length:

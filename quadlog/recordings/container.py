@@ -55,7 +55,11 @@ class Container(Protocol):
 
     path: Path
     losses: list[Loss]
-    warnings: list[str]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know, each a line."""
+        ...
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -71,6 +75,13 @@ class Container(Protocol):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
+        ...
+
+    def is_divisible(self) -> bool:
+        """Whether readers that each open it, and read windows of log time, together find all that one would.
+
+        Not where opening it makes a copy.
+        """
         ...
 
     def close(self) -> None:

@@ -6,10 +6,13 @@ import glob
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import cast
 
 from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
 from quadlog.recordings.naming import DERIVED_NAME, is_result, recording_files, recording_suffix
 from quadlog.recordings.split import is_split
+from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import is_url, to_path
 
 MAX_LIST_BYTES = 1 << 24
 
@@ -21,36 +24,52 @@ def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
     all folders below it, also linked ones, a glob pattern, or `@list.txt` with
     one of these on each line (`#` starts a comment; paths as seen from the
     working folder, else from the list's). Hidden files and the
-    `derived.mcap` of run folders are skipped unless named.
+    `derived.mcap` of run folders are skipped unless named. Each may be a URL;
+    a list behind one names URLs, and what lies beside it or below.
 
     Raises RecordingNotFound for an argument that leads to no recording or a
-    folder that cannot be read, NotARecording for a pipe or a device.
+    folder that cannot be read, NotARecording for a pipe or a device;
+    StorageUnknown and StorageFailed.
     """
     found: dict[Path, Path] = {}
-    for argument in map(str, arguments):
+    for argument in arguments:
         try:
-            for path in _expand(argument):
+            for path in _match(argument) if isinstance(argument, RemotePath) else _expand(str(argument)):
                 for recording in _recordings_at(path):
                     found.setdefault(recording.resolve(), recording)
         except OSError as error:
-            raise RecordingNotFound(error.filename or argument, error.strerror or str(error)) from None
+            where = error.filename or to_path(argument)
+            raise RecordingNotFound(where, error.strerror or "no such file or folder") from None
     return sorted(found.values())
 
 
 def _expand(argument: str) -> list[Path]:
-    if argument.startswith("@") and not Path(argument).exists():
-        return _read_list(Path(argument[1:]))
-    return _match(argument)
+    if argument.startswith("@") and (is_url(argument) or not Path(argument).exists()):
+        return _read_list(to_path(argument[1:]))
+    return _match(to_path(argument))
 
 
-def _match(argument: str) -> list[Path]:
-    if Path(argument).exists() or not glob.has_magic(argument):
+def _match(path: Path) -> list[Path]:
+    if isinstance(path, RemotePath):
+        return _match_remote(path)
+    argument = str(path)
+    if path.exists() or not glob.has_magic(argument):
         return [Path(argument)]
     # A pattern may match much that is no recording; that is an error only when nothing else is left.
     matches = [Path(match) for match in sorted(glob.glob(argument, recursive=True))]  # noqa: PTH207 - also absolute ones
+    return _worth_opening(path, matches)
+
+
+def _match_remote(path: RemotePath) -> list[Path]:
+    if not path.has_pattern() or path.exists():
+        return [cast(Path, path)]
+    return _worth_opening(cast(Path, path), [cast(Path, match) for match in path.matches()])
+
+
+def _worth_opening(pattern: Path, matches: list[Path]) -> list[Path]:
     chosen = [path for path in matches if _is_worth_opening(path)]
     if not chosen:
-        raise RecordingNotFound(argument, "no recording matches the pattern")
+        raise RecordingNotFound(pattern, "no recording matches the pattern")
     return chosen
 
 
@@ -63,21 +82,30 @@ def _is_worth_opening(path: Path) -> bool:
 def _read_list(path: Path) -> list[Path]:
     if not path.is_file():
         raise RecordingNotFound(path, "no such list of recordings")
-    if path.stat().st_size > MAX_LIST_BYTES:
+    if not isinstance(path, RemotePath) and path.stat().st_size > MAX_LIST_BYTES:
         raise TooLarge(f"{path}: list of recordings in bytes", path.stat().st_size, MAX_LIST_BYTES)
     try:
         lines = path.read_text("utf-8").splitlines()
     except UnicodeDecodeError:
         raise RecordingNotFound(path, "a list of recordings is a text file, this is not UTF-8") from None
-    found: list[Path] = []
-    for line in lines:
-        entry = re.split(r"(?:^|\s)#", line)[0].strip()
-        if entry:
-            from_here = Path(entry).exists() or bool(glob.glob(entry))  # noqa: PTH207
-            found += _match(entry if from_here else str(path.parent / entry))
+    entries = [re.split(r"(?:^|\s)#", line)[0].strip() for line in lines]
+    found = [match for entry in entries if entry for match in _match(_listed(entry, path))]
     if not found:
         raise RecordingNotFound(path, "the list names no recording")
     return found
+
+
+def _listed(entry: str, path: Path) -> Path:
+    """What a line of a list names. Whoever wrote one on a server has no say about files of this machine."""
+    named = to_path(entry)
+    if is_url(entry) and (isinstance(named, RemotePath) or not isinstance(path, RemotePath)):
+        return named
+    if isinstance(path, RemotePath):
+        if is_url(entry) or entry.startswith("/") or ".." in entry.split("/"):
+            raise RecordingNotFound(path, f"a list on a server names URLs or what lies beside it, not {entry}")
+        return cast(Path, path.parent / entry)
+    from_here = Path(entry).exists() or bool(glob.glob(entry))  # noqa: PTH207
+    return Path(entry) if from_here else path.parent / entry
 
 
 def _recordings_at(path: Path) -> list[Path]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 from isal.isal_zlib import crc32
 
@@ -25,15 +24,20 @@ from quadlog.recordings.mcap_summary import Summary, read_summary
 from quadlog.recordings.piece_losses import losses_of
 from quadlog.recordings.pieces import Contents, Entry, Piece
 from quadlog.recordings.words import ros2_type_name, several
+from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 _ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
 
 
 def open_mcap(path: Path) -> ChunkedReader:
     """Opens an MCAP file. Raises NothingReadable when it is damaged and holds no message that can be had."""
-    file = path.open("rb")
+    return read_mcap(path, LocalBytes(path))
+
+
+def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
+    """The MCAP file in these bytes, which are the reader's from here on; path is its name. Raises as open_mcap."""
     try:
-        contents = _contents(file, path.stat().st_size)
+        contents = _contents(file, file.size)
         _refuse_if_nothing_is_left(path, contents)
     except BaseException:
         file.close()
@@ -44,7 +48,7 @@ def open_mcap(path: Path) -> ChunkedReader:
 class McapFormat:
     """How a piece of an MCAP file is read (PieceFormat)."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: ByteSource) -> None:
         self._file = file
 
     def load(self, piece: Piece) -> memoryview:
@@ -63,10 +67,10 @@ class McapFormat:
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         behind = piece.offset + piece.length
-        return message_index_counts(self._file, behind, self._file.seek(0, 2))
+        return message_index_counts(self._file, behind, self._file.size)
 
 
-def _contents(file: BinaryIO, size: int) -> Contents:
+def _contents(file: ByteSource, size: int) -> Contents:
     summary, losses = read_summary(file, size)
     warnings: list[str] = []
     if summary is not None and not summary.is_complete():
@@ -113,7 +117,7 @@ def _identity(channel: McapChannel, schema: Schema | None) -> tuple[str, str, st
     return channel.topic, type_name, channel.message_encoding, schema.encoding, schema.data
 
 
-def _check_loose_messages(file: BinaryIO, scan: McapScan) -> list[Loss]:
+def _check_loose_messages(file: ByteSource, scan: McapScan) -> list[Loss]:
     """Messages outside chunks have no checksum but the data section's, so that one is computed for them."""
     loose = [piece for piece in scan.pieces if piece.loose]
     if not loose or scan.ended_at is None or not scan.data_crc:

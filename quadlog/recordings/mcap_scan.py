@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import Counter
-from typing import BinaryIO
 
 from quadlog.recordings import mcap_records as mcap
 from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged, read_at
@@ -16,6 +15,7 @@ from quadlog.recordings.container import Loss
 from quadlog.recordings.mcap_records import ChunkIndex, McapChannel, Schema
 from quadlog.recordings.pieces import LostPiece, Piece
 from quadlog.recordings.words import instant, several
+from quadlog.storage.byte_source import ByteSource
 
 _LOOSE_BYTES = 1 << 22
 
@@ -27,7 +27,7 @@ class McapScan:
     the data section's end mark, None when there is none.
     """
 
-    def __init__(self, file: BinaryIO, size: int, known: list[ChunkIndex]) -> None:
+    def __init__(self, file: ByteSource, size: int, known: list[ChunkIndex]) -> None:
         self.pieces: list[Piece] = []
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, McapChannel] = {}
@@ -193,7 +193,7 @@ class _LooseRun:
         return Piece(self._begin, length, self._start_ns, self._end_ns, "", channels, dict(self.counts), loose=True)
 
 
-def message_index_counts(file: BinaryIO, position: int, size: int) -> dict[int, int] | None:
+def message_index_counts(file: ByteSource, position: int, size: int) -> dict[int, int] | None:
     """Messages for each channel in the message index records from position on; None when there are none."""
     counts: dict[int, int] = {}
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import BinaryIO
 
 from isal.isal_zlib import crc32
 
@@ -11,6 +10,7 @@ from quadlog.recordings import mcap_records as mcap
 from quadlog.recordings.bounded import MAX_INDEX_BYTES, Cursor, Damaged, read_at
 from quadlog.recordings.container import Loss
 from quadlog.recordings.mcap_records import ChunkIndex, McapChannel, Schema, Statistics
+from quadlog.storage.byte_source import ByteSource
 
 _FOOTER_BYTES = mcap.FRAME.size + 20
 
@@ -36,7 +36,7 @@ class Summary:
         )
 
 
-def read_summary(file: BinaryIO, size: int) -> tuple[Summary | None, list[Loss]]:
+def read_summary(file: ByteSource, size: int) -> tuple[Summary | None, list[Loss]]:
     """The summary, or None and the loss that says why it is not there."""
     try:
         footer_offset = size - len(mcap.MAGIC) - _FOOTER_BYTES

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, cast
 
 from quadlog.errors import NotARecording, NothingReadable, RecordingNotFound
 from quadlog.recordings import bag_records, mcap_records, sqlite_open, unpacking
-from quadlog.recordings.bag_reader import open_bag
+from quadlog.recordings.bag_reader import read_bag
 from quadlog.recordings.container import Container
-from quadlog.recordings.mcap_reader import open_mcap
+from quadlog.recordings.mcap_reader import read_mcap
+from quadlog.recordings.naming import recording_suffix
 from quadlog.recordings.split import is_split, open_split
 from quadlog.recordings.sqlite_reader import open_sqlite
+from quadlog.storage.byte_source import ByteSource, LocalBytes
+from quadlog.storage.remote_path import RemotePath
+
+if TYPE_CHECKING:
+    from quadlog.storage.remote_object import RemoteObject
+
+_HEAD_BYTES = 32
 
 # What else people hand over, and what they should do with it.
 _HINTS = (
@@ -45,46 +57,82 @@ def open_container(path: Path) -> Container:
 
 def open_file(path: Path) -> Container:
     """Opens one file; a zstd-compressed one (`.mcap.zstd`, `.db3.zstd`) through a temporary copy. Raises as above."""
-    if not path.exists():
-        raise RecordingNotFound(path)
+    if isinstance(path, RemotePath):
+        return _open_remote(path)
     if not path.is_file():
-        raise NotARecording(path, "not a regular file")
-    head, tail = _ends(path)
-    if not head.startswith(unpacking.MAGIC):
-        return _open_unpacked(path, head, tail)
-    folder = unpacking.unpack(path)
-    inner_path = Path(folder.name) / unpacking.unpacked_name(path)
+        raise NotARecording(path, "not a regular file") if path.exists() else RecordingNotFound(path)
     try:
-        inner = _open_unpacked(path, *_ends(inner_path), location=inner_path)
+        file = LocalBytes(path)
+    except PermissionError:
+        raise NotARecording(path, "you are not allowed to read it") from None
+    with _closed_on_error(file):
+        head = file.read(0, _HEAD_BYTES)
+        if head.startswith(unpacking.MAGIC):
+            file.close()
+            return _open_within(path, unpacking.unpack(path), unpacking.unpacked_name(path))
+        if head.startswith(sqlite_open.MAGIC):
+            file.close()
+            return open_sqlite(path)
+        return _open_chunked(path, file, head)
+
+
+def _open_remote(remote_path: RemotePath) -> Container:
+    """What lies behind a URL: by range where server and format allow it, else copied first."""
+    from quadlog.storage.remote_bytes import RemoteBytes
+
+    path = cast(Path, remote_path)
+    try:
+        remote = remote_path.open_object()
+    except FileNotFoundError:
+        raise RecordingNotFound(path, "no such file on the server") from None
+    if remote.told.size_bytes is None or not remote.told.ranges:
+        what = "does not tell the file's size" if remote.told.ranges else "gives no parts of files"
+        return _open_copy(path, remote, [f"the server {what}; the whole file was copied before it was read"])
+    file = RemoteBytes(remote, remote.told.size_bytes)
+    with _closed_on_error(file):
+        head = file.read(0, _HEAD_BYTES)
+        if head.startswith((unpacking.MAGIC, sqlite_open.MAGIC)):
+            file.close()
+            return _open_copy(path, remote)
+        return _open_chunked(path, file, head)
+
+
+def _open_copy(path: Path, remote: RemoteObject, warnings: Sequence[str] = ()) -> Container:
+    from quadlog.storage.copying import copied
+
+    # Of a name from elsewhere only the suffix is taken, and only one that recordings have.
+    name = f"copy{recording_suffix(path)}"
+    return _open_within(path, copied(remote, name), name, warnings)
+
+
+def _open_within(path: Path, folder: TemporaryDirectory[str], name: str, warnings: Sequence[str] = ()) -> Container:
+    """The file of this name in a temporary folder, which is given back with it; path is what it is known by."""
+    try:
+        return unpacking.UnpackedFile(path, open_file(Path(folder.name) / name), folder, warnings)
     except (NotARecording, NothingReadable) as error:
         folder.cleanup()
         raise type(error)(path, error.reason) from None
     except BaseException:
         folder.cleanup()
         raise
-    return unpacking.UnpackedFile(path, inner, folder)
 
 
-def _open_unpacked(path: Path, head: bytes, tail: bytes, location: Path | None = None) -> Container:
-    source = location or path
+def _open_chunked(path: Path, file: ByteSource, head: bytes) -> Container:
     # One of the two marks is enough: the other one may be what was damaged.
-    if head.startswith(mcap_records.MAGIC) or tail == mcap_records.MAGIC:
-        return open_mcap(source)
+    if head.startswith(mcap_records.MAGIC) or file.read(max(file.size - 8, 0), 8) == mcap_records.MAGIC:
+        return read_mcap(path, file)
     if head.startswith(bag_records.MAGIC):
-        return open_bag(source)
-    if head.startswith(sqlite_open.MAGIC):
-        return open_sqlite(source)
+        return read_bag(path, file)
     if not head:
         raise NotARecording(path, "the file is empty (0 bytes)")
     hint = next((words for magic, words in _HINTS if head.startswith(magic)), "its first bytes are none of a recording")
     raise NotARecording(path, hint)
 
 
-def _ends(path: Path) -> tuple[bytes, bytes]:
+@contextmanager
+def _closed_on_error(file: ByteSource) -> Iterator[None]:
     try:
-        with path.open("rb") as file:
-            head = file.read(32)
-            file.seek(-min(8, path.stat().st_size), 2)
-            return head, file.read(8)
-    except PermissionError:
-        raise NotARecording(path, "you are not allowed to read it") from None
+        yield
+    except BaseException:
+        file.close()
+        raise

@@ -9,15 +9,13 @@ from types import TracebackType
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Message, Timed, UwbRanges
-from quadlog.recordings.clock import FIRST_STAMPS, Clock, Stamp
+from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
+from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
-
-# How far header stamps may drift from log time beyond what is seen at both ends of the recording.
-DRIFT_NS = 10_000_000_000
-ENDS_NS = 5_000_000_000
+from quadlog.storage.urls import to_path
 
 
 def open_recording(
@@ -37,7 +35,7 @@ def open_recording(
     from quadlog.recordings.open_container import open_container
 
     return Recording(
-        open_container(Path(path)),
+        open_container(to_path(path)),
         stamp=stamp,
         definitions=Definitions([Path(folder) for folder in msg_path]),
         range_topics=range_topics or {},
@@ -60,8 +58,9 @@ class Recording:
         self.container, self.stamp = container, stamp
         self._definitions = definitions or Definitions()
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
-        self._clock = Clock(container.path, stamp)
+        self.clock = Clock(container.path, stamp)
         self._learned: set[str] = set()
+        self._first_lags: dict[str, list[int]] = {}
         self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._failures: dict[str, tuple[int, str]] = {}
@@ -96,7 +95,7 @@ class Recording:
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self._clock.warnings(), *tagless]))
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -112,18 +111,40 @@ class Recording:
         a stamp far from its topic's others, with a warning. Raises ClocksDiffer
         where the times of these topics and those read before cannot be compared.
         """
+        self._learn_clocks(self._sound_topics(topics))
+        for timed in self.logged(topics, *self.log_window(topics, start_ns, end_ns)):
+            if (start_ns is None or timed.t_ns >= start_ns) and (end_ns is None or timed.t_ns < end_ns):
+                yield timed
+
+    def logged(
+        self, topics: Collection[str], log_start_ns: int | None = None, log_end_ns: int | None = None
+    ) -> Iterator[Timed]:
+        """The same with log_start_ns <= log time < log_end_ns, whatever clock is chosen."""
         wanted = self._sound_topics(topics)
         self._learn_clocks(wanted)
-        log_start_ns, log_end_ns = self._log_window(wanted, start_ns, end_ns)
         failed: dict[str, int] = {}
         zeros: dict[str, int] = {}
         for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
             for message in self._decode_or_count(raw, failed):
-                timed = self._clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
-                if timed is None or (start_ns is not None and timed.t_ns < start_ns):
-                    continue
-                if end_ns is None or timed.t_ns < end_ns:
+                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
+                if timed is not None:
                     yield timed
+
+    def log_window(
+        self, topics: Collection[str], start_ns: int | None, end_ns: int | None
+    ) -> tuple[int | None, int | None]:
+        """Log times between which all messages of the wanted window must lie, so that an index can find them."""
+        if self.stamp == "log" or (start_ns is None and end_ns is None):
+            return start_ns, end_ns
+        if self.span_ns is None:
+            return None, None
+        sound = self._sound_topics(topics)
+        self._learn_clocks(sound)
+        lags = [lag for topic in sound for lag in self._first_lags.get(topic, ())] or [0]
+        return (
+            None if start_ns is None else log_begin(self.container, sound, start_ns, min(lags), self._look),
+            None if end_ns is None else log_end(self.container, sound, end_ns, max(lags), self._look),
+        )
 
     def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
         """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
@@ -176,22 +197,13 @@ class Recording:
                 sound.append(topic)
         return sound
 
-    def _log_window(
-        self, topics: Collection[str], start_ns: int | None, end_ns: int | None
-    ) -> tuple[int | None, int | None]:
-        """Log times between which all messages of the wanted window must lie, so that an index can find them."""
-        if self.stamp == "log" or (start_ns is None and end_ns is None):
-            return start_ns, end_ns
-        span = self.span_ns
-        if span is None:
-            return None, None
-        first = self.container.messages(topics, span[0], span[0] + ENDS_NS)
-        last = self.container.messages(topics, span[1] - ENDS_NS, span[1] + 1)
-        lags = [lag or 0 for raws in (first, last) for lag in self._lags_ns(raws)]
-        if not lags:
-            return None, None
-        low, high = min(lags) - DRIFT_NS, max(lags) + DRIFT_NS
-        return None if start_ns is None else start_ns + low, None if end_ns is None else end_ns + high
+    def _look(self, raws: Iterator[RawMessage]) -> Iterator[Seen]:
+        """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
+        for raw in raws:
+            for lag in self._lags_ns(iter([raw])):
+                usual = -self.clock.usual_ns.get(raw.channel.topic, 0)
+                if lag is None or abs(lag - usual) <= FAR_APART_NS:
+                    yield Seen(raw.channel.topic, raw.log_time_ns, raw.log_time_ns - (lag or 0))
 
     def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int | None]:
         """Log time minus stamp of messages that can be decoded, None for those without stamp."""
@@ -208,7 +220,10 @@ class Recording:
             if topic not in self._learned:
                 self._learned.add(topic)
                 raws = islice(self.container.messages([topic]), FIRST_STAMPS)
-                self._clock.learn(topic, [-lag for lag in self._lags_ns(raws) if lag is not None])
+                lags = [lag for lag in self._lags_ns(raws) if lag is not None]
+                self.clock.learn(topic, [-lag for lag in lags])
+                usual = -self.clock.usual_ns.get(topic, 0)
+                self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
 
     def _decode_or_count(self, raw: RawMessage, failed: dict[str, int]) -> tuple[Message, ...]:
         """What a message decodes to. failed counts this pass; of several passes the one with most failures is told."""

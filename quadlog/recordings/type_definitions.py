@@ -60,6 +60,7 @@ def needed_types(types: Types, type_name: str, elsewhere: Lookup) -> Types:
     needed: Types = {}
 
     def visit(name: str, depth: int) -> None:
+        """Take a type and all that it contains into `needed`. Raises BadDefinition."""
         if depth > DEEPEST_NESTING:
             raise BadDefinition(f"{name[:80]} contains itself, or is nested too deeply")
         if name in needed:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -51,14 +51,21 @@ def unpacked_name(path: Path) -> str:
 
 
 class UnpackedFile:
-    """A container in a temporary folder, known by the path of the file it was compressed in."""
+    """A container in a temporary folder, known by the path of the file it was copied or decompressed from."""
 
-    def __init__(self, path: Path, inner: Container, folder: tempfile.TemporaryDirectory) -> None:
+    def __init__(
+        self, path: Path, inner: Container, folder: tempfile.TemporaryDirectory, warnings: Sequence[str] = ()
+    ) -> None:
         self.path, self._inner, self._folder = path, inner, folder
         inner.path = path
-        # The same lists: they grow while the inner container is read.
-        self.losses, self.warnings = inner.losses, inner.warnings
+        # The same list: it grows while the inner container is read.
+        self.losses = inner.losses
+        self._warnings = list(warnings)
         self.messages = inner.messages
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*self._warnings, *self._inner.warnings]
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -67,6 +74,9 @@ class UnpackedFile:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         return self._inner.span_ns
+
+    def is_divisible(self) -> bool:
+        return False
 
     def close(self) -> None:
         self._inner.close()

@@ -7,6 +7,7 @@ the folder of the file or below.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,32 @@ _URDF_OPTIONS = '<mujoco><compiler fusestatic="false" discardvisual="true" balan
 
 def read_model(path: Path) -> mujoco.MjSpec:
     """The robot in a file. Raises UnreadableFile, TooLarge."""
+    root, meshes = _take_over(path)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"), assets=meshes)
+    except ValueError as error:
+        raise UnreadableFile(path, f"MuJoCo cannot load it: {first_line(error)}") from None
+    if root.tag == "robot":
+        # In URDF a link without inertia weighs nothing; MuJoCo would fill its shapes with water.
+        for geom in spec.geoms:
+            geom.mass = 0.0
+    return spec
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of what is taken over of a robot's file, of those that it includes and of its meshes.
+
+    Raises UnreadableFile, TooLarge.
+    """
+    root, meshes = _take_over(path)
+    digest = hashlib.sha256(ElementTree.tostring(root))
+    for name, mesh in meshes.items():
+        digest.update(f"{name} {len(mesh)} ".encode() + mesh)
+    return digest.hexdigest()
+
+
+def _take_over(path: Path) -> tuple[Element, dict[str, bytes]]:
+    """What makes the robot, and the content of its meshes by their names in it."""
     root = _parse(path)
     meshes: dict[str, bytes] = {}
     if root.tag == "mujoco":
@@ -65,15 +92,7 @@ def read_model(path: Path) -> mujoco.MjSpec:
     bodies = sum(1 for each in root.iter() if each.tag in ("body", "link"))
     if bodies > MOST_BODIES:
         raise TooLarge(f"{path}: bodies", bodies, MOST_BODIES)
-    try:
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"), assets=meshes)
-    except ValueError as error:
-        raise UnreadableFile(path, f"MuJoCo cannot load it: {first_line(error)}") from None
-    if root.tag == "robot":
-        # In URDF a link without inertia weighs nothing; MuJoCo would fill its shapes with water.
-        for geom in spec.geoms:
-            geom.mass = 0.0
-    return spec
+    return root, meshes
 
 
 @contextmanager

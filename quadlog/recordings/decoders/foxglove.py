@@ -43,6 +43,7 @@ def json_point_cloud_decoder(topic: str) -> Callable[[Payload], PointCloud]:
     """A decoder of JSON foxglove.PointCloud payloads (data in base64)."""
 
     def decode(payload: Payload) -> PointCloud:
+        """One payload as a cloud, points in metres. Raises DecodeError."""
         message = json_object(payload, topic)
         try:
             fields = {str(each["name"]): (int(each["offset"]), _numeric(each["type"])) for each in message["fields"]}

@@ -10,6 +10,7 @@ import pytest
 from quadlog.errors import ClocksDiffer
 from quadlog.messages import Odometry, UwbRanges
 from quadlog.recordings.container import Channel
+from quadlog.recordings.log_window import MARGIN_NS
 from quadlog.recordings.recording import Recording, open_recording
 
 S = 10**9
@@ -175,8 +176,8 @@ def test_windows_are_in_the_chosen_clock_and_found_by_the_index(log: Any) -> Non
     recording = Recording(log.container)
     assert times(recording, ["/odom"], T0, T0 + 3 * S) == [T0, T0 + S, T0 + 2 * S]
     start_ns, end_ns = log.container.asked[-1]
-    assert start_ns == T0 + 90 * S
-    assert end_ns == T0 + 113 * S
+    assert start_ns == T0 + 100 * S - MARGIN_NS
+    assert end_ns == T0 + 103 * S + MARGIN_NS
 
 
 def test_ends_of_single_ranges_come_from_the_topic(log: Any) -> None:

@@ -1,0 +1,111 @@
+"""A window finds what a look at every message finds, and asks an index for little more."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.recordings.container import Channel, RawMessage
+from quadlog.recordings.log_window import MARGIN_NS, Seen, log_begin, log_end
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+LENGTH_S = 60
+
+
+class Logged:
+    """A container whose messages are their stamps, by topic; it keeps what it was asked for."""
+
+    span_ns = (T0, T0 + LENGTH_S * S)
+
+    def __init__(self, topics: dict[str, list[tuple[int, int]]]) -> None:
+        channels = {name: Channel(name, "", "", "", b"") for name in topics}
+        rows = [(log_ns, name, t_ns) for name, rows in topics.items() for log_ns, t_ns in rows]
+        self.raws = [RawMessage(channels[name], log_ns, b"%d" % t_ns) for log_ns, name, t_ns in sorted(rows)]
+        self.asked: list[tuple[tuple[str, ...], int, int]] = []
+
+    def messages(self, topics, start_ns, end_ns):
+        self.asked.append((tuple(topics), start_ns, end_ns))
+        return (raw for raw in self.raws if raw.channel.topic in topics and start_ns <= raw.log_time_ns < end_ns)
+
+    def window(self, topics, start_ns, end_ns, lag_ns=0):
+        look = lambda raws: (Seen(raw.channel.topic, raw.log_time_ns, int(raw.payload)) for raw in raws)  # noqa: E731
+        return log_begin(self, topics, start_ns, lag_ns, look), log_end(self, topics, end_ns, lag_ns, look)
+
+    def stamped(self, topics, start_ns, end_ns):
+        return {
+            (raw.channel.topic, raw.log_time_ns)
+            for raw in self.raws
+            if raw.channel.topic in topics and start_ns <= int(raw.payload) < end_ns
+        }
+
+
+@st.composite
+def topic(draw: st.DrawFn) -> list[tuple[int, int]]:
+    """(log time, stamp) of a topic in turn: a clock that drifts, jitter, and a stall that logs many at once."""
+    hz = draw(st.sampled_from([0.2, 1.0, 10.0]))
+    lag_s, drift, jitter_s = draw(st.floats(-2, 2)), draw(st.floats(-0.1, 0.1)), draw(st.floats(0, 0.05))
+    stall_s, stall_length_s = draw(st.floats(0, LENGTH_S)), draw(st.sampled_from([0.0, 0.0, 3.0, 7.0]))
+    begin_s, end_s = draw(st.sampled_from([(0.0, LENGTH_S), (20.0, 40.0)]))
+    rows = []
+    for index in range(int((end_s - begin_s) * hz)):
+        at_s = begin_s + index / hz
+        t_s = at_s - lag_s - drift * at_s
+        at_s += jitter_s * (index % 3)
+        if stall_s <= at_s < stall_s + stall_length_s:
+            at_s = stall_s + stall_length_s + index * 1e-6
+        rows.append((T0 + round(at_s * 1e9), T0 + round(t_s * 1e9)))
+    rows.sort()
+    times = sorted(t_ns for _, t_ns in rows)
+    return [(log_ns, t_ns) for (log_ns, _), t_ns in zip(rows, times, strict=True)]
+
+
+@given(st.lists(topic(), min_size=1, max_size=3), st.floats(-5, 65), st.floats(0.5, 40))
+def test_a_window_has_all_that_is_stamped_within_it(
+    topics: list[list[tuple[int, int]]], start_s: float, duration_s: float
+) -> None:
+    logged = Logged({f"/{number}": rows for number, rows in enumerate(topics)})
+    names = [f"/{number}" for number in range(len(topics))]
+    start_ns = T0 + round(start_s * 1e9)
+    end_ns = start_ns + round(duration_s * 1e9)
+    begin_ns, until_ns = logged.window(names, start_ns, end_ns)
+    wanted = logged.stamped(names, start_ns, end_ns)
+    assert all(begin_ns <= log_ns < until_ns for _, log_ns in wanted)
+
+
+def steady(hz: float, lag_s: float = 0.0, from_s: float = 0.0, to_s: float = LENGTH_S) -> list[tuple[int, int]]:
+    count = int((to_s - from_s) * hz)
+    log_ns = [T0 + round((from_s + index / hz) * 1e9) for index in range(count)]
+    return [(each, each - round(lag_s * 1e9)) for each in log_ns]
+
+
+def test_a_steady_clock_costs_the_margin_alone() -> None:
+    logged = Logged({"/odom": steady(50), "/points": steady(10, 0.1)})
+    begin_ns, until_ns = logged.window(["/odom", "/points"], T0 + 20 * S, T0 + 26 * S)
+    assert begin_ns == T0 + 20 * S - MARGIN_NS
+    assert until_ns == T0 + 26 * S + MARGIN_NS + S // 10
+    assert max(end - start for _, start, end in logged.asked) <= S
+
+
+@pytest.mark.parametrize("silent", [(), (0.0, 10.0), (0.0, 19.9), (26.5, 60.0)])
+def test_a_topic_that_is_silent_at_an_edge_is_looked_for_alone(silent: tuple[float, ...]) -> None:
+    """Chunks without it stay untouched, so a window does not grow for it."""
+    logged = Logged({"/odom": steady(50), "/target": steady(1, 0, *silent)[::40] if silent else []})
+    begin_ns, until_ns = logged.window(["/odom", "/target"], T0 + 20 * S, T0 + 26 * S)
+    assert (begin_ns, until_ns) == (T0 + 20 * S - MARGIN_NS, T0 + 26 * S + MARGIN_NS)
+    assert all(topics == ("/target",) for topics, start, end in logged.asked if end - start > S)
+
+
+def test_stamps_far_ahead_of_the_log_are_found_step_by_step() -> None:
+    """Nothing is logged at the edge itself, and nothing was known of the lag."""
+    logged = Logged({"/odom": steady(1, -5.25)})
+    begin_ns, until_ns = logged.window(["/odom"], T0 + 60 * S, T0 + 64 * S)
+    assert begin_ns == T0 + 55 * S
+    assert until_ns > T0 + 58 * S
+    assert logged.stamped(["/odom"], T0 + 60 * S, T0 + 64 * S) == {("/odom", T0 + each * S) for each in range(55, 59)}
+
+
+def test_what_has_no_message_at_all_has_a_window_all_the_same() -> None:
+    logged = Logged({"/odom": []})
+    assert logged.window(["/odom"], T0, T0 + S, 7 * S) == (T0 + 7 * S - MARGIN_NS, T0 + 8 * S + MARGIN_NS)

@@ -1,0 +1,116 @@
+"""The same recording on this machine, behind a web server and in a bucket gives the same messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+from aiohttp import web as http
+
+from quadlog.errors import NotARecording, RecordingNotFound, StorageFailed
+from quadlog.recordings.open_container import open_container
+from quadlog.recordings.recording import open_recording
+from quadlog.storage import web_object
+from quadlog.storage.urls import to_path
+
+
+@pytest.fixture(autouse=True)
+def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_object, "_WAITS_S", (0.0,))
+
+
+def build(recordings: Any, folder: Path, name: str) -> Path:
+    messages = recordings.some(80)
+    if name.endswith(".bag"):
+        return recordings.bag(folder / name, messages, "lz4")
+    if name.endswith(".db3"):
+        return recordings.db3(folder / name, messages)
+    path = recordings.mcap(folder / name.removesuffix(".zstd"), messages)
+    if name.endswith(".zstd"):
+        (folder / name).write_bytes(zstandard.compress(path.read_bytes()))
+        path.unlink()
+    return folder / name
+
+
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd"])
+def test_messages_are_the_same_wherever_they_lie(recordings: Any, web: Any, bucket: Any, name: str) -> None:
+    path = build(recordings, web.folder, name)
+    bucket.put_file(str(path), f"{bucket.name}/{name}")
+    with open_container(path) as container:
+        expected = recordings.read(container)
+    assert len(expected) == 80
+    for url in (f"{web.url}/{name}", f"s3://{bucket.name}/{name}"):
+        with open_recording(url) as recording:
+            assert recordings.read(recording.container) == expected
+            assert recordings.read(recording.container, ["/a"]) == [each for each in expected if each[0] == "/a"]
+            assert (recording.losses, recording.warnings, str(recording.path)) == ([], [], url)
+
+
+def test_two_passes_transfer_a_file_once(recordings: Any, web: Any) -> None:
+    path = recordings.mcap(web.folder / "walk.mcap", recordings.some(20_000), chunk_size=200_000)
+    with open_container(to_path(f"{web.url}/walk.mcap")) as container:
+        recordings.read(container)
+        recordings.read(container)
+    assert path.stat().st_size > 10 * 65536
+    assert web.sent_bytes <= path.stat().st_size + 2
+
+
+def test_a_damaged_file_is_recovered_as_on_this_machine(recordings: Any, web: Any) -> None:
+    path = recordings.mcap(web.folder / "walk.mcap", recordings.some(80))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with open_container(path) as local, open_container(to_path(f"{web.url}/walk.mcap")) as remote:
+        assert recordings.read(remote) == recordings.read(local) != []
+        assert remote.losses == local.losses != []
+
+
+def test_a_server_without_parts_is_read_whole_and_said(recordings: Any, web: Any) -> None:
+    path = recordings.mcap(web.folder / "walk.mcap", recordings.some(80))
+    web.answer = lambda _: http.Response(body=path.read_bytes())
+    with open_container(path) as local, open_container(to_path(f"{web.url}/walk.mcap")) as remote:
+        assert recordings.read(remote) == recordings.read(local)
+        (warning,) = remote.warnings
+        assert warning == "the server gives no parts of files; the whole file was copied before it was read"
+
+
+def test_a_server_that_fails_is_no_damage_of_the_recording(recordings: Any, web: Any) -> None:
+    """Losses would be reported, and the run be marked as done with loss."""
+    recordings.mcap(web.folder / "walk.mcap", recordings.some(20_000), chunk_size=200_000)
+    with open_container(to_path(f"{web.url}/walk.mcap")) as container:
+        web.answer = lambda _: http.Response(status=500)
+        with pytest.raises(StorageFailed, match="status 500"):
+            recordings.read(container)
+        assert container.losses == []
+
+
+def test_a_bag_folder_in_a_bucket_is_one_recording(recordings: Any, bucket: Any, tmp_path: Path) -> None:
+    messages = recordings.some(90)
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number in range(3):
+        recordings.mcap(folder / f"bag_{number}.mcap", messages[number * 30 : number * 30 + 30])
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: {message_count: 90, relative_file_paths: [bag_0.mcap, bag_1.mcap, bag_2.mcap]}"
+    )
+    for path in folder.iterdir():
+        bucket.put_file(str(path), f"{bucket.name}/season/bag/{path.name}")
+    with open_container(folder) as local, open_container(to_path(f"s3://{bucket.name}/season/bag")) as remote:
+        assert recordings.read(remote) == recordings.read(local) == messages
+        assert (remote.losses, remote.warnings) == ([], [])
+
+
+def test_what_is_no_recording_is_told_as_on_this_machine(web: Any, bucket: Any) -> None:
+    (web.folder / "page").write_text("<html>")
+    (web.folder / "empty").touch()
+    bucket.pipe_file(f"{bucket.name}/folder/notes.txt", b"no recording")
+    for url, error in (
+        (f"{web.url}/page", NotARecording),
+        (f"{web.url}/empty", NotARecording),
+        (f"{web.url}/gone", RecordingNotFound),
+        (f"s3://{bucket.name}/gone", RecordingNotFound),
+        (f"s3://{bucket.name}/folder", RecordingNotFound),
+        (f"s3://{bucket.name}/folder/notes.txt", NotARecording),
+    ):
+        with pytest.raises(error):
+            open_container(to_path(url))
