@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from quadlog.cli.places import HERE, PLACE
+
 
 @click.command(name="check", short_help="Hold the metrics of runs to bounds, for CI.")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option("--expect", type=click.Path(path_type=Path), required=True, metavar="FILE.toml", help="The bounds.")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PLACE)
+@click.option("--expect", type=HERE, required=True, metavar="FILE.toml", help="The bounds.")
 @click.option("--write", is_flag=True, help="Propose bounds from the runs, and write them to FILE.toml.")
-@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE.xml", help="Also as JUnit XML.")
+@click.option("--junit", type=HERE, metavar="FILE.xml", help="Also as JUnit XML.")
 @click.option("--json", "as_json", is_flag=True, help="As a JSON list on stdout, one object per run.")
 @click.option("--force", is_flag=True, help="Replace FILE.xml; with --write, replace the runs' bounds in FILE.toml.")
 def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | None, as_json: bool, force: bool) -> int:
@@ -39,15 +42,20 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     from quadlog.errors import ExitCode, UsageError
     from quadlog.pipelines.check import check_runs, propose_bounds
     from quadlog.results.check_text import check_json, check_text
+    from quadlog.results.fetched_runs import RECORDS, runs_here
     from quadlog.text import printable
 
     if write:
         if junit is not None or as_json:
             raise UsageError("--write proposes bounds and checks none: leave out --junit and --json")
-        for name, count in propose_bounds(runs, expect, force).items():
+        with runs_here(runs, RECORDS) as found:
+            proposed = propose_bounds(found, expect, force)
+        for name, count in proposed.items():
             click.echo(f"{printable(expect)}: {count} bounds for {printable(name)}")
         return ExitCode.DONE
-    checks = check_runs(runs, expect, junit, force, lambda text: click.echo(printable(text), err=True))
+    with runs_here(runs, RECORDS) as found:
+        checks = check_runs(found, expect, junit, force, lambda text: click.echo(printable(text), err=True))
+        checks = [replace(check, run=found.as_given(check.run)) for check in checks]
     click.echo(
         json.dumps(check_json(checks), indent=2, allow_nan=False) + "\n" if as_json else check_text(checks), nl=False
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli.completion import PlannerName, files
+from quadlog.cli.places import HERE
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -38,15 +39,15 @@ class Cell(click.ParamType):
     help="What a searched cell is in the ratio. Default: expanded; preset paper: generated.",
 )
 @click.option("--corner-cutting", is_flag=True, help="A diagonal step may pass a blocked cell.")
-@click.option("--scen", type=click.Path(path_type=Path), help="Queries for a MovingAI .map.")
+@click.option("--scen", type=HERE, help="Queries for a MovingAI .map.")
 @click.option("--start-cell", type=Cell(), help="On a map in a file.")
 @click.option("--goal-cell", type=Cell(), help="On a map in a file.")
 @click.option("--episodes", type=click.IntRange(1, 100_000), default=40, help="Walks through each forest.")
 @click.option("--leader", type=PlannerName(), help="Walks the forests. Default: astar; preset paper: ia_star.")
-@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="For recordings and ROS maps.")
+@click.option("-c", "--config", "config_path", type=HERE, help="For recordings and ROS maps.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key of the config; repeatable.")
 @click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="On stdout.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder for tables, plots and a page.")
+@click.option("-o", "--output", type=HERE, help="Folder for tables, plots and a page.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Draws forests and intervals.")
 @click.option("--force", is_flag=True, help="Replace what is there.")
 def command(

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
+
+from quadlog.cli.places import PLACE
 
 _AMOUNT = click.FloatRange(min=0)
 
 
 @click.command(name="diff", short_help="Where two runs part: stage, instant, column, and by how much.")
-@click.argument("run_a", metavar="RUN_A", type=click.Path(path_type=Path))
-@click.argument("run_b", metavar="RUN_B", type=click.Path(path_type=Path))
+@click.argument("run_a", metavar="RUN_A", type=PLACE)
+@click.argument("run_b", metavar="RUN_B", type=PLACE)
 @click.option("--tolerance", metavar="X", type=_AMOUNT, default=0.0, help="Numbers no further apart are the same.")
 @click.option("--relative", metavar="X", type=_AMOUNT, default=0.0, help="Nor those apart by X of the larger one.")
 @click.option("--json", "as_json", is_flag=True, help="All of it as one JSON object on stdout.")
@@ -34,11 +37,15 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     from quadlog.errors import ExitCode, UsageError
     from quadlog.results.diff_text import diff_json, diff_text
     from quadlog.results.equality import Tolerance
+    from quadlog.results.fetched_runs import runs_here
     from quadlog.results.run_diff import diff_runs
 
     if not math.isfinite(tolerance + relative):
         raise UsageError("--tolerance and --relative are finite numbers")
-    runs = diff_runs(run_a, run_b, Tolerance(tolerance, relative))
+    with runs_here([run_a, run_b]) as found:
+        here_a, here_b = found
+        runs = diff_runs(here_a, here_b, Tolerance(tolerance, relative))
+        runs = replace(runs, a=found.as_given(runs.a), b=found.as_given(runs.b))
     if as_json:
         click.echo(json.dumps(diff_json(runs), indent=2, allow_nan=False))
     else:

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import click
 
+from quadlog.cli.places import HERE, PLACE
+
 SUFFIX = {"tum": "trajectory.tum", "mcap": "derived.mcap", "csv": "csv", "rosmap": "rosmap"}
 
 
 @click.command(name="export", short_help="A run's results for evo, pandas, ROS map_server or Foxglove.")
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=PLACE)
 @click.option("--to", type=click.Choice(sorted(SUFFIX)), required=True, help="The format.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="A file (tum, mcap) or a folder (csv, rosmap).")
+@click.option("-o", "--output", type=HERE, help="A file (tum, mcap) or a folder (csv, rosmap).")
 @click.option("--force", is_flag=True, help="Replace what is there.")
 def command(run: Path, to: str, output: Path | None, force: bool) -> int:
     """Write the results of the run folder RUN for evo (tum), pandas (csv), ROS map_server (rosmap) or Foxglove (mcap).
@@ -20,7 +22,9 @@ def command(run: Path, to: str, output: Path | None, force: bool) -> int:
     Without -o the output goes to the current folder and bears the run's name.
     """
     from quadlog.results.export import export_run
+    from quadlog.results.fetched_runs import runs_here
 
-    for path in export_run(run, to, output or Path(f"{run.resolve().name}-{SUFFIX[to]}"), force):
-        click.echo(path)
+    with runs_here([run]) as (here,):
+        for path in export_run(here, to, output or Path(f"{here.resolve().name}-{SUFFIX[to]}"), force):
+            click.echo(path)
     return 0

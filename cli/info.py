@@ -11,19 +11,19 @@ from typing import Any
 
 import click
 
+from quadlog.cli.places import HERE, PLACE
 from quadlog.errors import AmbiguousTopic, ExitCode
 from quadlog.text import printable
 
-FILE = click.Path(path_type=Path, readable=False)  # what cannot be read is told in one line, not as wrong usage
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
 RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "median m", "NLOS", "weak path"}
 
 
 @click.command(name="info", short_help="What is in a recording: topics, rates, roles and why, losses.")
-@click.argument("recording", type=FILE)
-@click.option("-c", "--config", "config_path", type=FILE, help="A quadlog.toml.")
+@click.argument("recording", type=PLACE)
+@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
-@click.option("--msg-path", type=FILE, multiple=True, help="Folder of further .msg definitions.")
+@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
 @click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
 def command(
     recording: Path, config_path: Path | None, overrides: tuple[str, ...], msg_path: tuple[Path, ...], as_json: bool

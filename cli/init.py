@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.info import FILE, tell_health
+from quadlog.cli.info import tell_health
+from quadlog.cli.places import HERE, PLACE
 from quadlog.errors import AlreadyExists, ExitCode
 
 
 @click.command(name="init", short_help="A commented config with what was detected filled in.")
-@click.argument("recording", type=FILE)
-@click.option("-o", "--output", type=FILE, default=Path("quadlog.toml"), help="Where it is written.")
-@click.option("--msg-path", type=FILE, multiple=True, help="Folder of further .msg definitions.")
+@click.argument("recording", type=PLACE)
+@click.option("-o", "--output", type=HERE, default=Path("quadlog.toml"), help="Where it is written.")
+@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bool) -> int:
     """Write a commented config with what was detected in the recording filled in."""

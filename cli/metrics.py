@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
+
+from quadlog.cli.places import HERE, PLACE
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
 
 @click.command(name="metrics", short_help="The metrics of runs, compared, checked and explained.")
-@click.argument("runs", nargs=-1, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option(
-    "--reference", type=click.Path(path_type=Path), metavar="FILE.tum", help="A trajectory that counts as true."
-)
+@click.argument("runs", nargs=-1, metavar="RUN...", type=PLACE)
+@click.option("--reference", type=HERE, metavar="FILE.tum", help="A trajectory that counts as true.")
 @click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' times (evo's --t_offset).")
 @click.option("--t-max-diff", type=click.FloatRange(min=0), default=0.01, metavar="S", help="Of a pair of poses.")
 @click.option("--align", is_flag=True, help="Move each trajectory onto the reference first (evo's --align).")
@@ -58,20 +59,24 @@ def command(
         return 0
     from quadlog.pipelines.metrics import measure_runs
     from quadlog.pipelines.reference import OnTime, Reference
+    from quadlog.results.fetched_runs import MEASURED, runs_here
     from quadlog.results.metrics_text import format_metrics
+    from quadlog.storage.urls import to_path
     from quadlog.text import printable
 
     how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
     truth = None if reference is None else Reference.read(reference, how)
-    outcome = measure_runs(runs, truth, conditions, in_detail=True if to == "csv" else None)
-    for line in (*outcome.said, *outcome.problems):
-        click.echo(printable(line), err=True)
-    if explain is None:
-        click.echo(format_metrics(outcome.runs, outcome.spreads, to), nl=False)
-    else:
-        from quadlog.pipelines.explain import explain_runs
+    with runs_here(runs, MEASURED) as found:
+        outcome = measure_runs(found, truth, conditions, in_detail=True if to == "csv" else None)
+        for line in (*outcome.said, *outcome.problems):
+            click.echo(printable(line), err=True)
+        if explain is None:
+            shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
+            click.echo(format_metrics(shown, outcome.spreads, to), nl=False)
+        else:
+            from quadlog.pipelines.explain import explain_runs
 
-        click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
+            click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
     for line in outcome.failing:
         click.echo(f"--fail-if {printable(line)}", err=True)
     return outcome.exit_code

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from quadlog.cli.completion import files, planners, words
+from quadlog.cli.places import HERE, PLACE
 from quadlog.errors import UsageError
 from quadlog.stages import STAGES
+from quadlog.text import printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from quadlog.pipelines.batch import Planned
+    from quadlog.pipelines.batch_plan import Previewed
     from quadlog.pipelines.replay import ReplayOutcome
 
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
@@ -24,9 +26,9 @@ CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
 
 @click.command(name="replay", short_help="Replay recordings through every stage, one run folder each.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", shell_complete=files())
-@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
+@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("runs"), help="Where run folders go.")
+@click.option("-o", "--output", type=PLACE, default=Path("runs"), help="Where run folders go.")
 @click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
 @click.option(
     "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S."
@@ -35,11 +37,12 @@ CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
 @click.option("--planner", shell_complete=planners, help="Short for --set planner.name=NAME.")
 @click.option("--controller", shell_complete=words(*CONTROLLERS), help="Short for --set simulation.controller=NAME.")
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Recordings at a time; default: the number of cores.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Recordings at a time, or processes of one; default: cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to replay on, as in tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Keep finished runs, complete the others.")
 @click.option("--force", is_flag=True, help="Replace existing runs.")
 @click.option("--stamp", type=click.Choice(["header", "log"]), default="header", help="Whose clock counts.")
-@click.option("--msg-path", type=click.Path(path_type=Path), multiple=True, help="Folder of further .msg definitions.")
+@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, help="Of every random draw.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, run nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")
@@ -55,6 +58,7 @@ def command(
     controller: str | None,
     until: str,
     jobs: int | None,
+    scheduler: str | None,
     resume: bool,
     force: bool,
     stamp: Literal["header", "log"],
@@ -69,10 +73,15 @@ def command(
     """
     if resume and force:
         raise UsageError("--resume and --force exclude each other")
+    if scheduler and jobs:
+        raise UsageError("--scheduler and --jobs exclude each other: a cluster has the workers it has")
 
+    from quadlog.cli.batch_progress import open_batch_progress
     from quadlog.cli.progress import open_progress
     from quadlog.config_file import load_config
-    from quadlog.pipelines.batch import plan_batch, replay_batch
+    from quadlog.pipelines.batch import replay_alone, replay_batch
+    from quadlog.pipelines.batch_plan import plan_batch, preview_batch
+    from quadlog.pipelines.engine.cores import cores
     from quadlog.pipelines.replay import Existing, ReplayOptions
 
     shorthands = [("planner.name", planner), ("simulation.controller", controller)]
@@ -83,21 +92,43 @@ def command(
 
     batch = plan_batch(recordings, output, config, options, existing, ("quadlog", *sys.argv[1:]))
     if dry_run:
-        _print_plan(batch, as_json)
+        _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)
         return 0
-    with open_progress() as progress:
-        outcome = replay_batch(batch, jobs, progress)
+    if len(batch) == 1 and scheduler is None:
+        with open_progress() as progress:
+            outcome = replay_alone(batch[0], jobs or cores(), progress)
+    else:
+        with open_batch_progress() as batch_progress:
+            outcome = replay_batch(batch, jobs or cores(), scheduler, batch_progress)
     _print_outcomes(outcome.runs, as_json)
+    for line in outcome.failure_lines():
+        click.echo(printable(line), err=True)
     return outcome.exit_code
 
 
-def _print_plan(batch: Sequence[Planned], as_json: bool) -> None:
-    rows = [each.to_dict() for each in batch]
+def _print_plan(previewed: Sequence[Previewed], jobs: int | None, as_json: bool) -> None:
+    rows = [each.to_dict() for each in previewed]
     if as_json:
         click.echo(json.dumps(rows, indent=2))
-        return
-    for row in rows:
-        click.echo(f"{row['action']:<7} {row['recording']} ({row['size_bytes'] / 1e6:.1f} MB) -> {row['run']}")
+    for row in () if as_json else rows:
+        reused = f", reuses {', '.join(row['reused_stages'])}" if row["reused_stages"] else ""
+        size = f"{row['size_bytes'] / 1e6:.1f} MB{reused}"
+        click.echo(f"{row['action']:<7} {row['recording']} ({size}) -> {row['run']}")
+    click.echo(_total_words(previewed, jobs), err=as_json)
+
+
+def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
+    """All in one line; a cluster's workers are not counted, so its time is that of one."""
+    from quadlog.cli.batch_progress import duration_words
+    from quadlog.pipelines.batch_plan import total_s
+
+    todo = [each for each in previewed if each.expected_s != 0.0]
+    words = f"{len(todo)} of {len(previewed)} to replay, {sum(each.planned.size_bytes for each in todo) / 1e6:.1f} MB"
+    expected_s = total_s(previewed, jobs or 1)
+    if expected_s is None:
+        return f"{words}; how long that takes is known once one has run"
+    at_a_time = "1 worker" if (jobs or 1) == 1 else f"{jobs} workers"
+    return f"{words}; about {duration_words(expected_s)} with {at_a_time}"
 
 
 def _print_outcomes(outcomes: Sequence[ReplayOutcome], as_json: bool) -> None:

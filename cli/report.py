@@ -6,16 +6,16 @@ from pathlib import Path
 
 import click
 
+from quadlog.cli.places import HERE
+
 
 @click.command(name="report", short_help="Plots and pages again, from saved results.")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=HERE)
 @click.option("--force", is_flag=True, expose_value=False, help="Taken, as by every command that writes; not needed.")
 def command(runs: tuple[Path, ...]) -> int:
     """Rebuild plots/ and report.html of run folders, or the page of a folder of runs; nothing is computed again."""
-    from quadlog.results.report import write_folder_report, write_report
-    from quadlog.results.tables import has_table
+    from quadlog.pipelines.reports import rebuild_reports
 
-    for run in runs:
-        write = write_folder_report if has_table(run, "summary") else write_report
-        click.echo(write(run))
+    for report in rebuild_reports(runs):
+        click.echo(report)
     return 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli.completion import files
+from quadlog.cli.places import HERE
 
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic")
 TERRAINS = ("flat", "3cm", "6cm")
@@ -39,9 +40,9 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
 @click.option("--disturbed", is_flag=True, help="Pushes, wrong mass and velocity, a noisy and late pose.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="The first; draws ground and disturbances.")
 @click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="How many walks.")
-@click.option("-c", "--config", "config_path", type=click.Path(path_type=Path), help="A quadlog.toml.")
+@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in mpc.mu=0.5.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("runs"), help="Where run folders go.")
+@click.option("-o", "--output", type=HERE, default=Path("runs"), help="Where run folders go.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Walks at a time; default: the number of cores.")
 @click.option("--force", is_flag=True, help="Replace existing runs.")
 @click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from quadlog.cli.places import HERE
 from quadlog.simulation.scenarios import SCENARIOS
 
 MAX_DURATION_S = 3600.0
@@ -14,7 +15,7 @@ MAX_AZIMUTH_STEPS = 4000
 
 @click.command("synthesize")
 @click.argument("scenario", type=click.Choice(list(SCENARIOS)))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write.")
+@click.option("-o", "--output", required=True, type=HERE, help="The recording to write.")
 @click.option(
     "--format",
     "container",
@@ -43,9 +44,7 @@ MAX_AZIMUTH_STEPS = 4000
     show_default=True,
     help="Of one sweep, 16 rays each.",
 )
-@click.option(
-    "--config-output", type=click.Path(path_type=Path), help="Also write the quadlog.toml that replays the recording."
-)
+@click.option("--config-output", type=HERE, help="Also write the quadlog.toml that replays the recording.")
 @click.option("--force", is_flag=True, help="Overwrite.")
 def command(
     scenario: str,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from quadlog.cli.places import HERE
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
 
 @click.command(name="tables", short_help="The papers' tables: what they print beside what quadlog finds.", help=HELP)
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("tables"), help="Folder to write to.")
+@click.option("-o", "--output", type=HERE, default=Path("tables"), help="Folder to write to.")
 @click.option("--fast", is_flag=True, help="Fewer draws and wider intervals; the page says so.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Draws everything random.")
 @click.option("--force", is_flag=True, help="Replace what is there, if it would change.")

@@ -51,7 +51,7 @@ def _samples(name: str, run: Path, reference: Reference | None) -> Samples | Non
 
 def _instants(name: str, samples: Samples, first_ns: int) -> list[Instant]:
     values = samples.values
-    badness = 1 - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
+    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
     return [
         Instant(int(samples.t_ns[i]), (int(samples.t_ns[i]) - first_ns) / _NS, float(values[i]))
         for i in worst_instants(samples.t_ns, badness)

@@ -8,14 +8,15 @@ from typing import Any, Literal, get_args
 
 from quadlog.config_file import load_config
 from quadlog.errors import UnknownName, UsageError
-from quadlog.pipelines.batch import summarise
 from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.remote_runs import replay_anywhere
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.replay import replay as replay_request
+from quadlog.pipelines.summary import summarise
 from quadlog.recordings.clock import Stamp
 from quadlog.results.loaded_run import Run, load_run
 from quadlog.results.names import run_names
 from quadlog.stages import STAGES
+from quadlog.storage.urls import to_path
 
 Stage = Literal["ingest", "position", "filter", "map", "plan", "control", "report"]
 MAX_SEED = 2**32 - 1
@@ -37,7 +38,7 @@ def replay(
     force: bool = False,
     resume: bool = False,
 ) -> Run:
-    """Replay one recording into a run folder below `output`, and load it. Prints nothing.
+    """Replay one recording into a run folder below `output`, and load it. Prints nothing. Both may be URLs.
 
     config: a quadlog.toml. settings: single keys of it, which count more than the file's and the environment's:
     `{"planner.name": "astar"}` or `{"planner": {"name": "astar"}}`. The rest is what the options of `quadlog replay`
@@ -52,16 +53,16 @@ def replay(
     if force and resume:
         raise UsageError("force and resume exclude each other")
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
-    path = Path(recording)
+    path = to_path(recording)
     request = ReplayRequest(
         recording=path,
-        run=Path(output) / run_names([path])[0],
+        run=to_path(output) / run_names([path])[0],
         config=load_config(None if config is None else Path(config), preset=preset, settings=settings or {}),
         options=options,
         existing=existing,
         command=("quadlog.replay", str(recording)),
     )
-    outcome = replay_request(request, Silent())
+    outcome = replay_anywhere(request, Silent())
     summarise({request.run.parent}, [outcome], Silent())
     return load_run(request.run)
 

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import enum
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from quadlog.config import Config
-from quadlog.errors import ExitCode, NotARun
+from quadlog.errors import CannotWrite, ExitCode, NotARun
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.plugins import is_installed
-from quadlog.results.record import describe_input
+from quadlog.results.files import is_full
+from quadlog.results.record import InputRecord, describe_input
 from quadlog.results.run_folder import RunFolder, read_metrics, read_run_json
+from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import stages_until
 from quadlog.version import __version__
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.stages.walk import Walk
+
+GOES_ON = "--resume goes on"
 
 
 class Existing(enum.Enum):
@@ -50,7 +61,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to."""
+    """One recording and the folder its run goes to; so many processes may share its scans, which changes no result."""
 
     recording: Path
     run: Path
@@ -58,11 +69,15 @@ class ReplayRequest:
     options: ReplayOptions = ReplayOptions()
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
+    processes: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayOutcome:
-    """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why."""
+    """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why.
+
+    cost: of a replay in a batch, by the last columns of summary.parquet.
+    """
 
     recording: Path
     run: Path
@@ -70,6 +85,7 @@ class ReplayOutcome:
     reason: str = ""
     metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
     refused: bool = False
+    cost: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
@@ -92,34 +108,36 @@ class ReplayOutcome:
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave."""
-    if request.existing is Existing.RESUME and (finished := finished_outcome(request)) is not None:
+    described = _input_of_earlier(request) if request.existing is Existing.RESUME else None
+    if described is not None and (finished := _finished(request, described)) is not None:
         progress.say(f"{request.run}: already done with the same input, config and version")
         return finished
 
     from quadlog.pipelines.stages.ingest import open_walk
-    from quadlog.pipelines.stages.perceive import filter_and_map, filter_scans
-    from quadlog.pipelines.stages.position import locate_walk
+    from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, reused_words, stages_of
+    from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
     from quadlog.pipelines.stages.warm_up import warm_up
 
+    earlier = {} if described is None else find_reusable(request, described.identity)
+    if described is not None:
+        progress.say(reused_words(request, earlier))
     todo = stages_until(request.options.until)
     clock = StageClock()
     progress.begin("start-up", None)
-    startup_s = warm_up(todo, request.config, progress.say)
-    with open_walk(request, clock, progress) as walk:
+    with _telling_how_to_go_on("the cache of compiled code"):
+        startup_s = warm_up([stage for stage in todo if stage not in stages_of(earlier)], request.config, progress.say)
+    with open_walk(request, clock, progress, described) as walk, _telling_how_to_go_on(request.run):
+        stages = MarkedStages(walk, request, earlier)
         if "position" in todo:
-            locate_walk(walk)
+            stages.do(POSITION, _locate)
         if "map" in todo:
-            filter_and_map(walk)
+            stages.do(MAP, partial(_filter_and_map, request))
         elif "filter" in todo:
-            filter_scans(walk)
+            stages.do(FILTER, partial(_filter, request))
         if "plan" in todo:
-            from quadlog.pipelines.stages.plan import replan_walk
-
-            replan_walk(walk)
+            stages.do(PLAN, _replan)
         if "control" in todo:
-            from quadlog.pipelines.stages.control import resimulate_walk
-
-            resimulate_walk(walk)
+            stages.do(CONTROL, _resimulate)
         with clock.stage("report"):
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import finish_walk
@@ -132,13 +150,33 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
 
 def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
     """The outcome of an earlier run with the very same input, config, options and version; None when there is none."""
-    folder = RunFolder(request.run)
     if not (request.run / "run.json").is_file():
         return None
-    digest = describe_input(request.recording).sha256
-    if not folder.is_finished(
-        digest, request.config.model_dump(exclude_none=True), __version__, request.options.to_dict()
-    ):
+    return _finished(request, describe_input(request.recording))
+
+
+def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
+    """The stages whose results an earlier replay has left in the run folder; nothing is run, and nothing written.
+
+    Only where there are any marks is the input looked at. Raises RecordingNotFound.
+    """
+    described = _input_of_earlier(request)
+    if described is None:
+        return ()
+    from quadlog.pipelines.stages.reuse import find_reusable, stages_of
+
+    return stages_of(find_reusable(request, described.identity))
+
+
+def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
+    """The input, if there is anything of an earlier replay that could be of it too: its hash takes a while."""
+    began = any((request.run / name).is_file() for name in ("run.json", MARKS_FILE))
+    return describe_input(request.recording) if began else None
+
+
+def _finished(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
+    config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
+    if not RunFolder(request.run).is_finished(described.identity, config, __version__, options):
         return None
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
@@ -148,6 +186,49 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
         return None
     reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)
+
+
+@contextmanager
+def _telling_how_to_go_on(written: Path | str) -> Iterator[None]:
+    """Whatever can no longer be written, in `written` if nothing else tells: what is done need not be done again."""
+    try:
+        yield
+    except CannotWrite as error:
+        raise CannotWrite(error.path, f"{error.reason}; {GOES_ON}") from error
+    except OSError as error:
+        if not is_full(error):
+            raise
+        raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
+
+
+def _locate(walk: Walk) -> None:
+    from quadlog.pipelines.stages.position import locate_walk
+
+    locate_walk(walk)
+
+
+def _filter_and_map(request: ReplayRequest, walk: Walk) -> None:
+    from quadlog.pipelines.stages.perceive import filter_and_map
+
+    filter_and_map(walk, request)
+
+
+def _filter(request: ReplayRequest, walk: Walk) -> None:
+    from quadlog.pipelines.stages.perceive import filter_scans
+
+    filter_scans(walk, request)
+
+
+def _replan(walk: Walk) -> None:
+    from quadlog.pipelines.stages.plan import replan_walk
+
+    replan_walk(walk)
+
+
+def _resimulate(walk: Walk) -> None:
+    from quadlog.pipelines.stages.control import resimulate_walk
+
+    resimulate_walk(walk)
 
 
 def _code(losses: str) -> ExitCode:

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadlog.errors import QuadlogError
 from quadlog.metrics.summary import Samples, Statistic, finite_samples
+from quadlog.metrics.tracking import contact_begins
 from quadlog.pipelines.reference import OnTime, Reference, compare_trajectory
 from quadlog.pipelines.uwb_samples import residual_samples, saved_error_samples
 from quadlog.results.tables import read_table
@@ -17,11 +18,15 @@ from quadlog.results.tables import read_table
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A saved file, the metrics whose samples it holds, and how they are read from it."""
+    """A saved file, the metrics whose samples it holds, and how they are read from it.
+
+    newer: runs are still about that were made before quadlog saved it.
+    """
 
     file: str
     metrics: tuple[str, ...]
     read: Callable[[Path], dict[str, Samples]]
+    newer: bool = False
 
 
 def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Samples], list[str]]:
@@ -33,7 +38,8 @@ def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Sam
     problems: list[str] = []
     names = SELF_EVIDENT if wanted is None else frozenset(wanted)
     for source in _SOURCES:
-        if names.isdisjoint(source.metrics) or (wanted is None and not (run / source.file).is_file()):
+        may_lack = wanted is None or source.newer
+        if names.isdisjoint(source.metrics) or (may_lack and not (run / source.file).is_file()):
             continue
         try:
             found = source.read(run)
@@ -62,6 +68,18 @@ def _control(run: Path) -> dict[str, Samples]:
         name: finite_samples(table["t_ns"], table[column], statistic)
         for name, statistic, column in errors
         if name != "fallen" or has_body
+    }
+
+
+def _clearances(run: Path) -> dict[str, Samples]:
+    table = read_table(run, "clearances")
+    t_ns, clearance_m = table["t_ns"], table["clearance_m"]
+    inside = ~np.isnan(clearance_m)
+    begins = contact_begins(clearance_m)
+    return {
+        "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
+        "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
+        "following_distance_mean_m": finite_samples(t_ns, table["target_distance_m"], "mean"),
     }
 
 
@@ -94,6 +112,9 @@ _SOURCES = (
             *("heading_rmse_rad", "fallen"),
         ),
         _control,
+    ),
+    _Source(
+        "clearances.parquet", ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
     ),
     _Source(
         "plans.parquet",

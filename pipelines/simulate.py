@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from quadlog.config import Config
-from quadlog.errors import AlreadyExists, ExitCode, QuadlogError, UsageError
-from quadlog.pipelines.batch import summarise
-from quadlog.pipelines.progress import Kept, Progress
+from quadlog.errors import AlreadyExists, ExitCode, UsageError
+from quadlog.pipelines.engine.cores import cores
+from quadlog.pipelines.engine.side_by_side import side_by_side
+from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulation.one_walk import walk_once, warm_up
 from quadlog.pipelines.simulation.settings import check_rate
 from quadlog.pipelines.simulation.walk_folder import WalkDescription, fill_folder, verdict
 from quadlog.pipelines.simulation.where import Remarks, find_course, ground_remarks, make_ground
+from quadlog.pipelines.summary import summarise
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
 from quadlog.simulation.courses import Course
@@ -95,7 +93,7 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     for warning in remarks.warnings:
         progress.say(f"warning: {warning}")
     progress.begin("simulate", len(todo))
-    workers = min(jobs or os.cpu_count() or 1, len(todo))
+    workers = min(jobs or cores(), len(todo))
     runs = _one_by_one(todo, progress) if workers == 1 else _in_processes(todo, workers, progress)
     outcomes = [ReplayOutcome(Path(request.course), each.run, ExitCode.DONE, each.ended, each.metrics) for each in runs]
     summarise({folder}, outcomes, progress)
@@ -140,38 +138,8 @@ def _in_processes(todo: Sequence[_Seed], workers: int, progress: Progress) -> li
     """The same, as many at a time as there are workers. The first error is raised once all others are done."""
     # Compiled once, here: the workers find it in the cache. What is wrong with robot or ground shows here, too.
     _warm_up(todo[0], progress)
-    context = multiprocessing.get_context("spawn")
-    runs: dict[int, SimulatedRun] = {}
-    failures: dict[int, str] = {}
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        try:
-            futures = {pool.submit(_survive, each): each.seed for each in todo}
-            for future in as_completed(futures):
-                run, failure, lines = future.result()
-                for line in lines:
-                    progress.say(line)
-                if run is not None:
-                    runs[run.seed] = run
-                else:
-                    failures[futures[future]] = failure
-                progress.advance()
-        except BrokenProcessPool:
-            raise QuadlogError("a worker process was killed (out of memory?); fewer --jobs need less") from None
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-    if failures:
-        raise QuadlogError(failures[min(failures)])
-    return [runs[each.seed] for each in todo]
+    return side_by_side(_walk_elsewhere, todo, workers, progress)
 
 
-def _survive(each: _Seed) -> tuple[SimulatedRun | None, str, tuple[str, ...]]:
-    """One walk in a process of its own: the run or why there is none, and what it had to say."""
-    kept = Kept()
-    try:
-        run, failure = _walk(each, _warm_up(each, kept), kept), ""
-    except QuadlogError as error:
-        run, failure = None, str(error)
-    return run, failure, tuple(kept.lines)
+def _walk_elsewhere(each: _Seed, progress: Progress) -> SimulatedRun:
+    return _walk(each, _warm_up(each, progress), progress)

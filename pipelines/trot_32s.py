@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
 from quadlog.config import Config
-from quadlog.errors import AlreadyExists, ExitCode, QuadlogError
-from quadlog.pipelines.batch import summarise
+from quadlog.errors import AlreadyExists, ExitCode
 from quadlog.pipelines.engine.cores import cores
-from quadlog.pipelines.progress import Kept, Progress
+from quadlog.pipelines.engine.side_by_side import side_by_side
+from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulate import SimulatedRun
 from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
 from quadlog.pipelines.simulation.trot_folder import COURSE, TrotDescription, fill_trot_folder, verdict
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere
+from quadlog.pipelines.summary import summarise
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
 
@@ -52,7 +50,11 @@ def trot_32s(request: TrotRequest, jobs: int | None, progress: Progress) -> list
     startup_s = _warm_up(request, progress)
     progress.begin("simulate", len(request.seeds))
     workers = min(jobs or cores(), len(request.seeds))
-    pairs = _in_processes(request, workers, progress) if workers > 1 else _one_by_one(request, startup_s, progress)
+    if workers > 1:
+        todo = [(request, seed) for seed in request.seeds]
+        pairs = side_by_side(_walk_pair_elsewhere, todo, workers, progress)
+    else:
+        pairs = _one_by_one(request, startup_s, progress)
     runs = [run for curve in range(len(CURVES)) for run in (pair[curve] for pair in pairs)]
     _summarise(runs, progress)
     return runs
@@ -96,43 +98,9 @@ def _save(
     return SimulatedRun(folder.path, COURSE, curve, seed, ended, metrics)
 
 
-def _in_processes(request: TrotRequest, workers: int, progress: Progress) -> list[list[SimulatedRun]]:
-    """The same, a seed at a time on each worker. The first error is raised once all others are done."""
-    pairs: dict[int, list[SimulatedRun]] = {}
-    failures: dict[int, str] = {}
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            futures = {pool.submit(_survive, request, seed): seed for seed in request.seeds}
-            for future in as_completed(futures):
-                seed = futures[future]
-                pair, failure, lines = future.result()
-                for line in lines:
-                    progress.say(line)
-                if pair:
-                    pairs[seed] = pair
-                else:
-                    failures[seed] = failure
-                progress.advance()
-        except BrokenProcessPool:
-            raise QuadlogError("a worker process was killed (out of memory?); fewer --jobs need less") from None
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-    if failures:
-        raise QuadlogError(failures[min(failures)])
-    return [pairs[seed] for seed in request.seeds]
-
-
-def _survive(request: TrotRequest, seed: int) -> tuple[list[SimulatedRun], str, tuple[str, ...]]:
-    """Both walks of a seed in a process of its own, or why there are none; and what it had to say."""
-    kept = Kept()
-    try:
-        pair, failure = _walk_pair(request, seed, 0.0, kept), ""
-    except QuadlogError as error:
-        pair, failure = [], str(error)
-    return pair, failure, tuple(kept.lines)
+def _walk_pair_elsewhere(each: tuple[TrotRequest, int], progress: Progress) -> list[SimulatedRun]:
+    request, seed = each
+    return _walk_pair(request, seed, 0.0, progress)
 
 
 def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:

@@ -15,7 +15,11 @@ from quadlog.pipelines.comparison.source import Source
 from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.stages.plan import growth_of
 from quadlog.recordings.find import find_recordings
+from quadlog.results.fetched_runs import fetch_runs
+from quadlog.results.find_runs import is_run
 from quadlog.results.names import run_names
+from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import to_path
 
 if TYPE_CHECKING:
     from quadlog.pipelines.compare_planners import CompareOptions
@@ -36,7 +40,7 @@ def open_sources(
     losses: list[str] = []
     recordings: list[str] = []
     for name in dict.fromkeys(arguments):
-        source = _open(name, options)
+        source = _open(name, options, scratch / str(len(sources)))
         if source is None:
             recordings.append(name)
         else:
@@ -64,12 +68,14 @@ def _check_fit(arguments: Sequence[str], options: CompareOptions) -> None:
         raise UsageError("--start-cell and --goal-cell are for MovingAI .map and ROS map_server .yaml files")
 
 
-def _open(name: str, options: CompareOptions) -> Source | None:
-    """The source, None for what is to be looked for as a recording."""
+def _open(name: str, options: CompareOptions, scratch: Path) -> Source | None:
+    """The source, None for what is to be looked for as a recording. A run behind a URL is copied to `scratch`."""
     ends = None
     if options.start_cell is not None and options.goal_cell is not None:
         ends = options.start_cell, options.goal_cell
-    path = Path(name)
+    path = to_path(name)
+    if isinstance(path, RemotePath):
+        return run_source(fetch_runs(path, scratch), str(path)) if is_run(to_path(name)) else None
     dilation_m, dilation = growth_of(options.config)
     if name.startswith(PREFIX):
         shape = "square" if options.preset == "paper" else "euclidean"

@@ -35,7 +35,7 @@ from quadlog.simulation.walking_robot import WalkingRobot
 
 
 def resimulate_walk(walk: Walk) -> None:
-    """control.parquet, resim_plans.parquet and resim_paths.parquet; nothing without a target or a controller."""
+    """control, clearances, resim_plans and resim_paths; nothing without a target or a controller."""
     config = walk.config
     maps = load_maps(walk.run.path)
     if walk.target is None or config.simulation.controller == "none" or len(maps) == 0:
@@ -49,6 +49,9 @@ def resimulate_walk(walk: Walk) -> None:
         robot = _robot(walk, start)
         resim = resimulate(instants, walk.targets_at, robot, lookahead_control(config), replanner, _settings(walk))
         write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
+        beside = {"clearance_m": resim.clearance_m, "target_distance_m": resim.target_distance_m}
+        clearances = {"t_ns": resim.control["t_ns"], **beside}
+        write_table(walk.run.path / "clearances.parquet", TABLES["clearances"], clearances)
         with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
             paths = {path.t_ns: path for path in resim.paths}
             for record in resim.plans:
@@ -58,7 +61,6 @@ def resimulate_walk(walk: Walk) -> None:
         walk.counts |= solver_counts(robot)
     if robot.fallen:
         walk.warn("the re-simulated robot fell, and lay from there on")
-    walk.clearance_m, walk.target_distance_m = resim.clearance_m, resim.target_distance_m
     walk.counts["ticks"] = len(np.atleast_1d(resim.control["t_ns"]))
     if resim.outside_replans:
         walk.counts["replans_outside_window"] = resim.outside_replans

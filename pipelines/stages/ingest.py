@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypedDict
@@ -20,7 +21,7 @@ from quadlog.pipelines.stages.walk import Walk, needed_lidar
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Streams, gather
-from quadlog.results.record import describe_input_aside
+from quadlog.results.record import InputRecord, describe_input_aside
 from quadlog.results.run_folder import RunFolder
 from quadlog.stages import stages_until
 
@@ -29,8 +30,13 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> Iterator[Walk]:
-    """The recording opened and its small topics read; its run folder made once that has worked."""
+def open_walk(
+    request: ReplayRequest, clock: StageClock, progress: Progress, described: InputRecord | None = None
+) -> Iterator[Walk]:
+    """The recording opened and its small topics read; its run folder claimed once that has worked.
+
+    described: the input, where it is known already.
+    """
     from quadlog.pipelines.replay import Existing
 
     config, options = request.config, request.options
@@ -39,7 +45,7 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
         recording = open_configured(request.recording, config, options.msg_path, options.stamp)
     with recording:
         with clock.stage("ingest"):
-            describing = describe_input_aside(request.recording)
+            describing = describe_input_aside(request.recording) if described is None else _known(described)
             roles = detect_roles(recording, config.topics)
             if "filter" in stages_until(options.until):
                 needed_lidar(roles)
@@ -49,15 +55,13 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
             if streams.imu is not None:
                 streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
             first_ns, last_ns = _seen(recording, roles, streams, (start_ns, end_ns))
-            described = describing.result()
-            # A run of other input or config is no part of this one: what is not reused as a whole is replaced.
-            run = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
-            run.write_config(config.model_dump(exclude_none=True))
+            read = describing.result()
+            run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         walk = Walk(
             config=config,
             seed=options.seed,
             run=run,
-            input=described,
+            input=read,
             recording=recording,
             roles=roles,
             streams=streams,
@@ -77,6 +81,12 @@ def open_walk(request: ReplayRequest, clock: StageClock, progress: Progress) -> 
             walk.say_what_is_new()
             run.discard_if_empty()
             raise
+
+
+def _known(described: InputRecord) -> Future[InputRecord]:
+    known: Future[InputRecord] = Future()
+    known.set_result(described)
+    return known
 
 
 class _SmallTopics(TypedDict):

@@ -1,8 +1,7 @@
-"""Every metric of a replay, from the tables it has saved and what only it knew."""
+"""Every metric of a replay, from the tables it has saved and what its robot's joints took."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from quadlog.config import Config
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import Float, PoseSeries
+from quadlog.messages import PoseSeries
 from quadlog.metrics.effort import effort_metrics
 from quadlog.metrics.metric import Metrics
 from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
@@ -52,7 +51,7 @@ def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_f
     return metrics
 
 
-def planning_metrics(run: Path, astar_expanded: Sequence[int]) -> Metrics:
+def planning_metrics(run: Path) -> Metrics:
     """Cells, success and excess cost of the logged walk's replans."""
     if not has_table(run, "plans"):
         return {}
@@ -66,26 +65,24 @@ def planning_metrics(run: Path, astar_expanded: Sequence[int]) -> Metrics:
         cost=plans["cost"],
         optimal_cost=plans["optimal_cost"],
         from_scratch=plans["from_scratch"],
-        astar_expanded=np.array(astar_expanded, dtype=np.int64) if len(astar_expanded) else None,
+        astar_expanded=read_table(run, "astar", ["expanded"])["expanded"],
     )
     return search_metrics(replans, incremental=planner_type(str(plans["planner"][0])).incremental)
 
 
-def control_metrics(
-    run: Path, clearance_m: Float | None, target_distance_m: Float | None, body: WalkedBody | None
-) -> Metrics:
+def control_metrics(run: Path, body: WalkedBody | None) -> Metrics:
     """Tracking error, clearance, distance kept and, of a robot with a body, its effort, of the re-simulated walk."""
     if not has_table(run, "control"):
         return {}
-    control = read_table(run, "control")
+    control, near = read_table(run, "control"), read_table(run, "clearances")
     walk = TrackedWalk(
         t_ns=control["t_ns"],
         error_m=control["error_m"],
         cross_track_m=control["cross_track_m"],
         time_error_m=control["time_error_m"],
         heading_error_rad=control["heading_error_rad"],
-        clearance_m=clearance_m,
-        target_distance_m=target_distance_m,
+        clearance_m=near["clearance_m"],
+        target_distance_m=near["target_distance_m"],
         fallen=None if body is None else control["fallen"],
     )
     return tracking_metrics(walk) | ({} if body is None else _effort(body))

@@ -6,11 +6,11 @@ held; each is timed on its own.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,32 +28,42 @@ from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import Float
 from quadlog.pipelines.stages.sampling import EvenSample
-from quadlog.pipelines.stages.scans import Scanner
+from quadlog.pipelines.stages.scan_source import Scans, use_scans
 from quadlog.pipelines.stages.walk import Walk
+from quadlog.pipelines.stages.windows import Scan
 from quadlog.results.maps import MapsWriter
 from quadlog.results.rosmap import write_rosmap
 from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
 
-
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """A classified scan at its instant, with the robot's pose (3,) x, y, yaw in map, or None where none is near."""
-
-    t_ns: int
-    points: ClassifiedScan
-    pose_base_in_map: Float | None
+if TYPE_CHECKING:
+    from quadlog.pipelines.replay import ReplayRequest
 
 
-def filter_scans(walk: Walk) -> None:
+def filter_scans(walk: Walk, request: ReplayRequest) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples; needs no pose."""
-    for _ in _filtered(walk):
+    _warn_of_mount(walk)
+    use_scans(walk, request, _filter_only)
+
+
+def filter_and_map(walk: Walk, request: ReplayRequest) -> None:
+    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
+    _warn_of_mount(walk)
+    use_scans(walk, request, _filter_and_map)
+
+
+def _warn_of_mount(walk: Walk) -> None:
+    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
+        walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
+
+
+def _filter_only(walk: Walk, scans: Scans) -> None:
+    for _ in _filtered(walk, scans):
         pass
 
 
-def filter_and_map(walk: Walk) -> None:
-    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
+def _filter_and_map(walk: Walk, scans: Scans) -> None:
     grid = walk.config.grid
     built = _Built(
         make_memory(walk.config), AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m)
@@ -62,7 +72,7 @@ def filter_and_map(walk: Walk) -> None:
     with ExitStack() as stack:
         with walk.clock.stage("map"):
             maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
-        for scan in _filtered(walk):
+        for scan in _filtered(walk, scans):
             with walk.clock.stage("map"):
                 _map_scan(walk, scan, maps, built)
     with walk.clock.stage("map"):
@@ -92,27 +102,22 @@ def make_memory(config: Config) -> Memory:
     return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
 
 
-def _filtered(walk: Walk) -> Iterator[Scan]:
-    """Classify scan after scan and keep a row of each; the clouds themselves are gone with the next one."""
-    scanner = Scanner(walk)
+def _filtered(walk: Walk, scans: Scans) -> Iterator[Scan]:
+    """Keep a row of scan after scan; the clouds themselves are gone with the next one."""
     samples: EvenSample[CloudSample] = EvenSample(walk.config.results.cloud_samples)
     walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
-    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
-        walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
-        for t_ns, cloud in walk.clock.drawn("filter", walk.clouds()):
+        for scan in walk.clock.drawn("filter", scans.read()):
             with walk.clock.stage("filter"):
-                started = time.perf_counter()
-                points, pose = scanner.classify(t_ns, cloud)
-                table.add_row(_row(t_ns, points, (time.perf_counter() - started) * 1e3))
-                _count_scan(walk, points)
-                scan = Scan(t_ns, points, pose)
+                walk.first_ns, walk.last_ns = min(walk.first_ns, scan.t_ns), max(walk.last_ns, scan.t_ns)
+                table.add_row(_row(scan))
+                _count_scan(walk, scan.points)
                 samples.offer(partial(_sample, scan))
             yield scan
-            walk.progress.advance((t_ns - walk.first_ns) * 1e-9)
+            walk.progress.advance((scan.t_ns - walk.first_ns) * 1e-9)
     with walk.clock.stage("filter"):
         write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
-    scanner.tell()
+    scans.tally.tell(walk)
     _tell_of_scans(walk)
 
 
@@ -188,11 +193,11 @@ def _write_built(walk: Walk, built: _Built) -> None:
         walk.warn(f"{lost} scans are not in the map: no pose within {walk.config.lidar.pose_gap_s} s of them")
 
 
-def _row(t_ns: int, points: ClassifiedScan, ms: float) -> dict[str, float | int | bool]:
-    ground = points.ground
+def _row(scan: Scan) -> dict[str, float | int | bool]:
+    points, ground = scan.points, scan.points.ground
     normal = (np.nan, np.nan, np.nan) if ground is None else ground.normal
     return {
-        "t_ns": t_ns,
+        "t_ns": scan.t_ns,
         "n_raw": points.n_raw,
         "n_valid": points.n_valid,
         "n_outlier": points.n_outlier,
@@ -203,7 +208,7 @@ def _row(t_ns: int, points: ClassifiedScan, ms: float) -> dict[str, float | int 
         "ground_nz": float(normal[2]),
         "ground_d_m": np.nan if ground is None else ground.d_m,
         "ground_found": ground is not None,
-        "ms": ms,
+        "ms": scan.ms,
     }
 
 

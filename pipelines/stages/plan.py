@@ -23,15 +23,20 @@ from quadlog.simulation.resimulation import MapInstant
 
 
 def replan_walk(walk: Walk) -> None:
-    """plans.parquet and paths.parquet, from the saved maps; nothing when nothing is followed, which is said."""
+    """plans, paths and astar, from the saved maps; nothing when nothing is followed, which is said."""
     if walk.target is None:
         walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
         return
     config = walk.config
     replanner = Replanner(configured_planner(config), replan_settings(walk))
     walk.progress.begin("plan", len(load_maps(walk.run.path)))
-    with walk.clock.stage("plan"), PlanTables(walk.run.path, "plans", "paths") as tables:
-        for instant in recorded_maps(walk.run.path):
+    run = walk.run.path
+    with (
+        walk.clock.stage("plan"),
+        PlanTables(run, "plans", "paths") as tables,
+        TableWriter(run / "astar.parquet", TABLES["astar"]) as astar,
+    ):
+        for instant in recorded_maps(run):
             pose = walk.robot_pose_at(instant.t_ns)
             target_m = walk.targets_at(np.array([instant.t_ns]))[0]
             if pose is None or not np.isfinite(target_m).all():
@@ -39,7 +44,7 @@ def replan_walk(walk: Walk) -> None:
                 continue
             replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
             tables.add(replan.record, replan.path)
-            walk.astar_expanded.append(replan.record.astar_expanded)
+            astar.add_row({"t_ns": instant.t_ns, "expanded": replan.record.astar_expanded})
             walk.progress.advance((instant.t_ns - walk.first_ns) * 1e-9)
     lost = walk.counts.get("maps_without_target", 0)
     if lost:

@@ -37,6 +37,7 @@ def locate_walk(walk: Walk) -> None:
         walk.target = _target(walk, uwb, walk.robot)
         if walk.streams.reference is not None:
             walk.use("reference")
+        walk.begin_folder()
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)

@@ -29,6 +29,7 @@ def finish_walk(walk: Walk, request: ReplayRequest, startup_s: float) -> dict[st
     run = walk.run.path
     walk.progress.begin("report", None)
     with walk.clock.stage("report"):
+        walk.begin_folder()
         metrics = _metrics(walk)
         walk.run.write_metrics(_plain(metrics))
         if walk.robot is not None:
@@ -58,8 +59,8 @@ def _realtime_factor(walk: Walk, request: ReplayRequest) -> float | None:
 
 def _metrics(walk: Walk) -> Metrics:
     metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk), _in_reference_frame(walk))
-    metrics |= planning_metrics(walk.run.path, walk.astar_expanded)
-    metrics |= control_metrics(walk.run.path, walk.clearance_m, walk.target_distance_m, walk.body)
+    metrics |= planning_metrics(walk.run.path)
+    metrics |= control_metrics(walk.run.path, walk.body)
     return metrics
 
 
@@ -104,6 +105,7 @@ def _record(walk: Walk, request: ReplayRequest, startup_s: float) -> RunRecord:
         stages=[StageRecord(name, clock.seconds[name], clock.peak_memory_mb[name]) for name in ran],
         startup_s=startup_s,
         realtime_factor=_realtime_factor(walk, request),
+        reused=walk.reused,
         plugins=_plugins(walk, request),
     )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.heading import frozen
+from quadlog.pipelines.stages.tracks import RobotTrack
 from quadlog.pipelines.stages.walk import Walk
 
 ROUTE_WORDS = {
@@ -25,21 +28,66 @@ ROUTE_WORDS = {
 }
 
 
-class Scanner:
-    """Classifies the clouds of a walk one by one, and counts what could not be done to them."""
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What must be known beside a cloud to classify it; another process can be told it too.
 
-    def __init__(self, walk: Walk) -> None:
-        self._walk = walk
-        self._classify = classifier(walk.config, walk.seed)
-        self._up = _up_series(walk) if walk.config.lidar.level else None
-        self._skewed: Counter[Skewed] = Counter()
-        self._tilted: Counter[NotLevelled] = Counter()
-        self._routes: Counter[str] = Counter()
+    transform_lidar_to_base: (4, 4). up: how the body was tilted, None where nothing tells or it is not to count.
+    """
+
+    config: Config
+    seed: int
+    transform_lidar_to_base: Float
+    robot: RobotTrack | None
+    up: UpSeries | None
+
+    @classmethod
+    def of_walk(cls, walk: Walk) -> Self:
+        """Those of a walk whose positions are known as far as they will be."""
+        up = _up_series(walk) if walk.config.lidar.level else None
+        return cls(walk.config, walk.seed, walk.transform_lidar_to_base, walk.robot, up)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanTally:
+    """How scans were looked at, and how many were taken as they came although they should not have been."""
+
+    routes: Counter[str] = field(default_factory=Counter)
+    skewed: Counter[Skewed] = field(default_factory=Counter)
+    tilted: Counter[NotLevelled] = field(default_factory=Counter)
+
+    def add(self, later: ScanTally) -> None:
+        """Count the scans of a later stretch of the recording too."""
+        self.routes.update(later.routes)
+        self.skewed.update(later.skewed)
+        self.tilted.update(later.tilted)
+
+    def tell(self, walk: Walk) -> None:
+        """A line for each."""
+        n = self.routes.total()
+        for route, count in self.routes.most_common():
+            walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
+        for skewed, count in self.skewed.items():
+            walk.counts["scans_not_deskewed"] = walk.counts.get("scans_not_deskewed", 0) + count
+            if skewed is not Skewed.NO_TIMES and walk.config.lidar.deskew:
+                walk.warn(f"{count} of {n} scans keep the robot's motion: {skewed.value}")
+        for tilted, count in self.tilted.items():
+            walk.counts["scans_not_levelled"] = walk.counts.get("scans_not_levelled", 0) + count
+            walk.warn(f"{count} of {n} scans keep the robot's tilt: {tilted.value}")
+
+
+class Scanner:
+    """Classifies clouds one by one; `tally` counts what could not be done to them."""
+
+    def __init__(self, around: Surroundings) -> None:
+        self.tally = ScanTally()
+        self._around = around
+        self._classify = classifier(around.config, around.seed)
 
     def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedScan, Float | None]:
         """A cloud's points in base, as they were at t_ns, base being upright; and base's pose (3,) in map, if known."""
         instants_ns: Int | Skewed = Skewed.NO_TIMES
-        if self._walk.config.lidar.deskew and self._moves:
+        if self._around.config.lidar.deskew and self._moves:
             instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
         wanted_ns = np.array([t_ns], dtype=np.int64) if isinstance(instants_ns, Skewed) else instants_ns
         poses = self._poses(wanted_ns)
@@ -49,46 +97,33 @@ class Scanner:
             if isinstance(instants_ns, Skewed)
             else self._deskewed(cloud, instants_ns, poses, rotation_base_to_level)
         )
-        transform_lidar_to_level = self._walk.transform_lidar_to_base.copy()
+        transform_lidar_to_level = self._around.transform_lidar_to_base.copy()
         transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
         moved_m = cloud.xyz_m if isinstance(xyz_m, Skewed) else xyz_m
         scan = self._classify(moved_m, cloud.ring, transform_lidar_to_level)
         if not scan.shows_nothing:
-            self._routes[scan.route] += 1
+            self.tally.routes[scan.route] += 1
             if isinstance(xyz_m, Skewed):
-                self._skewed[xyz_m] += 1
+                self.tally.skewed[xyz_m] += 1
         return scan, poses[0] if np.isfinite(poses[0]).all() else None
-
-    def tell(self) -> None:
-        """How the scans were looked at, and how many were taken as they came although they should not have been."""
-        walk, n = self._walk, self._routes.total()
-        for route, count in self._routes.most_common():
-            walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
-        for skewed, count in self._skewed.items():
-            walk.counts["scans_not_deskewed"] = walk.counts.get("scans_not_deskewed", 0) + count
-            if skewed is not Skewed.NO_TIMES and walk.config.lidar.deskew:
-                walk.warn(f"{count} of {n} scans keep the robot's motion: {skewed.value}")
-        for tilted, count in self._tilted.items():
-            walk.counts["scans_not_levelled"] = walk.counts.get("scans_not_levelled", 0) + count
-            walk.warn(f"{count} of {n} scans keep the robot's tilt: {tilted.value}")
 
     @property
     def _moves(self) -> bool:
-        return self._walk.robot is not None and self._walk.robot.source != "fixed"
+        return self._around.robot is not None and self._around.robot.source != "fixed"
 
     def _rotations(self, instants_ns: Int) -> Float:
-        if self._up is None:
+        if self._around.up is None:
             return np.tile(np.eye(3), (len(instants_ns), 1, 1))
-        rotations, why_not = level_rotations(instants_ns, self._up)
+        rotations, why_not = level_rotations(instants_ns, self._around.up)
         if why_not is not None:
-            self._tilted[why_not] += 1
+            self.tally.tilted[why_not] += 1
         return rotations
 
     def _poses(self, instants_ns: Int) -> Float:
         """(M, 3) of base in map at instants (M,), NaN where there is none near."""
-        if self._walk.robot is None:
+        if self._around.robot is None:
             return np.full((len(instants_ns), 3), np.nan)
-        return self._walk.robot.poses_at(instants_ns, self._walk.config.lidar.pose_gap_s)
+        return self._around.robot.poses_at(instants_ns, self._around.config.lidar.pose_gap_s)
 
     def _deskewed(
         self, cloud: PointCloud, instants_ns: Int, poses: Float, rotation_base_to_level: Float
@@ -100,7 +135,7 @@ class Scanner:
             instants_ns,
             poses,
             rotation_base_to_level,
-            self._walk.transform_lidar_to_base,
+            self._around.transform_lidar_to_base,
         )
 
 

@@ -38,14 +38,22 @@ class WalkedBody(NamedTuple):
     effort: Effort
 
 
+class WhatWasRead(NamedTuple):
+    """What the recording could not give, and warned of, when its clouds were read by an earlier replay."""
+
+    losses: list[Loss]
+    warnings: list[str]
+
+
 @dataclass
 class Walk:
     """One replay under way; stages read what earlier ones put here and add their own.
 
     start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
     first_ns, last_ns: what was really seen of it. used: role -> topics that were really used for it.
-    astar_expanded (per replan), clearance_m and target_distance_m (per tick), body (of the re-simulated robot, None
-    without one): what metrics need beyond the tables of the contract.
+    body: of the re-simulated robot, None without one; what metrics need beyond the tables.
+    keep: files of stages whose results are there already, as reused says; read_before: what reading the clouds had
+    found, where they are not read again.
     """
 
     config: Config
@@ -66,32 +74,47 @@ class Walk:
     target: TargetTrack | None = None
     used: dict[str, tuple[str, ...]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
-    astar_expanded: list[int] = field(default_factory=list)
-    clearance_m: Float | None = None
-    target_distance_m: Float | None = None
     body: WalkedBody | None = None
     notes: list[str] = field(default_factory=list)
-    _warnings: list[str] = field(default_factory=list)
+    own_warnings: list[str] = field(default_factory=list)
+    reused: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    read_before: WhatWasRead | None = None
+    _folder_begun: bool = False
     _said: set[str] = field(default_factory=set)
 
     @property
     def losses(self) -> list[Loss]:
         """What of the recording could not be had, so far."""
-        return list(self.recording.losses)
+        return list(self.recording.losses if self.read_before is None else self.read_before.losses)
+
+    @property
+    def read_warnings(self) -> list[str]:
+        """What the recording warned of, as far as it was read."""
+        return list(self.recording.warnings if self.read_before is None else self.read_before.warnings)
 
     @property
     def warnings(self) -> list[str]:
         """What a user should know, each once, in the order it was found."""
-        return list(dict.fromkeys([*self.recording.warnings, *self.streams.warnings, *self._warnings]))
+        return list(dict.fromkeys([*self.read_warnings, *self.streams.warnings, *self.own_warnings]))
 
     @property
     def recorded_s(self) -> float:
         """Length of what was replayed."""
         return (self.last_ns - self.first_ns) * 1e-9
 
+    def begin_folder(self) -> None:
+        """Make the run folder this walk's, if it is not yet: what is kept stays, other results of before are gone.
+
+        Called when the first file is ready to be written, so that a replay that cannot work harms no earlier run.
+        """
+        if not self._folder_begun:
+            self.run.begin(self.config.model_dump(exclude_none=True), self.keep)
+            self._folder_begun = True
+
     def warn(self, text: str) -> None:
         """A line for stderr, `run.json` and the report."""
-        self._warnings.append(text)
+        self.own_warnings.append(text)
         self.say_what_is_new()
 
     def note(self, text: str) -> None:

@@ -10,7 +10,7 @@ class MetricEntry:
     """One metric of the contract.
 
     formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
-    itself; counted: what n counts; worst_is_lowest: of the samples, each at most 1.
+    itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad.
     """
 
     name: str
@@ -88,6 +88,7 @@ _ENTRIES = (
     MetricEntry(
         *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),
         *("min clearance_i", _OURS, "control ticks with an obstacle on the map"),
+        worst_is_lowest=True,
     ),
     MetricEntry(
         *("collisions", "", "how often contact with an obstacle began"),

@@ -13,7 +13,7 @@ from quadlog.messages import Float, Int
 from quadlog.metrics.bootstrap import Interval
 from quadlog.metrics.mean_in_time import mean_interval_in_time
 
-Statistic = Literal["mean", "std", "rms", "sum", "max"]
+Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +87,14 @@ def _value(samples: Samples) -> float:
             return float(np.sqrt(np.mean(x**2)))
         case "sum":
             return float(np.sum(x))
+        case "min":
+            return float(np.min(x))
         case "max":
             return float(np.max(x))
 
 
 def _interval(samples: Samples) -> Interval | None:
-    """Of the value, from the interval of the mean that it is a function of; a maximum is none."""
+    """Of the value, from the interval of the mean that it is a function of; an extreme is none."""
     x, weights = samples.values, samples.weights
     match samples.statistic:
         case "mean":
@@ -108,7 +110,7 @@ def _interval(samples: Samples) -> Interval | None:
         case "sum":
             of_mean = _possible(mean_interval_in_time(x), x)
             return None if of_mean is None else (of_mean[0] * len(x), of_mean[1] * len(x))
-        case "max":
+        case "min" | "max":
             return None
 
 

@@ -58,10 +58,16 @@ def tracking_metrics(walk: TrackedWalk, completed_ns: int | None = None) -> Metr
     return metrics
 
 
-def count_collisions(clearance_m: Float) -> int:
-    """How often contact began: ticks (T,) in contact whose tick before was not; unknown (NaN) is no contact."""
+def contact_begins(clearance_m: Float) -> Bool:
+    """Ticks (T,) in contact whose tick before was not; unknown (NaN) is no contact."""
     contact = np.asarray(clearance_m) <= 0
-    return int(np.count_nonzero(contact & ~np.concatenate([[False], contact[:-1]])))
+    begins: Bool = contact & ~np.concatenate([[False], contact[:-1]])
+    return begins
+
+
+def count_collisions(clearance_m: Float) -> int:
+    """How often contact began in ticks (T,), see contact_begins."""
+    return int(np.count_nonzero(contact_begins(clearance_m)))
 
 
 def _add_clearance(metrics: Metrics, clearance_m: Float) -> None:

@@ -14,7 +14,7 @@ from quadlog.results.files import write_whole
 from quadlog.results.names import run_name
 from quadlog.results.page import render_page
 from quadlog.results.run_folder import read_run_json
-from quadlog.results.schemas import METRIC_NAMES
+from quadlog.results.schemas import COST_NAMES, METRIC_NAMES
 from quadlog.results.small_multiples import WALKS, metric_charts, thumbnails
 from quadlog.results.tables import read_table
 
@@ -38,7 +38,8 @@ def write_folder_report(folder: Path) -> Path:
     """
     summary = read_table(folder, "summary")
     shown = [name for name in METRIC_NAMES if np.isfinite(summary[name]).any()]
-    rows = [_row(folder, summary, shown, index) for index in range(len(summary["recording"]))]
+    costs = [name for name in COST_NAMES if np.isfinite(summary[name]).any()]
+    rows = [_row(folder, summary, [*shown, *costs], index) for index in range(len(summary["recording"]))]
     walks = bool(rows) and all(_is_walk(folder, row["recording"]) for row in rows)
     counted = Counter(row["state"] for row in rows)
     tiles = [
@@ -54,7 +55,8 @@ def write_folder_report(folder: Path) -> Path:
         one=one,
         many=many,
         rows=rows,
-        metrics=shown,
+        metrics=[*shown, *costs],
+        workers=any(row["worker"] for row in rows),
         tiles=tiles,
         spread=_spread(summary, shown) if walks and len(rows) > 1 else [],
         charts=metric_charts(summary, shown),
@@ -98,6 +100,7 @@ def _row(folder: Path, summary: dict[str, Any], shown: list[str], index: int) ->
         "kind": kind,
         "reason": summary["reason"][index],
         "metrics": [value if np.isfinite(value) else None for value in values],
+        "worker": summary["worker"][index],
         "link": _link(folder, str(summary["recording"][index])),
     }
 

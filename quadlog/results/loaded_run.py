@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
 from quadlog.errors import NotARun
+from quadlog.results.fetched_runs import fetch_runs
 from quadlog.results.run_folder import read_metrics, read_run_json
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import has_table, read_table
+from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import to_path
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -19,12 +24,19 @@ if TYPE_CHECKING:
 
 
 def load_run(path: Path | str) -> Run:
-    """The finished run in a folder; see Run.
+    """The finished run in a folder; see Run. One behind a URL is copied first, and the copy goes with the Run.
 
     Raises NotARun for a folder that is none, or whose record is damaged; a damaged table or map says so when it is
-    read.
+    read. StorageFailed and TooLarge where the copy fails.
     """
-    return Run(Path(path), read_run_json(Path(path)))
+    place = to_path(path)
+    if not isinstance(place, RemotePath):
+        return Run(place, read_run_json(place))
+    scratch = TemporaryDirectory(prefix="quadlog-")
+    here = fetch_runs(place, Path(scratch.name))
+    run = Run(here, read_run_json(here))
+    finalize(run.tables, scratch.cleanup)
+    return run
 
 
 class Run:

@@ -14,7 +14,7 @@ from quadlog.results.schemas import TABLES
 OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
-        *("run.json", "config.toml", "metrics.json", "report.html"),
+        *("run.json", "config.toml", "stages.json", "metrics.json", "report.html"),
         *("maps.npz", "cloud_samples.npz", "ground.npz", "dilution.npz"),
         *("derived.mcap", "foxglove-layout.json", "trajectory.tum", "reference.tum", "map.pgm", "map.yaml"),
     }

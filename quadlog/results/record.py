@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, cast
+from uuid import uuid4
 
 from quadlog.errors import RecordingNotFound
 from quadlog.recordings.naming import recording_files
 from quadlog.results.host import describe_host, package_versions
+from quadlog.storage.remote_object import Told
+from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import redacted_text
 
 RUN_FORMAT = 1
 """One more whenever scripts that read run folders would have to change, for a file, a column or a unit."""
@@ -20,11 +24,37 @@ RUN_FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class InputRecord:
-    """The recording: its path as given, bytes, and the SHA-256 of its content (see `describe_input`)."""
+    """The recording: its path as given, bytes, and what tells it from others (see `describe_input`).
+
+    That is the SHA-256 of its content. Of what lies behind a URL, whose content is not read for that, it is the
+    server's ETag, or where it gives none its Last-Modified.
+    """
 
     path: str
     size_bytes: int
-    sha256: str
+    sha256: str | None = None
+    etag: str | None = None
+    last_modified: str | None = None
+
+    @property
+    def identity(self) -> str:
+        """Equal for equal inputs. Where nothing tells, another one each time: such an input is never the same."""
+        if self.sha256 is not None:
+            return self.sha256
+        if self.etag is not None:
+            return f"{self.size_bytes} bytes, ETag {self.etag}"
+        if self.last_modified is not None:
+            return f"{self.size_bytes} bytes, Last-Modified {self.last_modified}"
+        return f"unknown {uuid4().hex}"
+
+    @classmethod
+    def identity_in(cls, saved: Any) -> str | None:
+        """The identity of `input` as a run.json has it; None when it is none."""
+        names = [each.name for each in fields(cls)]
+        try:
+            return cls(**{name: saved[name] for name in names if name in saved}).identity
+        except TypeError:
+            return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +107,8 @@ class RunRecord:
     recorded_s: length of what was replayed; topics, counts (name: number),
     losses, warnings, notes (choices that decided the result); stages; startup_s: imports and compilation, apart from
     the stages; realtime_factor: recorded_s / seconds in the stages, None when
-    there is nothing to divide. plugins: those that took part. host and packages are filled in by themselves.
+    there is nothing to divide. reused: stages whose results an earlier replay had left. plugins: those that took part.
+    host and packages are filled in by themselves.
     run_format: which files with which columns a run folder has; see `run_folder.read_run_json`.
     """
 
@@ -96,14 +127,20 @@ class RunRecord:
     stages: Sequence[StageRecord] = ()
     startup_s: float = 0.0
     realtime_factor: float | None = None
+    reused: Sequence[str] = ()
     plugins: Sequence[PluginRecord] = ()
     host: Mapping[str, Any] = field(default_factory=describe_host)
     packages: Mapping[str, str] = field(default_factory=package_versions)
     run_format: int = RUN_FORMAT
 
+    def __post_init__(self) -> None:
+        # Once and for all who show or save it: a URL that was typed may hold a password or a signature.
+        object.__setattr__(self, "command", [redacted_text(each) for each in self.command])
+
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; keys are the fields' names, and one that is None is absent."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
+        told = {name: value for name, value in asdict(self).items() if value is not None}
+        return told | {"input": {name: value for name, value in told["input"].items() if value is not None}}
 
 
 def own_files(path: Path) -> list[Path]:
@@ -114,12 +151,22 @@ def own_files(path: Path) -> list[Path]:
     return sorted([*recording_files(path), *([metadata] if metadata.is_file() else [])])
 
 
+def input_bytes(files: Iterable[Path]) -> int:
+    """Bytes of a recording's files; one whose server does not tell counts as none."""
+    told = [each.look().told if isinstance(each, RemotePath) else each.stat() for each in files]
+    return sum((each.size_bytes or 0) if isinstance(each, Told) else each.st_size for each in told if each is not None)
+
+
 def describe_input(path: Path) -> InputRecord:
     """Size and SHA-256 of a recording; of a bag folder, the hash over its files' names, sizes and contents in order.
 
-    Raises RecordingNotFound when it is not there, cannot be read, or is a device that never ends.
+    Behind a URL size and ETag, as they are now; of a folder a hash over its files' names, sizes and ETags.
+
+    Raises RecordingNotFound when it is not there, cannot be read, or is a device that never ends; StorageFailed.
     """
     files = own_files(path)
+    if isinstance(path, RemotePath):
+        return _describe_remote(path, [cast(RemotePath, each) for each in files])
     if any(not each.is_file() for each in files):
         raise RecordingNotFound(path, "no regular file or folder" if path.exists() else "no such file or folder")
     digest, size = hashlib.sha256(), 0
@@ -135,6 +182,29 @@ def describe_input(path: Path) -> InputRecord:
     except OSError as error:
         raise RecordingNotFound(path, error.strerror or str(error)) from error
     return InputRecord(str(path), size, digest.hexdigest())
+
+
+def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
+    try:
+        told = [each.open_object().told for each in files]
+    except FileNotFoundError:
+        raise RecordingNotFound(str(path), "no such file on the server") from None
+    size = sum(each.size_bytes or 0 for each in told)
+    if len(told) == 1 and not path.is_dir():
+        only = told[0]
+        # Without a size nothing tells two files of one name and date apart.
+        known = only.size_bytes is not None
+        return InputRecord(str(path), size, None, only.etag if known else None, only.last_modified if known else None)
+    versions = [each.etag or each.last_modified for each in told]
+    if None in versions or any(each.size_bytes is None for each in told):
+        return InputRecord(str(path), size)
+    lines = (
+        f"{file.name}\0{each.size_bytes}\0{version}\0"
+        for file, each, version in zip(files, told, versions, strict=True)
+    )
+    return InputRecord(
+        str(path), size, etag=f"of-{len(files)}-files-{hashlib.sha256(''.join(lines).encode()).hexdigest()}"
+    )
 
 
 def describe_input_aside(path: Path) -> Future[InputRecord]:

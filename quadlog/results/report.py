@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +32,13 @@ _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "ma
 _CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
-def write_report(run: Path) -> Path:
+def write_report(run: Path, render: Callable[[RunData], dict[str, bytes]] = render_plots) -> Path:
     """Write plots/ and report.html of a finished run, and return the latter's path. The same files, the same bytes.
 
-    Raises NotARun for an unfinished or damaged run, CannotWrite.
+    render: draws all figures, as render_plots does. Raises NotARun for an unfinished or damaged run, CannotWrite.
     """
     data = RunData(run)
-    return _write_page(data, _draw(data))
+    return _write_page(data, _draw(data, render))
 
 
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
@@ -48,7 +48,7 @@ def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
     last; without it the file is read. Pictures of an earlier report whose data
     is gone are removed. Raises NotARun, CannotWrite.
     """
-    return _draw(RunData(run, record))
+    return _draw(RunData(run, record), render_plots)
 
 
 def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
@@ -56,8 +56,8 @@ def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | Non
     return _write_page(RunData(run, record), pictures)
 
 
-def _draw(data: RunData) -> dict[str, bytes]:
-    pictures = render_plots(data)
+def _draw(data: RunData, render: Callable[[RunData], dict[str, bytes]]) -> dict[str, bytes]:
+    pictures = render(data)
     _write_plots(data.path / "plots", pictures)
     return pictures
 

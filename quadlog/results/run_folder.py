@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -15,7 +16,7 @@ import tomli_w
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownRunFormat
 from quadlog.results.files import is_part, remove_stale_parts, write_whole
 from quadlog.results.names import OWN_FILES
-from quadlog.results.record import RUN_FORMAT, RunRecord
+from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord
 from quadlog.version import __version__
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
@@ -40,6 +41,17 @@ class RunFolder:
         folder holds other things and is no run, is a link to be emptied, or
         cannot be made.
         """
+        folder = cls.claim(path, replace=force, complete=resume)
+        if force:
+            _remove_own_files(path, OWN_FILES)
+        return folder
+
+    @classmethod
+    def claim(cls, path: Path, replace: bool = False, complete: bool = False) -> Self:
+        """The folder `path`, made, or an existing one that may be written to; no result in it is touched yet.
+
+        replace: results will be removed by `begin`; complete: all stays. Raises as `create` does.
+        """
         try:
             path.mkdir(parents=True, exist_ok=True)
             names = {entry.name for entry in path.iterdir()}
@@ -50,21 +62,30 @@ class RunFolder:
             return cls(path)
         if not _is_ours(path):
             raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
-        if not (force or resume):
+        if not (replace or complete):
             raise AlreadyExists(path, "--force (start again) or --resume (complete it)")
-        if force and path.is_symlink():
+        if replace and path.is_symlink():
             raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
-        if force:
-            _remove_own_files(path)
         remove_stale_parts(path)
         return cls(path)
 
+    def begin(self, config: Mapping[str, Any], keep: Collection[str]) -> None:
+        """Write `config.toml` and remove quadlog's own files but those to keep.
+
+        `run.json` goes first, so that what remains after a kill is no finished run; and as the configuration is there
+        by then, it still is quadlog's. Links are removed, never followed. Raises CannotWrite.
+        """
+        _remove_own_files(self.path, ())
+        self.write_config(config)
+        _remove_own_files(self.path, OWN_FILES - {"config.toml", *keep})
+
     def discard_if_empty(self) -> None:
         """Take the folder away again when a run failed before it had a result: the next try needs no flag."""
-        names = {entry.name for entry in self.path.iterdir()}
-        if names <= {"config.toml"} and not self.path.is_symlink():
-            (self.path / "config.toml").unlink(missing_ok=True)
-            self.path.rmdir()
+        with suppress(OSError):  # another process has begun a file in it, or taken it away
+            names = {entry.name for entry in self.path.iterdir()}
+            if names <= {"config.toml"} and not self.path.is_symlink():
+                (self.path / "config.toml").unlink(missing_ok=True)
+                self.path.rmdir()
 
     def write_config(self, config: Mapping[str, Any]) -> None:
         """`config.toml`, first of all files: it marks the folder as quadlog's. Keys without a value are left out."""
@@ -84,18 +105,19 @@ class RunFolder:
         write_whole(self.path / "run.json", to_json(record.to_dict()))
 
     def is_finished(
-        self, input_sha256: str, config: Mapping[str, Any], version: str, options: Mapping[str, Any] | None = None
+        self, identity: str, config: Mapping[str, Any], version: str, options: Mapping[str, Any] | None = None
     ) -> bool:
-        """Whether this run was finished with this very input, config, version and options (see RunRecord)."""
+        """Whether this run was finished with the input of this identity, config, version and options (see RunRecord).
+
+        identity: of an InputRecord.
+        """
         try:
             record = read_run_json(self.path)
         except (NotARun, UnknownRunFormat):
             return False
         wanted = json.loads(to_json({"config": config, "options": options or {}}))
-        recording = record.get("input")
         return (
-            isinstance(recording, dict)
-            and recording.get("sha256") == input_sha256
+            InputRecord.identity_in(record.get("input")) == identity
             and record.get("quadlog_version") == version
             and record.get("config") == wanted["config"]
             and record.get("options") == wanted["options"]
@@ -176,21 +198,22 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def _remove_own_files(path: Path) -> None:
-    """`run.json` first, so that what remains after a kill is no finished run. Links are removed, never followed."""
+def _remove_own_files(path: Path, names: Collection[str]) -> None:
+    """`run.json` first, then pictures, then the files named."""
     plots = path / "plots"
     pictures: list[Path] = []
     if plots.is_dir() and not plots.is_symlink():
         remove_stale_parts(plots)
         pictures = sorted(plots.glob("*.png"))
     try:
-        for own in [path / "run.json", *pictures, *(path / name for name in sorted(OWN_FILES))]:
+        for own in [path / "run.json", *pictures, *(path / name for name in sorted(names))]:
             if own.is_symlink() or own.is_file():
-                own.unlink()
+                own.unlink(missing_ok=True)
         if plots.is_symlink():
-            plots.unlink()
+            plots.unlink(missing_ok=True)
         elif plots.is_dir() and not any(plots.iterdir()):
-            plots.rmdir()
+            with suppress(OSError):  # another process draws at this moment
+                plots.rmdir()
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
 

@@ -31,8 +31,8 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     ),
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),
-    "plan": ("plans.parquet", "paths.parquet"),
-    "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet"),
+    "plan": ("plans.parquet", "paths.parquet", "astar.parquet"),
+    "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet"),
     "report": ("metrics.json", "trajectory.tum"),
 }
 """Pictures, pages and derived.mcap are left out: they show nothing that is not in these."""

@@ -29,6 +29,9 @@ METRIC_NAMES = (
     *("ate_rmse_m", "rpe_rmse_m", "realtime_factor"),
 )
 
+COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
+"""What the replay of a recording in a batch took, as far as it is a number."""
+
 _TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 
@@ -81,6 +84,7 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "plans": _PLANS,
     "paths": _PATHS,
+    "astar": _schema(t_ns="int", expanded="int"),
     "resim_plans": _PLANS,
     "resim_paths": _PATHS,
     "control": _schema(
@@ -90,9 +94,15 @@ TABLES: dict[str, pa.Schema] = {
         **_floats("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps", *_TORQUES, *_FORCES),
         fallen="bool",
     ),
-    "summary": _schema(recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES)),
+    "clearances": _schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
+    "summary": _schema(
+        recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES, *COST_NAMES), worker="text"
+    ),
 }
 
 # May be left out when writing, and are then null throughout: not every planner
 # knows the optimum, a kinematic robot has no torques, a run has not every metric.
-OPTIONAL = frozenset({"optimal_cost", "k_v", "k_w", *_TORQUES, *_FORCES, *METRIC_NAMES})
+OPTIONAL = frozenset({"optimal_cost", "k_v", "k_w", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"})
+
+# Tables of before may lack these: read, they are NaN or empty.
+ADDED = {"summary": frozenset({*COST_NAMES, "worker"})}

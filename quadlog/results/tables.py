@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results.files import whole_file
-from quadlog.results.schemas import OPTIONAL, TABLES
+from quadlog.results.schemas import ADDED, OPTIONAL, TABLES
 
 # Rows are cut into groups of this many whatever the size of the batches they
 # came in, so that the file depends on the data alone and memory stays flat.
@@ -124,11 +124,19 @@ def read_table(run: Path, name: str, columns: Sequence[str] | None = None) -> di
         raise NotARun(run, f"has no {name}.parquet")
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as parquet:
-            _check_file(path, parquet, schema, wanted)
-            table = parquet.read(columns=wanted)
+            there = set(parquet.schema_arrow.names)
+            absent = [column for column in wanted if column in ADDED.get(name, ()) and column not in there]
+            _check_file(path, parquet, schema, [column for column in wanted if column not in absent])
+            table = parquet.read(columns=[column for column in wanted if column not in absent])
     except (pa.ArrowException, OSError, ValueError, KeyError, NotImplementedError) as error:
         raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
-    return {column: column_to_numpy(path, column, table.column(column)) for column in wanted}
+    found = {column: column_to_numpy(path, column, table.column(column)) for column in table.column_names}
+    found |= {column: _without_values(schema.field(column).type, table.num_rows) for column in absent}
+    return {column: found[column] for column in wanted}
+
+
+def _without_values(kind: pa.DataType, rows: int) -> NDArray[Any]:
+    return np.full(rows, "", object) if kind == pa.string() else np.full(rows, np.nan)
 
 
 def _open_parquet(part: Path, schema: pa.Schema) -> pq.ParquetWriter:
@@ -154,7 +162,7 @@ def _batch(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.RecordBatch:
 def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Array:
     """One column; never an int from a float, which would have lost nanoseconds on the way."""
     if values is None:
-        return pa.nulls(rows, field.type)
+        return _texts([""] * rows) if field.type == pa.string() else pa.nulls(rows, field.type)
     values = np.broadcast_to(values, rows)
     allowed = {pa.int64(): "iu", pa.float64(): "fiuO", pa.bool_(): "b", pa.string(): "UO"}[field.type]
     if rows and (values.dtype.kind not in allowed or (field.type == pa.int64() and values.dtype == np.uint64)):

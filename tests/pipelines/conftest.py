@@ -1,16 +1,21 @@
-"""One short replay of the committed recording, shared by the tests that only look at it."""
+"""One short replay of the committed recording, shared by the tests that only look at it; and what makes two alike."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
+from quadlog.config import Config
 from quadlog.config_file import load_config
+from quadlog.pipelines.batch_plan import Planned, plan_batch
 from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import ReplayOptions, ReplayOutcome, ReplayRequest, replay
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome, ReplayRequest, replay
+from quadlog.pipelines.synthesize import make_recording, synthesize
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHORT_S = 3.0
@@ -33,6 +38,67 @@ def fixtures() -> Path:
 def follow_request() -> Callable[..., ReplayRequest]:
     """Makes requests to replay the committed recording's first seconds into a folder."""
     return fixture_request
+
+
+TIMINGS = {"ms", "us"}
+RUN_OWN = {"stages", "startup_s", "realtime_factor", "host", "reused", "command"}
+"""What run.json may say of one run alone."""
+
+
+def results_of(run: Path) -> dict[str, object]:
+    """All that a replay has saved, timings and what shows them apart: equal for equal runs, byte for byte."""
+    found: dict[str, object] = {}
+    for path in sorted(path for path in run.rglob("*") if path.is_file()):
+        name = path.relative_to(run).as_posix()
+        if path.suffix == ".parquet":
+            table = pq.read_table(path)
+            columns = [column for column in table.column_names if column not in TIMINGS]
+            timed = len(columns) != len(table.column_names)
+            found[name] = table.select(columns) if timed else path.read_bytes()
+        elif name == "run.json":
+            record = json.loads(path.read_text())
+            found[name] = {key: value for key, value in record.items() if key not in RUN_OWN}
+        elif name == "metrics.json":
+            found[name] = {key: each for key, each in json.loads(path.read_text()).items() if key != "realtime_factor"}
+        else:
+            found[name] = None if name in ("stages.json", "report.html") else path.read_bytes()
+    return found
+
+
+@pytest.fixture(scope="session")
+def saved() -> Callable[[Path], dict[str, object]]:
+    """See results_of."""
+    return results_of
+
+
+@pytest.fixture(scope="session")
+def season(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three recordings of the same second in the three containers, and a file that is no recording."""
+    folder = tmp_path_factory.mktemp("season")
+    recording = make_recording("follow", seed=1, duration_s=1.0, azimuth_steps=90)
+    for suffix in ("mcap", "bag", "db3"):
+        synthesize(recording, folder / f"walk.{suffix}")
+    (folder / "broken.bag").write_text("not a bag at all")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def season_config() -> Config:
+    """The anchors of `season`, and its ground truth."""
+    rows = [(0, 1.0, 1.0, 1.15), (1, 20.0, 1.2, 1.2), (2, 17.5, 15.8, 1.26), (3, 1.2, 14.8, 1.22)]
+    anchors = ", ".join(f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, x, y, z in rows)
+    return load_config(None, [f"uwb.anchors=[{anchors}]", "topics.reference=/truth/robot/pose"], {})
+
+
+@pytest.fixture(scope="session")
+def planned(season: Path, season_config: Config) -> Callable[..., list[Planned]]:
+    """Plans to replay all of `season`, or what of it is named, into a folder."""
+
+    def plan(output: Path, *names: str, until: str = "ingest", existing: Existing = Existing.REFUSE) -> list[Planned]:
+        arguments = [str(season / name) for name in names] or [str(season)]
+        return plan_batch(arguments, output, season_config, ReplayOptions(until=until), existing, ("quadlog",))
+
+    return plan
 
 
 @pytest.fixture(scope="session")

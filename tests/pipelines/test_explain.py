@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,19 @@ def test_metrics_without_samples_and_without_a_value_say_so(short_run):
     assert "a run saves no samples of it" in explain(short_run.run, "cost_of_transport")
     assert "has no such metric" in explain(short_run.run, "forward_m")
     assert "at no instant bad" in explain(short_run.run, "success_rate")
+
+
+def test_the_nearest_obstacle_is_the_worst_and_no_row_is_made_up_for_runs_without_them(short_run, tmp_path):
+    near = read_table(short_run.run, "clearances")
+    nearest = int(np.nanargmin(near["clearance_m"]))
+    line = next(row for row in explain(short_run.run, "clearance_min_m").splitlines() if "176" in row[:8]).split()
+    assert line[0] == str(near["t_ns"][nearest])
+    assert float(line[2]) == pytest.approx(near["clearance_m"][nearest], rel=1e-5)
+    older = shutil.copytree(short_run.run, tmp_path / "follow")
+    (older / "clearances.parquet").unlink()
+    measured = measure_runs([older], None, [])
+    assert measured.problems == []  # it was made before these were saved
+    assert "a run saves no samples of it" in explain_runs("clearance_min_m", measured.runs, None)
 
 
 def test_the_worst_is_that_against_the_reference_given(short_run):

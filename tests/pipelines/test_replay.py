@@ -23,7 +23,8 @@ from quadlog.simulation.scene import Cylinder
 CONTRACT_FILES = {
     *("run.json", "config.toml", "metrics.json", "report.html", "derived.mcap", "foxglove-layout.json"),
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
-    *("paths.parquet", "control.parquet", "resim_plans.parquet", "resim_paths.parquet"),
+    *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
+    *("resim_paths.parquet", "stages.json"),
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
     *("links.parquet", "dilution.npz", "uwb_errors.parquet", "pose_uncertainty.parquet"),
 }
@@ -39,7 +40,7 @@ def same_results(one, other):
     """Every result file byte for byte, timings apart."""
     names = {path.name for path in one.iterdir() if path.is_file()}
     assert names == {path.name for path in other.iterdir() if path.is_file()}
-    for name in sorted(names - {"run.json", "report.html", "metrics.json", "derived.mcap"}):
+    for name in sorted(names - {"run.json", "stages.json", "report.html", "metrics.json", "derived.mcap"}):
         if name.endswith(".parquet"):
             left, right = pq.read_table(one / name), pq.read_table(other / name)
             kept = [column for column in left.column_names if column not in TIMINGS]

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.dilution import DilutionGrid, write_dilution
+from quadlog.results.files import part_prefix
 from quadlog.results.layout import write_layout
 from quadlog.results.maps import MapsWriter
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
@@ -63,6 +65,14 @@ def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return open_page
+
+
+@pytest.fixture(scope="session")
+def left_part() -> str:
+    """The name of a file that a process of this host had begun, and that is dead now."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return f"{part_prefix(process.pid)}00000000.part"
 
 
 @pytest.fixture
@@ -218,6 +228,7 @@ def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
 def _write_plans(path: Path, t_ns: Any, robot_m: Any) -> None:
     line = np.linspace(0, 2, 10)
     found = np.arange(40) != 5
+    _table(path, "astar", t_ns=t_ns, expanded=np.arange(40) + 30)
     for prefix in ("", "resim_"):
         plans: dict[str, Any] = {"t_ns": t_ns, "planner": "ia_star", "found": found, "expanded": np.arange(40) + 20}
         plans |= {"generated": np.arange(40) + 60, "cost": np.where(found, 200.0, np.nan), "length_m": 2.0}
@@ -241,3 +252,4 @@ def _write_control(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     control |= {"error_m": error_m, "cross_track_m": -error_m, "time_error_m": 2 * error_m, "heading_error_rad": 0.0}
     control |= {"lookahead_m": 2.0, "cmd_v_mps": 0.6, "cmd_yaw_rate_radps": 0.2, "fallen": False}
     _table(path, "control", **control)
+    _table(path, "clearances", t_ns=tick_ns, clearance_m=np.where(error_m < 0.09, np.inf, 0.5), target_distance_m=2.0)

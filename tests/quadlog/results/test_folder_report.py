@@ -9,7 +9,7 @@ import pytest
 
 from quadlog.errors import NotARun
 from quadlog.results.folder_report import write_folder_report
-from quadlog.results.schemas import TABLES
+from quadlog.results.schemas import METRIC_NAMES, TABLES
 from quadlog.results.tables import write_table
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -119,3 +119,13 @@ def test_walks_beside_anything_else_are_recordings(tmp_path: Path, other: str) -
     page = write_folder_report(tmp_path).read_text()
     assert ": 2 recordings" in page
     assert "<tfoot>" not in page
+
+
+@pytest.mark.parametrize("count", [3, 8, 9, len(METRIC_NAMES)])
+def test_on_paper_every_number_of_a_broad_table_has_its_name_beside_it(tmp_path: Path, count: int) -> None:
+    columns = {name: [1.0, 2.0] for name in METRIC_NAMES[:count]}
+    _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], **columns)
+    page = write_folder_report(tmp_path).read_text()
+    assert ('<table class="broad">' in page) == (count > 8)
+    for row in _rows(page):
+        assert re.findall(r'<td class="number" data-name="(\w+)"', row)[:count] == list(METRIC_NAMES[:count])

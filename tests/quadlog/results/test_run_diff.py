@@ -19,7 +19,7 @@ from quadlog.results.schemas import TABLES
 from quadlog.results.tables import read_table, write_table
 from quadlog.stages import STAGES
 
-SHOWN_ELSEWHERE = {"run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json"}
+SHOWN_ELSEWHERE = {"run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"}
 EXACT = Tolerance()
 
 

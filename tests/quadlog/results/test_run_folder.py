@@ -18,9 +18,10 @@ from quadlog.results.run_folder import RunFolder, read_sound_metrics
 
 FILES = """
     run.json config.toml fixes.parquet ranges.parquet poses.parquet target.parquet scans.parquet maps.npz
-    plans.parquet paths.parquet control.parquet resim_plans.parquet resim_paths.parquet cloud_samples.npz ground.npz
+    plans.parquet paths.parquet astar.parquet control.parquet clearances.parquet resim_plans.parquet resim_paths.parquet
+    cloud_samples.npz ground.npz
     links.parquet dilution.npz uwb_errors.parquet pose_uncertainty.parquet
-    metrics.json report.html derived.mcap foxglove-layout.json trajectory.tum map.pgm map.yaml
+    metrics.json stages.json report.html derived.mcap foxglove-layout.json trajectory.tum map.pgm map.yaml
 """.split()  # noqa: SIM905 - the contract's list, as one reads it
 
 
@@ -36,7 +37,7 @@ def test_own_files_are_the_contracts() -> None:
 def test_the_same_run_has_the_same_bytes(write_run: Callable[[Path], Path], tmp_path: Path) -> None:
     one, other = content(write_run(tmp_path / "a")), content(write_run(tmp_path / "b"))
     assert one == other
-    assert set(one) == set(FILES) - {"report.html"}
+    assert set(one) == set(FILES) - {"report.html", "stages.json"}
 
 
 def test_an_existing_run_needs_a_flag(tiny_run: Path) -> None:
@@ -48,24 +49,24 @@ def test_an_existing_run_needs_a_flag(tiny_run: Path) -> None:
     assert content(tiny_run) == before
 
 
-def test_force_removes_what_is_ours_and_nothing_else(tiny_run: Path) -> None:
+def test_force_removes_what_is_ours_and_nothing_else(tiny_run: Path, left_part: str) -> None:
     (tiny_run / "plots").mkdir()
     (tiny_run / "plots" / "ranges.png").write_bytes(b"")
-    (tiny_run / "plots" / ".quadlog-1-1.part").write_bytes(b"")
+    (tiny_run / "plots" / left_part).write_bytes(b"")
     (tiny_run / "plots" / "mine.svg").write_bytes(b"drawn by hand")
     (tiny_run / "notes.md").write_bytes(b"precious")
     (tiny_run / "mine").mkdir()
     (tiny_run / "mine" / "run.json").write_bytes(b"precious too")
-    (tiny_run / ".quadlog-1-0.part").write_bytes(b"left by a kill")
+    (tiny_run / left_part).write_bytes(b"left by a kill")
     RunFolder.create(tiny_run, force=True)
     assert sorted([each.name for each in tiny_run.iterdir()]) == ["mine", "notes.md", "plots"]
     assert [each.name for each in (tiny_run / "plots").iterdir()] == ["mine.svg"]
     assert (tiny_run / "mine" / "run.json").read_bytes() == b"precious too"
 
 
-def test_a_killed_run_can_be_taken_over(tmp_path: Path) -> None:
+def test_a_killed_run_can_be_taken_over(tmp_path: Path, left_part: str) -> None:
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / ".quadlog-1-0.part").write_bytes(b"killed before anything was whole")
+    (tmp_path / "run" / left_part).write_bytes(b"killed before anything was whole")
     folder = RunFolder.create(tmp_path / "run")
     assert [each.name for each in (tmp_path / "run").iterdir()] == []
     folder.write_config({"planner": {"name": "astar"}})

@@ -26,6 +26,8 @@ CONTRACT = {
     "resim_plans": PLANS,
     "paths": "t_ns i x_m y_m smooth_x_m smooth_y_m",
     "resim_paths": "t_ns i x_m y_m smooth_x_m smooth_y_m",
+    "astar": "t_ns expanded",
+    "clearances": "t_ns clearance_m target_distance_m",
     "control": "t_ns x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
     "cross_track_m time_error_m heading_error_rad lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
     "tau_00_nm tau_01_nm tau_02_nm tau_03_nm tau_04_nm tau_05_nm tau_06_nm tau_07_nm tau_08_nm tau_09_nm tau_10_nm "
@@ -34,7 +36,8 @@ CONTRACT = {
     "cross_track_rmse_m heading_rmse_rad fallen pitch_rms_rad height_rms_m torque_max_nm torque_saturation_share "
     "cost_of_transport clearance_min_m collisions following_distance_mean_m lateral_drift_m yaw_rate_degps forward_m "
     "expanded_total generated_total expanded_mean ratio_to_astar fallback_share suboptimality_mean success_rate "
-    "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor",
+    "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb "
+    "input_bytes worker",
 }
 INTEGERS = {"tag", "anchor", "i", "expanded", "generated", "reused_cells", "t_ns", "n_ranges", "exit_code"}
 INTEGERS |= {"n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle", "n"}
@@ -57,7 +60,7 @@ def test_types_say_what_a_column_is(name: str) -> None:
             assert (field.type, field.nullable) == (pa.int64(), False), field
         elif field.name in FLAGS or (name == "control" and field.name == "fallen"):
             assert (field.type, field.nullable) == (pa.bool_(), False), field
-        elif field.name in {"source", "planner", "recording", "reason", "why_not"}:
+        elif field.name in {"source", "planner", "recording", "reason", "why_not", "worker"}:
             assert (field.type, field.nullable) == (pa.string(), False), field
         else:
             assert (field.type, field.nullable) == (pa.float64(), True), field

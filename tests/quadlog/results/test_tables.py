@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as stn
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results import tables
-from quadlog.results.schemas import TABLES
+from quadlog.results.schemas import COST_NAMES, TABLES
 from quadlog.results.tables import TableWriter, has_table, read_table, write_table
 
 
@@ -143,6 +143,21 @@ def test_rows_may_leave_values_out(tmp_path: Path) -> None:
     assert back["recording"].tolist() == ["a", "b?"]
     np.testing.assert_array_equal(back["eta_m"], [0.1, np.nan])
     assert np.isnan(back["uwb_rmse_m"]).all()
+
+
+def test_columns_that_a_summary_of_before_lacks_are_without_values(tmp_path: Path) -> None:
+    before = pa.schema([each for each in TABLES["summary"] if each.name not in (*COST_NAMES, "worker")])
+    write_table(
+        tmp_path / "summary.parquet", before, {"recording": ["a", "b"], "exit_code": [0, 1], "reason": ["", "x"]}
+    )
+    back = read_table(tmp_path, "summary")
+    assert list(back) == TABLES["summary"].names
+    assert back["worker"].tolist() == ["", ""]
+    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in COST_NAMES)
+    without_reason = pa.schema([each for each in before if each.name != "reason"])
+    write_table(tmp_path / "summary.parquet", without_reason, {"recording": ["a"], "exit_code": [0]})
+    with pytest.raises(NotARun, match="has no column reason"):
+        read_table(tmp_path, "summary")
 
 
 def test_unknown_tables_and_columns_are_named(tiny_run: Path, tmp_path: Path) -> None:

@@ -1,0 +1,162 @@
+"""The table of what each unit reads, held against what replays really read: a wrong entry would be a wrong number."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from pydantic import BaseModel
+
+from quadlog.config import Config
+from quadlog.config_file import load_config
+from quadlog.config_section import Section
+from quadlog.pipelines.progress import Silent, StageClock
+from quadlog.pipelines.replay import ReplayRequest
+from quadlog.pipelines.stages import control, ingest, perceive, plan, position
+from quadlog.pipelines.stages.units import Unit, units_until
+from quadlog.pipelines.stages.walk import Walk
+from quadlog.results.files import files_written
+from quadlog.results.names import OWN_FILES
+from quadlog.stages import STAGES
+
+WORK: dict[str, Callable[[Walk, ReplayRequest], None]] = {
+    "position": lambda walk, _: position.locate_walk(walk),
+    "filter": perceive.filter_scans,
+    "map": perceive.filter_and_map,
+    "plan": lambda walk, _: plan.replan_walk(walk),
+    "control": lambda walk, _: control.resimulate_walk(walk),
+}
+# `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.
+ONLY_HANDED_ON = {"ingest": ("lidar.mount",)}
+CONFIGURATIONS = {
+    "as it is": ["simulation.controller=kinematic"],
+    "fpmw": ["pursuit.rate_hz=50.0", "simulation.disturbances.push_n=60.0"],
+    "fpm, foot curve": ["simulation.controller=fpm", "simulation.swing=foot_curve", "grid.extent=run"],
+    "no UWB": ["topics.position=odometry", "topics.target=ahead", "grid.memory=decay", "grid.dilation=body"],
+    "fixed": ["topics.position=fixed", "topics.target=fixed", "lidar.level=false", "simulation.controller=none"],
+    "causal, huber": ["uwb.smooth=false", "uwb.method=huber", "uwb.calibrate=false", "simulation.controller=none"],
+    "tags": [
+        "uwb.tags=[{id=0, role='robot', x_m=-0.07}, {id=1, role='person', height_m=1.3}]",
+        "simulation.controller=none",
+        "smoothing.enabled=false",
+        "lidar.mount.z_m=0.5",
+    ],
+}
+
+
+def prefixes(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[type[BaseModel], str]]:
+    """Every section, and where it stands in the file."""
+    yield model, prefix
+    for key, field in model.model_fields.items():
+        inner = next(iter(get_args(field.annotation)), field.annotation)
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from prefixes(inner, f"{prefix}{key}.")
+
+
+PREFIX = dict(prefixes(Config))
+
+
+class Spy:
+    """The keys read from any section, by what was at work."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.reads: dict[str, set[str]] = defaultdict(set)
+        self.at_work: str | None = None
+        spy, get, dump = self, Section.__getattribute__, Section.model_dump
+
+        def spied_get(self: Section, name: str) -> Any:
+            fields = type.__getattribute__(type(self), "__pydantic_fields__")
+            if spy.at_work is not None and name in fields and type(self) is not Config:
+                spy.reads[spy.at_work].add(PREFIX[type(self)] + name)
+            return get(self, name)
+
+        def spied_dump(self: Section, *args: Any, **kwargs: Any) -> Any:
+            if spy.at_work is not None and type(self) is not Config:
+                spy.reads[spy.at_work].add(PREFIX[type(self)].removesuffix("."))
+            return dump(self, *args, **kwargs)
+
+        patch.setattr(Section, "__getattribute__", spied_get)
+        patch.setattr(Section, "model_dump", spied_dump)
+
+    @contextmanager
+    def at(self, name: str) -> Iterator[None]:
+        self.at_work = name
+        try:
+            yield
+        finally:
+            self.at_work = None
+
+
+def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
+    """What each unit reads, `ingest` too; what it writes must be its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        spy = Spy(patch)
+        spy.at_work = "ingest"
+        with ingest.open_walk(request, StageClock(), Silent()) as walk:
+            for unit in units_until(request.options.until):
+                with spy.at(unit.name), files_written() as written:
+                    WORK[unit.name](walk, request)
+                assert {path.name for path in written} <= {*unit.files, "config.toml"}
+    return spy.reads
+
+
+def is_told(key: str, told: tuple[str, ...]) -> bool:
+    return any(key == name or key.startswith(f"{name}.") for name in told)
+
+
+def untold(reads: dict[str, set[str]], units: tuple[Unit, ...]) -> dict[str, set[str]]:
+    """Keys that were read, but neither by the table of the unit nor by those of the units before it."""
+    told: tuple[str, ...] = ()
+    found = {}
+    for unit in units:
+        told += unit.reads
+        found[unit.name] = {key for key in reads[unit.name] if not is_told(key, told)}
+    at_once = (*units[0].reads, *ONLY_HANDED_ON["ingest"])
+    found["ingest"] = {key for key in reads["ingest"] if not is_told(key, at_once)}
+    return {name: keys for name, keys in found.items() if keys}
+
+
+def made(fixtures: Path, follow_request: Callable[..., ReplayRequest], run: Path, **asked: Any) -> ReplayRequest:
+    sets, preset, until = asked.get("sets", []), asked.get("preset"), asked.get("until", "control")
+    config = load_config(fixtures / "follow.toml", sets, {}, preset=preset)
+    return replace(follow_request(run, duration_s=0.5, until=until), config=config)
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_nothing_is_read_that_the_table_does_not_tell(name, fixtures, follow_request, tmp_path):
+    reads = reads_of(made(fixtures, follow_request, tmp_path / "run", sets=CONFIGURATIONS[name]))
+    assert untold(reads, units_until("control")) == {}
+    assert {"topics.position", "uwb.anchors"} <= reads["ingest"] | reads["position"]  # the spy sees something
+    assert "grid.cell_m" in reads["map"]
+
+
+def test_the_papers_methods_and_filter_alone_read_no_more_either(fixtures, follow_request, tmp_path):
+    alone = reads_of(made(fixtures, follow_request, tmp_path / "a", preset="paper", until="filter"))
+    assert untold(alone, units_until("filter")) == {}
+    assert {"ground.inlier_share", "lidar.outlier_neighbours"} <= alone["filter"]
+    mapped = reads_of(made(fixtures, follow_request, tmp_path / "b", preset="paper", until="plan"))
+    assert untold(mapped, units_until("plan")) == {}
+
+
+def test_every_key_of_the_configuration_belongs_to_a_unit_or_is_known_to_decide_nothing_in_a_replay():
+    leaves = {f"{prefix}{key}" for model, prefix in PREFIX.items() if prefix for key in model.model_fields}
+    told = tuple(name for unit in units_until("report") for name in unit.reads)
+    assert {key for key in leaves if not is_told(key, told)} == {"results.frames"}
+    for name in told:
+        assert name in leaves | set(Config.model_fields), name
+
+
+def test_every_file_of_a_run_belongs_to_one_unit_or_is_written_anew_each_time():
+    units = units_until("report")
+    files = [name for unit in units for name in unit.files]
+    assert len(files) == len(set(files))
+    always = {"run.json", "config.toml", "stages.json", "metrics.json", "report.html", "derived.mcap"}
+    assert set(files) | always | {"foxglove-layout.json"} == OWN_FILES
+    for last in STAGES:
+        stages = [stage for unit in units_until(last) for stage in unit.stages]
+        assert stages == [stage for stage in STAGES[: STAGES.index(last) + 1] if stage not in ("ingest", "report")]

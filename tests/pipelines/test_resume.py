@@ -1,0 +1,273 @@
+"""`--resume`: what holds is kept, the rest is done again, and nobody can tell the results from those of one go."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadlog.config_file import load_config
+from quadlog.errors import CannotWrite, QuadlogError
+from quadlog.pipelines import replay as story
+from quadlog.pipelines.progress import Kept, Silent
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay, reusable_stages
+from quadlog.pipelines.stages import report, unit_keys
+from quadlog.results.equality import Tolerance
+from quadlog.results.report import write_plots, write_report
+from quadlog.results.run_diff import diff_runs, first_difference
+
+Ask = Callable[..., ReplayRequest]
+UNTIL = {"ingest": 0, "position": 1, "map": 3, "plan": 4, "control": 5}
+ALL = ("position", "filter", "map", "plan", "control")
+KINEMATIC = "simulation.controller=kinematic"
+
+
+@pytest.fixture(scope="module")
+def ask(fixtures: Path, follow_request: Callable[..., ReplayRequest]) -> Ask:
+    """A request for one second of the recording and a robot without a body, which is quick."""
+
+    def request(run: Path, *sets: str, existing: Existing = Existing.RESUME, **options: Any) -> ReplayRequest:
+        config = load_config(fixtures / "follow.toml", [KINEMATIC, *sets], {})
+        made = follow_request(run, **({"duration_s": 1.0} | options))
+        return replace(made, config=config, existing=existing)
+
+    return request
+
+
+@pytest.fixture(scope="module")
+def fresh(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """The run folder of a request that was replayed in one go, once for all tests."""
+    made: dict[tuple[Any, ...], Path] = {}
+
+    def run(*sets: str, **options: Any) -> Path:
+        key = (sets, tuple(options.items()))
+        if key not in made:
+            made[key] = tmp_path_factory.mktemp("fresh") / "follow"
+            replay(ask(made[key], *sets, existing=Existing.REFUSE, **options), Silent())
+        return made[key]
+
+    return run
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _no_pictures() -> Iterator[None]:
+    """They take longest, and show saved files alone, which are compared; one test below draws them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "write_plots", lambda run, record: {})
+        yield
+
+
+@pytest.fixture(scope="module")
+def walked(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose report alone is missing; not to be changed."""
+    run = tmp_path_factory.mktemp("walked") / "follow"
+    replay(ask(run, until="control"), Silent())
+    return run
+
+
+def resumed(request: ReplayRequest) -> tuple[ReplayOutcome, tuple[str, ...]]:
+    """The outcome, and the stages that run.json, stderr and the plan beforehand say were reused."""
+    told, kept = reusable_stages(request), Kept()
+    outcome = replay(request, kept)
+    record = json.loads((request.run / "run.json").read_text())
+    assert tuple(record["reused"]) == told
+    asked = {"filter": 2, "map": 3, "plan": 4, "control": 5, "report": 6, "position": 1}[request.options.until]
+    words = f"reused {len(told)} of {asked} stages" + (f": {', '.join(told)}" if told else "")
+    assert [line for line in kept.lines if line.startswith("reused")] == [words]
+    return outcome, told
+
+
+@pytest.mark.parametrize(("until", "count"), UNTIL.items())
+def test_a_longer_run_goes_on_where_a_shorter_one_ended(until, count, ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run", until=until), Silent())
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
+    outcome, reused = resumed(ask(tmp_path / "run"))
+    assert reused == ALL[:count]
+    assert saved(outcome.run) == saved(fresh())
+    record = json.loads((outcome.run / "run.json").read_text())
+    assert [stage["name"] for stage in record["stages"]] == ["ingest", *ALL, "report"]
+    if count:
+        assert (outcome.run / "poses.parquet").stat().st_mtime_ns == before["poses.parquet"]
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ("topics.position=odometry", "topics.target=/truth/person/pose"),  # in frames that have names, and differ
+        ("topics.position=fixed", "topics.target=fixed", "topics.target_x_m=3.0"),
+        ("topics.position=odometry", "topics.target=ahead", "uwb.anchors=[]", "lidar.deskew=false"),
+    ],
+)
+def test_tracks_of_other_sources_are_handed_over_as_they_were(sets, ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run", *sets, until="position"), Silent())
+    outcome, reused = resumed(ask(tmp_path / "run", *sets, until="control"))
+    assert reused == ALL[:1]
+    assert saved(outcome.run) == saved(fresh(*sets, until="control"))
+
+
+def test_filter_alone_is_no_half_of_the_map(ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run", until="filter"), Silent())
+    _, reused = resumed(ask(tmp_path / "run", until="filter", start_s=0.0))
+    assert reused == ()
+    replay(ask(tmp_path / "run", until="filter"), Silent())
+    outcome, reused = resumed(ask(tmp_path / "run", until="map"))
+    assert reused == ("position",)
+    assert saved(outcome.run) == saved(fresh(until="map"))
+
+
+def test_a_shorter_run_keeps_nothing_of_a_longer_one(ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run"), Silent())
+    outcome, reused = resumed(ask(tmp_path / "run", until="map"))
+    assert reused == ("position", "filter", "map")
+    assert saved(outcome.run) == saved(fresh(until="map"))
+
+
+@pytest.mark.parametrize(
+    ("sets", "count"),
+    [
+        (("topics.position=odometry", "topics.target=ahead"), 0),
+        (("grid.memory=scan",), 1),
+        (("planner.name=astar",), 3),
+        (("grid.dilation_m=0.5",), 3),
+        (("pursuit.lookahead_m=1.0",), 4),
+        (("simulation.controller=none",), 4),
+        (("results.frames=3",), 5),
+    ],
+)
+def test_another_configuration_starts_at_the_stage_it_concerns(sets, count, ask, walked, fresh, saved, tmp_path):
+    """And what the other one had left is gone: fixes of UWB, a simulated walk."""
+    shutil.copytree(walked, tmp_path / "run")
+    outcome, reused = resumed(ask(tmp_path / "run", *sets))
+    assert reused == ALL[:count]
+    assert saved(outcome.run) == saved(fresh(*sets))
+
+
+@pytest.mark.parametrize("option", [{"seed": 1}, {"duration_s": 0.9}, {"stamp": "log"}])
+def test_another_option_starts_anew(option, ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run", until="map"), Silent())
+    outcome, reused = resumed(ask(tmp_path / "run", until="map", **option))
+    assert reused == ()
+    assert saved(outcome.run) == saved(fresh(until="map", **option))
+
+
+def test_another_version_starts_anew(ask, monkeypatch, tmp_path):
+    replay(ask(tmp_path / "run", until="map"), Silent())
+    assert reusable_stages(ask(tmp_path / "run")) == ALL[:3]
+    monkeypatch.setattr(unit_keys, "__version__", "0.0.1")
+    assert reusable_stages(ask(tmp_path / "run")) == ()
+
+
+def test_another_input_of_the_same_name_and_size_starts_anew(ask, fixtures, tmp_path):
+    recording = tmp_path / "walk.mcap"
+    content = (fixtures / "follow.mcap").read_bytes()
+    recording.write_bytes(content)
+    replay(replace(ask(tmp_path / "run", until="map"), recording=recording), Silent())
+    again = replace(ask(tmp_path / "run"), recording=recording)
+    assert reusable_stages(again) == ALL[:3]
+    library = content.index(b"quadlog", 9)
+    recording.write_bytes(content[:library] + b"Quadlog" + content[library + 7 :])
+    assert reusable_stages(again) == ()
+    assert resumed(replace(again, options=replace(again.options, until="map")))[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        *(("poses.parquet", 0), ("reference.tum", 0), ("ground.npz", 1), ("scans.parquet", 1), ("astar.parquet", 3)),
+        *(("clearances.parquet", 4), ("stages.json", 0), ("metrics.json", 5), ("report.html", 5)),
+    ],
+)
+@pytest.mark.parametrize("damage", ["cut", "changed", "gone"])
+def test_a_stage_never_trusts_a_file_that_is_not_whole(name, count, damage, ask, walked, fresh, saved, tmp_path):
+    shutil.copytree(walked, tmp_path / "run")
+    path = tmp_path / "run" / name
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.unlink() if damage == "gone" else path.write_bytes(content[:-9] if damage == "cut" else content)
+    if name == "stages.json" and damage == "changed":
+        path.write_bytes(content.replace(b'"stage"', b'"stagf"'))
+    request = ask(tmp_path / "run")
+    assert reusable_stages(request) == ALL[:count]
+    if damage == "cut" and name in ("poses.parquet", "scans.parquet", "stages.json"):
+        outcome, _ = resumed(request)
+        assert saved(outcome.run) == saved(fresh())
+
+
+def test_marks_of_a_stranger_are_worth_nothing(ask, fresh, tmp_path):
+    """Those of another run, and ones with the right keys and files but a walk nobody could know so."""
+    replay(ask(tmp_path / "run", until="map"), Silent())
+    marks = tmp_path / "run" / "stages.json"
+    own = json.loads(marks.read_text())
+    marks.write_bytes((fresh(until="map", seed=1) / "stages.json").read_bytes())
+    assert reusable_stages(ask(tmp_path / "run")) == ()
+    for change in ({"counts": {"scans": "many"}}, {"first_ns": 1.5}, {"robot": {"source": 1}}, {"more": 1}):
+        damaged = json.loads(json.dumps(own))
+        damaged["stages"][1]["known"] |= change
+        marks.write_text(json.dumps(damaged))
+        assert reusable_stages(ask(tmp_path / "run")) == ("position",)
+    marks.write_text(json.dumps(own | {"stages": own["stages"][1:]}))  # nothing is reused behind a gap
+    assert reusable_stages(ask(tmp_path / "run")) == ()
+
+
+def test_a_stage_that_fails_leaves_the_marks_of_those_before_it(ask, fresh, saved, tmp_path):
+    walks = "simulation.controller=fpmw"
+    with pytest.raises(QuadlogError, match=r"gone\.xml: no such file"):
+        replay(ask(tmp_path / "run", walks, "robot.model=gone.xml"), Silent())
+    outcome, reused = resumed(ask(tmp_path / "run", walks))
+    assert reused == ALL[:4]
+    assert saved(outcome.run) == saved(fresh(walks))
+    # What the body took is in no table: a report that is made again still has it.
+    outcome, reused = resumed(ask(tmp_path / "run", walks, "results.frames=3"))
+    assert reused == ALL
+    assert saved(outcome.run) == saved(fresh(walks)) | {
+        name: saved(outcome.run)[name] for name in ("run.json", "config.toml")
+    }
+    assert "cost_of_transport" in outcome.metrics
+
+
+@pytest.mark.parametrize("existing", [Existing.FORCE, Existing.RESUME])
+def test_a_replay_whose_first_stage_fails_harms_no_earlier_run(existing, ask, saved, tmp_path):
+    replay(ask(tmp_path / "run", until="map"), Silent())
+    before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir() if path.is_file()}
+    with pytest.raises(QuadlogError, match="gives no such poses"):
+        replay(ask(tmp_path / "run", "topics.position=tf", existing=existing), Silent())
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir() if path.is_file()} == before
+
+
+def test_whoever_reads_runs_sees_no_difference(ask, walked, fresh, monkeypatch, tmp_path):
+    monkeypatch.setattr(report, "write_plots", write_plots)
+    shutil.copytree(walked, tmp_path / "run")
+    outcome, _ = resumed(ask(tmp_path / "run"))
+    assert first_difference(diff_runs(outcome.run, fresh(), Tolerance())) is None
+    pictures = {path.name: path.read_bytes() for path in (outcome.run / "plots").iterdir()}
+    assert len(pictures) > 10
+    write_report(outcome.run)
+    assert {path.name: path.read_bytes() for path in (outcome.run / "plots").iterdir()} == pictures
+
+
+def test_what_is_reused_is_told_without_a_look_at_the_input_where_nothing_is_marked(ask, monkeypatch, tmp_path):
+    def looked(path: Path) -> None:
+        raise AssertionError(path)
+
+    monkeypatch.setattr("quadlog.pipelines.replay.describe_input", looked)
+    assert reusable_stages(ask(tmp_path / "run")) == ()
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_stage_whose_file_another_process_has_removed_is_not_marked(ask, monkeypatch, tmp_path):
+    """Its mark would say that the stage is whole, without that file."""
+    locate = story._locate
+
+    def locate_and_lose(walk: Any) -> None:
+        locate(walk)
+        (tmp_path / "run" / "uwb_errors.parquet").unlink()
+
+    monkeypatch.setattr(story, "_locate", locate_and_lose)
+    with pytest.raises(CannotWrite, match=r"uwb_errors\.parquet: .* another process has removed it; --resume goes on"):
+        replay(ask(tmp_path / "run"), Silent())
+    assert reusable_stages(ask(tmp_path / "run")) == ()

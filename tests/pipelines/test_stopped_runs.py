@@ -1,0 +1,248 @@
+"""Replays that are killed, meet a full disk or one another: what is done stays done, and the rest is done once more."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from quadlog.config_file import load_config
+from quadlog.errors import CannotWrite
+from quadlog.pipelines import replay as story
+from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay, reusable_stages
+from quadlog.pipelines.stages import report
+
+ALL = ("position", "filter", "map", "plan", "control")
+MARKS = ("position", "map", "plan", "control")
+CHILD = """
+import sys
+from pathlib import Path
+from quadlog.config_file import load_config
+from quadlog.errors import QuadlogError
+from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay
+from quadlog.pipelines.stages import report
+fixtures, run = map(Path, sys.argv[1:])
+config = load_config(fixtures / "follow.toml", ["simulation.controller=kinematic"], {})
+report.write_plots = lambda run, record: {}
+try:
+    replay(ReplayRequest(fixtures / "follow.mcap", run, config, ReplayOptions(), Existing.RESUME), Silent())
+except QuadlogError as error:
+    print(error)
+    sys.exit(1)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "write_plots", lambda run, record: {})
+
+
+@pytest.fixture(scope="module")
+def ask(fixtures: Path) -> Callable[..., ReplayRequest]:
+    """What the child process asks for: the whole recording, so that it is busy for some seconds."""
+
+    def request(run: Path, **options: Any) -> ReplayRequest:
+        config = load_config(fixtures / "follow.toml", ["simulation.controller=kinematic"], {})
+        chosen = replace(ReplayOptions(), **options)
+        return ReplayRequest(fixtures / "follow.mcap", run, config, chosen, Existing.RESUME)
+
+    return request
+
+
+@pytest.fixture(scope="module")
+def in_one_go(ask, saved, tmp_path_factory) -> dict[str, object]:
+    """The results of the whole recording."""
+    run = tmp_path_factory.mktemp("fresh") / "follow"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "write_plots", lambda run, record: {})
+        replay(ask(run), Silent())
+    return saved(run)
+
+
+def start(fixtures: Path, run: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-c", CHILD, str(fixtures), str(run)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def marked(run: Path) -> list[str]:
+    path = run / "stages.json"
+    return [each["stage"] for each in json.loads(path.read_text())["stages"]] if path.exists() else []
+
+
+@pytest.mark.parametrize("last", MARKS)
+def test_a_killed_replay_goes_on_behind_its_last_mark(last, ask, fixtures, in_one_go, saved, tmp_path):
+    """SIGKILL at once when a mark is there: amid the next stage, wherever that is by then."""
+    run = tmp_path / "run"
+    process = start(fixtures, run)
+    while last not in marked(run):
+        assert process.poll() is None, process.communicate()
+        os.sched_yield()
+    process.kill()
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert not (run / "run.json").exists()
+    reused = reusable_stages(ask(run))
+    assert reused[: ALL.index(last) + 1] == ALL[: ALL.index(last) + 1]
+    replay(ask(run), Silent())
+    assert tuple(json.loads((run / "run.json").read_text())["reused"]) == reused
+    assert saved(run) == in_one_go  # and nothing that was half-written
+
+
+@contextmanager
+def full_disk(most_bytes: int) -> Iterator[None]:
+    """No file gets larger: what the system then says is the same as on a full disk but for its number."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize(
+    ("work", "most_bytes", "file", "count"),
+    [
+        ("_locate", 5000, "ranges.parquet", 0),
+        ("_locate", 50_000, "dilution.npz", 0),
+        ("_filter_and_map", 2000, "scans.parquet", 1),
+        ("_filter_and_map", 20_000, "cloud_samples.npz", 1),
+        ("_replan", 2000, "paths.parquet", 3),
+        ("_resimulate", 2000, "control.parquet", 4),
+        ("finish_walk", 1000, "metrics.json", 5),
+        ("finish_walk", 20_000, "derived.mcap", 5),
+        ("write_page", 20_000, "report.html", 5),
+    ],
+)
+def test_a_full_disk_ends_with_one_line_and_a_run_that_goes_on(
+    work, most_bytes, file, count, ask, tmp_path, monkeypatch
+):
+    module = report if hasattr(report, work) else story
+    does = getattr(module, work)
+
+    def on_a_full_disk(*arguments: Any) -> Any:
+        with full_disk(most_bytes):
+            return does(*arguments)
+
+    request = ask(tmp_path / "run", duration_s=1.0)
+    monkeypatch.setattr(module, work, on_a_full_disk)
+    with pytest.raises(CannotWrite) as told:
+        replay(request, Silent())
+    monkeypatch.setattr(module, work, does)
+    run = tmp_path / "run"
+    assert str(told.value).startswith(f"{run / file}: cannot be written: ")
+    assert str(told.value).endswith("; --resume goes on")
+    assert not (run / "run.json").exists()
+    assert not [path for path in run.glob("*") if path.name.startswith(".")]
+    assert reusable_stages(request) == ALL[:count]
+    replay(request, Silent())
+    assert (run / "run.json").exists()
+
+
+def test_a_picture_that_finds_no_room_is_told_as_well(ask, tmp_path, monkeypatch):
+    from quadlog.results.report import write_plots
+
+    def draw(run: Path, record: Any) -> dict[str, bytes]:
+        with full_disk(5000):
+            return write_plots(run, record)
+
+    monkeypatch.setattr(report, "write_plots", draw)
+    with pytest.raises(CannotWrite, match=r"plots/\w+\.png: cannot be written: .*; --resume goes on"):
+        replay(ask(tmp_path / "run", duration_s=0.5, until="map"), Silent())
+
+
+def test_a_mark_that_finds_no_room_is_no_mark(ask, tmp_path, monkeypatch):
+    from quadlog.pipelines.stages import reuse
+
+    write, written = reuse.write_marks, []
+
+    def write_marks(run: Path, marks: Any) -> None:
+        written.append(len(marks))
+        with full_disk(100 if len(marks) == 2 else 1 << 30):
+            write(run, marks)
+
+    monkeypatch.setattr(reuse, "write_marks", write_marks)
+    with pytest.raises(CannotWrite, match=r"stages\.json: cannot be written: "):
+        replay(ask(tmp_path / "run", duration_s=0.5, until="map"), Silent())
+    assert written == [1, 2]
+    assert reusable_stages(ask(tmp_path / "run", duration_s=0.5)) == ("position",)
+
+
+def test_two_processes_in_one_folder_end_with_the_results_of_one(ask, fixtures, in_one_go, saved, tmp_path):
+    """A retry while the one that was taken for dead still writes: neither crashes, and either's results are right."""
+    run = tmp_path / "run"
+    processes = [start(fixtures, run)]
+    while "position" not in marked(run):
+        assert processes[0].poll() is None, processes[0].communicate()
+        os.sched_yield()
+    processes.append(start(fixtures, run))
+    for process in processes:
+        out, err = process.communicate()
+        assert "Traceback" not in err, err
+        assert process.returncode in (0, 1), (out, err)
+        assert process.returncode == 0 or out.count("\n") == 1
+    assert 0 in [process.returncode for process in processes]
+    assert not [path.name for path in run.iterdir() if path.name.startswith(".")]
+    replay(ask(run), Silent())
+    assert saved(run) == in_one_go
+
+
+def clouds_alone(recording: Path, path: Path, until_s: float) -> Path:
+    """The recording's clouds of the first seconds and nothing else, the third of them cut short."""
+    with recording.open("rb") as source, path.open("wb") as sink:
+        writer, channels, count = Writer(sink), {}, 0
+        writer.start()
+        first_ns = None
+        for schema, channel, message in make_reader(source).iter_messages():
+            first_ns = message.log_time if first_ns is None else first_ns
+            if schema.name != "sensor_msgs/msg/PointCloud2" or message.log_time - first_ns > until_s * 1e9:
+                continue
+            if not channels:
+                told = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, told)
+            count += 1
+            data = message.data[:100] if count == 3 else message.data
+            writer.add_message(channels[channel.id], message.log_time, data, message.publish_time)
+        writer.finish()
+    return path
+
+
+def test_what_only_the_clouds_told_is_not_forgotten_where_they_are_not_read_again(ask, fixtures, saved, tmp_path):
+    """A cloud that cannot be decoded, and how long the recording is."""
+    recording = clouds_alone(fixtures / "follow.mcap", tmp_path / "clouds.mcap", until_s=1.0)
+    config = load_config(settings={"topics.target": "fixed", "simulation.controller": "kinematic"}, environ={})
+    requests = [replace(ask(tmp_path / name), recording=recording, config=config) for name in ("one", "resumed")]
+    one = replay(requests[0], Silent())
+    replay(replace(requests[1], options=ReplayOptions(until="plan")), Silent())
+    again = replay(requests[1], Silent())
+    assert json.loads((again.run / "run.json").read_text())["reused"] == list(ALL[:4])
+    assert (again.exit_code, again.reason) == (one.exit_code, one.reason)
+    assert again.exit_code == 3
+    assert "1 messages could not be decoded" in again.reason
+    assert json.loads((one.run / "run.json").read_text())["recorded_s"] == pytest.approx(0.9, abs=0.11)
+    assert saved(again.run) == saved(one.run)
+
+
+def test_compiled_code_that_finds_no_room_is_told_as_well(ask, monkeypatch, tmp_path):
+    def warm_up(*arguments: Any) -> float:
+        with full_disk(10):
+            (tmp_path / "cache").write_bytes(bytes(1000))
+        return 0.0
+
+    monkeypatch.setattr("quadlog.pipelines.stages.warm_up.warm_up", warm_up)
+    with pytest.raises(CannotWrite, match=r"the cache of compiled code: cannot be written: .*; --resume goes on"):
+        replay(ask(tmp_path / "run"), Silent())
+    assert not (tmp_path / "run").exists()
