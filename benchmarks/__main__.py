@@ -10,18 +10,20 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import metrics, perception, planning, positioning, reading, report, startup, walking
+from benchmarks import batch, metrics, perception, planning, positioning, reading, remote, report, startup, walking
 from benchmarks.figures import print_figures
 
 PARTS = {
     "startup": startup,
     "reading": reading,
+    "remote": remote,
     "positioning": positioning,
     "perception": perception,
     "planning": planning,
     "walking": walking,
     "metrics": metrics,
     "report": report,
+    "batch": batch,
 }
 
 

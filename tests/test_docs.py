@@ -10,11 +10,16 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from mcap.reader import make_reader
+from moto.server import ThreadedMotoServer
+from s3fs import S3FileSystem
 
 from quadlog.cli.main import COMMANDS, cli, run
 
@@ -28,6 +33,8 @@ INLINE = {(page, code) for page, text in PROSE.items() for code in re.findall(r"
 # Less than the page asks for: seconds of a recording, the length of a course, worker processes.
 SHORTER = {"20": "0.5", "30": "0.5", "line": "short.csv", "4": "1"}
 BESIDE = Path(sys.executable).parent  # where quadlog and evo_ape are installed
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+SCHEDULER = "tcp://10.0.0.1:8786"  # a reader has an address of their own
 
 
 def shell_lines(block: str) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -39,6 +46,43 @@ def shell_lines(block: str) -> Iterator[tuple[str, tuple[int, ...]]]:
             yield command.strip(), (int(said[1]),) if said else (0, 3)
 
 
+@contextmanager
+def cluster_of(words: list[str]) -> Iterator[list[str]]:
+    """The words of a command with the address of a real cluster of one worker, where they name one."""
+    if SCHEDULER not in words:
+        yield words
+        return
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield [cluster.scheduler_address if word == SCHEDULER else word for word in words]
+
+
+@contextmanager
+def lab_bucket(log: Path) -> Iterator[None]:
+    """The object storage that the pages speak of: s3://lab with a recording of Monday's."""
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("AWS_ENDPOINT_URL", "http://{}:{}".format(*server.get_host_and_port()))
+            for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+                patch.setenv(name, "testing")
+            S3FileSystem.clear_instance_cache()
+            store = S3FileSystem()
+            store.mkdir("lab")
+            store.put_file(str(log), "lab/season/monday.mcap")
+            yield
+            S3FileSystem.clear_instance_cache()
+    finally:
+        server.stop()
+
+
+def has_options(words: list[str]) -> bool:
+    """Whether a command of Dask's knows every option of the line."""
+    module = import_module(f"distributed.cli.dask_{words[1]}")
+    known = {name for parameter in module.main.params for name in parameter.opts}
+    return {word for word in words[2:] if word.startswith("--")} <= known
+
+
 def do(line: str) -> int:
     """What a reader's shell would do with the line, without a network; ValueError for what nobody here runs."""
     words = shlex.split(line)
@@ -46,9 +90,14 @@ def do(line: str) -> int:
         while "=" in words[0] and words[0].startswith("QUADLOG_"):
             patch.setenv(*words.pop(0).split("=", 1))
         if words[0] == "quadlog":
-            return run([SHORTER.get(word, word) for word in words[1:]])
+            with cluster_of(words) as typed:
+                return run([SHORTER.get(word, word) for word in typed[1:]])
+    if words[0] == "dask":
+        return 0 if has_options(words) else 2
     if words[0] == "make":
         return 0 if f"\n{words[1]}:" in MAKEFILE else 2
+    if words[:2] == ["pip", "install"] and (extra := re.fullmatch(r"quadlog\[(\w+)\]", words[2])):
+        return 0 if extra[1] in EXTRAS else 1
     if words[:2] == ["pip", "install"]:
         return 0 if (ROOT / words[2] / "pyproject.toml").is_file() else 1
     if words[0] in ("eval", "evo_ape"):
@@ -87,7 +136,8 @@ def toured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
         assert run(["replay", "yesterday.bag", "-o", "truth", "--until", "position"]) == 0
         shutil.move("truth/yesterday/trajectory.tum", "truth.tum")
         Path("short.csv").write_text("x_m,y_m\n0,0\n0.3,0\n0.6,0\n")
-        return folder, [wrong for page in PAGES for wrong in tour(page)]
+        with lab_bucket(log):
+            return folder, [wrong for page in PAGES for wrong in tour(page)]
 
 
 def test_every_command_of_every_page_does_what_it_says(toured):
