@@ -36,7 +36,7 @@ typecheck: install
 	$(BIN)/mypy -p quadlog
 
 unit: install
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: install  ## the figures the README quotes, with limit and floor beside each; PARTS=perception measures less
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
