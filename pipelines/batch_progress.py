@@ -51,7 +51,7 @@ class BatchProgress(Progress, Protocol):
         """A worker says where it is, as `Told` has it; from any thread."""
 
     def finish(self, run: str, words: str) -> None:
-        """The recording of this run folder is over: `done`, or why there is no run or not all of it."""
+        """The recording of this run folder is over: `done`, or what else there is to say of it."""
 
 
 class BatchLines(Silent):

@@ -12,6 +12,7 @@ from quadlog.pipelines.batch_progress import BatchProgress, Tally
 from quadlog.pipelines.batch_task import BatchAnswer, BatchTask, peak_words, replay_task
 from quadlog.pipelines.engine.engine import Engine
 from quadlog.pipelines.replay import ReplayOutcome
+from quadlog.stages import reused_words
 
 GOES_ON = "--resume goes on"
 
@@ -82,7 +83,10 @@ class BatchRun:
         self._tally.count(task.size_bytes, outcome.failed, outcome.cost.get("wall_s"))
         for warning in answer.warnings:
             self._progress.say(f"{outcome.run.name}: {warning}")
-        self._progress.finish(outcome.run.name, outcome.reason or "done")
+        words = [outcome.reason or "done"]
+        if outcome.reused:
+            words.append(reused_words(outcome.reused, task.request.options.until))
+        self._progress.finish(outcome.run.name, "; ".join(words))
 
     def _halt(self, reason: str, engine: Engine) -> None:
         """Nothing is begun any more, and what runs is stopped; said once."""

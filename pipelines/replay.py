@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from quadlog.config import Config
 from quadlog.errors import CannotWrite, ExitCode, NotARun
 from quadlog.pipelines.progress import Progress, StageClock
+from quadlog.pipelines.stages.units import units_until
 from quadlog.plugins import is_installed
 from quadlog.results.files import is_full
 from quadlog.results.record import InputRecord, describe_input
 from quadlog.results.run_folder import RunFolder, read_metrics, read_run_json
-from quadlog.results.stage_marks import MARKS_FILE
-from quadlog.stages import stages_until
+from quadlog.results.stage_marks import MARKS_FILE, files_are_whole, read_marks
+from quadlog.stages import reused_words, stages_until
 from quadlog.version import __version__
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class ReplayRequest:
 class ReplayOutcome:
     """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why.
 
+    reused: stages that an earlier replay had done, all of them for a run that was finished already.
     cost: of a replay in a batch, by the last columns of summary.parquet.
     """
 
@@ -84,6 +86,7 @@ class ReplayOutcome:
     exit_code: int
     reason: str = ""
     metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
+    reused: Sequence[str] = ()
     refused: bool = False
     cost: Mapping[str, Any] = field(default_factory=dict)
 
@@ -114,13 +117,13 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         return finished
 
     from quadlog.pipelines.stages.ingest import open_walk
-    from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, reused_words, stages_of
+    from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
     from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
     from quadlog.pipelines.stages.warm_up import warm_up
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
-        progress.say(reused_words(request, earlier))
+        progress.say(reused_words(stages_of(earlier), request.options.until))
     todo = stages_until(request.options.until)
     clock = StageClock()
     progress.begin("start-up", None)
@@ -143,9 +146,9 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             from quadlog.pipelines.stages.report import finish_walk
 
         metrics = finish_walk(walk, request, startup_s)
-        losses = walk.losses
+        losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
-    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)
+    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
 
 
 def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
@@ -178,6 +181,8 @@ def _finished(request: ReplayRequest, described: InputRecord) -> ReplayOutcome |
     config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
     if not RunFolder(request.run).is_finished(described.identity, config, __version__, options):
         return None
+    if not _is_whole(request):
+        return None
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
     except NotARun:
@@ -185,7 +190,17 @@ def _finished(request: ReplayRequest, described: InputRecord) -> ReplayOutcome |
     if any(not is_installed(**each) for each in record.get("plugins", [])):
         return None
     reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
-    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics)
+    return ReplayOutcome(
+        request.recording, request.run, _code(reason), reason, metrics, reused=stages_until(request.options.until)[1:]
+    )
+
+
+def _is_whole(request: ReplayRequest) -> bool:
+    """Whether a finished run still has what its stages left, and its page."""
+    until, marks = request.options.until, read_marks(request.run)
+    if until == "report" and not (request.run / "report.html").is_file():
+        return False
+    return all(unit.name in marks and files_are_whole(request.run, marks[unit.name]) for unit in units_until(until))
 
 
 @contextmanager

@@ -1,8 +1,19 @@
 """The stages of a replay, in order, as `--until` takes them and reports show them."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 STAGES = ("ingest", "position", "filter", "map", "plan", "control", "report")
 
 
 def stages_until(last: str) -> tuple[str, ...]:
     """The stages up to and including `last`."""
     return STAGES[: STAGES.index(last) + 1]
+
+
+def reused_words(reused: Sequence[str], last: str) -> str:
+    """How many are reused of the stages up to `last`; `ingest` opens the recording every time and is none of them."""
+    stages = stages_until(last)[1:]
+    names = f": {', '.join(reused)}" if reused else ""
+    return f"reused {len(reused)} of {len(stages)} stages{names}"

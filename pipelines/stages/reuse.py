@@ -11,7 +11,6 @@ from quadlog.pipelines.stages.units import Unit
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.results.files import files_written
 from quadlog.results.stage_marks import MARKS_FILE, StageMark, files_are_whole, mark_files, read_marks, write_marks
-from quadlog.stages import stages_until
 
 if TYPE_CHECKING:
     from quadlog.pipelines.replay import ReplayRequest
@@ -63,9 +62,3 @@ class MarkedStages:
         files = mark_files(walk.run.path, [name for name in unit.files if walk.run.path / name in written])
         self._marks.append(StageMark(stage=unit.name, key=self._keys[unit], files=files, known=known.model_dump()))
         write_marks(walk.run.path, self._marks)
-
-
-def reused_words(request: ReplayRequest, earlier: Earlier) -> str:
-    """One line on what is reused, of all stages but `ingest`, which opens the recording every time."""
-    stages, reused = stages_until(request.options.until)[1:], stages_of(earlier)
-    return f"reused {len(reused)} of {len(stages)} stages" + (f": {', '.join(reused)}" if reused else "")

@@ -92,6 +92,7 @@ def test_what_is_done_already_keeps_its_row_and_what_it_cost(planned, finished):
     assert again.exit_code == 3
     after = summary_of(finished[0])
     assert after.drop("broken").equals(before.drop("broken"))
+    assert sum("; reused 5 of 5 stages: position, filter, map" in line for line in lines) == 3
 
 
 def test_a_refused_run_keeps_its_row(planned, finished):

@@ -14,11 +14,13 @@ from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable, StorageF
 from quadlog.pipelines import remote_runs, summary
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.remote_runs import replay_anywhere
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, finished_outcome, replay
+from quadlog.pipelines.stages.units import units_until
 from quadlog.pipelines.summary import summarise
 from quadlog.results.fetched_runs import runs_here
 from quadlog.results.record import RunRecord, StageRecord, describe_input
 from quadlog.results.run_folder import RunFolder
+from quadlog.results.stage_marks import StageMark, mark_files, write_marks
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import to_path
@@ -81,6 +83,9 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     folder.write_config({})
     for name in FILES_UNTIL[request.options.until]:
         (folder.path / name).write_bytes(name.encode())
+    marks = [StageMark(stage=unit.name, key="", files=[], known={}) for unit in units_until(request.options.until)]
+    marks[0].files.extend(mark_files(folder.path, ["poses.parquet"]))
+    write_marks(folder.path, marks)
     metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
     folder.write_metrics(metrics)
     record = RunRecord(
@@ -113,6 +118,8 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
     assert finished.metrics["eta_m"]["value"] == 0.25
     assert bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"] == written
+    bucket.rm_file(f"{bucket.name}/runs/walk/poses.parquet")
+    assert finished_outcome(small) is None
     bucket.pipe_file(f"{bucket.name}/runs/walk/notes.txt", b"mine")
     until_position = replace(small, options=replace(small.options, until="position"), existing=Existing.FORCE)
     replay_anywhere(until_position, Silent())

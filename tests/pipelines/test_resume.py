@@ -15,7 +15,7 @@ from quadlog.config_file import load_config
 from quadlog.errors import CannotWrite, QuadlogError
 from quadlog.pipelines import replay as story
 from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay, reusable_stages
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, finished_outcome, replay, reusable_stages
 from quadlog.pipelines.stages import report, unit_keys
 from quadlog.results.equality import Tolerance
 from quadlog.results.report import write_plots, write_report
@@ -196,6 +196,24 @@ def test_a_stage_never_trusts_a_file_that_is_not_whole(name, count, damage, ask,
     if damage == "cut" and name in ("poses.parquet", "scans.parquet", "stages.json"):
         outcome, _ = resumed(request)
         assert saved(outcome.run) == saved(fresh())
+
+
+@pytest.mark.parametrize("name", ["maps.npz", "stages.json", "metrics.json"])
+def test_a_finished_run_that_has_lost_a_file_is_not_done(name, ask, fresh, saved, tmp_path):
+    shutil.copytree(fresh(until="map"), tmp_path / "run")
+    request = ask(tmp_path / "run", until="map")
+    assert finished_outcome(request).reused == ALL[:3]
+    (tmp_path / "run" / name).unlink()
+    assert finished_outcome(request) is None
+    outcome, _ = resumed(request)
+    assert saved(outcome.run) == saved(fresh(until="map"))
+
+
+def test_a_finished_run_without_its_page_gets_it_again(ask, fresh, tmp_path):
+    shutil.copytree(fresh(), tmp_path / "run")
+    (tmp_path / "run" / "report.html").unlink()
+    assert resumed(ask(tmp_path / "run"))[1] == ALL
+    assert (tmp_path / "run" / "report.html").is_file()
 
 
 def test_marks_of_a_stranger_are_worth_nothing(ask, fresh, tmp_path):
