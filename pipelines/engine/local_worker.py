@@ -23,7 +23,10 @@ CLEAN_UP_S = 30.0
 
 
 def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
-    """Answer each pickled (call, args, kwargs) with DONE or RAISED; initializer is called before the first."""
+    """Answer each pickled (call, args, kwargs) with DONE or RAISED, and end the process when there are no more.
+
+    initializer: is called before the first.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one with the terminal decides
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
@@ -38,7 +41,7 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
             try:
                 task = connection.recv_bytes()
             except (EOFError, OSError):
-                return
+                break
             try:
                 if begin is not None:
                     begin(*initargs)
@@ -48,6 +51,10 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
             except Exception as error:
                 answer = _raised(error)
             send(answer)
+    # All tasks are done and closed what they opened; to take apart what they loaded would take longer than some tasks.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _pack(kind: str, value: object) -> bytes:

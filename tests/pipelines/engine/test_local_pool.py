@@ -58,6 +58,13 @@ def test_a_task_that_ends_its_process_is_one_that_died():
         assert pool.submit(abs, -3).result() == 3
 
 
+def test_what_a_task_printed_is_not_lost(capfd, monkeypatch):
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    with LocalPool(1) as pool:
+        pool.submit(print, "said").result()
+    assert capfd.readouterr().out == "said\n"
+
+
 def test_errors_come_as_they_were_with_the_traceback_of_the_other_process(tasks):
     with LocalPool(1) as pool:
         error = pool.submit(tasks.fail, "named").exception()
