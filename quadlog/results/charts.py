@@ -56,9 +56,9 @@ _ANGLES: tuple[Columns, ...] = (
 )
 
 
-def run_charts(run: RunData, drawn: Sequence[str]) -> dict[str, Any]:
-    """Chart of each figure in `drawn` that has one, as plain JSON. Raises NotARun for damaged tables."""
-    charts = {name: _CHARTS[name](run) for name in drawn if name in _CHARTS}
+def run_charts(run: RunData) -> dict[str, Any]:
+    """Charts by the name of the figure that each stands beside, as plain JSON. Raises NotARun for damaged tables."""
+    charts = {name: chart_of(run) for name, chart_of in _CHARTS.items()}
     return {name: chart for name, chart in charts.items() if chart is not None}
 
 

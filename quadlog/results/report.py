@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from quadlog.results.folder_report import write_folder_report
 from quadlog.results.page import render_page
 from quadlog.results.plots.figures import PLOTS, render_plots
 from quadlog.results.plots.run_data import RunData
+from quadlog.results.plots.shared_drawing import SharedDrawing
 from quadlog.results.record import RunRecord
 from quadlog.results.schemas import METRIC_NAMES
 from quadlog.stages import STAGES
@@ -32,13 +34,17 @@ _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "ma
 _CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
-def write_report(run: Path, render: Callable[[RunData], dict[str, bytes]] = render_plots) -> Path:
+def write_report(run: Path, helper: Executor | None = None) -> Path:
     """Write plots/ and report.html of a finished run, and return the latter's path. The same files, the same bytes.
 
-    render: draws all figures, as render_plots does. Raises NotARun for an unfinished or damaged run, CannotWrite.
+    helper: a process that draws, too. Raises NotARun for an unfinished or damaged run, CannotWrite.
     """
     data = RunData(run)
-    return _write_page(data, _draw(data, render))
+    drawing = SharedDrawing(data, helper)
+    charts = run_charts(data)
+    pictures = drawing.finish()
+    _write_plots(run / "plots", pictures)
+    return _write_page(data, pictures, charts)
 
 
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
@@ -48,23 +54,20 @@ def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
     last; without it the file is read. Pictures of an earlier report whose data
     is gone are removed. Raises NotARun, CannotWrite.
     """
-    return _draw(RunData(run, record), render_plots)
+    pictures = render_plots(RunData(run, record))
+    _write_plots(run / "plots", pictures)
+    return pictures
 
 
 def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
     """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
-    return _write_page(RunData(run, record), pictures)
+    data = RunData(run, record)
+    return _write_page(data, pictures, run_charts(data))
 
 
-def _draw(data: RunData, render: Callable[[RunData], dict[str, bytes]]) -> dict[str, bytes]:
-    pictures = render(data)
-    _write_plots(data.path / "plots", pictures)
-    return pictures
-
-
-def _write_page(data: RunData, pictures: Mapping[str, bytes]) -> Path:
+def _write_page(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> Path:
     report = data.path / "report.html"
-    write_whole(report, _render(data, pictures))
+    write_whole(report, _render(data, pictures, {name: charts[name] for name in pictures if name in charts}))
     return report
 
 
@@ -82,10 +85,9 @@ def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
         write_whole(folder / f"{name}.png", png)
 
 
-def _render(data: RunData, pictures: Mapping[str, bytes]) -> bytes:
+def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
-    charts = run_charts(data, list(pictures))
     return render_page(
         "report.html.jinja",
         scripts=_CHART_SCRIPTS if charts else (),
