@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from quadlog.messages import Float
 from quadlog.results.maps import MapSequence
-from quadlog.results.plots import style
+from quadlog.results.plots import places, style
 from quadlog.results.plots.body import Pose, draw_body
 from quadlog.results.plots.run_data import RunData, Table
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 LEAST_REACH_M, ROUND_M = 2.0, 0.7
 """The close view reaches this far to each side, or this far beyond what it has to show."""
 MARGIN = 0.02
+HIGH_PER_WIDE = (0.6, 2.0)
+"""Shapes of the panel of a window; of a longer one, the panel shows what is beside it too."""
+_BETWEEN_IN = 0.95
 
 
 def draw_grid(run: RunData) -> Figure | None:
@@ -32,8 +35,8 @@ def draw_grid(run: RunData) -> Figure | None:
     index = _instant(maps, run.table("paths"))
     t_ns = int(maps.t_ns[index])
     path, target, robot = _path_at(run, t_ns), _row_at(run.table("target"), t_ns), _row_at(run.table("poses"), t_ns)
-    figure = style.new_figure(4.9)
-    whole, close = figure.subplots(1, 2)
+    high_per_wide = float(np.clip(maps.shape[0] / maps.shape[1], *HIGH_PER_WIDE))
+    figure, (whole, close) = _new_views(high_per_wide)
     for axes in (whole, close):
         _draw_cells(axes, maps, index)
         if path is not None:
@@ -42,22 +45,31 @@ def draw_grid(run: RunData) -> Figure | None:
             )
             axes.plot(path["smooth_x_m"], path["smooth_y_m"], color=style.PLAN, linewidth=2.0, label="path, smooth")
         if target is not None:
-            size = {"markersize": 14, "markeredgecolor": "white", "linestyle": "none"}
+            size: dict[str, Any] = {"markersize": 14, "markeredgecolor": "white", "linestyle": "none"}
             axes.plot(*target[:2], "*", color=style.TARGET, label="target", **size)
         if robot is not None:
             draw_body(axes, robot, run.body_m(), dot=6.0 if axes is whole else 0.0)
-        axes.set(xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
-    _frame(whole, close, _extent(maps, index), _points_to_show(path, target, robot))
+    _frame_whole(whole, _extent(maps, index), high_per_wide)
+    _frame_close(whole, close, _extent(maps, index), _points_to_show(path, target, robot))
     seconds = float(run.seconds(maps.t_ns[index : index + 1])[0])
     rows, columns = maps.shape
     occupied = style.count(int(maps.occupied(index).sum()))
     whole.set_title("the whole window")
     close.set_title("around robot and path")
     title = f"t = {seconds:.2f} s, {columns} × {rows} cells of {maps.cell_m:g} m, {occupied} of them occupied"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
-    handles, labels = close.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels) or 1)
+    places.add_head(figure, whole, title)
     return figure
+
+
+def _new_views(high_per_wide: float) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel of this shape and, as high as that, a square one beside it."""
+    free_in = style.WIDTH_IN - style.LEFT_IN - _BETWEEN_IN - places.EDGE_IN
+    high_in = free_in / (1 + 1 / high_per_wide)
+    left_in, right_in, top_in = style.LEFT_IN, style.WIDTH_IN - places.EDGE_IN, style.BELOW_IN + high_in
+    return places.new_panels(
+        (left_in, right_in - high_in - _BETWEEN_IN, style.BELOW_IN, top_in),
+        (right_in - high_in, right_in, style.BELOW_IN, top_in),
+    )
 
 
 def _instant(maps: MapSequence, paths: Table | None) -> int:
@@ -88,7 +100,7 @@ def _row_at(table: Table | None, t_ns: int) -> Pose | None:
     return (x_m, y_m, yaw_rad) if np.isfinite([x_m, y_m]).all() else None
 
 
-def _extent(maps: MapSequence, index: int) -> tuple[float, float, float, float]:
+def _extent(maps: MapSequence, index: int) -> places.Extent:
     left, bottom = (float(value) for value in maps.origin_m[index])
     rows, columns = maps.shape
     return left, left + columns * maps.cell_m, bottom, bottom + rows * maps.cell_m
@@ -114,13 +126,18 @@ def _points_to_show(path: Table | None, target: Pose | None, robot: Pose | None)
     return np.concatenate([np.empty((0, 2)), *points])
 
 
-def _frame(whole: Axes, close: Axes, extent: tuple[float, float, float, float], points_m: Float) -> None:
-    """The window's edge on the left, and there what the right shows: a square, inside the window where it fits."""
+def _frame_whole(whole: Axes, extent: places.Extent, high_per_wide: float) -> None:
+    """Limits with some margin, so that the window's edge is seen."""
+    left, right, bottom, top = extent
+    margin_m = MARGIN * max(right - left, top - bottom)
+    places.show_all(whole, (left - margin_m, right + margin_m, bottom - margin_m, top + margin_m), high_per_wide)
+
+
+def _frame_close(whole: Axes, close: Axes, extent: places.Extent, points_m: Float) -> None:
+    """What the right shows, marked on the left: a square, inside the window where it fits; and the window's edge."""
     from matplotlib.patches import Rectangle
 
     left, right, bottom, top = extent
-    margin_m = MARGIN * max(right - left, top - bottom)
-    whole.set(xlim=(left - margin_m, right + margin_m), ylim=(bottom - margin_m, top + margin_m))
     for axes in (whole, close):
         edge = Rectangle((left, bottom), right - left, top - bottom, fill=False, linewidth=1.2, label="window")
         axes.add_patch(edge)
@@ -130,5 +147,5 @@ def _frame(whole: Axes, close: Axes, extent: tuple[float, float, float, float], 
     middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
     reach_m = max(LEAST_REACH_M, float(np.ptp(shown, axis=0).max()) / 2 + ROUND_M)
     low, high = middle - reach_m, middle + reach_m
-    close.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    places.show_all(close, (low[0], high[0], low[1], high[1]), 1.0)
     whole.add_patch(Rectangle(low, *(high - low), fill=False, edgecolor=style.GREY, linestyle=":", linewidth=1.2))

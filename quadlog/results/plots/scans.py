@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.results.plots import style
+from quadlog.results.plots import places, style
 from quadlog.results.plots.body import draw_body
 from quadlog.results.plots.run_data import RunData
 
@@ -28,6 +28,9 @@ _ON_TOP = "outlier"  # rare points must not be hidden by the many
 STRIP_M = 2.0
 """The side view shows what lies so far to the left and right of the robot: all of a scan would hide itself."""
 
+_HIGH_PER_WIDE = 0.66  # of the view from above
+_SIDE_IN = 2.1  # height of the view from the side
+
 
 def draw_scan(run: RunData) -> Figure | None:
     """The middle one of the saved scans from above, and a strip of it from the side, in `base`, coloured by class."""
@@ -39,8 +42,7 @@ def draw_scan(run: RunData) -> Figure | None:
     finite = np.isfinite(sample.xyz_m).all(axis=1)
     xyz_m, label = sample.xyz_m[finite].astype(np.float64), sample.label[finite]
     in_strip = np.abs(xyz_m[:, 1]) <= STRIP_M
-    figure = style.new_figure(9.2)
-    top, side = figure.subplots(2, 1, height_ratios=[2.6, 1])
+    figure, (top, side) = _new_views()
     for index, name in sorted(enumerate(classes), key=lambda each: each[1].lower() == _ON_TOP):
         mine = label == index
         if not mine.any():
@@ -51,8 +53,7 @@ def draw_scan(run: RunData) -> Figure | None:
     _frame_views(top, side, xyz_m, xyz_m[in_strip])
     draw_body(top, (0.0, 0.0, 0.0), run.body_m())
     seconds = float(run.seconds(np.array([sample.t_ns]))[0])
-    figure.suptitle(f"scan at t = {seconds:.2f} s, {style.count(len(label))} points, in base", **_TITLE)
-    style.enlarge_dots(figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3))
+    places.add_head(figure, top, f"scan at t = {seconds:.2f} s, {style.count(len(label))} points, in base")
     return figure
 
 
@@ -85,7 +86,15 @@ def draw_scans(run: RunData) -> Figure | None:
     return figure
 
 
-_TITLE: dict[str, Any] = {"x": 0.01, "ha": "left", "fontsize": 10.5, "fontweight": "bold"}
+def _new_views() -> tuple[Figure, list[Axes]]:
+    """A figure with the panel from above over that from the side."""
+    left_in, right_in = style.LEFT_IN, style.WIDTH_IN - style.RIGHT_IN
+    side_in = style.BELOW_IN + _SIDE_IN
+    top_in = side_in + places.TITLE_IN + style.BELOW_IN
+    wide_in = right_in - left_in
+    return places.new_panels(
+        (left_in, right_in, top_in, top_in + _HIGH_PER_WIDE * wide_in), (left_in, right_in, style.BELOW_IN, side_in)
+    )
 
 
 def _draw_class(axes: Axes, points_m: Float, name: str, label: str | None = None) -> None:
@@ -97,7 +106,7 @@ def _draw_class(axes: Axes, points_m: Float, name: str, label: str | None = None
 def _frame_views(top: Axes, side: Axes, xyz_m: Float, strip_m: Float) -> None:
     reach_m = _reach_m(xyz_m)
     along = {"xlim": (-reach_m, reach_m), "xlabel": "x forward (m)"}
-    top.set(**along, ylim=(-reach_m * 0.66, reach_m * 0.66), ylabel="y left (m)", aspect="equal")
+    top.set(**along, ylim=(-_HIGH_PER_WIDE * reach_m, _HIGH_PER_WIDE * reach_m), ylabel="y left (m)", aspect="equal")
     top.set_title("from above")
     for edge_m in (-STRIP_M, STRIP_M):
         top.axhline(edge_m, color=style.GREY, linewidth=0.8, linestyle=":")

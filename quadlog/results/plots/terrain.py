@@ -6,15 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadlog.results.plots import style
+from quadlog.results.plots import places, style
 from quadlog.results.plots.run_data import RunData
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BAR_IN = 1.2  # the colour bar with its labels, down to −99.999 m
+
 
 def draw_terrain(run: RunData) -> Figure | None:
     """Mean height of ground points per cell, in metres of `map`; cells without ground points stay empty."""
+    from matplotlib.ticker import MaxNLocator
+
     ground = run.ground
     if ground is None:
         return None
@@ -28,8 +32,7 @@ def draw_terrain(run: RunData) -> Figure | None:
     left, bottom = float(ground.origin_m[0]) + columns.start * cell_m, float(ground.origin_m[1]) + rows.start * cell_m
     extent = (left, left + cut.shape[1] * cell_m, bottom, bottom + cut.shape[0] * cell_m)
     low_m, high_m = np.percentile(cut[np.isfinite(cut)], [1, 99])
-    figure = style.new_figure(float(np.clip(style.WIDTH_IN * 0.85 * cut.shape[0] / cut.shape[1], 2.8, 8.0)) + 0.4)
-    axes = figure.subplots()
+    figure, axes = places.new_map(extent, BAR_IN, places.TITLE_IN)
     # At least 2 cm of range: sensor noise on a flat floor should look flat.
     image = axes.imshow(
         np.ma.masked_invalid(cut),
@@ -40,10 +43,9 @@ def draw_terrain(run: RunData) -> Figure | None:
         vmin=float(low_m),
         vmax=float(max(high_m, low_m + 0.02)),
     )
-    axes.set(xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
     axes.set_title(
         f"{style.count(len(known_row))} cells of {cell_m:g} m; 98 % of heights within {high_m - low_m:.3f} m"
     )
-    bar = figure.colorbar(image, ax=axes, shrink=0.7, pad=0.01, extend="both")
-    bar.set_label("height of the ground (m)")
+    few = MaxNLocator(6, steps=[1, 2, 5, 10])  # such ticks have short labels
+    places.add_bar(axes, image, "height of the ground (m)", extend="both", ticks=few)
     return figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.results.plots import style
+from quadlog.results.plots import places, style
 from quadlog.results.plots.occupancy import seen_around
 from quadlog.results.plots.run_data import RunData, Table
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 MARGIN_M = 2.0
 SHOWN_PLANS = 12
+BAR_IN = 0.85  # the colour bar with its labels
 
 
 def draw_trajectory(run: RunData) -> Figure | None:
@@ -30,12 +31,9 @@ def draw_trajectory(run: RunData) -> Figure | None:
     # Fixes scatter; they decide what the picture shows only where there is no path.
     walked = paths or [_xy(fixes or {})]
     seen_m = seen_around(np.concatenate(walked), run.occupancy)
-    low_m, high_m = _view([*walked, seen_m], [anchor[1:] for anchor in anchors])
-    width_m, height_m = high_m - low_m
-    across_in = style.WIDTH_IN * (0.79 if run.maps is not None else 0.87)  # the rest is the colour bar and the labels
-    figure = style.new_figure(float(across_in * height_m / width_m) + 1.3)
-    axes = figure.subplots()
-    _draw_map(run, figure, axes)
+    extent_m = _view([*walked, seen_m], [anchor[1:] for anchor in anchors])
+    figure, axes = places.new_map(extent_m, BAR_IN if run.occupancy is not None else places.EDGE_IN)
+    _draw_map(run, axes)
     # A follower walks where its target walked: the later line is thinner, so that the earlier shows beside it.
     _draw_walk(axes, walks["poses"], "robot", style.ROBOT, 3.6)
     _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
@@ -52,10 +50,8 @@ def draw_trajectory(run: RunData) -> Figure | None:
         axes.plot(truth_m[keep, 0], truth_m[keep, 1], "--", color=style.BLACK, linewidth=0.9, label="reference")
     if fixes is not None:
         _draw_fixes(axes, fixes)
-    _draw_anchors(axes, anchors, low_m, high_m)
-    axes.set(xlim=(low_m[0], high_m[0]), ylim=(low_m[1], high_m[1]), xlabel="x in map (m)", ylabel="y in map (m)")
-    axes.set_aspect("equal")
-    style.legend_above(axes, columns=4)
+    _draw_anchors(axes, anchors)
+    places.add_head(figure, axes)
     return figure
 
 
@@ -64,8 +60,8 @@ def _xy(table: Table) -> Float:
     return xy[np.isfinite(xy).all(axis=1)]
 
 
-def _view(paths: list[Float], anchors_m: list[tuple[float, float]]) -> tuple[Float, Float]:
-    """Lower-left and upper-right corner (2,) of what is shown: all paths, and anchors unless far away."""
+def _view(paths: list[Float], anchors_m: list[tuple[float, float]]) -> places.Extent:
+    """What is to be seen: all paths, and anchors unless far away."""
     points = np.concatenate([*paths, np.zeros((0, 2))])
     if not len(points):
         points = np.zeros((1, 2))
@@ -74,14 +70,11 @@ def _view(paths: list[Float], anchors_m: list[tuple[float, float]]) -> tuple[Flo
     for anchor in np.array(anchors_m).reshape(-1, 2):
         if np.all(anchor > low_m - reach_m) and np.all(anchor < high_m + reach_m):
             points = np.concatenate([points, anchor[None]])
-    low_m, high_m = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-    # Never narrower than 1 : 2.5, else the figure would be a thread.
-    size_m, middle_m = high_m - low_m, (high_m + low_m) / 2
-    size_m = np.maximum(size_m, size_m.max() / 2.5)
-    return middle_m - size_m / 2, middle_m + size_m / 2
+    (left_m, bottom_m), (right_m, top_m) = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    return float(left_m), float(right_m), float(bottom_m), float(top_m)
 
 
-def _draw_map(run: RunData, figure: Figure, axes: Axes) -> None:
+def _draw_map(run: RunData, axes: Axes) -> None:
     occupancy = run.occupancy
     if occupancy is None:
         return
@@ -89,9 +82,8 @@ def _draw_map(run: RunData, figure: Figure, axes: Axes) -> None:
     image = axes.imshow(
         share, origin="lower", extent=occupancy.extent_m, cmap="Greys", vmin=-0.15, vmax=1, zorder=style.ABOVE_GRID
     )
-    bar = figure.colorbar(image, ax=axes, shrink=0.5, pad=0.01, aspect=25, boundaries=np.linspace(0, 1, 101))
-    bar.set_label("share of maps with the cell occupied (1)", fontsize=9)
-    bar.set_ticks([0, 0.5, 1])
+    label = "share of maps with the cell occupied (1)"
+    places.add_bar(axes, image, label, boundaries=np.linspace(0, 1, 101), ticks=[0, 0.5, 1])
 
 
 def _draw_fixes(axes: Axes, fixes: Table) -> None:
@@ -128,8 +120,9 @@ def _draw_walk(axes: Axes, table: Table | None, label: str, color: str, width: f
     axes.plot(*xy[-1], "s", color=color, markersize=7, markeredgecolor="white", markeredgewidth=1.0)
 
 
-def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]], low_m: Float, high_m: Float) -> None:
-    seen = [a for a in anchors if low_m[0] <= a[1] <= high_m[0] and low_m[1] <= a[2] <= high_m[1]]
+def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]]) -> None:
+    (left_m, right_m), (bottom_m, top_m) = axes.get_xlim(), axes.get_ylim()
+    seen = [a for a in anchors if left_m <= a[1] <= right_m and bottom_m <= a[2] <= top_m]
     if not seen:
         return
     left_out = len(anchors) - len(seen)

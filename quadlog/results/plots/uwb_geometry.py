@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.results.dilution import DilutionGrid
-from quadlog.results.plots import style
+from quadlog.results.plots import places, style
 from quadlog.results.plots.run_data import RunData, Table
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 POOR_HDOP = 4.0
 """Fixes are this much worse than a range there; all that is poorer looks alike."""
 LEVELS = (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
+BAR_IN = 0.95  # the colour bar with its labels
 SHOWN_FIXES, SHOWN_ELLIPSES, MAX_TAGS_NAMED = 2000, 24, 4
 SCALE_95 = 2.447746830680816
 """Of a standard ellipse to that of 95 %: the root of chi squared's quantile for two numbers, 5.991."""
@@ -28,10 +29,8 @@ def draw_uwb_geometry(run: RunData) -> Figure | None:
     grid, fixes = run.dilution, run.table("fixes")
     if grid is None or fixes is None:
         return None
-    left, right, bottom, top = grid.extent_m
-    figure = style.new_figure(style.WIDTH_IN * 0.8 * (top - bottom) / (right - left) + 1.2)
-    axes = figure.subplots()
-    _draw_dilution(figure, axes, grid)
+    figure, axes = places.new_map(grid.extent_m, BAR_IN)
+    _draw_dilution(axes, grid)
     solved = {name: column[np.isfinite(fixes["x_m"]) & ~fixes["outlier"]] for name, column in fixes.items()}
     if len(solved["x_m"]):
         _draw_fixes(axes, solved)
@@ -45,12 +44,13 @@ def draw_uwb_geometry(run: RunData) -> Figure | None:
         axes.plot(truth_m[keep, 0], truth_m[keep, 1], "--", color=style.BLACK, linewidth=0.9, label="reference")
     _draw_ellipses(axes, solved)
     _draw_anchors(axes, run.anchors())
-    axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x in map (m)", ylabel="y in map (m)", aspect="equal")
-    style.legend_above(axes, columns=4)
+    places.add_head(figure, axes)
     return figure
 
 
-def _draw_dilution(figure: Figure, axes: Axes, grid: DilutionGrid) -> None:
+def _draw_dilution(axes: Axes, grid: DilutionGrid) -> None:
+    from matplotlib.patches import Rectangle
+
     best, poor = _limits(grid)
     hdop = np.nan_to_num(grid.hdop, nan=np.inf, posinf=np.inf).clip(max=2 * poor)
     image = axes.imshow(
@@ -63,14 +63,14 @@ def _draw_dilution(figure: Figure, axes: Axes, grid: DilutionGrid) -> None:
         zorder=style.ABOVE_GRID,
         interpolation="bilinear",
     )
+    left, right, bottom, top = grid.extent_m
+    # Where the panel shows more, white is not a good place but none that was looked at.
+    axes.add_patch(Rectangle((left, bottom), right - left, top - bottom, fill=False, edgecolor=style.GREY))
     levels = [level for level in LEVELS if best < level < poor]
-    bar = figure.colorbar(
-        image, ax=axes, shrink=0.6, pad=0.01, aspect=25, boundaries=np.linspace(best, poor, 101), extend="max"
-    )
-    bar.set_label(f"HDOP: std of a fix per std of a range (1), tag at {grid.tag_height_m:g} m", fontsize=9)
+    label = f"HDOP: std of a fix per std of a range (1), tag at {grid.tag_height_m:g} m"
+    bar = places.add_bar(axes, image, label, boundaries=np.linspace(best, poor, 101), extend="max")
     bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
     if levels and min(hdop.shape) >= 2:
-        left, right, bottom, top = grid.extent_m
         half_m, (rows, columns) = grid.cell_m / 2, hdop.shape
         x_m = np.linspace(left + half_m, right - half_m, columns)
         y_m = np.linspace(bottom + half_m, top - half_m, rows)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,10 @@ class Helper(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
         if self._left > 0 and future.set_running_or_notify_cancel():
-            future.set_result(fn(*args, **kwargs))
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except NotARun as error:
+                future.set_exception(error)
         elif self._dies and future.set_running_or_notify_cancel():
             future.set_exception(WorkerDied(-9))
         self._left -= 1
@@ -65,5 +68,5 @@ def test_each_figure_is_drawn_once_wherever_they_meet(tiny_run: Path, drawn: lis
 
 def test_what_the_helper_finds_damaged_is_named(tiny_run: Path) -> None:
     (tiny_run / "poses.parquet").write_bytes(b"PAR1")
-    with ThreadPoolExecutor(1) as helper, pytest.raises(NotARun, match=r"poses\.parquet"):
-        SharedDrawing(RunData(tiny_run), helper).finish()
+    with pytest.raises(NotARun, match=r"poses\.parquet"):
+        SharedDrawing(RunData(tiny_run), Helper(len(ALL))).finish()
