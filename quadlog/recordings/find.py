@@ -85,7 +85,8 @@ def _read_list(path: Path) -> list[Path]:
     if not isinstance(path, RemotePath) and path.stat().st_size > MAX_LIST_BYTES:
         raise TooLarge(f"{path}: list of recordings in bytes", path.stat().st_size, MAX_LIST_BYTES)
     try:
-        lines = path.read_text("utf-8").splitlines()
+        # Editors of Windows put a byte order mark before the first line.
+        lines = path.read_text("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise RecordingNotFound(path, "a list of recordings is a text file, this is not UTF-8") from None
     entries = [re.split(r"(?:^|\s)#", line)[0].strip() for line in lines]

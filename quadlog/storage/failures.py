@@ -9,6 +9,8 @@ from quadlog.errors import QuadlogError, StorageFailed
 from quadlog.storage.urls import redacted, redacted_text
 
 _MOST_WORDS = 200
+_BROKEN_OFF = "the connection to the server breaks off"
+_TOO_EARLY = "the server ends its answers too early"
 _REFUSED = "access is refused; check the credentials, or the URL's signature"
 _NO_CREDENTIALS = (
     "no credentials; set AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY "
@@ -22,6 +24,16 @@ _REASONS = {
     "ClientConnectorCertificateError": "the server's certificate is not trusted",
     "ClientConnectorError": "the server cannot be reached",
     "EndpointConnectionError": "the server cannot be reached",
+    "ConnectionRefusedError": "the server cannot be reached",
+    "ClientOSError": _BROKEN_OFF,
+    "ServerDisconnectedError": _BROKEN_OFF,
+    "ConnectionResetError": _BROKEN_OFF,
+    "ConnectionAbortedError": _BROKEN_OFF,
+    "BrokenPipeError": _BROKEN_OFF,
+    "ConnectionClosedError": _BROKEN_OFF,
+    "ClientPayloadError": _TOO_EARLY,
+    "IncompleteReadError": _TOO_EARLY,
+    "ResponseStreamingError": _TOO_EARLY,
     "InvalidURL": "no URL that can be asked for",
     "InvalidUrlClientError": "no URL that can be asked for",
     "TooManyRedirects": "the server redirects without end",
@@ -52,5 +64,7 @@ def reason_of(error: BaseException) -> str:
         return "the server did not answer in time"
     if isinstance(status, int) and status:
         return f"the server answers with status {status}"
-    words = " ".join(redacted_text(str(error)).split())
+    # The number of an operating system's error says nothing that its words do not.
+    told = (error.strerror if isinstance(error, OSError) else None) or error
+    words = " ".join(redacted_text(str(told)).split())
     return f"{words[:_MOST_WORDS] or type(error).__name__}"

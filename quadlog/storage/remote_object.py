@@ -51,7 +51,7 @@ class RemoteObject(Protocol):
         ...
 
     def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed."""
+        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
         ...
 
 
@@ -79,10 +79,12 @@ class BucketObject:
             if hasattr(self._system, "call_s3"):
                 self._conditional = self._system.open(self._path, "rb", cache_type="none")
                 info = self._conditional.details
+                if told_by(info).etag is None:
+                    self._conditional = None
             else:
                 info = self._system.info(self._path)
         if info.get("type") != "file":
-            raise FileNotFoundError(url)
+            raise FileNotFoundError(redacted(url))
         self.told = told_by(info)
 
     def fetch(self, start: int, end: int) -> bytes:
@@ -100,7 +102,7 @@ class BucketObject:
         except FileNotFoundError:
             raise StorageChanged(redacted(self.url)) from None
         except StorageFailed as failure:
-            if type(failure.__cause__).__name__ == "FileExpired":
+            if _is_unmet_condition(failure):
                 raise StorageChanged(redacted(self.url)) from None
             raise
         if len(data) != end - start:
@@ -112,6 +114,18 @@ class BucketObject:
         size = self.told.size_bytes or 0
         for start in range(0, size, _STREAMED_BYTES):
             yield self.fetch(start, min(start + _STREAMED_BYTES, size))
+
+
+def _is_unmet_condition(error: BaseException) -> bool:
+    """Whether a store refused to read another version; s3fs itself knows it by the words of Amazon's answer alone."""
+    cause: BaseException | None = error
+    while cause is not None:
+        answer = getattr(cause, "response", None)
+        code = answer.get("Error", {}).get("Code") if isinstance(answer, dict) else None
+        if type(cause).__name__ == "FileExpired" or code in ("PreconditionFailed", "412"):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def told_by(info: Mapping[str, Any]) -> Told:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from quadlog.errors import StorageChanged, StorageFailed
@@ -34,22 +35,48 @@ class WebObject:
 
     def fetch(self, start: int, end: int) -> bytes:
         """The bytes from start to end, end excluded. Raises StorageFailed, StorageChanged."""
-        with explained(self.url):
+        with self._still_there():
             return self._run(self._fetch(start, end))
 
     def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed."""
-        with explained(self.url):
-            response = self._run(self._begin({}, None))
+        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
+        with self._still_there():
+            response = self._run(self._begin(self._condition(), None))
             try:
                 if response.status != 200:
                     self._refuse(response)
                 if response.headers.get("ETag") != self.told.etag:
                     raise StorageChanged(redacted(self.url))
+                whole = response.headers.get("Content-Encoding", "identity") == "identity"
+                self._compare(response, response.content_length if whole else None)
                 while block := self._run(response.content.read(_BLOCK_BYTES)):
                     yield block
             finally:
                 response.close()
+
+    @contextmanager
+    def _still_there(self) -> Iterator[None]:
+        """What was opened and is gone has changed: a FileNotFoundError would be taken for damage of a disk."""
+        try:
+            with explained(self.url):
+                yield
+        except FileNotFoundError:
+            raise StorageChanged(redacted(self.url)) from None
+
+    def _condition(self) -> dict[str, str]:
+        """Headers with which a server that knows conditions refuses to answer from another file."""
+        if self.told.etag is not None and not self.told.etag.startswith("W/"):
+            return {"If-Match": self.told.etag}
+        return {"If-Unmodified-Since": self.told.last_modified} if self.told.last_modified else {}
+
+    def _compare(self, response: Any, size: int | None) -> None:
+        """Raise StorageChanged for an answer that tells another size or version of the whole file."""
+        etag = response.headers.get("ETag", self.told.etag)
+        # The date also beside equal ETags: some servers make theirs of the size alone.
+        now, then = response.headers.get("Last-Modified"), self.told.last_modified
+        other_size = None not in (size, self.told.size_bytes) and size != self.told.size_bytes
+        if other_size or etag != self.told.etag or (now and then and now != then):
+            raise StorageChanged(redacted(self.url))
 
     def _run(self, coroutine: Any) -> Any:
         from fsspec.asyn import sync
@@ -93,22 +120,20 @@ class WebObject:
         async def take(response: Any) -> bytes:
             """The body, once the answer says that it is the stretch asked for, of the same file."""
             first, last, size = self._content_range(response)
-            if size != self.told.size_bytes or response.headers.get("ETag", self.told.etag) != self.told.etag:
-                raise StorageChanged(redacted(self.url))
+            self._compare(response, size)
             if (first, last) != (start, end - 1):
                 raise StorageFailed(redacted(self.url), "the server answers with another range than it was asked for")
             return await response.content.readexactly(end - start)
 
-        headers = {"Range": f"bytes={start}-{end - 1}"}
-        if self.told.etag is not None and not self.told.etag.startswith("W/"):
-            headers["If-Match"] = self.told.etag
+        headers = {"Range": f"bytes={start}-{end - 1}", **self._condition()}
         return await self._try(headers, end - start, take, fine=(206,))
 
     async def _try(self, headers: dict[str, str], size: int, take: Any, fine: tuple[int, ...]) -> Any:
         """What `take` makes of an answer with a fine status; a few tries where waiting may help."""
         import aiohttp
 
-        final = (aiohttp.ClientConnectorDNSError, aiohttp.InvalidURL, aiohttp.ClientConnectorCertificateError)
+        hopeless = (aiohttp.ClientConnectorDNSError, aiohttp.InvalidURL, aiohttp.ClientConnectorCertificateError)
+        final = (*hopeless, FileNotFoundError)
         for wait_s in _WAITS_S:
             try:
                 return await self._ask(headers, size, take, fine)
@@ -141,8 +166,9 @@ class WebObject:
     def _refuse(self, response: Any) -> None:
         """Raise what an answer without content means."""
         if response.status in (404, 410):
-            raise FileNotFoundError(self.url)
-        if response.status == 412:
+            raise FileNotFoundError(redacted(self.url))
+        found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+        if response.status == 412 or (response.status == 416 and found and int(found[3]) != self.told.size_bytes):
             raise StorageChanged(redacted(self.url))
         response.raise_for_status()
         if response.status == 200:

@@ -69,6 +69,12 @@ def test_a_list_names_many_beside_itself_or_from_the_working_folder(tree, monkey
     assert {path.resolve().name for path in found} == {"one.mcap", "two.bag", "split", "three.db3"}
 
 
+def test_a_list_may_begin_with_a_byte_order_mark(tree):
+    for first in ("# two runs\n", ""):
+        (tree / "list.txt").write_bytes(b"\xef\xbb\xbf" + f"{first}one.mcap\r\nsplit\r\n".encode())
+        assert names(tree, find_recordings([f"@{tree / 'list.txt'}"])) == ["one.mcap", "split"]
+
+
 @pytest.mark.parametrize("argument", ["none.mcap", "@none.txt", "deep/nothing", "x" * 5000, "@list.txt", "@one.mcap"])
 def test_what_leads_nowhere_is_named(tree, monkeypatch, argument):
     monkeypatch.chdir(tree)

@@ -60,6 +60,12 @@ def test_lists_may_lie_anywhere_and_name_urls(season: str, bucket: Any, web: Any
     assert sorted(found(f"@{tmp_path}/list.txt")) == sorted(there[1:])
 
 
+def test_a_list_on_a_server_may_begin_with_a_byte_order_mark(web: Any) -> None:
+    (web.folder / "a.mcap").touch()
+    (web.folder / "list.txt").write_bytes(b"\xef\xbb\xbf# from Windows\r\na.mcap\r\n")
+    assert found(f"@{web.url}/list.txt") == [f"{web.url}/a.mcap"]
+
+
 @pytest.mark.parametrize("line", ["/etc/passwd", "../up.mcap", "deep/../../other/x.mcap", "file:///etc/passwd"])
 def test_a_list_on_a_server_has_no_say_about_this_machine(web: Any, tmp_path: Path, line: str) -> None:
     (web.folder / "list.txt").write_text(f"{line}\n")

@@ -70,6 +70,22 @@ def test_without_room_blocks_come_again_and_are_right(reads: list[tuple[int, int
         source.close()
 
 
+def test_blocks_that_this_machine_loses_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that fails here is no damage of a recording there."""
+    served = Served()
+    source = RemoteBytes(served, SIZE)
+    source.read(0, 10)
+
+    def failing(*_: int) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    for pread in (failing, lambda *_: b""):
+        monkeypatch.setattr(remote_bytes.os, "pread", pread)
+        assert source.read(0, 10) == CONTENT[:10]
+    source.close()
+    assert served.times() == {0: 3}
+
+
 def test_neighbours_come_by_one_request() -> None:
     served = Served()
     source = RemoteBytes(served, SIZE)

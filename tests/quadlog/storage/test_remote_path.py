@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp import web as http
 
 from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
-from quadlog.storage import copying, remote_path
+from quadlog.storage import copying, remote_object, remote_path
 from quadlog.storage.copying import copied, copy_object
 from quadlog.storage.remote_path import RemotePath
 
@@ -68,6 +70,49 @@ def test_an_object_that_was_replaced_is_no_longer_read(bucket: Any) -> None:
         remote.fetch(10, 20)
 
 
+@pytest.fixture
+def store(bucket: Any, web: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A web server in the place of an S3-speaking one; store.walk is its file, store.remote what is read of it."""
+    import s3fs
+
+    monkeypatch.setattr(remote_object, "_filesystem", remote_object._filesystem.__wrapped__)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", web.url)
+    s3fs.S3FileSystem.clear_instance_cache()
+    web.walk = web.folder / bucket.name / "walk.mcap"
+    web.walk.parent.mkdir()
+    web.walk.write_bytes(CONTENT)
+    web.remote = at(bucket, "walk.mcap")
+    yield web
+    s3fs.S3FileSystem.clear_instance_cache()
+
+
+def test_a_store_that_refuses_a_condition_without_words_is_understood(store: Any) -> None:
+    remote = store.remote.open_object()
+    assert remote.fetch(10, 20) == CONTENT[10:20]
+    store.walk.write_bytes(CONTENT[::-1] + b"more")
+    with pytest.raises(StorageChanged):
+        remote.fetch(10, 20)
+
+
+def test_an_object_of_a_store_without_etags_is_compared_by_its_date(store: Any) -> None:
+    def answer(request: http.Request) -> http.Response:
+        data = store.walk.read_bytes()
+        told = {"Last-Modified": store.date, "Accept-Ranges": "bytes"}
+        if "Range" not in request.headers:
+            return http.Response(body=data, headers=told)
+        first, last = map(int, request.headers["Range"].removeprefix("bytes=").split("-"))
+        told["Content-Range"] = f"bytes {first}-{last}/{len(data)}"
+        return http.Response(status=206, body=data[first : last + 1], headers=told)
+
+    store.answer, store.date = answer, "Mon, 01 Jan 2024 00:00:00 GMT"
+    remote = store.remote.open_object()
+    assert remote.fetch(10, 20) == CONTENT[10:20]
+    store.walk.write_bytes(CONTENT[::-1])
+    store.date = "Tue, 02 Jan 2024 00:00:00 GMT"
+    with pytest.raises(StorageChanged):
+        remote.fetch(10, 20)
+
+
 def test_systems_without_conditions_are_compared_after_each_part() -> None:
     import fsspec
 
@@ -114,8 +159,6 @@ def test_what_cannot_be_had_is_told_or_not_there(bucket: Any, url: str, words: s
 
 
 def test_without_credentials_the_way_to_give_them_is_told(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from quadlog.storage import remote_object
-
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.delenv(name)
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")

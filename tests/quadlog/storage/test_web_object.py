@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import random
+import socket
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +17,7 @@ from quadlog.storage import web_object
 from quadlog.storage.web_object import WebObject
 
 CONTENT = random.Random(3).randbytes(200_000)
+EARLIER, LATER = "Mon, 01 Jan 2024 00:00:00 GMT", "Tue, 02 Jan 2024 00:00:00 GMT"
 
 
 @pytest.fixture(autouse=True)
@@ -85,13 +88,32 @@ def cut_short(request: http.Request) -> http.StreamResponse:
     return Cut(status=206, body=response.body, headers={"Content-Range": response.headers["Content-Range"]})
 
 
+def reset(request: http.Request) -> http.Response:
+    """Ends the connection as a machine does that knows nothing of it any more."""
+    assert request.transport is not None
+    request.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    request.transport.abort()
+    return http.Response()
+
+
+def beyond(size: int) -> Callable[[http.Request], http.Response]:
+    return lambda _: http.Response(status=416, headers={"Content-Range": f"bytes */{size}"})
+
+
 BAD: dict[str, tuple[Callable[[http.Request], Any], type[QuadlogError], str]] = {
     "always 500": (lambda _: http.Response(status=500), StorageFailed, "status 500, 4 times"),
+    "gone": (lambda _: http.Response(status=404), StorageChanged, "changed"),
+    "gone for good": (lambda _: http.Response(status=410), StorageChanged, "changed"),
+    "shorter": (beyond(50), StorageChanged, "changed"),
+    "not satisfied": (beyond(len(CONTENT)), StorageFailed, "status 416"),
+    "reset": (reset, StorageFailed, "the connection to the server breaks off"),
+    "unauthorized": (lambda _: http.Response(status=401), StorageFailed, "access is refused"),
     "forbidden": (lambda _: http.Response(status=403), StorageFailed, "access is refused"),
     "teapot": (lambda _: http.Response(status=418), StorageFailed, "status 418"),
     "whole file": (lambda _: http.Response(body=CONTENT), StorageChanged, "changed"),
     "precondition": (lambda _: http.Response(status=412), StorageChanged, "changed"),
     "other version": (lambda r: part(r, ETag='"other"'), StorageChanged, "changed"),
+    "other date": (lambda r: part(r, **{"Last-Modified": LATER}), StorageChanged, "changed"),
     "other size": (lambda r: part(r, CONTENT + b"more"), StorageChanged, "changed"),
     "no range": (lambda r: http.Response(status=206, body=CONTENT[:100]), StorageFailed, "without saying which"),
     "gzip": (lambda r: part(r, **{"Content-Encoding": "gzip"}), StorageFailed, "without saying which"),
@@ -134,9 +156,66 @@ def test_each_part_is_asked_for_on_condition_that_nothing_changed(web: Any, file
     assert sent == [remote.told.etag]
 
 
-def test_what_is_not_there_is_not_found_and_nobody_waits(web: Any, closed_port: int) -> None:
-    with pytest.raises(FileNotFoundError):
-        WebObject(f"{web.url}/gone")
+@pytest.mark.parametrize("etag", [None, 'W/"weak"'])
+def test_without_a_strong_etag_the_date_is_the_condition(web: Any, file: str, etag: str | None) -> None:
+    told = {"Last-Modified": EARLIER} | ({"ETag": etag} if etag else {})
+    web.answer = lambda request: part(request, **told)
+    remote, sent = WebObject(file), []
+
+    def answer(request: http.Request) -> http.Response:
+        sent.append((request.headers.get("If-Match"), request.headers.get("If-Unmodified-Since")))
+        return part(request)
+
+    web.answer = answer
+    remote.fetch(0, 10)
+    assert sent == [(None, EARLIER)]
+
+
+def test_a_file_of_which_only_the_date_is_told_is_no_longer_read_once_replaced(web: Any, file: str) -> None:
+    web.answer = lambda request: part(request, **{"Last-Modified": EARLIER})
+    remote = WebObject(file)
+    assert remote.fetch(0, 10) == CONTENT[:10]
+    web.answer = lambda request: part(request, CONTENT[::-1], **{"Last-Modified": LATER})
+    with pytest.raises(StorageChanged):
+        remote.fetch(0, 10)
+
+
+WHOLE: dict[str, tuple[Callable[[http.Request], Any], type[QuadlogError], str]] = {
+    "gone": (lambda _: http.Response(status=404), StorageChanged, "changed"),
+    "gone for good": (lambda _: http.Response(status=410), StorageChanged, "changed"),
+    "other version": (lambda _: http.Response(body=CONTENT, headers={"ETag": '"other"'}), StorageChanged, "changed"),
+    "other date": (
+        lambda _: http.Response(body=CONTENT, headers={"Last-Modified": LATER}),
+        StorageChanged,
+        "changed",
+    ),
+    "other size": (lambda _: http.Response(body=CONTENT + b"more"), StorageChanged, "changed"),
+    "reset": (reset, StorageFailed, "the connection to the server breaks off"),
+    "forbidden": (lambda _: http.Response(status=403), StorageFailed, "access is refused"),
+    "always 500": (lambda _: http.Response(status=500), StorageFailed, "status 500"),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_no_whole_answer_becomes_wrong_bytes(web: Any, file: str, name: str) -> None:
+    web.answer = lambda _: http.Response(body=CONTENT, headers={"Last-Modified": EARLIER})
+    remote = WebObject(file)
+    web.answer, error, words = WHOLE[name]
+    with pytest.raises(error, match=words) as caught:
+        list(remote.stream())
+    assert "SECRET" not in str(caught.value)
+
+
+def test_what_is_not_there_is_not_found_and_nobody_waits(web: Any, file: str, closed_port: int) -> None:
+    with pytest.raises(FileNotFoundError) as caught:
+        WebObject(f"{web.url}/gone?sig=SECRET")
+    assert "SECRET" not in str(caught.value)
+    remote = WebObject(file)
+    (web.folder / "walk.mcap").unlink()
+    with pytest.raises(StorageChanged):
+        remote.fetch(0, 10)
+    # One for the file that never was; one to open the other, one that found it gone.
+    assert len(web.requests) == 3
     for url, words in (
         (f"http://127.0.0.1:{closed_port}/x", "cannot be reached"),
         ("http://no-such-host.invalid/x?sig=SECRET", "no such host"),
@@ -157,11 +236,3 @@ def test_every_wait_has_an_end(web: Any, file: str) -> None:
 def test_a_query_arrives_as_it_was_signed(web: Any, file: str) -> None:
     WebObject(f"{web.url}/walk.mcap?X-Credential=a%2Fb%3D&sig=x%2By")
     assert web.requests[-1][1].endswith("?X-Credential=a%2Fb%3D&sig=x%2By")
-
-
-def test_a_whole_file_that_was_replaced_is_found_out(web: Any, file: str) -> None:
-    web.answer = lambda _: http.Response(body=CONTENT)
-    remote = WebObject(file)
-    web.answer = lambda _: http.Response(body=CONTENT, headers={"ETag": '"other"'})
-    with pytest.raises(StorageChanged):
-        list(remote.stream())
