@@ -12,7 +12,7 @@ from typing import Any
 
 from quadlog.errors import UnknownName
 from quadlog.results.comparison_tables import PLANNERS
-from quadlog.results.latex import latex_table
+from quadlog.results.latex import latex_document, latex_tables
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.text import printable
 
@@ -74,7 +74,7 @@ def markdown_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
 def latex_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
     """Two floating tables per source, since no page is wide enough for one; the notes as comments."""
     search = [each.short for each in _SHOWN].index("95 %") + 1
-    tables = []
+    tables: list[str] = []
     for number, (title, mine) in enumerate(_by_source(rows), start=1):
         for label, what, places in (
             ("search", "search", range(search)),
@@ -83,8 +83,8 @@ def latex_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:
             header = [_SHOWN[place].heading for place in places]
             cells = [[line[place] for place in places] for line in _cells(mine)]
             name = f"tab:planners-{number}-{label}"
-            tables.append(latex_table(f"Planners on {title}: {what}", name, header, cells, header[1:]))
-    return "\n".join(["% needs \\usepackage{booktabs}", *(f"% {printable(note)}" for note in notes), *tables])
+            tables += latex_tables(f"Planners on {title}: {what}", name, header, cells, header[1:])
+    return latex_document(notes, tables)
 
 
 Format = Callable[[Sequence[Row], Sequence[str]], str]

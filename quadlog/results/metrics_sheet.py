@@ -32,7 +32,8 @@ _WITHIN = "n, quantiles and intervals within each run: --format csv, or one run 
 class Sheet:
     """A table of printable text: rows of as many cells as the header.
 
-    right: headings of columns that hold numbers; names: which columns, counted from 0, are headed by a run's name.
+    right: headings of columns that hold numbers. Columns are counted from 0: names, which are headed by a run's name;
+    naming, which hold names of runs; rest, from where on a table too wide for a page goes on in another, 0 for nowhere.
     """
 
     caption: str
@@ -41,6 +42,8 @@ class Sheet:
     right: tuple[str, ...]
     notes: tuple[str, ...]
     names: range = range(0)
+    naming: tuple[int, ...] = ()
+    rest: int = 0
 
 
 def make_sheet(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
@@ -91,7 +94,7 @@ def _few(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
         rows.append((name, CATALOGUE[name].unit, *values, number(over.mean), number(over.std), *ends(over.interval)))
     caption = f"Metrics of {len(runs)} runs{_INTERVAL}"
     names = range(2, 2 + len(runs))
-    return Sheet(caption, ("metric", "unit", *numbers), rows, numbers, (*_MANY_NOTE, _WITHIN), names)
+    return Sheet(caption, ("metric", "unit", *numbers), rows, numbers, (*_MANY_NOTE, _WITHIN), names, rest=names.stop)
 
 
 def _many(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
@@ -105,4 +108,6 @@ def _many(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
         rows.append((name, CATALOGUE[name].unit, *middle, *chain.from_iterable(extremes)))
     header = ("metric", "unit", *numbers[:-1], "lowest in", "highest", "highest in")
     notes = (*_MANY_NOTE, "A row per run: --format json; n, quantiles and intervals within each: --format csv.")
-    return Sheet(f"Metrics of {len(runs)} runs{_INTERVAL}", header, rows, numbers, notes)
+    rest = header.index("lowest")
+    caption = f"Metrics of {len(runs)} runs{_INTERVAL}"
+    return Sheet(caption, header, rows, numbers, notes, naming=(rest + 1, rest + 3), rest=rest)

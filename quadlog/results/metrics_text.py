@@ -6,11 +6,13 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
 
 from quadlog.errors import UnknownName
 from quadlog.metrics.measured import MeasuredRun
 from quadlog.metrics.spread import Spread
-from quadlog.results.latex import escape_latex, latex_table
+from quadlog.results.latex import WIDEST_PT, latex_document, latex_tables, width_pt
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.results.metrics_sheet import Sheet, make_sheet
 
@@ -76,10 +78,24 @@ def markdown_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
 
 
 def latex_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
-    """A floating table in booktabs style; the notes as comments."""
-    sheet = make_sheet(runs, spreads)
-    table = latex_table(sheet.caption, "tab:metrics", sheet.header, sheet.rows, sheet.right)
-    return "\n".join(["% needs \\usepackage{booktabs}", *(f"% {escape_latex(note)}" for note in sheet.notes), table])
+    """Floating tables in booktabs style; the notes as comments.
+
+    What is too wide for a page has numbers for the runs' names, told below the table, or is two tables, or both.
+    """
+    named = make_sheet(runs, spreads)
+    numbered, told = _numbered(named)
+    candidates = [[named], [numbered], _divided(named), _divided(numbered)]
+    fitting = (each for each in candidates if all(width_pt(part.header, part.rows) <= WIDEST_PT for part in each))
+    tables: list[str] = []
+    for part in next(fitting, candidates[-1]):
+
+        def below(rows: Sequence[Sequence[str]], header: Sequence[str] = part.header) -> str:
+            shown = {*header, *chain.from_iterable(rows)}
+            return "; ".join(f"{short}: {name}" for short, name in told.items() if short in shown)
+
+        label = "tab:metrics-more" if tables else "tab:metrics"
+        tables += latex_tables(part.caption, label, part.header, part.rows, part.right, below=below)
+    return latex_document(named.notes, tables)
 
 
 FORMATS: dict[str, Callable[[Sequence[MeasuredRun], Spreads], str]] = {
@@ -94,6 +110,38 @@ FORMATS: dict[str, Callable[[Sequence[MeasuredRun], Spreads], str]] = {
 def _text(path: object) -> str:
     """A path as text that can be written: a file name may hold what is no text."""
     return str(path).encode("utf-8", "replace").decode()
+
+
+def _numbered(sheet: Sheet) -> tuple[Sheet, dict[str, str]]:
+    """The sheet with numbers for names, and the name that each of them stands for."""
+    told: dict[str, str] = {}
+    header, short = list(sheet.header), dict[str, str]()
+    for column in sheet.names:
+        header[column] = f"run {len(told) + 1}"
+        told[header[column]] = sheet.header[column]
+    rows = [list(row) for row in sheet.rows]
+    for row in rows:
+        for column in sheet.naming:
+            name = row[column]
+            row[column] = short.setdefault(name, f"run {len(short) + 1}")
+            told[row[column]] = name
+    right = (*sheet.right, *(header[column] for column in sheet.names))
+    return replace(sheet, header=tuple(header), rows=[tuple(row) for row in rows], right=right), told
+
+
+def _divided(sheet: Sheet) -> list[Sheet]:
+    """The sheet as two, both with a metric's name and unit in front; as it is where it is not to be divided."""
+    if not sheet.rest:
+        return [sheet]
+    places = (range(sheet.rest), (0, 1, *range(sheet.rest, len(sheet.header))))
+    return [
+        replace(
+            sheet,
+            header=tuple(sheet.header[place] for place in columns),
+            rows=[tuple(row[place] for place in columns) for row in sheet.rows],
+        )
+        for columns in places
+    ]
 
 
 def _widths(header: Sequence[str], sheet: Sheet) -> list[int]:

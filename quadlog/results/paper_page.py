@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from quadlog.results.latex import latex_table
+from quadlog.results.latex import latex_document, latex_tables
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.results.paper_rows import PaperRow, PaperTable, Picture, RowGroup
 from quadlog.results.paper_store import picture_file
@@ -13,8 +13,6 @@ from quadlog.results.paper_store import picture_file
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
 RIGHT = ("paper", "ours", "95 % interval", "difference")
-ROWS_A_PAGE = 20
-"""A quantity's name takes up to two lines of LaTeX, and a page has some fifty."""
 MARKS = {True: "yes", False: "✗ no", None: ""}
 """What the page has for a verdict: what fails is seen without reading."""
 
@@ -33,20 +31,19 @@ def csv_text(table: PaperTable) -> str:
 
 def latex_text(table: PaperTable) -> str:
     """Floating tables of each group, without the notes; a group that fills more than a page is continued."""
-    head = f"% {table.command}\n% needs \\usepackage{{booktabs}}\n"
     tables = [
-        latex_table(
-            f"{table.title}: {group.title}" + (" (fast run)" if table.fast else "") + (" (continued)" if first else ""),
-            f"tab:{table.name}-{number}" + (f"-{first}" if first else ""),
+        each
+        for number, group in enumerate(table.groups, start=1)
+        for each in latex_tables(
+            f"{table.title}: {group.title}" + (" (fast run)" if table.fast else ""),
+            f"tab:{table.name}-{number}",
             SHOWN,
-            [shown_cells(row) for row in group.rows[first : first + ROWS_A_PAGE]],
+            [shown_cells(row) for row in group.rows],
             RIGHT,
             wrapped=SHOWN[:1],
         )
-        for number, group in enumerate(table.groups, start=1)
-        for first in range(0, len(group.rows), ROWS_A_PAGE)
     ]
-    return head + "\n" + "\n".join(tables)
+    return latex_document([table.command], tables)
 
 
 def section_text(table: PaperTable) -> str:

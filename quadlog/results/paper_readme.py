@@ -11,8 +11,8 @@ from quadlog.results.paper_store import SavedTable
 
 PREFACE = """# The papers' tables, measured again
 
-Each table has what a paper prints beside what quadlog finds: below, as `TABLE.csv`, as `TABLE.tex` (booktabs), and
-unrounded as `TABLE.json`.
+Each table has what a paper prints beside what quadlog finds: below, as `TABLE.csv`, as `TABLE.tex` (booktabs,
+graphicx), and unrounded as `TABLE.json`.
 
 - **paper** is empty where the paper prints no such number.
 - **95 % interval** is that of ours; it is empty where ours is computed without any random draw.

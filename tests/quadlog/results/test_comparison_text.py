@@ -135,8 +135,8 @@ def test_names_keep_no_meaning_that_was_not_meant(name: str) -> None:
 
 def test_latex_has_two_floating_tables_for_each_source() -> None:
     latex = format_rows(ROWS, "latex", ["how it was paired"])
-    assert latex.startswith("% needs \\usepackage{booktabs}\n% how it was paired\n\\begin{table}")
-    assert re.findall(r"\\begin\{tabular\}\{(l+r+)\}", latex) == ["lrrrrrrrr", "lrrrrrr"] * 2
+    assert latex.startswith("% needs \\usepackage{booktabs,graphicx}\n% how it was paired\n\\begin{table}")
+    assert re.findall(r"\\begin\{tabular\}\{@\{\}(l+r+)@\{\}\}", latex) == ["lrrrrrrrr", "lrrrrrr"] * 2
     parts = ("search", "paths")
     assert re.findall(r"\\label\{(.*)\}", latex) == [f"tab:planners-{n}-{part}" for n in (1, 2) for part in parts]
     assert "\nia\\_star & 98.5 & 4.57 & 1.352M & 20.27k & 9999 & 199 & 4.96 & 4.79..5.16 \\\\\n" in latex

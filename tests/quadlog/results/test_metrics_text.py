@@ -125,6 +125,30 @@ def test_latex_has_booktabs_caption_and_label() -> None:
     assert r"eta\_m & m & 0.2500 & $-0.5000$ & $-0.1250$" in text
 
 
+def test_latex_numbers_names_that_are_too_long_and_tells_them_below() -> None:
+    names = [f"2024-05-0{day}-a-recording-of-a-long-walk" for day in range(1, 9)]
+    text = text_of([a_run(name, 0.1 * day) for day, name in enumerate(names[:4])], "latex")
+    assert "metric & unit & run 1 & run 2 & run 3 & run 4 & mean & std & low & high" in text
+    assert [text.replace(r"\allowbreak{}", "").count(name) for name in names] == [1] * 4 + [0] * 4
+    runs = [a_run(name, 0.1 * day, following_distance_mean_m=2.001 + day) for day, name in enumerate(names)]
+    first, second = text_of(runs, "latex").split(r"\midrule")[1:]
+    assert "run 1" not in first
+    assert r"eta\_m & m & 0 & run 1 & 0.7000 & run 2 \\" in second
+    legend = "run 1: 2024-05-01-a-recording-of-a-long-walk; run 2: 2024-05-08-a-recording-of-a-long-walk"
+    assert legend in second.replace(r"\allowbreak{}", "")
+
+
+def test_latex_divides_what_is_too_wide() -> None:
+    names = ("following_distance_mean_m", "rpe_rmse_m")
+    runs = [a_run(f"walk-{i}", 1e-7 * i, **dict.fromkeys(names, 0.00012345 * i)) for i in range(1, 7)]
+    text = text_of(runs, "latex")
+    assert re.findall(r"\\label\{(.*)\}", text) == ["tab:metrics", "tab:metrics-more"]
+    first, second = re.findall(r"\nmetric & unit & (.*) ", text)
+    assert first == " & ".join(f"walk-{i}" for i in range(1, 7))
+    assert second == "mean & std & low & high"
+    assert text.count(r"eta\_m &") == 2
+
+
 def test_a_path_that_is_no_text_can_be_written() -> None:
     run = MeasuredRun(Path("runs/\udcff"), "\udcff", {"eta_m": Measured(1.0, 1, "m")})
     for to in FORMATS:
@@ -156,4 +180,4 @@ def test_numbers_have_four_digits(value: float | None, shown: str) -> None:
 
 
 def _columns(text: str) -> str:
-    return text.split(r"\begin{tabular}{")[1].split("}")[0]
+    return text.split(r"\begin{tabular}{@{}")[1].split("@{}}")[0]

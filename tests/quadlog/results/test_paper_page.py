@@ -6,7 +6,8 @@ import io
 import pytest
 from markdown_it import MarkdownIt
 
-from quadlog.results.paper_page import ROWS_A_PAGE, csv_text, format_value, latex_text, section_text
+from quadlog.results.latex import LINES_A_PAGE
+from quadlog.results.paper_page import csv_text, format_value, latex_text, section_text
 from quadlog.results.paper_rows import PaperRow, PaperTable, Picture, RowGroup
 
 ROWS = (
@@ -75,12 +76,12 @@ def test_latex_has_one_table_per_group():
     assert r"\label{tab:planning-1-1}" in text
     assert r"\label{tab:planning-1-2}" in text
     assert "95 \\% interval" in text
-    assert text.count(r"\begin{tabular}{p{0.32\linewidth}rrrrl}") == 2
+    assert text.count(r"\begin{tabular}{@{}p{0.32\linewidth}rrrrl@{}}") == 2
 
 
 def test_latex_continues_what_is_longer_than_a_page():
-    rows = tuple(PaperRow(f"row {number}", float(number)) for number in range(ROWS_A_PAGE + 1))
+    rows = tuple(PaperRow(f"row {number}", float(number)) for number in range(LINES_A_PAGE + 1))
     text = latex_text(PaperTable("foot-drift", "Title", "", "", 0, False, (RowGroup("Group", "", rows),)))
     assert text.count(r"\toprule") == 2
-    assert text.count("Group (continued)}") == text.count(rf"\label{{tab:foot-drift-1-{ROWS_A_PAGE}}}") == 1
+    assert text.count("Group (continued)}") == text.count(rf"\label{{tab:foot-drift-1-{LINES_A_PAGE}}}") == 1
     assert [text.count(f"row {number} &") for number in range(len(rows))] == [1] * len(rows)
