@@ -75,12 +75,15 @@ const addBar = (place, actions) => {
 
 // Pictures of uPlot know their size in pixels alone; fit is called when the width that is there changes.
 const onWidth = (area, fit) => {
+  // A fitted chart has another height, and a look at that would be told of it: what is looked at has none.
+  const ruler = element("div", "");
+  area.prepend(ruler);
   let width = area.clientWidth;
   new ResizeObserver(() => {
     if (area.clientWidth === width || area.clientWidth === 0) return;
     width = area.clientWidth;
-    requestAnimationFrame(() => fit(width)); // what is resized here is seen by the next look, not by this one
-  }).observe(area);
+    fit(width); // at once: a moment later the reader, or a screenshot, has already seen a chart that is cut off
+  }).observe(ruler);
 };
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraws.forEach((redraw) => redraw()));

@@ -3,31 +3,86 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
   // Who walked where, from above: metres are as long across as up, whatever is shown.
   const MARGIN_M = 1;
   const REACH = 40; // pixels from a walk within which it is read off
-  const AXES = [60, 34]; // what the axes take of width and height, nearly
+  const PADDING = [8, 16]; // above and to the right of the plot
+  const AXES = [52, 26]; // what the axes take of width and height
+  const AROUND = [PADDING[1] + AXES[0], PADDING[0] + AXES[1]];
   const TALLEST = 620;
-  const limits = (key) => {
-    const values = [...walks, ...anchors, ...around].flatMap((each) => each[key]);
-    return values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
-  };
-  const padded = ([low, high]) => [low - MARGIN_M, high + MARGIN_M];
-  const whole = { x: padded(limits("x")), y: padded(limits("y")) };
+  const MARK = 5; // half a mark's size
+  const FONT = "system-ui, sans-serif";
+  const LABEL_PX = 12;
+  const LABEL_LEFT = 1.8 * MARK; // from an anchor to its label
+  const span = (values) =>
+    values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
   const size = ([low, high]) => high - low;
   const middle = ([low, high]) => (low + high) / 2;
+
+  // All that is to be seen at once: metres, and the pixels that a mark or a label takes before and after them.
+  const marks = { before: MARK + 3, after: MARK + 3 };
+  const ruler = document.createElement("canvas").getContext("2d");
+  ruler.font = `${LABEL_PX}px ${FONT}`;
+  const items = [...walks, ...around].map(({ x, y }) => ({
+    x: { ends: span([x].flat()), ...marks },
+    y: { ends: span([y].flat()), ...marks },
+  }));
+  for (const { label, x, y } of anchors) {
+    const after = LABEL_LEFT + ruler.measureText(label).width + 3;
+    items.push({ x: { ends: [x, x], ...marks, after }, y: { ends: [y, y], ...marks } });
+  }
+  const box = (key) => span(items.flatMap((item) => item[key].ends));
+  const padded = ([low, high]) => ({ ends: [low - MARGIN_M, high + MARGIN_M], before: 0, after: 0 });
+  items.push({ x: padded(box("x")), y: padded(box("y")) });
+  if (walls && walls.runs.length) {
+    const { cell_m: cell, runs } = walls;
+    const every = (first, value) => runs.filter((_, at) => at % 3 === first).map(value);
+    const [left, right] = [every(1, (start) => start), every(2, (long, at) => runs[3 * at + 1] + long)];
+    const rows = every(0, (row) => row);
+    const metres = (from, cells) => ({ ends: span(cells).map((at) => from + at * cell), before: 2, after: 2 });
+    items.push({
+      x: metres(walls.x, [span(left)[0], span(right)[1]]),
+      y: metres(walls.y, [span(rows)[0], span(rows)[1] + 1]),
+    });
+  }
+  const whole = { x: box("x"), y: box("y") };
   let view = whole;
+  let wanted = null; // the box to be seen; null is all
 
   const [place, area] = openChart(name, "Arrows move the map, plus and minus zoom, 0 shows all.");
   const heightFor = (width) =>
-    Math.min(TALLEST, Math.max(240, ((width - AXES[0]) * size(whole.y)) / size(whole.x) + AXES[1]));
+    Math.min(TALLEST, Math.max(240, ((width - AROUND[0]) * size(whole.y)) / size(whole.x) + AROUND[1]));
 
-  // The smallest view that has the whole box in it, with equal metres both ways.
-  const show = (chart, box) => {
-    const { width, height } = chart.bbox;
-    const metre = Math.max(size(box.x) / width, size(box.y) / height, 1e-6);
-    const around = (range, pixels) => [middle(range) - (metre * pixels) / 2, middle(range) + (metre * pixels) / 2];
-    view = { x: around(box.x, width), y: around(box.y, height) };
+  const set = (chart, centre, metre, pixels) => {
+    const around = (value, count) => [value - (metre * count) / 2, value + (metre * count) / 2];
+    view = { x: around(centre.x, pixels.x), y: around(centre.y, pixels.y) };
     chart.batch(() => {
       for (const key of ["x", "y"]) chart.setScale(key, { min: view[key][0], max: view[key][1] });
     });
+  };
+  // The chart's own box is still the old one after a new size has been asked for.
+  const plotPixels = (chart) => ({ x: chart.width - AROUND[0], y: chart.height - AROUND[1] });
+  // The smallest view that has the whole box in it, with equal metres both ways.
+  const show = (chart, box) => {
+    wanted = box;
+    const pixels = plotPixels(chart);
+    const metre = Math.max(size(box.x) / pixels.x, size(box.y) / pixels.y, 1e-6);
+    set(chart, { x: middle(box.x), y: middle(box.y) }, metre, pixels);
+  };
+  // The smallest view that has every item in it, with its mark and label.
+  const showAll = (chart) => {
+    wanted = null;
+    const pixels = plotPixels(chart);
+    const least = (key) => {
+      const places = items.map((item) => item[key]);
+      const left = (first, last) => Math.max(pixels[key] - first.before - last.after, pixels[key] / 4);
+      return places.flatMap((first) => places.map((last) => (last.ends[1] - first.ends[0]) / left(first, last)));
+    };
+    const metre = span([...least("x"), ...least("y")])[1];
+    const centre = (key) =>
+      middle(
+        span(
+          items.flatMap(({ [key]: { ends, before, after } }) => [ends[0] - before * metre, ends[1] + after * metre]),
+        ),
+      );
+    set(chart, { x: centre("x"), y: centre("y") }, metre, pixels);
   };
   const scaled = (range, factor) => [
     middle(range) - (factor * size(range)) / 2,
@@ -65,7 +120,7 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
       walk.x.forEach((value, at) => ctx[at ? "lineTo" : "moveTo"](x(value), y(walk.y[at])));
       ctx.stroke();
       const last = walk.x.length - 1;
-      const half = 5 * devicePixelRatio;
+      const half = MARK * devicePixelRatio;
       ctx.fillStyle = ctx.strokeStyle;
       ctx.beginPath();
       ctx.arc(x(walk.x[0]), y(walk.y[0]), half, 0, 2 * Math.PI);
@@ -73,16 +128,16 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
       ctx.fill();
     });
     ctx.fillStyle = painted("text")();
-    ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.font = `${LABEL_PX * devicePixelRatio}px ${FONT}`;
     for (const anchor of anchors) {
-      const [left, top, half] = [x(anchor.x), y(anchor.y), 5 * devicePixelRatio];
+      const [left, top, half] = [x(anchor.x), y(anchor.y), MARK * devicePixelRatio];
       ctx.beginPath();
       ctx.moveTo(left, top - half);
       ctx.lineTo(left + half, top + half);
       ctx.lineTo(left - half, top + half);
       ctx.fill();
       ctx.textAlign = "left";
-      ctx.fillText(anchor.label, left + 1.8 * half, top + half);
+      ctx.fillText(anchor.label, left + LABEL_LEFT * devicePixelRatio, top + half);
     }
     ctx.restore();
   };
@@ -130,14 +185,15 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
       height: heightFor(area.clientWidth),
       scales: { x: { time: false, range: () => view.x }, y: { range: () => view.y } },
       series: [{}, { paths: () => null, points: { show: false } }],
-      axes: [axis(26), axis(52)],
+      axes: [axis(AXES[1]), axis(AXES[0])],
+      padding: [...PADDING, 0, 0],
       legend: { show: false },
       cursor: {
         drag: { x: true, y: true, setScale: false, dist: 4 },
         points: { show: false },
         bind: {
           dblclick: (self) => () => {
-            show(self, whole);
+            showAll(self);
             return null;
           },
         },
@@ -187,17 +243,18 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
   addBar(place, [
     ["+", "zoom in", ["+", "="], () => zoom(chart, 0.5)],
     ["\u2212", "zoom out", ["-", "_"], () => zoom(chart, 2)],
-    ["all", "show all", ["0"], () => show(chart, whole)],
+    ["all", "show all", ["0"], () => showAll(chart)],
     ["", "", ["ArrowLeft"], () => pan(chart, "x", -0.2)],
     ["", "", ["ArrowRight"], () => pan(chart, "x", 0.2)],
     ["", "", ["ArrowUp"], () => pan(chart, "y", 0.2)],
     ["", "", ["ArrowDown"], () => pan(chart, "y", -0.2)],
   ]);
-  show(chart, whole);
+  showAll(chart);
   readOff(chart);
   onWidth(area, (width) => {
     chart.setSize({ width, height: heightFor(width) });
-    show(chart, view);
+    if (wanted) show(chart, wanted);
+    else showAll(chart);
   });
   redraws.push(() => chart.redraw(false, true));
 }

@@ -56,13 +56,82 @@ const ask = async () => {
 setTimeout(ask, 200);
 """
 
+# Notes where the map draws what: the frame that it clips at, and everything from then on.
+MAP_NOTES = """
+// A browser that shows nobody its pages draws no frames and tells of no new sizes: the probe does.
+const looks = [];
+window.ResizeObserver = class {
+  constructor(look) { looks.push(look); }
+  observe() {}
+};
+const drawn = { frame: null, boxes: [], walls: [], texts: [] };
+const pen = CanvasRenderingContext2D.prototype;
+const note = {
+  rect: (_, x, y, width, height) => drawn.boxes.push([x, x + width, y, y + height]),
+  clip: () => Object.assign(drawn, { frame: drawn.boxes.at(-1), boxes: [], walls: [], texts: [] }),
+  fillRect: (_, x, y, width, height) => drawn.walls.push([x, x + width, y, y + height]),
+  fillText: (context, text, x, y) => {
+    const size = context.measureText(text);
+    drawn.texts.push([x, x + size.width, y - size.actualBoundingBoxAscent, y + size.actualBoundingBoxDescent]);
+  },
+  arc: (_, x, y, radius) => drawn.boxes.push([x - radius, x + radius, y - radius, y + radius]),
+  moveTo: (_, x, y) => drawn.boxes.push([x, x, y, y]),
+  lineTo: (_, x, y) => drawn.boxes.push([x, x, y, y]),
+};
+for (const [name, take] of Object.entries(note)) {
+  const call = pen[name];
+  pen[name] = function (...args) {
+    if (this.canvas.closest('[data-chart="trajectory"]') && typeof args[0] !== "object") take(this, ...args);
+    return call.apply(this, args);
+  };
+}
+"""
+MAP_PROBE = """
+const say = {};
+const place = document.querySelector('[data-chart="trajectory"]');
+const pause = () => new Promise((resolve) => setTimeout(resolve, 50));
+const over = () =>
+  place.querySelector("canvas").getBoundingClientRect().width - place.querySelector(".panels").clientWidth;
+const widen = async (width) => {
+  document.body.style.width = `${width}px`;
+  looks.forEach((look) => look());
+  await pause();
+};
+const see = (name) => {
+  const { frame, boxes, walls, texts } = drawn;
+  const outer = (all) => [0, 1, 2, 3].map((side) => Math[side % 2 ? "max" : "min"](...all.map((each) => each[side])));
+  const cut = over() > 1;
+  say[name] = { frame, cut, all: outer([...boxes, ...walls, ...texts]), walls: outer(walls), labels: texts.length };
+};
+const ask = async () => {
+  document.body.style.maxWidth = "none";
+  for (const [at, width] of [1200, 320, 390, 800, 1200].entries()) {
+    await widen(width);
+    see(`${at}: ${width}`);
+  }
+  await widen(390);
+  place.dispatchEvent(new KeyboardEvent("keydown", { key: "+" }));
+  await pause();
+  see("zoomed");
+  place.querySelector(".u-over").dispatchEvent(new MouseEvent("dblclick", { bubbles: true }));
+  await pause();
+  see("double click");
+  document.title = JSON.stringify(say);
+};
+setTimeout(ask, 200);
+"""
+ROOM = [[0, 0, 276], [80, 0, 1], [80, 275, 1], [177, 40, 200]]  # walls: row, first column, length; in cells of 0.1 m
 
-def _ask(page: Path, browse: Browse) -> tuple[dict[str, Any], list[str]]:
-    """A copy without the policy, with the probe in it; its answers and complaints."""
+
+def _ask(
+    page: Path, browse: Browse, probe: str = PROBE, width: int = 900, first: str = ""
+) -> tuple[dict[str, Any], list[str]]:
+    """A copy without the policy, with the probe in it, and `first` before all scripts; its answers and complaints."""
     text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text())
     probed = page.with_name("probed.html")
-    probed.write_text(text.replace("</body>", f"<script>{PROBE}</script></body>"))
-    dom, complaints = browse(probed, "--dump-dom", "--window-size=900,900", "--virtual-time-budget=4000")
+    text = text.replace("</head>", f"<script>{first}</script></head>", 1)
+    probed.write_text(text.replace("</body>", f"<script>{probe}</script></body>"))
+    dom, complaints = browse(probed, "--dump-dom", f"--window-size={width},900", "--virtual-time-budget=4000")
     title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
     assert title is not None
     return json.loads(html.unescape(title[1])), complaints
@@ -87,6 +156,44 @@ def test_charts_are_drawn_read_off_and_zoomed(tiny_run: Path, browse: Browse) ->
     assert re.fullmatch(r"0\.0\d s: l 2", say["said"])
     assert say["swapped"]
     assert say["walks"] == ["robot", "target", "re-simulated walk"]
+
+
+def _chart_data(page: Path) -> tuple[str, int, int]:
+    """The page, and from where to where the data of its charts lie in it."""
+    text = page.read_text()
+    start = text.index(">", text.index('id="chart-data"')) + 1
+    return text, start, text.index("</script>", start)
+
+
+def _with_map(page: Path, **changed: Any) -> None:
+    """Another map in the page's trajectory chart."""
+    text, start, end = _chart_data(page)
+    charts = json.loads(text[start:end])
+    charts["trajectory"] |= changed
+    page.write_text(text[:start] + to_script_json(charts) + text[end:])
+
+
+@pytest.mark.parametrize("walled", [True, False])
+def test_the_map_shows_everything_at_any_width(tiny_run: Path, browse: Browse, walled: bool) -> None:
+    page = write_report(tiny_run)
+    runs = [number for run in ROOM for number in run] if walled else []
+    anchors = [{"label": "a long label", "x": 20.0, "y": 1.2}, {"label": "0", "x": 1.0, "y": 16.0}]
+    _with_map(page, anchors=anchors, walls={"cell_m": 0.1, "x": -3.0, "y": -1.0, "runs": runs})
+    say, complaints = _ask(page, browse, MAP_PROBE, 1300, MAP_NOTES)
+    assert complaints == []
+    zoomed = say.pop("zoomed")
+    assert zoomed["all"][0] < zoomed["frame"][0]
+    assert len(say) == 6
+    for name, seen in say.items():
+        assert not seen["cut"], name
+        assert seen["labels"] == 2
+        for side, (drawn, frame) in enumerate(zip(seen["all"], seen["frame"], strict=True)):
+            assert drawn >= frame - 0.5 if side % 2 == 0 else drawn <= frame + 0.5, (name, side)
+        if walled:
+            left, right, top, bottom = seen["walls"]
+            assert (right - left) / 27.6 == pytest.approx((bottom - top) / 17.8, rel=0.01), name
+    # What a narrow page needed stays on no wide one.
+    assert say["0: 1200"] == say["4: 1200"]
 
 
 def test_the_policy_admits_the_charts_and_nothing_is_fetched(tiny_run: Path, browse: Browse) -> None:
@@ -119,9 +226,7 @@ def test_hostile_names_run_nothing(tiny_run: Path, browse: Browse) -> None:
 
 def test_hostile_labels_of_a_chart_stay_text(tiny_run: Path, browse: Browse) -> None:
     page = write_report(tiny_run)
-    text = page.read_text()
-    start = text.index(">", text.index('id="chart-data"')) + 1
-    end = text.index("</script>", start)
+    text, start, end = _chart_data(page)
     charts = json.loads(text[start:end])
     for panel in charts["commands"]["panels"]:
         panel["what"] = HOSTILE
