@@ -19,7 +19,7 @@ from quadlog.cli.places import HERE, PLACE
 @click.option("--json", "as_json", is_flag=True, help="As a JSON list on stdout, one object per run.")
 @click.option("--force", is_flag=True, help="Replace FILE.xml; with --write, replace the runs' bounds in FILE.toml.")
 def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | None, as_json: bool, force: bool) -> int:
-    r"""Hold the saved metrics of each RUN, a run folder or a folder of them, to the bounds in FILE.toml.
+    """Hold the saved metrics of each RUN, a run folder or a folder of them, to the bounds in FILE.toml.
 
     \b
     [default]                                    for every run
@@ -38,7 +38,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     keeps its comments and every other bound.
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
-    """
+    """  # noqa: D301 - click takes this for a paragraph whose lines stay
     from quadlog.errors import ExitCode, UsageError
     from quadlog.pipelines.check import check_runs, propose_bounds
     from quadlog.results.check_text import check_json, check_text

@@ -14,7 +14,8 @@ class Place(click.Path):
     """A path, or a URL, which becomes a RemotePath."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """See to_path."""
+        """See to_path. Fails for an empty text."""
+        _refuse_nothing(self, value, param, ctx)
         return to_path(value) if is_url(value) else cast(Path, super().convert(value, param, ctx))
 
 
@@ -22,10 +23,17 @@ class Here(click.Path):
     """A path of this machine."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Fails for a URL, which would become a folder of a strange name."""
+        """Fails for a URL, which would become a folder of a strange name, and for an empty text."""
+        _refuse_nothing(self, value, param, ctx)
         if is_url(value):
             self.fail("a path of this machine is needed here, no URL", param, ctx)
         return cast(Path, super().convert(value, param, ctx))
+
+
+def _refuse_nothing(kind: click.Path, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> None:
+    """A shell's variable that is not set would stand for the current folder."""
+    if value == "":
+        kind.fail("an empty text names no place", param, ctx)
 
 
 # Not looked at here: what cannot be read is told in one line, not as wrong usage.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
-from quadlog.errors import AlreadyExists, CannotWrite
+from quadlog.errors import AlreadyExists, CannotWrite, UsageError
 from quadlog.results.expectations import Expectations, read_expectations, read_text
+from quadlog.results.failed_recordings import failed_recordings
 from quadlog.results.files import write_whole
 from quadlog.results.find_runs import find_runs, run_labels
 from quadlog.results.junit import junit_xml
@@ -18,14 +19,17 @@ from quadlog.results.schemas import METRIC_NAMES
 def check_runs(
     paths: Sequence[Path], expect: Path, junit: Path | None, force: bool, say: Callable[[str], None]
 ) -> list[RunCheck]:
-    """Check every run; junit: where to write the JUnit XML, None for nowhere. A run that cannot be read has an error.
+    """Check every run; junit: where to write the JUnit XML, None for nowhere.
 
-    Raises NotARun for a path without runs, AlreadyExists, CannotWrite, and what
-    reading the file of bounds raises.
+    A run that cannot be read has an error, and so has a recording that could not be replayed. Raises NotARun for a path
+    without runs, AlreadyExists, CannotWrite, UsageError, and what reading the file of bounds raises.
     """
     if junit is not None:
+        if junit.resolve() == expect.resolve():
+            raise UsageError(f"--junit {junit} would replace the bounds of --expect")
         _refuse_existing(junit, force)
     runs = [read_or_explain(run) for run in find_runs(paths)]
+    runs += [RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
     readable = [run for run in runs if isinstance(run, SavedRun)]
     expectations = read_expectations(expect, _known_metrics(readable))
     checks = [check_run(run, expectations) if isinstance(run, SavedRun) else run for run in runs]

@@ -14,8 +14,10 @@ from quadlog.metrics.spread import Spread, spread
 from quadlog.metrics.summary import Samples, Summary, summarise
 from quadlog.pipelines.reference import REFERENCE_METRICS, Reference, compare_with_reference
 from quadlog.pipelines.saved_samples import read_samples
+from quadlog.results.failed_recordings import failed_recordings
 from quadlog.results.find_runs import find_runs, run_labels
 from quadlog.results.run_folder import read_run_json, read_sound_metrics
+from quadlog.text import printable
 
 _SAME = 1e-9  # relative: what adding up in another order may differ by
 _TOLD = 3
@@ -49,8 +51,8 @@ def measure_runs(
     """Every metric of every run among the paths (see `find_runs`), in their order.
 
     in_detail: whether the samples behind the values are read too; None for a run that is alone.
-    A condition on a metric that a run does not have, or on a run that cannot be read, counts as failing: a check that
-    could not be made has not been passed.
+    A condition on a metric that a run does not have, on a run that cannot be read, or on a recording of the folder that
+    could not be replayed, counts as failing: a check that could not be made has not been passed.
 
     Raises NotARun for a path without a run, and what is wrong with the runs when not one of them can be read.
     """
@@ -73,6 +75,9 @@ def measure_runs(
         said += lines
         problems += damage
         failing += _failing(path, measured, conditions)
+    for path, why in failed_recordings(paths).items():
+        problems.append(why)
+        failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
     return MetricsOutcome(runs, spread_of(runs), said, problems, failing)
@@ -113,7 +118,7 @@ def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
     except NotARun as error:
         return {}, [f"{error}; shown is what the tables give"]
     metrics = {
-        name: Measured(float(each["value"]), int(each.get("n", 0)), str(each.get("unit", "")))
+        name: Measured(float(each["value"]), int(each.get("n", 0)), printable(each.get("unit", "")))
         for name, each in sound.items()
         if name in CATALOGUE
     }

@@ -9,6 +9,7 @@ from pathlib import Path
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
 from quadlog.results.derived_mcap import write_derived
 from quadlog.results.files import whole_file
+from quadlog.results.run_folder import read_run_json
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import write_tum
@@ -18,10 +19,11 @@ def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Pa
     """What was written of the run folder `run` as `to`: a file `output` (tum, mcap), or files in it (csv, rosmap).
 
     Raises UnknownName for a format that EXPORTERS does not have, NotARun when
-    the run lacks the result, AlreadyExists unless `force`, CannotWrite.
+    the run is not finished or lacks the result, AlreadyExists unless `force`, CannotWrite.
     """
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
+    read_run_json(run)  # one that is not finished holds half of what it will
     return EXPORTERS[to](run, output, force)
 
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import cast
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results.find_runs import find_runs
+from quadlog.results.find_runs import find_runs, is_run
 from quadlog.results.names import OWN_FILES, run_name
 from quadlog.storage.copying import copy_object
 from quadlog.storage.remote_path import RemotePath
 
 PLOTS = "plots"
+_SUMMARY = "summary.parquet"
 # What tells of a run in a few kilobytes.
 RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
 # What metrics are made of: tables, and what tells of the run.
@@ -56,8 +57,10 @@ def runs_here(paths: Sequence[Path], names: Collection[str] = OWN_FILES) -> Iter
 
 
 def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str] = OWN_FILES) -> Path:
-    """A run, or a folder of runs, copied into a new folder; returns where it is. Raises as runs_here."""
+    """A run, or a folder of runs with its summary, copied to a new folder; returns where it is. Raises as runs_here."""
     top = scratch / run_name(remote.name)
+    if not remote.is_web() and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
+        fetch({_SUMMARY: remote / _SUMMARY}, top)
     for run in _runs_at(remote):
         inside = [run_name(name) for name in run.url.removeprefix(remote.url.rstrip("/")).strip("/").split("/") if name]
         fetch({name: file for name, file in _files_at(run).items() if name in names}, top.joinpath(*inside))

@@ -131,3 +131,26 @@ def test_usage(follow, bounds, tmp_path, capsys):
     assert check(tmp_path / "nothing", "--expect", bounds) == 1
     assert check(follow, "--expect", tmp_path / "nothing.toml") == 1
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_recording_without_a_run_is_no_success(follow, bounds, tmp_path, capsys):
+    (tmp_path / "season").mkdir()
+    shutil.copy(FIXTURES / "follow.mcap", tmp_path / "season" / "follow.mcap")
+    (tmp_path / "season" / "broken.bag").write_text("no bag")
+    config = str(FIXTURES / "follow.toml")
+    what = ["-c", config, "-o", str(tmp_path / "runs"), "--until", "position", "--duration", "0.5", "--jobs", "1"]
+    assert run(["replay", str(tmp_path / "season"), *what]) == 3
+    capsys.readouterr()
+    assert check(tmp_path / "runs", "--expect", bounds, "--junit", tmp_path / "junit.xml") == 1
+    assert "broken: was not replayed: its first bytes" in capsys.readouterr().err
+    assert len(list(ET.parse(tmp_path / "junit.xml").getroot().iter("error"))) == 1
+    assert check(tmp_path / "runs" / "follow", "--expect", bounds) == 0
+    assert run(["metrics", str(tmp_path / "runs")]) == 3
+    assert "broken: was not replayed: its first bytes" in capsys.readouterr().err
+    assert run(["metrics", str(tmp_path / "runs"), "--fail-if", "uwb_rmse_m>1e9"]) == 4
+
+
+def test_bounds_are_not_replaced_by_what_they_found(follow, bounds):
+    before = bounds.read_text()
+    assert check(follow, "--expect", bounds, "--junit", bounds, "--force") == 2
+    assert bounds.read_text() == before

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -68,6 +69,15 @@ def test_what_is_no_run_is_refused_in_one_line(tmp_path, capsys):
     assert run(["export", str(tmp_path), "--to", "csv", "-o", str(tmp_path / "out")]) == 1
     assert run(["report", str(tmp_path)]) == 1
     assert capsys.readouterr().err.count("\n") == 2
+
+
+@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
+def test_a_run_that_is_not_finished_is_not_exported(runs, to, tmp_path, capsys):
+    half = shutil.copytree(runs / "follow", tmp_path / "half")
+    (half / "run.json").unlink()
+    assert run(["export", str(half), "--to", to, "-o", str(tmp_path / "out")]) == 1
+    assert "is no finished run" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_report_draws_the_same_pages_again(runs, capsys):

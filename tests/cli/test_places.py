@@ -88,3 +88,9 @@ def test_a_run_is_read_where_it_lies(
     assert there in capsys.readouterr().out
     assert run(["info", recording]) == 0
     assert "SECRET" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [["metrics", ""], ["report", ""], ["replay", "x.mcap", "-o", ""]])
+def test_a_variable_that_is_not_set_is_no_folder(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(arguments) == 2
+    assert "an empty text names no place" in capsys.readouterr().err
