@@ -23,11 +23,13 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
         if helper is not None:
             helper.submit(load_drawing)
         load_drawing()
-        from quadlog.results.report import write_folder_report, write_report
-        from quadlog.results.tables import has_table
+        from quadlog.pipelines.summary import rebuild_summary
+        from quadlog.results.find_runs import is_run
+        from quadlog.results.report import write_report
 
         for run in runs:
-            yield write_folder_report(run) if has_table(run, "summary") else write_report(run, helper)
+            alone = is_run(run) or not run.is_dir()
+            yield write_report(run, helper) if alone else rebuild_summary(run)
 
 
 def load_drawing() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError
-from quadlog.pipelines.progress import Progress
+from quadlog.pipelines.progress import Kept, Progress
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.summary_folder import open_summary_folder
 from quadlog.results.names import run_name
@@ -46,6 +46,16 @@ def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: P
                 write_folder_report(here)
             if not _finished_runs(folder, rows):
                 break
+
+
+def rebuild_summary(folder: Path) -> Path:
+    """Summary and page of a folder by the runs that are in it now. Raises NotARun where there are none, CannotWrite."""
+    if not has_table(folder, "summary") and not _finished_runs(folder, ()):
+        raise NotARun(folder, "is no run, and there is none in it")
+    summarise({folder}, [], said := Kept())
+    if said.lines:
+        raise NotARun(folder, said.lines[0].removeprefix(f"warning: {folder}: "))
+    return folder / "report.html"
 
 
 def _rows(folder: Path, earlier: Rows, own: Mapping[str, ReplayOutcome]) -> Rows:

@@ -15,7 +15,6 @@ from quadlog.errors import CannotWrite
 from quadlog.results.chart_panels import to_script_json
 from quadlog.results.charts import run_charts
 from quadlog.results.files import write_whole
-from quadlog.results.folder_report import write_folder_report
 from quadlog.results.page import render_page
 from quadlog.results.plots.figures import PLOTS, render_plots
 from quadlog.results.plots.run_data import RunData
@@ -23,8 +22,6 @@ from quadlog.results.plots.shared_drawing import SharedDrawing
 from quadlog.results.record import RunRecord
 from quadlog.results.schemas import METRIC_NAMES
 from quadlog.stages import STAGES
-
-__all__ = ["write_folder_report", "write_report"]
 
 _MAX_CONFIG_CHARS = 1_000_000
 _MAX_FRAMES_BYTES = 64 << 20

@@ -10,6 +10,7 @@ from quadlog.pipelines import reports
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.reports import rebuild_reports
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,21 @@ def test_two_processes_write_what_one_does(run, monkeypatch):
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_is_no_run_is_said_and_those_before_it_are_done(run, tmp_path, monkeypatch, count):
     monkeypatch.setattr(reports, "cores", lambda: count)
-    written = rebuild_reports([run, tmp_path])
+    (tmp_path / "empty").mkdir()
+    written = rebuild_reports([run, tmp_path / "empty"])
     assert next(written) == run / "report.html"
     with pytest.raises(NotARun):
         next(written)
+
+
+def test_the_page_of_a_folder_has_the_runs_that_are_in_it_now(run, tmp_path):
+    season = tmp_path / "season"
+    for name in ("first", "second"):
+        shutil.copytree(run, season / name)
+    assert list(rebuild_reports([season])) == [season / "report.html"]
+    assert read_table(season, "summary")["recording"].tolist() == ["first", "second"]
+    shutil.rmtree(season / "first")
+    shutil.copytree(run, season / "third")
+    list(rebuild_reports([season]))
+    assert read_table(season, "summary")["recording"].tolist() == ["second", "third"]
+    assert "first" not in (season / "report.html").read_text()
