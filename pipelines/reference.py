@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Int, PoseSeries
-from quadlog.metrics.clock_offset import estimate_clock_offset
+from quadlog.metrics.clock_offset import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, associate, pair_errors
 from quadlog.metrics.rigid_alignment import align_rigidly, project_to_plane
 from quadlog.metrics.summary import Samples
@@ -150,11 +150,17 @@ def _uwb_samples(run: Path, reference: Reference) -> dict[str, Samples]:
 def _why_nothing_matches(truth: Trajectory, estimate: Trajectory, how: OnTime) -> str:
     """Both ranges, their overlap, and what might be the matter, in one line."""
     words = f"no two poses within {how.max_difference_s:g} s; {_ranges(truth.t_ns, estimate.t_ns, how)}"
-    found = estimate_clock_offset(truth, estimate)
-    if found.correlation is None:
-        return f"{words}; speeds do not tell an offset; for both to start together: --t-offset {found.offset_s:.3f}"
-    agree = f"correlation {found.correlation:.2f}"
-    return f"{words}; estimated offset {found.offset_s:.3f} s ({agree} of speeds): --t-offset {found.offset_s:.3f}"
+    return f"{words}; {_offset_words(estimate_clock_offset(truth, estimate))}"
+
+
+def _offset_words(found: ClockOffset | None) -> str:
+    """A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results."""
+    if found is None:
+        return "no offset can be told: too short, too little motion, or another walk"
+    if found.rival_s is not None:
+        return f"the offset is ambiguous: {found.offset_s:.3f} s and {found.rival_s:.3f} s fit about as well"
+    apart = f"positions {found.residual_m:.3f} m apart once aligned"
+    return f"estimated offset {found.offset_s:.3f} s ({apart}): --t-offset {found.offset_s:.3f}"
 
 
 def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:

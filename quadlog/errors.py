@@ -116,12 +116,15 @@ class AmbiguousTopic(QuadlogError):
 
 
 class UnknownTopic(QuadlogError):
-    """The configuration names a topic that the recording does not have, or one of another type."""
+    """A topic that the recording does not have, or of another type than its role in the configuration, if any."""
 
-    def __init__(self, role: str, topic: str, choices: Iterable[str], why: str = "is not in the recording") -> None:
+    def __init__(
+        self, role: str | None, topic: str, choices: Iterable[str], why: str = "is not in the recording"
+    ) -> None:
         self.role, self.topic, self.choices = role, topic, list(choices)
         listed = ", ".join(self.choices) or "none"
-        super().__init__(f"topics.{role}: {topic} {why}; the recording has: {listed}")
+        where = f"topics.{role}: " if role else ""
+        super().__init__(f"{where}{topic} {why}; the recording has: {listed}")
 
 
 class MissingInput(QuadlogError):
@@ -182,6 +185,14 @@ class AlreadyExists(QuadlogError):
     def __init__(self, path: Path | str, flags: str = "--force") -> None:
         self.path = path
         super().__init__(f"{path} exists; {flags} allows it")
+
+
+class RunOfAnother(QuadlogError):
+    """A finished run that is to be completed, but was made from another recording."""
+
+    def __init__(self, run: Path | str, recording: str) -> None:
+        self.run, self.recording = run, recording
+        super().__init__(f"{run}: is the run of {recording}; --force replaces it, another -o keeps it")
 
 
 class NotARun(QuadlogError):

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
+from quadlog.messages import Float
 from quadlog.metrics.positioning import Trajectory
 
 _RANK = 1e-9  # of the largest singular value
@@ -30,3 +31,15 @@ def project_to_plane(trajectory: Trajectory) -> Trajectory:
     """The trajectory in the plane z = 0: heights, roll and pitch left out."""
     position_m = trajectory.position_m * np.array([1.0, 1.0, 0.0])
     return Trajectory(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
+
+
+def aligned_square_m2(spread_m2: Float, other_spread_m2: Float, covariance_m2: Float) -> Float:
+    """Mean squared distance (L,) that the best rigid motion leaves between the pairs of each of L sets [Umeyama].
+
+    From what a set can be summed up in: the variances (L,) of both trajectories, as mean squared distances from
+    their means, and covariance_m2 (L, 3, 3), one row for each axis of the first. On one line, too.
+    """
+    turned = np.linalg.svd(covariance_m2, compute_uv=False)
+    turned[:, 2] *= np.sign(np.linalg.det(covariance_m2))
+    left_m2: Float = np.maximum(spread_m2 + other_spread_m2 - 2 * turned.sum(axis=1), 0)
+    return left_m2

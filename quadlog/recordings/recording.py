@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 from types import TracebackType
 
-from quadlog.errors import DecodeError
+from quadlog.errors import DecodeError, UnknownTopic
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Channel, Container, Loss, RawMessage
@@ -102,15 +102,25 @@ class Recording:
         return list(dict.fromkeys(channel.type_name for channel in self.channels if channel.topic == topic))
 
     def messages(
-        self, topics: Collection[str], start_ns: int | None = None, end_ns: int | None = None
+        self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Timed]:
         """Decoded messages with start_ns <= t_ns < end_ns, in the order they were logged, one at a time.
 
-        Topics of types that quadlog does not use yield nothing. What cannot be
-        decoded is counted as a loss and skipped, as is a topic with two types;
-        a stamp far from its topic's others, with a warning. Raises ClocksDiffer
-        where the times of these topics and those read before cannot be compared.
+        Of one topic or several; those of types that quadlog does not use yield
+        nothing. What cannot be decoded is counted as a loss and skipped, as is
+        a topic with two types; a stamp far from its topic's others, with a
+        warning. Raises UnknownTopic for one that the recording does not have,
+        at once; and ClocksDiffer where the times of these topics and those read
+        before cannot be compared.
         """
+        topics = [topics] if isinstance(topics, str) else list(topics)
+        known = {channel.topic for channel in self.channels}
+        for topic in topics:
+            if topic not in known:
+                raise UnknownTopic(None, topic, sorted(known))
+        return self._within(topics, start_ns, end_ns)
+
+    def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
         self._learn_clocks(self._sound_topics(topics))
         for timed in self.logged(topics, *self.log_window(topics, start_ns, end_ns)):
             if (start_ns is None or timed.t_ns >= start_ns) and (end_ns is None or timed.t_ns < end_ns):

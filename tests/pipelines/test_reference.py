@@ -16,9 +16,10 @@ from quadlog.metrics.summary import summarise
 from quadlog.pipelines.reference import REFERENCE_METRICS, OnTime, Reference, compare_with_reference
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.results.run_folder import read_metrics
-from quadlog.results.tum import read_tum
+from quadlog.results.tum import read_tum, write_tum
 
 NS = 1_000_000_000
+EPOCH_NS = 1_767_225_600 * NS
 
 
 @pytest.fixture
@@ -95,19 +96,50 @@ def test_the_runs_own_reference_gives_the_runs_own_metrics(short_run):
         assert summarise(each).n == saved[name]["n"], name
 
 
-def test_a_clock_that_differs_is_refused_with_its_offset(short_run, tmp_path):
-    truth = write_truth(tmp_path / "truth.tum", short_run.run, -1_000_000 * NS)
-    with pytest.raises(NoCommonTime) as told:
-        compare_with_reference(short_run.run, Reference.read(truth, OnTime()))
-    words = str(told.value)
-    assert "\n" not in words
-    assert "overlap 0.000 s" in words
-    for t_ns in read_tum(truth).t_ns[[0, -1]]:
-        assert f"{t_ns / NS:.3f}" in words
-    offset_s = float(words.split("--t-offset ")[1])
-    assert offset_s == pytest.approx(-1_000_000, abs=1)
-    back = compare_with_reference(short_run.run, Reference.read(truth, OnTime(offset_s=-1_000_000.0)))
-    assert summarise(back.samples["uwb_rmse_m"]).value < 3
+def saved_walk(folder: Path, position_m: np.ndarray) -> Path:
+    """A run of nothing but poses at 20 Hz."""
+    folder.mkdir()
+    write_tum(
+        folder / "trajectory.tum", EPOCH_NS + np.arange(len(position_m)) * NS // 20, *position_m.T, 0 * position_m[:, 0]
+    )
+    return folder
+
+
+def test_a_clock_that_differs_is_refused_with_its_offset(tmp_path):
+    at_s, rng = np.arange(0, 40, 0.05), np.random.default_rng(0)
+    turned_rad = 0.3 * at_s + 2 * np.sin(at_s / 4)
+    position_m = np.cumsum(0.03 * np.column_stack([np.cos(turned_rad), np.sin(turned_rad)]), axis=0)
+    run = saved_walk(tmp_path / "walk", position_m + rng.normal(0, 0.03, position_m.shape))
+    truth = tmp_path / "truth.tum"
+    t_ns = EPOCH_NS + 3600 * NS + np.arange(len(position_m)) * NS // 20
+    for rows in (slice(None), slice(None, None, 40), slice(200, None)):
+        write_tum(truth, t_ns[rows], *position_m[rows].T, 0 * t_ns[rows])
+        with pytest.raises(NoCommonTime) as told:
+            compare_with_reference(run, Reference.read(truth, OnTime()))
+        words = str(told.value)
+        assert "\n" not in words
+        assert "overlap 0.000 s" in words
+        for each_ns in read_tum(truth).t_ns[[0, -1]]:
+            assert f"{each_ns / NS:.3f}" in words
+        offset_s = float(words.split("--t-offset ")[1])
+        assert offset_s == pytest.approx(3600, abs=0.1)
+        back = compare_with_reference(run, Reference.read(truth, OnTime(0.03, offset_s)))
+        assert summarise(back.samples["ate_rmse_m"]).value < 0.1
+
+
+def test_an_offset_that_cannot_be_told_is_no_flag_to_paste(short_run, tmp_path):
+    at_s = np.arange(0, 60, 0.05)
+    steady, ahead = tmp_path / "steady", tmp_path / "ahead.tum"
+    saved_walk(steady, np.column_stack([0.6 * at_s, 0 * at_s]))
+    write_tum(ahead, EPOCH_NS + 3600 * NS + np.arange(len(at_s)) * NS // 20, 0.6 * at_s, 0 * at_s, 0 * at_s)
+    brief = write_truth(tmp_path / "brief.tum", short_run.run, 1000 * NS)
+    for run, truth, words in (
+        (steady, ahead, r"; the offset is ambiguous: 3\d{3}\.\d{3} s and 3\d{3}\.\d{3} s fit about as well$"),
+        (short_run.run, brief, "; no offset can be told: too short"),
+    ):
+        with pytest.raises(NoCommonTime, match=words) as told:
+            compare_with_reference(run, Reference.read(truth, OnTime()))
+        assert "--t-offset" not in str(told.value)
 
 
 def test_the_pairing_is_told_and_heights_that_count(short_run, truth):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadlog.errors import ClocksDiffer
+from quadlog.errors import ClocksDiffer, UnknownTopic
 from quadlog.messages import Odometry, UwbRanges
 from quadlog.recordings.container import Channel
 from quadlog.recordings.log_window import MARGIN_NS
@@ -29,6 +29,26 @@ def test_header_or_log_clock(log: Any) -> None:
         log.add("/odom", T0 + i * S, log.ros.odometry(T0 + i * S - 5, float(i)))
     assert times(Recording(log.container), ["/odom"]) == [T0 + i * S - 5 for i in range(3)]
     assert times(Recording(log.container, stamp="log"), ["/odom"]) == [T0 + i * S for i in range(3)]
+
+
+def test_one_topic_needs_no_list(log: Any) -> None:
+    log.add("/odom", T0, log.ros.odometry(T0, 0.0))
+    log.add("/o", T0 + 1, log.ros.odometry(T0 + 1, 0.0))
+    recording = Recording(log.container)
+    assert times(recording, "/odom") == times(recording, ["/odom"]) == [T0]
+    assert times(recording, []) == []
+
+
+@pytest.mark.parametrize("topics", ["/odm", "odom", ["/odom", "/odm"], {"/odm": 1}, iter(["/odm"])])
+def test_a_topic_that_is_not_there_is_refused_at_once(log: Any, topics: Any) -> None:
+    log.add("/odom", T0, log.ros.odometry(T0, 0.0))
+    log.container.add(RANGING, T0 + 1, RANGING_PAYLOAD)
+    recording = Recording(log.container)
+    with pytest.raises(
+        UnknownTopic, match=r"^/?od.*m is not in the recording; the recording has: /gtec, /odom$"
+    ) as told:
+        recording.messages(topics)
+    assert (told.value.role, told.value.choices) == (None, ["/gtec", "/odom"])
 
 
 def test_zero_stamps_fall_back_to_log_time_with_a_warning(log: Any) -> None:
