@@ -10,6 +10,7 @@ import click
 
 from quadlog.cli.versions import print_versions
 from quadlog.errors import ExitCode, QuadlogError
+from quadlog.pipelines.engine.interrupts import take_one_interrupt
 from quadlog.text import printable
 
 COMMANDS = (
@@ -56,6 +57,7 @@ def main() -> None:
     """Entry point: a known error is one line on stderr, an unknown one a traceback, which is a bug in quadlog."""
     # MuJoCo looks for a way to draw when it is imported, and fails where there is none; who draws, chooses.
     os.environ["MUJOCO_GL"] = "disable"
+    take_one_interrupt()
     sys.exit(run(sys.argv[1:]))
 
 

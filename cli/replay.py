@@ -127,7 +127,8 @@ def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
     expected_s = total_s(previewed, jobs or 1)
     if expected_s is None:
         return f"{words}; how long that takes is known once one has run"
-    at_a_time = "1 worker" if (jobs or 1) == 1 else f"{jobs} workers"
+    workers = min(jobs or 1, max(1, len(todo)))
+    at_a_time = "1 worker" if workers == 1 else f"{workers} workers"
     return f"{words}; about {duration_words(expected_s)} with {at_a_time}"
 
 

@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import Any
 
 from quadlog.errors import AlreadyExists, CannotWrite, ExitCode
 from quadlog.pipelines.batch_plan import Planned, existing_runs
@@ -17,6 +18,7 @@ from quadlog.pipelines.engine.engine import open_engine
 from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.remote_runs import replay_anywhere
 from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.replay_cost import measured
 from quadlog.pipelines.summary import summarise
 from quadlog.results.files import remove_stale_parts
 
@@ -50,7 +52,10 @@ class BatchOutcome:
 
 def replay_alone(planned: Planned, jobs: int, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process, which others help with the scans of a long one. Raises its error."""
-    outcome = replay_anywhere(replace(planned.request, processes=jobs), progress)
+    cost: dict[str, Any] = {}
+    with measured(cost, planned.request.run, planned.size_bytes):
+        outcome = replay_anywhere(replace(planned.request, processes=jobs), progress)
+    outcome = replace(outcome, cost=cost)
     summarise({planned.request.run.parent}, [outcome], progress)
     return BatchOutcome((outcome,))
 
@@ -95,10 +100,10 @@ def _clear_unfinished(batch: Sequence[Planned]) -> None:
 def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) -> BatchTask:
     """REFUSE has been looked after, and a worker that takes over from a killed one finds what that one began."""
     request, size_bytes = batch[number].request, batch[number].size_bytes
-    passing = shared.get(request.run.parent)
-    if request.existing is Existing.REFUSE:
+    passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
+    if refuses:
         request = replace(request, existing=Existing.RESUME)
-    return BatchTask(number, _from_anywhere(request) if shared else request, size_bytes, passing)
+    return BatchTask(number, _from_anywhere(request) if shared else request, size_bytes, passing, refuses)
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
@@ -122,6 +127,11 @@ def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
     return refused
 
 
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
 @contextmanager
 def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
     """A passing file in each output folder, by which workers elsewhere know that they see the same one."""
@@ -131,7 +141,9 @@ def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
             if not isinstance(folder, Path):
                 continue  # a URL: the same for all
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                if not folder.exists():
+                    folder.mkdir(parents=True)
+                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: no worker was to be had
                 passing = stack.enter_context(NamedTemporaryFile(dir=folder, prefix=".quadlog-", suffix=".part"))
             except OSError as error:
                 raise CannotWrite(folder, error.strerror or str(error)) from error

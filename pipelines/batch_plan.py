@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.config import Config
-from quadlog.errors import QuadlogError
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, finished_outcome, reusable_stages
+from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
+from quadlog.pipelines.finished_runs import outcome_there, refuse_another
+from quadlog.pipelines.kept_names import kept_names
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, reusable_stages
 from quadlog.recordings.find import find_recordings
 from quadlog.results.files import is_part
-from quadlog.results.names import run_names
-from quadlog.results.record import input_bytes, own_files
+from quadlog.results.record import describe_input, input_bytes, own_files
 from quadlog.results.run_folder import read_run_json
 
 SAMPLED_RUNS = 64
@@ -58,11 +59,16 @@ def plan_batch(
     existing: Existing,
     command: tuple[str, ...],
 ) -> list[Planned]:
-    """What would run, and where to; nothing is written. Raises RecordingNotFound for an argument without recordings."""
+    """What would run, and where to; nothing is written.
+
+    Raises RecordingNotFound for an argument without recordings, CannotWrite for an output that is no folder.
+    """
     recordings = find_recordings(arguments)
+    if output.exists() and not output.is_dir():
+        raise CannotWrite(output, "is no folder")
     requests = [
         ReplayRequest(recording, output / name, config, options, existing, command)
-        for recording, name in zip(recordings, run_names(recordings), strict=True)
+        for recording, name in zip(recordings, kept_names(recordings, output), strict=True)
     ]
     return [Planned(request, _size(request.recording)) for request in requests]
 
@@ -80,7 +86,7 @@ def total_s(previewed: Iterable[Previewed], jobs: int) -> float | None:
     known = [each for each in expected if each is not None]
     if len(known) < len(expected):
         return None
-    free_s = [0.0] * jobs
+    free_s = [0.0] * max(1, min(jobs, len(known)))
     for seconds in sorted(known, reverse=True):
         free_s[free_s.index(min(free_s))] += seconds
     return max(free_s)
@@ -102,8 +108,14 @@ def _preview(planned: Planned, is_there: bool, seconds_per_byte: float | None) -
         return Previewed(planned, "refuse", expected_s=0.0)
     if existing is Existing.FORCE:
         return Previewed(planned, "replace", expected_s=whole_s)
-    if finished_outcome(planned.request) is not None:
-        return Previewed(planned, "skip", expected_s=0.0)
+    if (planned.request.run / "run.json").is_file():
+        described = describe_input(planned.request.recording)
+        if outcome_there(planned.request, described) is not None:
+            return Previewed(planned, "skip", expected_s=0.0)
+        try:
+            refuse_another(planned.request, described)
+        except RunOfAnother:
+            return Previewed(planned, "refuse", expected_s=0.0)
     return Previewed(planned, "resume", reusable_stages(planned.request), whole_s)
 
 

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
-from quadlog.errors import ClusterUnusable, QuadlogError, VersionsDiffer, WorkerDied
+from quadlog.errors import ClusterUnusable, VersionsDiffer, WorkerDied
 from quadlog.pipelines.batch_progress import BatchProgress, Tally
-from quadlog.pipelines.batch_task import BatchAnswer, BatchTask, peak_words, replay_task
+from quadlog.pipelines.batch_task import BatchAnswer, BatchTask, out_of_memory_words, peak_words, replay_task
 from quadlog.pipelines.engine.engine import Engine
+from quadlog.pipelines.engine.memory import is_out_of_memory
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.stages import reused_words
 
@@ -34,7 +35,7 @@ class BatchRun:
         self._progress.expect(self._tally, engine.workers())
         tasks = list(self._todo)
         try:
-            for task, future in engine.done(replay_task, self._todo):
+            for task, future in engine.done(replay_task, self._todo, self._progress.say):
                 self._take(task, future, engine)
         except (ClusterUnusable, VersionsDiffer) as error:
             self._halt(str(error), engine)
@@ -66,15 +67,23 @@ class BatchRun:
                 self._died.add(task.number)
                 self._todo.appendleft(task)
                 return
-        except (ClusterUnusable, VersionsDiffer, ImportError) as error:
-            words = str(error) if isinstance(error, QuadlogError) else f"a worker cannot load quadlog: {error}"
-            self._halt(words, engine)
-            answer = self._halted_answer(task)
         except Exception as error:
-            answer = _failed(task, f"a bug in quadlog: {type(error).__name__}: {error}")
+            answer = self._answer_of(task, error, engine)
         self._count(task, answer)
         if answer.disk_full:
-            self._halt(f"disk full ({answer.disk_full})", engine)
+            self._halt(f"disk full ({answer.disk_full.removesuffix(f'; {GOES_ON}')})", engine)
+
+    def _answer_of(self, task: BatchTask, error: Exception, engine: Engine) -> BatchAnswer:
+        """Of an error that came instead of an answer, and of which some would be every other recording's, too."""
+        if is_out_of_memory(error):
+            return _failed(task, out_of_memory_words(self._peak_mb.get(task.number)))
+        if isinstance(error, (ClusterUnusable, VersionsDiffer)):
+            self._halt(str(error), engine)
+        elif isinstance(error, ImportError):
+            self._halt(f"a worker cannot load quadlog: {error}", engine)
+        else:
+            return _failed(task, f"a bug in quadlog: {type(error).__name__}: {error}")
+        return self._halted_answer(task)
 
     def _count(self, task: BatchTask, answer: BatchAnswer) -> None:
         outcome = answer.outcome

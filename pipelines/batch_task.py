@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import gc
 import sys
-import time
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RecordingNotFound
+from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RecordingNotFound, RunOfAnother
 from quadlog.pipelines.batch_progress import Told
 from quadlog.pipelines.engine.dask_task import Stopped
+from quadlog.pipelines.engine.memory import is_out_of_memory
 from quadlog.pipelines.engine.telling import worker_name
-from quadlog.pipelines.progress import forget_peak_memory, peak_memory_mb
+from quadlog.pipelines.finished_runs import finished_outcome
+from quadlog.pipelines.progress import peak_memory_mb
 from quadlog.pipelines.remote_runs import replay_anywhere
 from quadlog.pipelines.replay import ReplayOutcome, ReplayRequest
+from quadlog.pipelines.replay_cost import finished_at, measured
 from quadlog.results.files import is_full
-from quadlog.storage.remote_path import RemotePath
 
 WORTH_COLLECTING_S = 5.0
 """Pictures leave rings of objects that Python finds late, with some 20 MB of each recording. To look for them takes
@@ -29,12 +28,17 @@ WORTH_COLLECTING_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class BatchTask:
-    """number: of the recording in the batch. shared: a file that whoever writes into the output folder must see."""
+    """One recording to replay.
+
+    number: of the recording in the batch. shared: a file that whoever writes into the output folder must see. refuses:
+    what was finished meanwhile stays; what another try of this very task has begun is gone on with.
+    """
 
     number: int
     request: ReplayRequest
     size_bytes: int
     shared: Path | None = None
+    refuses: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,26 +58,35 @@ def replay_task(task: BatchTask) -> BatchAnswer:
     try:
         if task.shared is not None:
             _check_visible(request, task.shared)
-        before = _finished_at(request.run)
-        with _measured(task, cost):
+        if task.refuses:
+            _refuse_finished(request)
+        with measured(cost, request.run, task.size_bytes):
             outcome = replay_anywhere(request, told)
-        if _finished_at(request.run) == before:
-            cost.clear()  # it was done already
     except Stopped:
         raise
-    except AlreadyExists as error:
+    except (AlreadyExists, RunOfAnother) as error:
         outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
-    except MemoryError:
-        outcome = ReplayOutcome.of_failure(request, f"out of memory{peak_words(peak_memory_mb())}; --resume goes on")
-    except (QuadlogError, OSError) as error:
-        full = " ".join(str(error).split()) if _tells_of_a_full_disk(error) else ""
-        outcome = ReplayOutcome.of_failure(request, " ".join(str(error).split()))
     except Exception as error:
-        traceback.print_exc(file=sys.stderr)
-        outcome = ReplayOutcome.of_failure(request, f"a bug in quadlog: {type(error).__name__}: {error}")
+        full = " ".join(str(error).split()) if _tells_of_a_full_disk(error) else ""
+        outcome = ReplayOutcome.of_failure(request, _failure_words(error))
     if cost.get("wall_s", 0.0) > WORTH_COLLECTING_S:
         gc.collect()
     return BatchAnswer(replace(outcome, cost=cost), tuple(told.warnings), full)
+
+
+def _failure_words(error: Exception) -> str:
+    """What the user can mend, in one line; of a bug its traceback is printed, too."""
+    if is_out_of_memory(error):
+        return out_of_memory_words(peak_memory_mb())
+    if isinstance(error, (QuadlogError, OSError)):
+        return " ".join(str(error).split())
+    traceback.print_exception(error, file=sys.stderr)
+    return f"a bug in quadlog: {type(error).__name__}: {error}"
+
+
+def out_of_memory_words(peak_mb: float | None) -> str:
+    """A recording's outcome when its worker lived on."""
+    return f"out of memory{peak_words(peak_mb)}; --resume goes on"
 
 
 def peak_words(peak_mb: float | None) -> str:
@@ -81,16 +94,10 @@ def peak_words(peak_mb: float | None) -> str:
     return "" if peak_mb is None else f", {peak_mb:.0f} MB at its peak"
 
 
-@contextmanager
-def _measured(task: BatchTask, cost: dict[str, Any]) -> Iterator[None]:
-    """Fills the last columns of summary.parquet; cpu_s is the whole process's."""
-    forget_peak_memory()
-    wall_s, cpu_s = time.perf_counter(), time.process_time()
-    try:
-        yield
-    finally:
-        cost |= {"wall_s": time.perf_counter() - wall_s, "cpu_s": time.process_time() - cpu_s}
-        cost |= {"peak_memory_mb": peak_memory_mb(), "input_bytes": float(task.size_bytes), "worker": worker_name()}
+def _refuse_finished(request: ReplayRequest) -> None:
+    """Raises AlreadyExists for a run that somebody else has finished since the batch began."""
+    if finished_at(request.run) is not None and finished_outcome(request) is None:
+        raise AlreadyExists(request.run, "--force (start again) or --resume (complete it)")
 
 
 def _check_visible(request: ReplayRequest, shared: Path) -> None:
@@ -99,15 +106,6 @@ def _check_visible(request: ReplayRequest, shared: Path) -> None:
         raise RecordingNotFound(request.recording, f"is not to be seen from worker {worker_name()}; share its folder")
     if not shared.exists():
         raise CannotWrite(shared.parent, f"the folder is another one, or none, on worker {worker_name()}; share it")
-
-
-def _finished_at(run: Path) -> object:
-    """What changes when the run is finished anew; None when it is not finished."""
-    record = run / "run.json"
-    try:
-        return record.look().told if isinstance(record, RemotePath) else record.stat().st_mtime_ns
-    except FileNotFoundError:
-        return None
 
 
 def _tells_of_a_full_disk(error: BaseException | None) -> bool:

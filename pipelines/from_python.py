@@ -8,13 +8,13 @@ from typing import Any, Literal, get_args
 
 from quadlog.config_file import load_config
 from quadlog.errors import UnknownName, UsageError
+from quadlog.pipelines.kept_names import kept_names
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.remote_runs import replay_anywhere
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.summary import summarise
 from quadlog.recordings.clock import Stamp
 from quadlog.results.loaded_run import Run, load_run
-from quadlog.results.names import run_names
 from quadlog.stages import STAGES
 from quadlog.storage.urls import to_path
 
@@ -56,7 +56,7 @@ def replay(
     path = to_path(recording)
     request = ReplayRequest(
         recording=path,
-        run=to_path(output) / run_names([path])[0],
+        run=to_path(output) / kept_names([path], to_path(output))[0],
         config=load_config(None if config is None else Path(config), preset=preset, settings=settings or {}),
         options=options,
         existing=existing,

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import cast
 
 from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError
+from quadlog.pipelines.finished_runs import finished_outcome
 from quadlog.pipelines.progress import Progress
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, finished_outcome, replay
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay
 from quadlog.results.fetched_runs import PLOTS, fetch, own_files
 from quadlog.results.find_runs import is_run
 from quadlog.results.names import OWN_FILES, run_name

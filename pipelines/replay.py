@@ -12,16 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from quadlog.config import Config
-from quadlog.errors import CannotWrite, ExitCode, NotARun
+from quadlog.errors import CannotWrite, ExitCode
 from quadlog.pipelines.progress import Progress, StageClock
-from quadlog.pipelines.stages.units import units_until
-from quadlog.plugins import is_installed
 from quadlog.results.files import is_full
 from quadlog.results.record import InputRecord, describe_input
-from quadlog.results.run_folder import RunFolder, read_metrics, read_run_json
-from quadlog.results.stage_marks import MARKS_FILE, files_are_whole, read_marks
+from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import reused_words, stages_until
-from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.walk import Walk
@@ -112,9 +108,13 @@ class ReplayOutcome:
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave."""
     described = _input_of_earlier(request) if request.existing is Existing.RESUME else None
-    if described is not None and (finished := _finished(request, described)) is not None:
-        progress.say(f"{request.run}: already done with the same input, config and version")
-        return finished
+    if described is not None:
+        from quadlog.pipelines.finished_runs import outcome_there, refuse_another
+
+        if (finished := outcome_there(request, described)) is not None:
+            progress.say(f"{request.run}: already done with the same input, config and version")
+            return finished
+        refuse_another(request, described)
 
     from quadlog.pipelines.stages.ingest import open_walk
     from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
@@ -151,13 +151,6 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
 
 
-def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
-    """The outcome of an earlier run with the very same input, config, options and version; None when there is none."""
-    if not (request.run / "run.json").is_file():
-        return None
-    return _finished(request, describe_input(request.recording))
-
-
 def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
     """The stages whose results an earlier replay has left in the run folder; nothing is run, and nothing written.
 
@@ -175,32 +168,6 @@ def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
     """The input, if there is anything of an earlier replay that could be of it too: its hash takes a while."""
     began = any((request.run / name).is_file() for name in ("run.json", MARKS_FILE))
     return describe_input(request.recording) if began else None
-
-
-def _finished(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
-    config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
-    if not RunFolder(request.run).is_finished(described.identity, config, __version__, options):
-        return None
-    if not _is_whole(request):
-        return None
-    try:
-        record, metrics = read_run_json(request.run), read_metrics(request.run)
-    except NotARun:
-        return None
-    if any(not is_installed(**each) for each in record.get("plugins", [])):
-        return None
-    reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
-    return ReplayOutcome(
-        request.recording, request.run, _code(reason), reason, metrics, reused=stages_until(request.options.until)[1:]
-    )
-
-
-def _is_whole(request: ReplayRequest) -> bool:
-    """Whether a finished run still has what its stages left, and its page."""
-    until, marks = request.options.until, read_marks(request.run)
-    if until == "report" and not (request.run / "report.html").is_file():
-        return False
-    return all(unit.name in marks and files_are_whole(request.run, marks[unit.name]) for unit in units_until(until))
 
 
 @contextmanager

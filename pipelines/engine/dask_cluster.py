@@ -10,6 +10,7 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from importlib import import_module, metadata
 from typing import Any, ParamSpec, TypeVar
+from urllib.parse import urljoin
 from uuid import uuid4
 
 from quadlog.errors import ClusterUnusable, ClusterWorkersDied
@@ -18,6 +19,10 @@ from quadlog.pipelines.engine.telling import Listener
 
 ANSWER_S = 10.0
 """A scheduler or worker that has not answered after so long is not there."""
+PAGE_S = 2.0
+"""A dashboard that has not answered after so long may be there: only its address is wanted."""
+PLOTS = "individual-plots.json"
+"""Beside a dashboard, the list of what it draws."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -63,8 +68,9 @@ class Cluster(Executor):
         """How many workers there are, and where to look at them."""
         workers = self.workers()
         many = "1 worker" if workers == 1 else f"{workers} workers"
-        has_dashboard = "dashboard" in self._client.scheduler_info().get("services", {})
-        return f"{many}; dashboard: {self._client.dashboard_link}" if has_dashboard else many
+        served = "dashboard" in self._client.scheduler_info().get("services", {})
+        link = self._client.dashboard_link if served else None
+        return many if link is None or _is_missing(link) else f"{many}; dashboard: {link}"
 
     def _check_workers(self) -> None:
         """All that are there, by functions that every Python has; who comes or goes meanwhile checks itself later."""
@@ -136,6 +142,24 @@ def _check_scheduler(dask: Any, address: str) -> None:
         raise ClusterUnusable(address, f"no Dask scheduler has answered within {ANSWER_S:g} s") from None
     if kind != "Scheduler":
         raise ClusterUnusable(address, f"is a Dask {kind.lower()}, not the scheduler")
+
+
+def _is_missing(page: str) -> bool:
+    """Whether its server has nothing to draw there: without a dashboard, or without Bokeh, it has the address still.
+
+    From here the server may be out of reach, and yet not from the user's browser.
+    """
+    import aiohttp
+
+    async def plots() -> object:
+        longest = aiohttp.ClientTimeout(total=PAGE_S)
+        async with aiohttp.ClientSession(timeout=longest) as session, session.get(urljoin(page, PLOTS)) as answer:
+            return await answer.json() if answer.ok else None
+
+    try:
+        return asyncio.run(plots()) == {}
+    except (OSError, ValueError, aiohttp.ClientError):
+        return False
 
 
 def _pass_on(given: Future[T], future: Future[T]) -> None:

@@ -23,8 +23,9 @@ Task = TypeVar("Task")
 class Engine:
     """An executor, and what is different from one to another.
 
-    workers: how many there are, and room: how many tasks they are to have, both of which may change. stop: end what
-    runs and take no more. tries: how often a task is given out whose worker dies. greeting: a line for the user.
+    workers: how many there are, and room: how many tasks they are to have, both of which may change; 0 without
+    workers. stop: end what runs and take no more. tries: how often a task is given out whose worker dies. greeting: a
+    line for the user. address: of the scheduler that workers connect to.
     """
 
     executor: Executor
@@ -33,21 +34,33 @@ class Engine:
     stop: Callable[[], None]
     tries: int = 1
     greeting: str = ""
+    address: str = ""
 
-    def done(self, call: Callable[[Task], Any], todo: deque[Task]) -> Iterator[tuple[Task, Future[Any]]]:
+    def done(
+        self, call: Callable[[Task], Any], todo: deque[Task], say: Callable[[str], None]
+    ) -> Iterator[tuple[Task, Future[Any]]]:
         """Each task with its future when it is done, in the order they end.
 
         Tasks are taken from the left of `todo` as there is room, and may be put there or taken away meanwhile:
-        thousands of them cost no more than their place in it.
+        thousands of them cost no more than their place in it. say: is told when all workers have gone, which is waited
+        out, since a cluster's may come and go, and when there are some again.
         """
         running: dict[Future[Any], Task] = {}
+        waiting = False
         while todo or running:
-            room = max(1, self.room())
-            while todo and len(running) < room:
+            room = self.room()
+            if waiting != (room == 0):
+                waiting = not waiting
+                say(self._waiting_words if waiting else "a worker has connected: going on")
+            while todo and len(running) < max(1, room):
                 task = todo.popleft()
                 running[self.executor.submit(call, task)] = task
             for future in wait(running, LOOK_AGAIN_S, FIRST_COMPLETED).done:
                 yield running.pop(future), future
+
+    @property
+    def _waiting_words(self) -> str:
+        return f"no workers: waiting until one connects to {self.address}; Ctrl-C stops, --resume goes on"
 
 
 @contextmanager
@@ -60,7 +73,8 @@ def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterato
         from quadlog.pipelines.engine.dask_cluster import open_cluster
 
         with open_cluster(scheduler, listener) as cluster:
-            yield Engine(cluster, cluster.workers, cluster.room, cluster.stop, greeting=cluster.greeting)
+            greeting = cluster.greeting
+            yield Engine(cluster, cluster.workers, cluster.room, cluster.stop, greeting=greeting, address=scheduler)
     elif jobs == 1:
         yield Engine(Here(listener), lambda: 1, lambda: 1, lambda: None)
     else:

@@ -13,12 +13,10 @@ from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
 from quadlog.errors import WorkerDied
+from quadlog.pipelines.engine.interrupts import LAST_WORDS_S
 from quadlog.pipelines.engine.local_process import LocalProcess
 from quadlog.pipelines.engine.local_worker import RAISED
 from quadlog.pipelines.engine.telling import Listener
-
-LAST_WORDS_S = 5.0
-"""How long a worker that is stopped may take to clean up before it is killed."""
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -16,10 +16,18 @@ from typing import Any, NoReturn
 
 from quadlog.pipelines.engine.telling import told_to
 
+LEFT = 128 + signal.SIGTERM
+"""The exit code of a worker that was told to end."""
 TOLD, DONE, RAISED = "told", "done", "raised"
 """What a worker sends: something said within a task, a task's result, a task's error."""
 CLEAN_UP_S = 30.0
-"""How long an orphan may take to clean up amid a task."""
+"""How long an orphan may take until it notices, amid a task, that it is to end."""
+UNWIND_S = 2.0
+"""How long a worker that is to end may take to clean up."""
+AGAIN_S = 0.01
+"""After so long a worker that could not be made to unwind where it was is made to again."""
+
+_leaving = threading.Event()
 
 
 def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
@@ -29,6 +37,8 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one with the terminal decides
     signal.signal(signal.SIGTERM, _leave)
+    sys.unraisablehook = _lost
+    threading.Thread(target=_see_it_end, name="quadlog-leaving", daemon=True).start()
     threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
     sending, begin = threading.Lock(), initializer
 
@@ -77,8 +87,25 @@ def _raised(error: Exception) -> bytes:
 
 def _leave(number: int, _: FrameType | None) -> NoReturn:
     """SIGTERM: unwind, so that temporary folders and unfinished files go; a second one does not disturb that."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    sys.exit(128 + number)
+    signal.signal(number, signal.SIG_IGN)
+    _leaving.set()
+    sys.exit(LEFT)
+
+
+def _lost(lost: sys.UnraisableHookArgs) -> None:
+    """What C code that calls Python cannot pass on, as LLVM's, is printed, and that to leave is raised again later."""
+    if not _leaving.is_set():
+        sys.__unraisablehook__(lost)
+    elif lost.exc_type is SystemExit and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGALRM, _leave)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+
+def _see_it_end() -> None:
+    """Whatever may catch or lose the exception that `_leave` raises."""
+    _leaving.wait()
+    threading.Event().wait(UNWIND_S)
+    os._exit(LEFT)
 
 
 def _leave_with_parent() -> None:
@@ -88,4 +115,4 @@ def _leave_with_parent() -> None:
     wait([parent.sentinel])
     os.kill(os.getpid(), signal.SIGTERM)
     threading.Event().wait(CLEAN_UP_S)
-    os._exit(128 + signal.SIGTERM)
+    os._exit(LEFT)

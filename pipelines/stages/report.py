@@ -42,6 +42,7 @@ def finish_walk(walk: Walk, request: ReplayRequest, startup_s: float) -> dict[st
     walk.run.write_metrics(_plain(metrics))
     record = _record(walk, request, startup_s)
     write_page(run, pictures, record)
+    walk.check_left()
     walk.run.write_run_json(record)
     walk.say_what_is_new()
     return _plain(metrics)

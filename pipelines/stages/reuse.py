@@ -53,12 +53,16 @@ class MarkedStages:
             known = Known.model_validate(mark.known)
             walk.begin_folder()
             hand_over(known, unit, walk)
-            self._marks.append(mark)
+            self._note(mark)
             return
         with files_written() as written:
             work(walk)
         known = note_known(walk, unit)
         # Not what is there: a mark must miss what another process has removed meanwhile.
         files = mark_files(walk.run.path, [name for name in unit.files if walk.run.path / name in written])
-        self._marks.append(StageMark(stage=unit.name, key=self._keys[unit], files=files, known=known.model_dump()))
+        self._note(StageMark(stage=unit.name, key=self._keys[unit], files=files, known=known.model_dump()))
         write_marks(walk.run.path, self._marks)
+
+    def _note(self, mark: StageMark) -> None:
+        self._marks.append(mark)
+        self._walk.left |= {MARKS_FILE, *(file.name for file in mark.files)}

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.errors import MissingInput
+from quadlog.errors import CannotWrite, MissingInput
 from quadlog.messages import Float, PointCloud
 from quadlog.metrics.effort import Effort
 from quadlog.pipelines.progress import Progress, StageClock
@@ -52,8 +52,8 @@ class Walk:
     start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
     first_ns, last_ns: what was really seen of it. used: role -> topics that were really used for it.
     body: of the re-simulated robot, None without one; what metrics need beyond the tables.
-    keep: files of stages whose results are there already, as reused says; read_before: what reading the clouds had
-    found, where they are not read again.
+    keep: files of stages whose results are there already, as reused says; left: of all stages so far; read_before: what
+    reading the clouds had found, where they are not read again.
     """
 
     config: Config
@@ -79,6 +79,7 @@ class Walk:
     own_warnings: list[str] = field(default_factory=list)
     reused: tuple[str, ...] = ()
     keep: tuple[str, ...] = ()
+    left: set[str] = field(default_factory=set)
     read_before: WhatWasRead | None = None
     _folder_begun: bool = False
     _said: set[str] = field(default_factory=set)
@@ -111,6 +112,12 @@ class Walk:
         if not self._folder_begun:
             self.run.begin(self.config.model_dump(exclude_none=True), self.keep)
             self._folder_begun = True
+
+    def check_left(self) -> None:
+        """Raises CannotWrite when a file that a stage has left is there no more: half a run must not look finished."""
+        for name in sorted(self.left):
+            if not (self.run.path / name).is_file():
+                raise CannotWrite(self.run.path / name, "another process has removed it")
 
     def warn(self, text: str) -> None:
         """A line for stderr, `run.json` and the report."""

@@ -56,7 +56,9 @@ def test_a_dry_run_tells_the_time_of_all_once_one_has_run(two, capsys):
     assert [line.split()[0] for line in lines[:2]] == ["skip", "run"]
     assert lines[-1].startswith("1 of 2 to replay, ")
     assert "; about " in lines[-1]
-    assert lines[-1].endswith(" with 2 workers")
+    assert lines[-1].endswith(" with 1 worker")  # the other one would have nothing to do
+    assert run(["replay", *two, "--until", "ingest", "--force", "--dry-run", "--jobs", "1000000000"]) == 0
+    assert capsys.readouterr().out.endswith(" with 2 workers\n")
     assert run(["replay", *two, "--until", "ingest", "--resume", "--dry-run", "--json"]) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)
@@ -78,6 +80,7 @@ def test_an_address_without_a_scheduler_is_one_line(two, capsys, monkeypatch):
         address = f"tcp://127.0.0.1:{closed.getsockname()[1]}"
         assert run(["replay", *two, "--scheduler", address]) == 1
     assert capsys.readouterr().err == f"quadlog: --scheduler {address}: no Dask scheduler has answered within 0.2 s\n"
+    assert not Path(two[-1]).exists()
     assert run(["replay", *two, "--scheduler", "my cluster"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -5,11 +5,13 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
+from quadlog.errors import CannotWrite
 from quadlog.pipelines.batch import BatchOutcome, replay_alone, replay_batch
-from quadlog.pipelines.batch_plan import plan_batch
+from quadlog.pipelines.batch_plan import plan_batch, preview_batch
 from quadlog.pipelines.batch_progress import BatchLines
 from quadlog.pipelines.progress import Kept, Silent
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome
+from quadlog.results.run_folder import read_run_json
 from quadlog.results.schemas import COST_NAMES
 
 
@@ -102,6 +104,49 @@ def test_a_refused_run_keeps_its_row(planned, finished):
     assert outcome.exit_code == 1
     assert all("--resume (complete it)" in run.reason for run in outcome.runs)
     assert summary_of(finished[0]).loc["walk.bag"].equals(before.loc["walk.bag"])
+
+
+def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path):
+    class Racing(BatchLines):
+        """Finishes the second recording, asked for less, while the first one is replayed."""
+
+        def expect(self, tally, workers):
+            replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1], 1, Silent())
+
+    batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
+    outcome = replay_batch(batch, 1, None, Racing([].append))
+    assert [run.failed for run in outcome.runs] == [False, True]
+    assert "--force (start again) or --resume (complete it)" in outcome.runs[1].reason
+    assert read_run_json(tmp_path / "runs" / "walk.db3")["options"]["until"] == "ingest"
+
+
+def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, season_config, tmp_path):
+    output = tmp_path / "runs"
+    replay_alone(planned(output, "walk.bag")[0], 1, Silent())
+    before = summary_of(output).loc["walk"]
+    shutil.copy(season / "walk.db3", tmp_path / "walk.db3")
+    arguments = (output, season_config, ReplayOptions(until="ingest"), Existing.RESUME, ())
+    batch = plan_batch([str(tmp_path / "walk.db3")], *arguments)
+    assert [each.action for each in preview_batch(batch)] == ["refuse"]
+    outcome = replay_all(batch)
+    assert f"is the run of {season / 'walk.bag'}" in outcome.runs[0].reason
+    assert summary_of(output).loc["walk"].equals(before)
+
+
+def test_one_recording_alone_costs_something_too(planned, tmp_path):
+    (again,) = planned(tmp_path, "walk.bag", existing=Existing.FORCE)
+    replay_alone(again, 1, Silent())
+    first = summary_of(tmp_path).loc["walk"]
+    assert first["wall_s"] > 0
+    assert first["worker"]
+    replay_alone(again, 1, Silent())
+    assert summary_of(tmp_path).loc["walk", "wall_s"] != first["wall_s"]
+
+
+def test_an_output_that_is_no_folder_is_refused_before_anything_runs(planned, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(CannotWrite, match="is no folder"):
+        planned(tmp_path / "file")
 
 
 def test_rows_of_earlier_commands_stay_while_their_runs_do(season, season_config, tmp_path):

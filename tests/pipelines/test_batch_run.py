@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from quadlog.errors import CannotWrite
-from quadlog.pipelines import batch_task
+from quadlog.pipelines import batch_run, batch_task
 from quadlog.pipelines.batch import replay_batch
 from quadlog.pipelines.batch_progress import BatchLines
 from quadlog.pipelines.replay import Existing
@@ -78,12 +78,40 @@ def instead(monkeypatch, raised):
     return begun
 
 
-def test_one_that_is_out_of_memory_is_named_with_what_it_took(planned, tmp_path, monkeypatch):
-    instead(monkeypatch, {"walk.bag": MemoryError("no room")})
+NO_ROOM = ImportError("libzstd.so.1: failed to map segment from shared object")
+
+
+@pytest.mark.parametrize("error", [MemoryError("no room"), RuntimeError("can't start new thread"), NO_ROOM], ids=repr)
+def test_one_that_is_out_of_memory_is_named_with_what_it_took(planned, tmp_path, monkeypatch, capsys, error):
+    instead(monkeypatch, {"walk.bag": error})
     outcome = replay_batch(planned(tmp_path / "runs"), 1, None, BatchLines([].append))
     assert [run.failed for run in outcome.runs] == [True, True, False, False]
     assert outcome.runs[1].reason.startswith("out of memory, ")
     assert outcome.runs[1].reason.endswith(" MB at its peak; --resume goes on")
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("error", "ends"), [(NO_ROOM, False), (ImportError("No module named 'quadlog'"), True)])
+def test_a_worker_that_cannot_load_quadlog_ends_the_batch_unless_it_lacks_memory(
+    planned, tmp_path, monkeypatch, error, ends
+):
+    batch, lines = planned(tmp_path / "runs"), []
+    largest = max(batch, key=lambda each: each.size_bytes).request.run
+
+    def task(given):
+        if given.request.run == largest:
+            raise error
+        return batch_task.replay_task(given)
+
+    monkeypatch.setattr(batch_run, "replay_task", task)
+    outcome = replay_batch(batch, 1, None, BatchLines(lines.append))
+    reasons = {run.run: run.reason for run in outcome.runs}
+    if ends:
+        assert all("a worker cannot load quadlog: No module" in reason for reason in reasons.values())
+    else:
+        assert reasons.pop(largest) == "out of memory; --resume goes on"
+        assert not any("quadlog: " in reason for reason in reasons.values())
+    assert any(line.startswith("stopping: ") for line in lines) == ends
 
 
 def test_a_bug_is_one_recordings_and_its_traceback_is_shown(planned, tmp_path, monkeypatch, capsys):
@@ -112,7 +140,8 @@ def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_pat
     assert reasons[names[0]] == ""
     assert all(reasons[name].startswith("not started: disk full") for name in names[2:])
     assert all(reasons[name].endswith("--resume goes on") for name in names[2:])
-    assert len([line for line in lines if line.startswith("stopping: disk full")]) == 1
+    (said,) = [line for line in lines if line.startswith("stopping: disk full")]
+    assert said.count("--resume goes on") == 1
     summary = pq.read_table(tmp_path / "runs" / "summary.parquet").to_pandas()
     assert set(summary["recording"]) == set(names)
     monkeypatch.undo()
@@ -127,6 +156,22 @@ def test_an_interrupt_says_how_many_are_done(planned, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         replay_batch(batch, 1, None, BatchLines(lines.append))
     assert lines[-1] == "interrupted with 3 of 4 recordings done"
+
+
+def test_ctrl_c_many_times_is_one(planned, tmp_path):
+    """As typed, since a process has one way to take signals: until it has ended, which may be by the last of them."""
+    recordings = [str(each.request.recording) for each in planned(tmp_path / "unused", "walk.bag", "walk.mcap")]
+    command = ["-c", "from quadlog.cli.main import main; main()", "replay", *recordings, "-o", str(tmp_path / "runs")]
+    process = subprocess.Popen([sys.executable, *command, "--jobs", "2"], stderr=subprocess.PIPE, text=True)
+    while not list(tmp_path.glob("runs/*/poses.parquet")):
+        assert process.poll() is None, process.communicate()
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    _, err = process.communicate()
+    assert process.returncode in (1, -signal.SIGINT)
+    assert "Traceback" not in err
+    assert err.count("interrupted with ") == 1
+    assert not list((tmp_path / "runs").rglob("*.part"))
 
 
 def test_what_a_stopped_worker_had_not_finished_is_removed(planned, tmp_path, monkeypatch):

@@ -12,9 +12,10 @@ import pytest
 import quadlog
 from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable, StorageFailed
 from quadlog.pipelines import remote_runs, summary
+from quadlog.pipelines.finished_runs import finished_outcome
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.remote_runs import replay_anywhere
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, finished_outcome, replay
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay
 from quadlog.pipelines.stages.units import units_until
 from quadlog.pipelines.summary import summarise
 from quadlog.results.fetched_runs import runs_here

@@ -14,8 +14,9 @@ from evo.tools import file_interface
 
 from quadlog.config_file import load_config
 from quadlog.errors import AlreadyExists, EmptyWindow, MissingInput
+from quadlog.pipelines.finished_runs import finished_outcome
 from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, finished_outcome, replay
+from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay
 from quadlog.results import load_maps
 from quadlog.simulation.follow import synthesize
 from quadlog.simulation.scene import Cylinder
@@ -182,7 +183,7 @@ def test_an_existing_run_is_refused_resumed_or_replaced(tmp_path, follow_request
 def test_a_resumed_run_holds_nothing_of_another_one(tmp_path, follow_request, fixtures):
     full = replay(follow_request(tmp_path / "run", duration_s=0.5), Silent())
     assert "eta_m" in full.metrics
-    shorter = follow_request(tmp_path / "run", duration_s=0.5, until="position")
+    shorter = follow_request(tmp_path / "run", duration_s=0.4, until="position")
     resumed = replay(replace(shorter, existing=Existing.RESUME), Silent())
     assert "eta_m" not in resumed.metrics
     assert not (full.run / "control.parquet").exists()

@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from quadlog.config_file import load_config
-from quadlog.errors import CannotWrite, QuadlogError
+from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
 from quadlog.pipelines import replay as story
+from quadlog.pipelines.finished_runs import finished_outcome
 from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, finished_outcome, replay, reusable_stages
+from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay, reusable_stages
 from quadlog.pipelines.stages import report, unit_keys
 from quadlog.results.equality import Tolerance
 from quadlog.results.report import write_plots, write_report
@@ -120,11 +121,44 @@ def test_filter_alone_is_no_half_of_the_map(ask, fresh, saved, tmp_path):
     assert saved(outcome.run) == saved(fresh(until="map"))
 
 
-def test_a_shorter_run_keeps_nothing_of_a_longer_one(ask, fresh, saved, tmp_path):
-    replay(ask(tmp_path / "run"), Silent())
+def test_a_run_that_went_further_is_done(ask, fresh, tmp_path):
+    shutil.copytree(fresh(), tmp_path / "run")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*")}
+    outcome = replay(ask(tmp_path / "run", until="map"), kept := Kept())
+    assert outcome.reused == ALL[:3]
+    assert kept.lines == [f"{outcome.run}: already done with the same input, config and version"]
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*")} == before
+
+
+def test_a_shorter_run_of_another_configuration_keeps_nothing_of_a_longer_one(ask, fresh, saved, tmp_path):
+    replay(ask(tmp_path / "run", "planner.name=astar"), Silent())
     outcome, reused = resumed(ask(tmp_path / "run", until="map"))
     assert reused == ("position", "filter", "map")
     assert saved(outcome.run) == saved(fresh(until="map"))
+
+
+def test_the_run_of_another_recording_is_refused(ask, fixtures, fresh, tmp_path):
+    shutil.copytree(fresh(until="position"), tmp_path / "run")
+    other = tmp_path / "follow.mcap"
+    other.write_bytes((fixtures / "follow.mcap").read_bytes() + b"\0")
+    request = replace(ask(tmp_path / "run", until="position"), recording=other)
+    with pytest.raises(RunOfAnother, match=r"is the run of .*fixtures/follow\.mcap; --force replaces it"):
+        replay(request, Silent())
+    other.write_bytes((fixtures / "follow.mcap").read_bytes())  # a copy elsewhere is the same recording
+    assert replay(request, Silent()).reused == ("position",)
+
+
+def test_a_file_that_is_taken_away_before_the_end_is_missed(ask, monkeypatch, tmp_path):
+    request = ask(tmp_path / "run", until="position")
+
+    def draw(run, record):
+        (run / "poses.parquet").unlink()
+        return {}
+
+    monkeypatch.setattr(report, "write_plots", draw)
+    with pytest.raises(CannotWrite, match=r"poses\.parquet.*another process has removed it"):
+        replay(request, Silent())
+    assert not (tmp_path / "run" / "run.json").exists()
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 
 TASKS = '''
-import os, tempfile
+import ctypes, os, tempfile
 from pathlib import Path
 from quadlog.errors import UnknownName
+from quadlog.pipelines.engine import local_worker
 from quadlog.pipelines.engine.telling import tell
 from quadlog.results.files import whole_file
 
@@ -47,6 +48,22 @@ def held_and_writing(gate, pipe, folder):
     """The pipe ends when this process does."""
     with open(pipe, "w"):
         held_with_files(gate, folder)
+
+def held_below_c(gate, folder):
+    """What is raised amid the wait, the C code that called for it cannot pass on."""
+    with tempfile.TemporaryDirectory(dir=folder):
+        ctypes.CFUNCTYPE(None)(lambda: held(gate, "below C"))()
+        Path(gate).read_bytes()
+
+def unwind_at_once():
+    local_worker.UNWIND_S = 0.0
+
+def held_by_force(gate):
+    while True:
+        try:
+            held(gate, "by force")
+        except SystemExit:
+            pass
 
 class Stubborn(Exception):
     def __reduce__(self):
@@ -125,6 +142,17 @@ def cluster(tasks: ModuleType) -> Iterator[Any]:
 
     with LocalCluster(n_workers=2, threads_per_worker=2, host="127.0.0.1", **QUIET) as cluster:
         yield cluster
+
+
+@pytest.fixture
+def empty_cluster() -> Callable[[], Any]:
+    """Makes a cluster that has no workers yet."""
+    from distributed import LocalCluster
+
+    def make() -> Any:
+        return LocalCluster(n_workers=0, threads_per_worker=1, host="127.0.0.1", **QUIET)
+
+    return make
 
 
 @pytest.fixture

@@ -5,6 +5,9 @@ import socket
 import sys
 from collections import deque
 from concurrent.futures import CancelledError
+from contextlib import ExitStack
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from threading import Thread
 
 import pytest
 
@@ -26,7 +29,7 @@ def test_a_task_whose_worker_is_killed_is_done_by_another(tasks, cluster, tmp_pa
 
 def test_a_task_that_kills_every_worker_is_named_and_the_others_are_done(tasks, cluster):
     with open_engine(1, cluster.scheduler_address, nothing) as engine:
-        ended = dict(engine.done(tasks.die_if, deque([0, 1, 0.0, ""])))
+        ended = dict(engine.done(tasks.die_if, deque([0, 1, 0.0, ""]), [].append))
     error = ended.pop(1).exception()
     assert isinstance(error, ClusterWorkersDied)
     assert "tcp://127.0.0.1" in error.how
@@ -130,6 +133,50 @@ def test_without_dask_its_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ClusterUnusable, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1", nothing):
         pass
+
+
+def test_a_scheduler_without_a_dashboard_has_no_address_to_tell(empty_cluster):
+    with empty_cluster() as cluster, open_cluster(cluster.scheduler_address, nothing) as opened:
+        assert opened.greeting == "0 workers"
+
+
+@pytest.mark.parametrize("plots", [b'{"Individual Progress": "/individual-progress"}', b"no JSON", None])
+def test_the_address_of_a_dashboard_is_told_also_when_it_is_out_of_reach(empty_cluster, monkeypatch, pages, plots):
+    """Bokeh is not among what tests need, so its pages are ours."""
+    with empty_cluster() as cluster, open_cluster(cluster.scheduler_address, nothing) as opened:
+        page = pages(plots)
+        monkeypatch.setattr(type(opened._client), "dashboard_link", page)
+        assert opened.greeting == f"0 workers; dashboard: {page}"
+
+
+@pytest.fixture
+def pages():
+    """Starts a server that answers with the plots of a dashboard, or, for None, does not; returns its page."""
+    with ExitStack() as stack:
+
+        def start(plots):
+            class Answer(BaseHTTPRequestHandler):
+                def do_GET(self):
+                    self.send_response(200 if self.path == "/individual-plots.json" else 404)
+                    self.send_header("Content-Type", "application/json")
+                    self.end_headers()
+                    self.wfile.write(plots)
+
+                def log_message(self, *_):
+                    """Nobody reads it."""
+
+            server = HTTPServer(("127.0.0.1", 0), Answer)
+            if plots is None:
+                server.server_close()
+            else:
+                thread = Thread(target=server.serve_forever)
+                thread.start()
+                stack.callback(thread.join)
+                stack.callback(server.server_close)
+                stack.callback(server.shutdown)
+            return f"http://127.0.0.1:{server.server_port}/status"
+
+        yield start
 
 
 def is_replaying():

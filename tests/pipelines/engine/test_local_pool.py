@@ -12,6 +12,7 @@ import pytest
 from quadlog.errors import UnknownName, WorkerDied
 from quadlog.pipelines.engine.local_pool import LocalPool
 from quadlog.pipelines.engine.local_process import THREAD_VARIABLES
+from quadlog.pipelines.engine.local_worker import LEFT
 
 
 def test_one_worker_takes_tasks_in_their_order_in_a_process_with_one_thread_for_each_library(tasks):
@@ -124,6 +125,28 @@ def test_an_exception_stops_workers_which_clean_up_and_cancels_the_rest(tasks, g
     with pytest.raises(CancelledError):
         waiting.result()
     assert list(folder.iterdir()) == []
+
+
+def stopped_amid(task, *arguments, initializer=None):
+    """How a worker ends that is stopped when the task says that it has begun."""
+    heard = queue.Queue()
+    with pytest.raises(KeyboardInterrupt), LocalPool(1, initializer, listener=heard.put) as pool:  # noqa: PT012
+        running = pool.submit(task, *arguments)
+        heard.get()
+        raise KeyboardInterrupt
+    return running.exception().died_with
+
+
+def test_a_worker_that_is_stopped_below_c_code_cleans_up_and_says_nothing(tasks, gate, tmp_path, capfd):
+    folder = tmp_path / "work"
+    folder.mkdir()
+    assert stopped_amid(tasks.held_below_c, gate("gate"), folder) == LEFT
+    assert list(folder.iterdir()) == []
+    assert capfd.readouterr().err == ""
+
+
+def test_a_worker_ends_also_when_what_it_does_holds_it(tasks, gate):
+    assert stopped_amid(tasks.held_by_force, gate("gate"), initializer=tasks.unwind_at_once) == LEFT
 
 
 def test_a_worker_leaves_ctrl_c_to_its_parent(tasks, gate):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import aiohttp
 import pytest
 import zstandard
 from aiohttp import web as http
 
-from quadlog.errors import NotARecording, RecordingNotFound, StorageFailed
+from quadlog.errors import NotARecording, RecordingNotFound, StorageChanged, StorageFailed
 from quadlog.recordings.open_container import open_container
 from quadlog.recordings.recording import open_recording
 from quadlog.storage import web_object
@@ -74,14 +78,58 @@ def test_a_server_without_parts_is_read_whole_and_said(recordings: Any, web: Any
         assert warning == "the server gives no parts of files; the whole file was copied before it was read"
 
 
-def test_a_server_that_fails_is_no_damage_of_the_recording(recordings: Any, web: Any) -> None:
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
+@pytest.mark.parametrize("status", [400, 401, 403, 404, 410, 412, 416, 429, 500, 503])
+def test_a_server_that_fails_is_no_damage_of_the_recording(recordings: Any, web: Any, status: int, name: str) -> None:
     """Losses would be reported, and the run be marked as done with loss."""
-    recordings.mcap(web.folder / "walk.mcap", recordings.some(20_000), chunk_size=200_000)
-    with open_container(to_path(f"{web.url}/walk.mcap")) as container:
-        web.answer = lambda _: http.Response(status=500)
-        with pytest.raises(StorageFailed, match="status 500"):
+    path = build_large(recordings, web.folder / name)
+    error = StorageChanged if status in (404, 410, 412) else StorageFailed
+    with open_container(to_path(f"{web.url}/{path.name}")) as container:
+        web.answer = lambda _: http.Response(status=status)
+        with pytest.raises(error):
             recordings.read(container)
         assert container.losses == []
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.EIO, "Input/output error"),
+        OSError(errno.EHOSTUNREACH, "No route to host"),
+        ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
+        FileNotFoundError("gone"),
+        PermissionError("no"),
+        TimeoutError(),
+        EOFError(),
+        socket.gaierror(socket.EAI_NONAME, "Name or service not known"),
+        aiohttp.ServerDisconnectedError(),
+        aiohttp.ServerTimeoutError(),
+        aiohttp.ClientOSError(errno.ECONNRESET, "Connection reset by peer"),
+        aiohttp.ClientConnectorDNSError(SimpleNamespace(host="h", port=1, ssl=True), OSError(0, "")),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_no_failure_of_a_connection_is_damage_of_the_recording(
+    recordings: Any, web: Any, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    async def failing(*_: Any) -> None:
+        raise error
+
+    path = build_large(recordings, web.folder / "walk.mcap")
+    with open_container(to_path(f"{web.url}/{path.name}")) as container:
+        monkeypatch.setattr(web_object.WebObject, "_begin", failing)
+        with pytest.raises((StorageFailed, StorageChanged)) as caught:
+            recordings.read(container)
+        assert container.losses == []
+        assert "Errno" not in str(caught.value)
+
+
+def build_large(recordings: Any, path: Path) -> Path:
+    """Far more than one request brings when it is opened."""
+    messages = recordings.some(20_000)
+    if path.suffix == ".bag":
+        return recordings.bag(path, messages, chunk_bytes=200_000)
+    return recordings.mcap(path, messages, chunk_size=200_000)
 
 
 def test_a_bag_folder_in_a_bucket_is_one_recording(recordings: Any, bucket: Any, tmp_path: Path) -> None:
