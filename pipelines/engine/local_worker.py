@@ -60,6 +60,8 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
                 answer = _pack(DONE, call(*args, **kwargs))
             except Exception as error:
                 answer = _raised(error)
+            if _leaving.is_set():  # and yet the task has come to an end, or to an error that is none of its own
+                sys.exit(LEFT)
             send(answer)
     # All tasks are done and closed what they opened; to take apart what they loaded would take longer than some tasks.
     sys.stdout.flush()
@@ -89,14 +91,18 @@ def _leave(number: int, _: FrameType | None) -> NoReturn:
     """SIGTERM: unwind, so that temporary folders and unfinished files go; a second one does not disturb that."""
     signal.signal(number, signal.SIG_IGN)
     _leaving.set()
+    # What this breaks off amid C code may come out as any error, and would be taken for a bug by whoever prints it.
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 2)
+    os.close(silence)
     sys.exit(LEFT)
 
 
 def _lost(lost: sys.UnraisableHookArgs) -> None:
-    """What C code that calls Python cannot pass on, as LLVM's, is printed, and that to leave is raised again later."""
-    if not _leaving.is_set():
-        sys.__unraisablehook__(lost)
-    elif lost.exc_type is SystemExit and threading.current_thread() is threading.main_thread():
+    """What C code that calls Python cannot pass on, as LLVM's, is printed; to leave is raised again a little later."""
+    sys.__unraisablehook__(lost)
+    ours = lost.exc_type is SystemExit and threading.current_thread() is threading.main_thread()
+    if ours and _leaving.is_set():
         signal.signal(signal.SIGALRM, _leave)
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 TASKS = '''
-import ctypes, os, tempfile
+import ctypes, os, sys, tempfile
 from pathlib import Path
 from quadlog.errors import UnknownName
 from quadlog.pipelines.engine import local_worker
@@ -54,6 +54,13 @@ def held_below_c(gate, folder):
     with tempfile.TemporaryDirectory(dir=folder):
         ctypes.CFUNCTYPE(None)(lambda: held(gate, "below C"))()
         Path(gate).read_bytes()
+
+def held_and_mistaken(gate):
+    try:
+        held(gate, "mistaken")
+    except SystemExit as error:
+        print("a bug", file=sys.stderr, flush=True)
+        raise ImportError("initialization failed") from error
 
 def unwind_at_once():
     local_worker.UNWIND_S = 0.0

@@ -145,6 +145,11 @@ def test_a_worker_that_is_stopped_below_c_code_cleans_up_and_says_nothing(tasks,
     assert capfd.readouterr().err == ""
 
 
+def test_what_is_broken_off_is_no_error_of_the_tasks_own(tasks, gate, capfd):
+    assert stopped_amid(tasks.held_and_mistaken, gate("gate")) == LEFT
+    assert capfd.readouterr().err == ""
+
+
 def test_a_worker_ends_also_when_what_it_does_holds_it(tasks, gate):
     assert stopped_amid(tasks.held_by_force, gate("gate"), initializer=tasks.unwind_at_once) == LEFT
 
