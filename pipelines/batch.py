@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
-from quadlog.errors import AlreadyExists, CannotWrite, ExitCode
+from quadlog.errors import CannotWrite, ExitCode, RunExists
 from quadlog.pipelines.batch_plan import Planned, existing_runs
 from quadlog.pipelines.batch_progress import BatchProgress
 from quadlog.pipelines.batch_run import BatchRun
@@ -122,7 +122,7 @@ def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
     refused = {}
     for number, each in enumerate(batch):
         if each.request.existing is Existing.REFUSE and each.request.run in there:
-            error = AlreadyExists(each.request.run, "--force (start again) or --resume (complete it)")
+            error = RunExists(each.request.run)
             refused[number] = ReplayOutcome.of_failure(each.request, str(error), refused=True)
     return refused
 

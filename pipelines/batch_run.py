@@ -12,10 +12,8 @@ from quadlog.pipelines.batch_progress import BatchProgress, Tally
 from quadlog.pipelines.batch_task import BatchAnswer, BatchTask, out_of_memory_words, peak_words, replay_task
 from quadlog.pipelines.engine.engine import Engine
 from quadlog.pipelines.engine.memory import is_out_of_memory
-from quadlog.pipelines.replay import ReplayOutcome
+from quadlog.pipelines.replay import GOES_ON, ReplayOutcome
 from quadlog.stages import reused_words
-
-GOES_ON = "--resume goes on"
 
 
 class BatchRun:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RecordingNotFound, RunOfAnother
+from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RecordingNotFound, RunExists, RunOfAnother
 from quadlog.pipelines.batch_progress import Told
 from quadlog.pipelines.engine.dask_task import Stopped
 from quadlog.pipelines.engine.memory import is_out_of_memory
@@ -97,7 +97,7 @@ def peak_words(peak_mb: float | None) -> str:
 def _refuse_finished(request: ReplayRequest) -> None:
     """Raises AlreadyExists for a run that somebody else has finished since the batch began."""
     if finished_at(request.run) is not None and finished_outcome(request) is None:
-        raise AlreadyExists(request.run, "--force (start again) or --resume (complete it)")
+        raise RunExists(request.run)
 
 
 def _check_visible(request: ReplayRequest, shared: Path) -> None:

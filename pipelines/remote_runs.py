@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
-from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError
+from quadlog.errors import CannotWrite, QuadlogError, RunExists
 from quadlog.pipelines.finished_runs import finished_outcome
 from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay
@@ -54,7 +54,7 @@ class RunShadow:
             if not is_run(cast(Path, remote)):
                 raise CannotWrite(str(remote), "the folder holds other files and is no run of quadlog")
             if existing is Existing.REFUSE:
-                raise AlreadyExists(str(remote), "--force (start again) or --resume (complete it)")
+                raise RunExists(str(remote))
         # The folder of this machine holds nothing that anyone else would miss.
         self.existing = Existing.RESUME if existing is Existing.RESUME else Existing.REFUSE
         self._published: dict[str, _Version] = {}

@@ -187,6 +187,13 @@ class AlreadyExists(QuadlogError):
         super().__init__(f"{path} exists; {flags} allows it")
 
 
+class RunExists(AlreadyExists):
+    """A run folder that is there already."""
+
+    def __init__(self, run: Path | str) -> None:
+        super().__init__(run, "--force (start again) or --resume (complete it)")
+
+
 class RunOfAnother(QuadlogError):
     """A finished run that is to be completed, but was made from another recording."""
 

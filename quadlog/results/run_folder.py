@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import tomli_w
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownRunFormat
+from quadlog.errors import CannotWrite, NotARun, RunExists, UnknownRunFormat
 from quadlog.results.files import is_part, remove_stale_parts, write_whole
 from quadlog.results.names import OWN_FILES
 from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord
@@ -63,7 +63,7 @@ class RunFolder:
         if not _is_ours(path):
             raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
         if not (replace or complete):
-            raise AlreadyExists(path, "--force (start again) or --resume (complete it)")
+            raise RunExists(path)
         if replace and path.is_symlink():
             raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
         remove_stale_parts(path)
