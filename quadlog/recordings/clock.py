@@ -6,7 +6,7 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -98,12 +98,6 @@ class Clock:
         if agreeing >= AGREEING_STRAYS or len(strays) >= MOST_STRAYS:
             apart_s = abs(offset_ns - self.usual_ns[topic]) * 1e-9
             raise ClocksDiffer(self.path, apart_s, f"header stamps of {topic}", "others of the same topic")
-
-    def agrees_with(self, others: Iterable[Clock]) -> bool:
-        """Whether this one would have met all that the others met, of the same recording, without raising."""
-        met = [each for clock in (self, *others) for each in (clock.low, clock.high) if each is not None]
-        offsets_ns = [offset_ns for offset_ns, _ in met]
-        return not met or max(offsets_ns) - min(offsets_ns) <= FAR_APART_NS
 
     def warnings(self) -> list[str]:
         """One line per oddity met so far."""
