@@ -10,7 +10,6 @@ import numpy as np
 
 from quadlog.config import Config
 from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
 from quadlog.lidar.points import PointClass
 from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.ground_height import GroundHeight
@@ -18,10 +17,10 @@ from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_end
 from quadlog.mapping.occupancy import obstacle_tops
 from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
-from quadlog.messages import RangeSeries
+from quadlog.messages import PointCloud, RangeSeries
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
 from quadlog.pipelines.stages.perceive import make_memory
-from quadlog.pipelines.stages.scans import classifier
+from quadlog.pipelines.stages.whole_scans import Classifier
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 USUAL_PLANNER = "ia_star"
@@ -66,7 +65,7 @@ def _locate_toy_tag() -> None:
 
 
 def _classify_toy_scan(config: Config) -> None:
-    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, and one deskewed."""
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it."""
     ring = np.tile(np.arange(16, dtype=np.uint16), 90)
     azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
     direction = np.column_stack(
@@ -81,12 +80,8 @@ def _classify_toy_scan(config: Config) -> None:
     mount = np.eye(4)
     mount[2, 3] = 0.4
     offset_ns = np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16)
-    instants_ns = sweep_instants(0, offset_ns, len(xyz_m))
-    assert not isinstance(instants_ns, Skewed)
-    poses = np.column_stack([instants_ns * 1e-9, np.zeros((len(instants_ns), 2))])
-    moved_m = deskew(xyz_m, offset_ns, instants_ns, poses, np.tile(np.eye(3), (len(instants_ns), 1, 1)), mount)
-    assert not isinstance(moved_m, Skewed)
-    classifier(config, 0)(moved_m, ring, mount)
+    cloud = PointCloud(0, "lidar", np.asfortranarray(xyz_m), ring, offset_ns)
+    Classifier(config, 0).classify(cloud, np.stack([mount, mount]))
 
 
 def _map_toy_scan() -> None:

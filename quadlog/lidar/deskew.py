@@ -36,6 +36,21 @@ class Skewed(StrEnum):
     JUMP = "the poses jump while it lasts"
 
 
+def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:
+    """Poses (K, 3) of base in map at the scan's time slots, and why they are all that of the stamp, or None.
+
+    slot_ns: (K,) absolute; pose_base_in_map: (1 + K, 3) x, y, yaw at t_ns and at the slots, NaN where unknown.
+    """
+    at_stamp = np.tile(pose_base_in_map[0], (len(slot_ns), 1))
+    if len(slot_ns) == 1:
+        return at_stamp, None
+    if not np.isfinite(pose_base_in_map).all():
+        return at_stamp, Skewed.NO_POSE
+    if _jumps(np.concatenate([np.array([t_ns], dtype=np.int64), slot_ns]), pose_base_in_map):
+        return at_stamp, Skewed.JUMP
+    return pose_base_in_map[1:], None
+
+
 def sweep_instants(t_ns: int, offset_ns: Int | None, n_points: int) -> Int | Skewed:
     """The scan's instant t_ns, and after it those (K,) between which motion is linear: where poses are needed.
 
