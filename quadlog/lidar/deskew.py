@@ -8,10 +8,12 @@ moved by what the robot moved between the point's own instant and the scan's.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from quadlog.geometry import invert_transform
 from quadlog.lidar.points import columns_of
@@ -34,6 +36,52 @@ class Skewed(StrEnum):
     ABSURD_TIMES = "the times of its points cannot be"
     NO_POSE = "no pose is known at the time of all its points"
     JUMP = "the poses jump while it lasts"
+
+
+MOST_TIME_SLOTS = 32
+"""A sweep of 0.1 s is cut into slots of 3 ms: at 1.5 rad/s half of one turns by 2 mrad, 2.4 cm at 10 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slots:
+    """Time slots of one scan: middle_ns (K,) their middles relative to the stamp; K is 1 without usable times.
+
+    skewed: why there are none, or None.
+    """
+
+    middle_ns: Int
+    skewed: Skewed | None
+
+
+def sweep_slots(offset_ns: Int | None, n_points: int) -> tuple[NDArray[np.uint8], Slots]:
+    """The time slot (N,) of every point, all 0 without usable times, and when the slots are.
+
+    offset_ns: (N,) times of the points relative to the stamp, as `sweep_instants` takes them.
+    """
+    instants_ns = sweep_instants(0, offset_ns, n_points)
+    if isinstance(instants_ns, Skewed) or offset_ns is None:
+        reason = instants_ns if isinstance(instants_ns, Skewed) else Skewed.NO_TIMES
+        return np.zeros(n_points, np.uint8), Slots(np.zeros(1, np.int64), reason)
+    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
+    lasts_ns = last_ns - first_ns
+    middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS, dtype=np.int64) + 1) * lasts_ns // (2 * MOST_TIME_SLOTS)
+    slot = np.minimum((offset_ns - first_ns) * MOST_TIME_SLOTS // lasts_ns, MOST_TIME_SLOTS - 1)
+    return slot.astype(np.uint8), Slots(middle_ns, None)
+
+
+def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:
+    """Poses (K, 3) of base in map at the scan's time slots, and why they are all that of the stamp, or None.
+
+    slot_ns: (K,) absolute; pose_base_in_map: (1 + K, 3) x, y, yaw at t_ns and at the slots, NaN where unknown.
+    """
+    at_stamp = np.tile(pose_base_in_map[0], (len(slot_ns), 1))
+    if len(slot_ns) == 1:
+        return at_stamp, None
+    if not np.isfinite(pose_base_in_map).all():
+        return at_stamp, Skewed.NO_POSE
+    if _jumps(np.concatenate([np.array([t_ns], dtype=np.int64), slot_ns]), pose_base_in_map):
+        return at_stamp, Skewed.JUMP
+    return pose_base_in_map[1:], None
 
 
 def sweep_instants(t_ns: int, offset_ns: Int | None, n_points: int) -> Int | Skewed:
