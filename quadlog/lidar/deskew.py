@@ -53,20 +53,28 @@ class Slots:
     skewed: Skewed | None
 
 
-def sweep_slots(offset_ns: Int | None, n_points: int) -> tuple[NDArray[np.uint8], Slots]:
-    """The time slot (N,) of every point, all 0 without usable times, and when the slots are.
+def sweep_slots(offset_ns: Int | None, slot: NDArray[np.uint8]) -> Slots:
+    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times.
 
-    offset_ns: (N,) times of the points relative to the stamp, as `sweep_instants` takes them.
+    offset_ns: (N,) times of the points relative to the stamp, in any order. They may
+    start, end or lie about 0; none farther from it than the scan lasts.
     """
-    instants_ns = sweep_instants(0, offset_ns, n_points)
+    instants_ns = sweep_instants(0, offset_ns, len(slot))
     if isinstance(instants_ns, Skewed) or offset_ns is None:
+        slot[:] = 0
         reason = instants_ns if isinstance(instants_ns, Skewed) else Skewed.NO_TIMES
-        return np.zeros(n_points, np.uint8), Slots(np.zeros(1, np.int64), reason)
-    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
+        return Slots(np.zeros(1, np.int64), reason)
+    first_ns, last_ns = int(instants_ns[1]), int(instants_ns[-1])
     lasts_ns = last_ns - first_ns
     middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS, dtype=np.int64) + 1) * lasts_ns // (2 * MOST_TIME_SLOTS)
-    slot = np.minimum((offset_ns - first_ns) * MOST_TIME_SLOTS // lasts_ns, MOST_TIME_SLOTS - 1)
-    return slot.astype(np.uint8), Slots(middle_ns, None)
+    _fill_slots(offset_ns, first_ns, np.float32(MOST_TIME_SLOTS * 0.99999 / lasts_ns), slot)
+    return Slots(middle_ns, None)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_slots(offset_ns: Int, first_ns: int, per_ns: float, slot: NDArray[np.uint8]) -> None:
+    for i in range(len(slot)):
+        slot[i] = np.uint8(np.float32(offset_ns[i] - first_ns) * per_ns)
 
 
 def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:
