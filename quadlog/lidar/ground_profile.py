@@ -110,34 +110,48 @@ def _profile(
     none = np.float32(0)
     for row in range(rows):
         for s in range(sectors):
-            count, far, high = 0, none, none
-            for c in range(s * SECTOR_COLUMNS, min((s + 1) * SECTOR_COLUMNS, columns)):
-                is_ground = ground[row, c] != 0
-                count += is_ground
-                far += distance_m[row, c] if is_ground else none
-                high += z_m[row, c] if is_ground else none
+            begin = s * SECTOR_COLUMNS
+            is_ground, distance, z = ground[row, begin:], distance_m[row, begin:], z_m[row, begin:]
+            count, far, high = np.int32(0), none, none
+            # A constant number of steps wherever possible, which the compiler turns into vector instructions.
+            size = SECTOR_COLUMNS if begin + SECTOR_COLUMNS <= columns else columns - begin
+            if size == SECTOR_COLUMNS:
+                for c in range(SECTOR_COLUMNS):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
+            else:
+                for c in range(size):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
             sums[0, s, row], sums[1, s, row], sums[2, s, row] = count, far, high
     for s in range(sectors):
-        at, step, z = none, 0, floor_m
+        at, step, z0, heights = none, 0, floor_m, height_m[s]
         for row in range(rows):
-            count, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
+            count_here, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
             for k in range(1, _SECTORS_BESIDE + 1):
-                if count >= SECTOR_COLUMNS // 2:
+                if count_here >= SECTOR_COLUMNS // 2:
                     break
-                a, b = (s - k + sectors) % sectors, (s + k) % sectors
-                count += sums[0, a, row] + sums[0, b, row]
+                a = s - k if s >= k else s - k + sectors
+                b = s + k if s + k < sectors else s + k - sectors
+                count_here += sums[0, a, row] + sums[0, b, row]
                 far += sums[1, a, row] + sums[1, b, row]
                 high += sums[2, a, row] + sums[2, b, row]
-            if count < _FEWEST or far / count <= at:
+            if count_here < _FEWEST or far / count_here <= at:
                 continue
-            far, high = far / count, high / count
+            far, high = far / count_here, high / count_here
             end = min(int(far * _PER_STEP) + 1, STEPS)
-            rise = (high - z) / (far - at)
-            for k in range(step, end):
-                height_m[s, k] = z + rise * (np.float32(k) * _STEP - at)
-            step, at, z = max(end, step), far, high
-        for k in range(step, STEPS):
-            height_m[s, k] = z + outward_slope[s] * (np.float32(k) * _STEP - at)
+            _draw_line(heights[step:end], step, (high - z0) / (far - at), z0, at)
+            step, at, z0 = max(end, step), far, high
+        _draw_line(heights[step:], step, outward_slope[s], z0, at)
+
+
+@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: float) -> None:
+    first_m = np.float32(step) * _STEP - at_m
+    for k in range(len(height_m)):
+        height_m[k] = z_m + rise * (first_m + np.float32(k) * _STEP)
 
 
 @njit(cache=True, error_model="numpy")

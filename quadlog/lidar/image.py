@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.lidar.beams import ELEVATION_BINS, Beams
-from quadlog.messages import Float, Float32
+from quadlog.messages import Float32
 
 BLOCK = 1024
 """Points of which the intermediate results stay in the fastest cache."""
@@ -110,11 +110,13 @@ def _lay(
     n_valid, n_others, n_without = 0, 0, 0
     for begin in range(0, n, BLOCK):
         size = min(BLOCK, n - begin)
-        _directions(begin, size, x_m, y_m, z_m, limits, columns, r_m, part, column)
-        _turned(begin, size, x_m, y_m, z_m, slot, turning, x_out, y_out, z_out)
+        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        xs, ys, zs, slots = x_m[begin:], y_m[begin:], z_m[begin:], slot[begin:]
+        _directions(size, xs, ys, zs, limits, columns, r_m, part, column)
+        _turned(size, xs, ys, zs, slots, turning, x_out, y_out, z_out)
         if by_elevation:
             for j in range(size):
-                bins[j] = np.int32((z_m[begin + j] / max(r_m[j], np.float32(1e-3)) + np.float32(1)) * _HALF_BINS)
+                bins[j] = np.int32((zs[j] / max(r_m[j], np.float32(1e-3)) + np.float32(1)) * _HALF_BINS)
         else:
             for j in range(size):
                 bins[j] = np.int32(key[begin + j])
@@ -128,7 +130,7 @@ def _lay(
             if row_begins >= 0 and range_m[np.uint32(cell)] == nothing:
                 k = np.uint32(cell)
                 range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slot[begin + j]
+                cell_slot[k] = slots[j]
                 if keeps_points:
                     point[k] = begin + j
                 continue
@@ -137,7 +139,7 @@ def _lay(
             n_others += 1
             k = np.uint32(cell)
             if row_begins < 0 or r >= range_m[k]:
-                other_range_m[at], cell_slot[other] = r, slot[begin + j]
+                other_range_m[at], cell_slot[other] = r, slots[j]
                 cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = x_out[j], y_out[j], z_out[j]
                 if keeps_points:
                     point[other] = begin + j
@@ -145,7 +147,7 @@ def _lay(
                 other_range_m[at], cell_slot[other] = range_m[k], cell_slot[k]
                 cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
                 range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slot[begin + j]
+                cell_slot[k] = slots[j]
                 if keeps_points:
                     point[other], point[k] = point[k], begin + j
             other_cell[at] = cell if row_begins >= 0 else -1 - column[j]
@@ -161,7 +163,6 @@ def _lay(
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _directions(
-    begin: int,
     size: int,
     x_m: Float32,
     y_m: Float32,
@@ -180,7 +181,7 @@ def _directions(
     nothing, tiny, steps, last = np.float32(0), np.float32(1e-30), np.float32(columns), np.int32(columns)
     least, most, shift = limits[0], limits[1], limits[2]
     for j in range(size):
-        x, y, z = x_m[begin + j], y_m[begin + j], z_m[begin + j]
+        x, y, z = x_m[j], y_m[j], z_m[j]
         squared = x * x + y * y + z * z
         real = (squared > nothing) & (squared >= least) & (squared <= most)
         r_m[j] = np.sqrt(squared) if real else nothing
@@ -204,7 +205,6 @@ def _directions(
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _turned(
-    begin: int,
     size: int,
     x_m: Float32,
     y_m: Float32,
@@ -217,7 +217,7 @@ def _turned(
 ) -> None:
     """Points of a block in base made upright, by the tilt of their time slots."""
     for j in range(size):
-        x, y, z, s = x_m[begin + j], y_m[begin + j], z_m[begin + j], np.float32(slot[begin + j])
+        x, y, z, s = x_m[j], y_m[j], z_m[j], np.float32(slot[j])
         x_out[j] = (t[0] + s * t[12]) * x + (t[1] + s * t[13]) * y + (t[2] + s * t[14]) * z
         y_out[j] = (t[4] + s * t[16]) * x + (t[5] + s * t[17]) * y + (t[6] + s * t[18]) * z
         z_out[j] = (t[8] + s * t[20]) * x + (t[9] + s * t[21]) * y + (t[10] + s * t[22]) * z + t[11]

@@ -94,14 +94,16 @@ def _isolate(
     rows, columns = good.shape
     for row in range(rows):
         begin = row * columns
+        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        ranges, dxs, dys, raw_z = range_m[0, begin:], dx_m[begin:], dy_m[begin:], raw_z_m[begin:]
         for c in range(columns):
-            r = range_m[0, begin + c]
+            r = ranges[c]
             wide[WINDOW + c] = r if r > none else _FAR_OFF_M
         for k in range(WINDOW):
             wide[k], wide[WINDOW + columns + k] = wide[columns + k], wide[WINDOW + k]
         here, raw_distance, distance, z = good[row], raw_distance_m[row], distance_m[row], z_m[row]
         for c in range(columns):
-            dx, dy = dx_m[begin + c], dy_m[begin + c]
+            dx, dy = dxs[c], dys[c]
             raw_distance[c] = np.sqrt(dx * dx + dy * dy)
         # Without branches, so that it becomes vector instructions; LLVM unrolls the inner loop.
         for c in range(columns):
@@ -116,7 +118,7 @@ def _isolate(
                 total += apart if alike else none
             scale = one + total / (same * r)
             distance[c] = raw_distance[c] * scale if r > none else none
-            z[c] = lidar_z + (raw_z_m[begin + c] - lidar_z) * scale if r > none else none
+            z[c] = lidar_z + (raw_z[c] - lidar_z) * scale if r > none else none
             # The return itself is among those found.
             here[c] = np.int8((r > none) & (found > SUPPORTERS))
         for c in range(columns):

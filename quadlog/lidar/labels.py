@@ -98,19 +98,21 @@ def _label_cells(
     for row in range(rows):
         begin = row * columns
         distance, z, is_good, is_ground, is_wall = distance_m[row], z_m[row], good[row], ground[row], wall[row]
+        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        above_m, classes, ranges_m = height_m[begin:], label[begin:], range_m[begin:]
         for c in range(columns):
-            height_m[begin + c] = z[c] - profile_height(heights_m, first, second, across, c, distance[c])
+            above_m[c] = z[c] - profile_height(heights_m, first, second, across, c, distance[c])
         for c in range(columns):
-            above = height_m[begin + c]
+            above = above_m[c]
             near = _FOOT_M if is_wall[c] != 0 else (_WALKED_M if is_ground[c] != 0 else _LEVEL_M)
             sunken = (is_ground[c] != 0) & (above < none) & (above > _SUNKEN_M)
             surface = _GROUND if (abs(above) <= near) | sunken else _OBSTACLE
-            alone = _OUTLIER if range_m[begin + c] > none else _INVALID
-            label[begin + c] = surface if is_good[c] != 0 else alone
+            alone = _OUTLIER if ranges_m[c] > none else _INVALID
+            classes[c] = surface if is_good[c] != 0 else alone
         for c in range(columns):
-            n_ground += label[begin + c] == _GROUND
-            n_obstacle += label[begin + c] == _OBSTACLE
-            n_outlier += label[begin + c] == _OUTLIER
+            n_ground += classes[c] == _GROUND
+            n_obstacle += classes[c] == _OBSTACLE
+            n_outlier += classes[c] == _OUTLIER
     counts[_GROUND] += n_ground
     counts[_OBSTACLE] += n_obstacle
     counts[_OUTLIER] += n_outlier
