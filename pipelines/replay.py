@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -58,7 +57,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to; so many processes may share its scans, which changes no result."""
+    """One recording and the folder its run goes to."""
 
     recording: Path
     run: Path
@@ -66,7 +65,6 @@ class ReplayRequest:
     options: ReplayOptions = ReplayOptions()
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
-    processes: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +132,9 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         if "position" in todo:
             stages.do(POSITION, _locate)
         if "map" in todo:
-            stages.do(MAP, partial(_filter_and_map, request))
+            stages.do(MAP, _filter_and_map)
         elif "filter" in todo:
-            stages.do(FILTER, partial(_filter, request))
+            stages.do(FILTER, _filter)
         if "plan" in todo:
             stages.do(PLAN, _replan)
         if "control" in todo:
@@ -189,16 +187,16 @@ def _locate(walk: Walk) -> None:
     locate_walk(walk)
 
 
-def _filter_and_map(request: ReplayRequest, walk: Walk) -> None:
+def _filter_and_map(walk: Walk) -> None:
     from quadlog.pipelines.stages.perceive import filter_and_map
 
-    filter_and_map(walk, request)
+    filter_and_map(walk)
 
 
-def _filter(request: ReplayRequest, walk: Walk) -> None:
+def _filter(walk: Walk) -> None:
     from quadlog.pipelines.stages.perceive import filter_scans
 
-    filter_scans(walk, request)
+    filter_scans(walk)
 
 
 def _replan(walk: Walk) -> None:

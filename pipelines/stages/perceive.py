@@ -6,11 +6,11 @@ held; each is timed on its own.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,29 +28,20 @@ from quadlog.mapping.rays import lowest_rays
 from quadlog.mapping.window import window_around
 from quadlog.messages import Float
 from quadlog.pipelines.stages.sampling import EvenSample
-from quadlog.pipelines.stages.scan_source import Scans, use_scans
+from quadlog.pipelines.stages.scans import Scan, Scanner, Surroundings
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.pipelines.stages.windows import Scan
 from quadlog.results.maps import MapsWriter
 from quadlog.results.rosmap import write_rosmap
 from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
 
-if TYPE_CHECKING:
-    from quadlog.pipelines.replay import ReplayRequest
 
-
-def filter_scans(walk: Walk, request: ReplayRequest) -> None:
+def filter_scans(walk: Walk) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples; needs no pose."""
     _warn_of_mount(walk)
-    use_scans(walk, request, _filter_only)
-
-
-def filter_and_map(walk: Walk, request: ReplayRequest) -> None:
-    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
-    _warn_of_mount(walk)
-    use_scans(walk, request, _filter_and_map)
+    for _ in _filtered(walk):
+        pass
 
 
 def _warn_of_mount(walk: Walk) -> None:
@@ -58,12 +49,9 @@ def _warn_of_mount(walk: Walk) -> None:
         walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
 
 
-def _filter_only(walk: Walk, scans: Scans) -> None:
-    for _ in _filtered(walk, scans):
-        pass
-
-
-def _filter_and_map(walk: Walk, scans: Scans) -> None:
+def filter_and_map(walk: Walk) -> None:
+    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
+    _warn_of_mount(walk)
     grid = walk.config.grid
     built = _Built(
         make_memory(walk.config), AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m)
@@ -72,7 +60,7 @@ def _filter_and_map(walk: Walk, scans: Scans) -> None:
     with ExitStack() as stack:
         with walk.clock.stage("map"):
             maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
-        for scan in _filtered(walk, scans):
+        for scan in _filtered(walk):
             with walk.clock.stage("map"):
                 _map_scan(walk, scan, maps, built)
     with walk.clock.stage("map"):
@@ -102,12 +90,20 @@ def make_memory(config: Config) -> Memory:
     return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
 
 
-def _filtered(walk: Walk, scans: Scans) -> Iterator[Scan]:
+def _scans(walk: Walk, scanner: Scanner) -> Iterator[Scan]:
+    for t_ns, cloud in walk.clouds():
+        started = time.perf_counter()
+        points, pose = scanner.classify(t_ns, cloud)
+        yield Scan(t_ns, points, pose, (time.perf_counter() - started) * 1e3)
+
+
+def _filtered(walk: Walk) -> Iterator[Scan]:
     """Keep a row of scan after scan; the clouds themselves are gone with the next one."""
+    scanner = Scanner(Surroundings.of_walk(walk))
     samples: EvenSample[CloudSample] = EvenSample(walk.config.results.cloud_samples)
     walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
-        for scan in walk.clock.drawn("filter", scans.read()):
+        for scan in walk.clock.drawn("filter", _scans(walk, scanner)):
             with walk.clock.stage("filter"):
                 walk.first_ns, walk.last_ns = min(walk.first_ns, scan.t_ns), max(walk.last_ns, scan.t_ns)
                 table.add_row(_row(scan))
@@ -117,7 +113,7 @@ def _filtered(walk: Walk, scans: Scans) -> Iterator[Scan]:
             walk.progress.advance((scan.t_ns - walk.first_ns) * 1e-9)
     with walk.clock.stage("filter"):
         write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
-    scans.tally.tell(walk)
+    scanner.tally.tell(walk)
     _tell_of_scans(walk)
 
 

@@ -30,7 +30,7 @@ ROUTE_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What must be known beside a cloud to classify it; another process can be told it too.
+    """What must be known beside a cloud to classify it.
 
     transform_lidar_to_base: (4, 4). up: how the body was tilted, None where nothing tells or it is not to count.
     """
@@ -56,12 +56,6 @@ class ScanTally:
     skewed: Counter[Skewed] = field(default_factory=Counter)
     tilted: Counter[NotLevelled] = field(default_factory=Counter)
 
-    def add(self, later: ScanTally) -> None:
-        """Count the scans of a later stretch of the recording too."""
-        self.routes.update(later.routes)
-        self.skewed.update(later.skewed)
-        self.tilted.update(later.tilted)
-
     def tell(self, walk: Walk) -> None:
         """A line for each."""
         n = self.routes.total()
@@ -74,6 +68,19 @@ class ScanTally:
         for tilted, count in self.tilted.items():
             walk.counts["scans_not_levelled"] = walk.counts.get("scans_not_levelled", 0) + count
             walk.warn(f"{count} of {n} scans keep the robot's tilt: {tilted.value}")
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A classified scan at its instant, with the robot's pose (3,) x, y, yaw in map, or None where none is near.
+
+    ms: what classifying it took.
+    """
+
+    t_ns: int
+    points: ClassifiedScan
+    pose_base_in_map: Float | None
+    ms: float
 
 
 class Scanner:

@@ -161,7 +161,6 @@ class Walk:
         self.use("lidar")
         for t_ns, _, message in self.recording.messages([self.lidar_topic()], self.start_ns, self.end_ns):
             if isinstance(message, PointCloud):
-                self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
                 yield t_ns, message
 
     def robot_pose_at(self, t_ns: int) -> Float | None:

@@ -90,10 +90,6 @@ class ChunkedReader:
         if due and topics is None and not self._read_something and all(piece.offset in self._lost for piece in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
 
-    def is_divisible(self) -> bool:
-        # What is odd about a piece is found whenever any of it is read; what is between pieces, when opening.
-        return True
-
     def _read_piece(
         self, piece: Piece, bodies: Bodies, wanted: dict[int, Channel], within: tuple[int, int], tally: Counter[int]
     ) -> Iterator[RawMessage]:

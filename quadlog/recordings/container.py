@@ -77,13 +77,6 @@ class Container(Protocol):
         """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
         ...
 
-    def is_divisible(self) -> bool:
-        """Whether readers that each open it, and read windows of log time, together find all that one would.
-
-        Not where opening it makes a copy.
-        """
-        ...
-
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
         ...

@@ -141,9 +141,6 @@ class SplitReader:
         if len(self._empty_parts) == len(self._parts):
             raise self._empty_parts[0]
 
-    def is_divisible(self) -> bool:
-        return all(part.is_divisible() for part in self._parts)
-
     def close(self) -> None:
         for part in self._parts:
             part.close()

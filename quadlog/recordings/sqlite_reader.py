@@ -41,7 +41,6 @@ class SqliteReader:
         self.warnings: list[str] = [*database.warnings, *tables.warnings]
         self.close = database.close
         self._connection, self._tables = database.connection, tables
-        self._is_copy = database.folder is not None
         self._channels = tuple(dict.fromkeys(tables.channel_of.values()))
         self._refuse_foreign_encodings()
 
@@ -88,15 +87,6 @@ class SqliteReader:
             raise NothingReadable(self.path, f"none of {several(damaged.total(), 'row')} can be read")
         if start_ns is None and end_ns is None:
             self._compare_counts(set(wanted.values()), tally + damaged)
-
-    def is_divisible(self) -> bool:
-        """See Container: rows whose order differs from that of their times show it over more than one window."""
-        back = "SELECT rowid < lag(rowid) OVER (ORDER BY timestamp, rowid) AS back FROM messages"
-        try:
-            query = f"SELECT 1 FROM ({back}) WHERE back LIMIT 1"  # noqa: S608
-            return not self._is_copy and self._connection.execute(query).fetchone() is None
-        except (sqlite3.Error, OverflowError):
-            return False
 
     def _keys(self, numbers: list[int], start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, int]]:
         """Topic and row id of each message in order of log time; in file order behind a damage of the time index."""

@@ -57,6 +57,13 @@ class TransformTree:
         if edge.static or not static:
             edge.add(t_ns, pose)
 
+    def add_moving(self, frame_id: str, child_frame_id: str, t_ns: Int, pose: Float) -> None:
+        """Poses (N, 7), position and quaternion, at t_ns (N,); what is static stays as it is."""
+        edge = self._edges.setdefault((frame_id, child_frame_id), Edge(frame_id, child_frame_id, static=False))
+        if not edge.static:
+            edge.t_ns.frombytes(t_ns.tobytes())
+            edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
+
     def __len__(self) -> int:
         return len(self._edges)
 

@@ -75,9 +75,6 @@ class UnpackedFile:
     def span_ns(self) -> tuple[int, int] | None:
         return self._inner.span_ns
 
-    def is_divisible(self) -> bool:
-        return False
-
     def close(self) -> None:
         self._inner.close()
         self._folder.cleanup()

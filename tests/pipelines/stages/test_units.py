@@ -24,12 +24,12 @@ from quadlog.results.files import files_written
 from quadlog.results.names import OWN_FILES
 from quadlog.stages import STAGES
 
-WORK: dict[str, Callable[[Walk, ReplayRequest], None]] = {
-    "position": lambda walk, _: position.locate_walk(walk),
+WORK: dict[str, Callable[[Walk], None]] = {
+    "position": position.locate_walk,
     "filter": perceive.filter_scans,
     "map": perceive.filter_and_map,
-    "plan": lambda walk, _: plan.replan_walk(walk),
-    "control": lambda walk, _: control.resimulate_walk(walk),
+    "plan": plan.replan_walk,
+    "control": control.resimulate_walk,
 }
 # `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.
 ONLY_HANDED_ON = {"ingest": ("lidar.mount",)}
@@ -100,7 +100,7 @@ def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
         with ingest.open_walk(request, StageClock(), Silent()) as walk:
             for unit in units_until(request.options.until):
                 with spy.at(unit.name), files_written() as written:
-                    WORK[unit.name](walk, request)
+                    WORK[unit.name](walk)
                 assert {path.name for path in written} <= {*unit.files, "config.toml"}
     return spy.reads
 
