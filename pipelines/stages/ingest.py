@@ -113,8 +113,8 @@ def _read(
         lidar = needed_lidar(roles)
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
-            settings = ScanSettings.of_config(config, options.seed, maps=clouds == "map")
-            scanner = Scanner(settings, mount, tilt, stack.enter_context(Spill(run.path)))
+            settings = ScanSettings.of_config(config, maps=clouds == "map")
+            scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)))
             progress.begin("ingest", _expected(recording, lidar, window))
         read = read_all(recording, wanted, lidar, window, scanner, tilt, clock, progress)
     with clock.stage("ingest"):

@@ -17,13 +17,17 @@ from quadlog.lidar.classify import FEWEST_RETURNS
 from quadlog.lidar.deskew import Skewed
 from quadlog.lidar.ground import is_level
 from quadlog.lidar.points import PointClass
+from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.ground_height import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.placing import ScanPlacer
+from quadlog.mapping.window import window_around
 from quadlog.messages import Float
-from quadlog.pipelines.stages.scan_poses import ScanPoses
+from quadlog.pipelines.stages.scan_poses import ScanPoses, deskewed
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.pipelines.stages.whole_scans import Mapper, deskewed
 from quadlog.results.maps import MapsWriter
 from quadlog.results.rosmap import write_rosmap
 from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
@@ -50,7 +54,7 @@ def filter_and_map(walk: Walk) -> None:
     shape = (grid.size_cells, grid.size_cells)
     with walk.clock.laps("filter", "map") as lap, ExitStack() as stack:
         scanner = _begin(walk)
-        poses, mapper = ScanPoses(walk), Mapper(walk.config, make_memory(walk.config))
+        poses, mapper = ScanPoses(walk), _Mapper(walk.config)
         maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
         for row, pose, slot_pose in _filtered(walk, scanner, poses):
             lap("filter")
@@ -61,6 +65,16 @@ def filter_and_map(walk: Walk) -> None:
         _write_maps(walk, mapper)
         stack.close()
         lap("map")
+
+
+class _Mapper:
+    """What grows over the whole run, and what places a scan in it."""
+
+    def __init__(self, config: Config) -> None:
+        self.placer = ScanPlacer(config.grid.min_points, config.grid.target_radius_m)
+        self.memory = make_memory(config)
+        self.whole = AccumulatedMap(config.grid.cell_m)
+        self.ground = GroundHeight(config.results.ground_cell_m)
 
 
 def make_memory(config: Config) -> Memory:
@@ -147,18 +161,24 @@ def _tell_of_scans(walk: Walk) -> None:
             walk.warn(f"{count} of {n} scans: {text}" + (f" ({walk.lidar_topic()}: {why})" if count == n else ""))
 
 
-def _map_scan(walk: Walk, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: Mapper) -> None:
+def _map_scan(walk: Walk, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: _Mapper) -> None:
     if row.shows_nothing:
         return
     if not np.isfinite(pose).all():
         walk.count("scans_without_pose")
         return
-    target = walk.target_at(row.t_ns)
-    placed = mapper.add(row.t_ns, row.compact, row.ground, is_level(row.ground), pose, slot_pose, target)
-    maps.append(row.t_ns, *placed)
+    grid = walk.config.grid
+    scan, window = CompactScan.from_bytes(row.compact), window_around(pose[:2], grid.cell_m, grid.size_cells)
+    placed = mapper.placer.place(scan, slot_pose, walk.target_at(row.t_ns), window)
+    maps.append(row.t_ns, window.origin_m, mapper.memory.add(row.t_ns, window, placed))
+    # What a ray passes above the robot's back may still be in its way.
+    mapper.whole.add(window, placed, round(walk.config.robot.height_m * 1000))
+    # A wall that was taken for the ground says nothing about where the floor is.
+    if scan.level:
+        mapper.ground.add(scan, slot_pose)
 
 
-def _write_maps(walk: Walk, mapper: Mapper) -> None:
+def _write_maps(walk: Walk, mapper: _Mapper) -> None:
     whole = mapper.whole.to_cells()
     if whole is not None:
         cells, window = whole

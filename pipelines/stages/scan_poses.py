@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.messages import Float, Int
@@ -43,3 +44,12 @@ class ScanPoses:
         if self._robot is None:
             return np.full((len(t_ns), 3), np.nan)
         return self._robot.poses_at(np.asarray(t_ns, dtype=np.int64), self._gap_s)
+
+
+def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
+    """Points (N, 3) of base, each by the pose of its time slot (N,) of slot_pose (K, 3), in base at a pose (3,)."""
+    cos, sin = np.cos(slot_pose[:, 2])[slot], np.sin(slot_pose[:, 2])[slot]
+    x_m, y_m = slot_pose[slot, :2].T - pose[:2, None]
+    x_m, y_m = x_m + cos * xyz_m[:, 0] - sin * xyz_m[:, 1], y_m + sin * xyz_m[:, 0] + cos * xyz_m[:, 1]
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.column_stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, xyz_m[:, 2]]).astype(np.float32)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple, Self
 
@@ -14,15 +15,20 @@ from numpy.typing import NDArray
 
 from quadlog.config import Config
 from quadlog.lidar.classify import FEWEST_RETURNS
-from quadlog.lidar.deskew import Skewed
+from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_slots
 from quadlog.lidar.ground import Ground
 from quadlog.lidar.levelling import NotLevelled
+from quadlog.lidar.paper import PaperSettings
 from quadlog.lidar.points import PointClass
+from quadlog.lidar.range_image import RangeImageSettings
+from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.scan_classifier import ScanClassifier
+from quadlog.mapping.compact import CompactSettings, ScanCompactor
+from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.pipelines.stages.sampling import EvenSample
 from quadlog.pipelines.stages.spill import Spill
 from quadlog.pipelines.stages.tilt import Tilt
-from quadlog.pipelines.stages.whole_scans import Classifier, Returns, to_bytes
 
 ROUTE_WORDS = {
     "rings": "by the beams their points name",
@@ -30,6 +36,8 @@ ROUTE_WORDS = {
     "height_map": "as clouds without beams, on a map of the lowest points",
     "paper": "as in [Following]",
 }
+BEYOND_WINDOW_M, ABOVE_M = 0.4, 0.1
+"""What is kept beyond the window's corners and above what matters: a window moves in whole cells."""
 _SKEWED = (None, *Skewed)
 _ROW = struct.Struct("<qd5q4d?BB")
 
@@ -98,25 +106,31 @@ class ScanTally:
 
 @dataclass(frozen=True, slots=True)
 class ScanSettings:
-    """What of the configuration decides what is kept of a scan; maps: whether maps are wanted of it."""
+    """What of the configuration decides what is kept of a scan; compact: None where no maps are wanted of it."""
 
-    classifier: Classifier
+    classifier: RangeImageSettings | PaperSettings
+    compact: CompactSettings | None
+    deskew: bool
     samples: int
-    maps: bool
 
     @classmethod
-    def of_config(cls, config: Config, seed: int, *, maps: bool) -> Self:
+    def of_config(cls, config: Config, *, maps: bool) -> Self:
         """The sections lidar, ground and, for maps, grid, as the algorithms take them."""
-        return cls(Classifier(config, seed), config.results.cloud_samples, maps)
+        compact = _compact_settings(config) if maps else None
+        return cls(_classifier_settings(config), compact, config.lidar.deskew, config.results.cloud_samples)
 
 
 class Scanner:
     """Classifies clouds one by one, and keeps in the spill what is needed of them later."""
 
-    def __init__(self, settings: ScanSettings, transform_lidar_to_base: Float, tilt: Tilt, spill: Spill) -> None:
+    def __init__(
+        self, settings: ScanSettings, seed: int, transform_lidar_to_base: Float, tilt: Tilt, spill: Spill
+    ) -> None:
         self.tally, self.spill = ScanTally(), spill
         self.samples: EvenSample[WholeScan] = EvenSample(settings.samples)
-        self._settings, self._tilt, self._transform_lidar_to_base = settings, tilt, transform_lidar_to_base
+        self._classifier = ScanClassifier(settings.classifier, seed)
+        self._compactor = None if settings.compact is None else ScanCompactor(settings.compact)
+        self._deskew, self._tilt, self._transform_lidar_to_base = settings.deskew, tilt, transform_lidar_to_base
 
     def take(self, t_ns: int, cloud: PointCloud) -> None:
         """The next cloud."""
@@ -125,15 +139,58 @@ class Scanner:
         rotations, not_levelled = self._tilt.rotations(np.array([t_ns + first_ns, t_ns + last_ns], dtype=np.int64))
         transforms = np.tile(self._transform_lidar_to_base, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
-        returns = self._settings.classifier.classify(cloud, transforms)
-        compact = to_bytes(returns) if self._settings.maps else b""
+        if not self._deskew:
+            cloud = replace(cloud, offset_ns=None)
+        returns = self._classifier.classify(cloud, transforms)
+        compact = b"" if self._compactor is None else self._compactor.compact(returns, t_ns).to_bytes()
         row = _row(t_ns, (time.perf_counter() - started) * 1e3, returns, compact)
         row.append_to(self.spill)
         if not_levelled is not None:
             self.tally.tilted[not_levelled] += 1
         if not row.shows_nothing:
-            self.tally.routes[returns.points.route] += 1
-        self.samples.offer(partial(_whole, t_ns, returns))
+            self.tally.routes[returns.route] += 1
+        self.samples.offer(partial(_whole, t_ns, cloud, returns))
+
+
+def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
+    lidar, ground = config.lidar, config.ground
+    if lidar.method == "paper":
+        return PaperSettings(
+            min_range_m=lidar.min_range_m,
+            max_range_m=lidar.max_range_m,
+            field_of_view_deg=lidar.field_of_view_deg or 180.0,
+            outlier_neighbours=lidar.outlier_neighbours,
+            outlier_std_ratio=lidar.outlier_std_ratio,
+            ground_distance_m=ground.distance_m,
+            ground_confidence=ground.confidence,
+            ground_inlier_share=ground.inlier_share,
+            ground_min_points=ground.min_points,
+        )
+    return RangeImageSettings(
+        min_range_m=lidar.min_range_m,
+        max_range_m=lidar.max_range_m,
+        field_of_view_deg=lidar.field_of_view_deg or 360.0,
+        ground_min_points=ground.min_points,
+    )
+
+
+def _compact_settings(config: Config) -> CompactSettings:
+    grid, robot = config.grid, config.robot
+    blocking = ObstacleSettings(
+        min_height_m=grid.min_height_m,
+        max_height_m=grid.max_height_m,
+        target_radius_m=grid.target_radius_m,
+        body_length_m=robot.length_m,
+        body_width_m=robot.width_m,
+    )
+    mount = config.lidar.mount
+    return CompactSettings(
+        blocking,
+        reach_m=grid.size_cells * grid.cell_m / math.sqrt(2) + math.hypot(mount.x_m, mount.y_m) + BEYOND_WINDOW_M,
+        highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
+        ground_cell_m=config.results.ground_cell_m,
+        counts=grid.min_points > 1,
+    )
 
 
 def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
@@ -147,19 +204,20 @@ def _sweep(cloud: PointCloud) -> tuple[int, int]:
     if offset_ns is None or len(offset_ns) == 0:
         return 0, 0
     first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
-    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= 1_000_000_000 else (0, 0)
+    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
 
 
-def _row(t_ns: int, ms: float, returns: Returns, compact: bytes) -> ScanRow:
-    points, ground = returns.points, returns.points.ground
+def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> ScanRow:
+    ground = returns.ground
     normal = (np.nan, np.nan, np.nan) if ground is None else tuple(float(each) for each in ground.normal)
-    counts = points.n_raw, points.n_valid, points.n_outlier, points.n_ground, points.n_obstacle
+    counts = returns.n_raw, returns.n_valid, returns.n_outlier, returns.n_ground, returns.n_obstacle
     d_m = np.nan if ground is None else ground.d_m
-    slot_ns = t_ns + returns.middle_ns
-    return ScanRow(t_ns, ms, *counts, normal, d_m, ground is not None, returns.skewed, slot_ns, compact)
+    slot_ns = t_ns + returns.slots.middle_ns
+    return ScanRow(t_ns, ms, *counts, normal, d_m, ground is not None, returns.slots.skewed, slot_ns, compact)
 
 
-def _whole(t_ns: int, returns: Returns) -> WholeScan:
-    valid = returns.points.label != PointClass.INVALID
-    xyz_m = returns.points.xyz_base_m[valid].astype(np.float32)
-    return WholeScan(t_ns, xyz_m, returns.points.label[valid], returns.slot[valid], t_ns + returns.middle_ns)
+def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:
+    points, slot = returns.points(), np.empty(returns.n_raw, np.uint8)
+    slots = sweep_slots(cloud.offset_ns, slot)
+    valid = points.label != PointClass.INVALID
+    return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + slots.middle_ns)
