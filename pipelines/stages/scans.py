@@ -129,7 +129,11 @@ class Scanner:
         self.tally, self.spill = ScanTally(), spill
         self.samples: EvenSample[WholeScan] = EvenSample(settings.samples)
         self._classifier = ScanClassifier(settings.classifier, seed)
-        self._compactor = None if settings.compact is None else ScanCompactor(settings.compact)
+        self._compactor: ScanCompactor | None = None
+        if settings.compact is not None:
+            # Windows lie about base, and what is kept about the lidar.
+            reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
+            self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
         self._deskew, self._tilt, self._transform_lidar_to_base = settings.deskew, tilt, transform_lidar_to_base
 
     def take(self, t_ns: int, cloud: PointCloud) -> None:
@@ -183,10 +187,9 @@ def _compact_settings(config: Config) -> CompactSettings:
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
     )
-    mount = config.lidar.mount
     return CompactSettings(
         blocking,
-        reach_m=grid.size_cells * grid.cell_m / math.sqrt(2) + math.hypot(mount.x_m, mount.y_m) + BEYOND_WINDOW_M,
+        reach_m=grid.size_cells * grid.cell_m / math.sqrt(2) + BEYOND_WINDOW_M,
         highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
         ground_cell_m=config.results.ground_cell_m,
         counts=grid.min_points > 1,
