@@ -15,18 +15,18 @@ from functools import partial
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan
-from quadlog.lidar.ground import height_above_ground, is_level
+from quadlog.lidar.classify import FEWEST_RETURNS
+from quadlog.lidar.ground import is_level
 from quadlog.lidar.points import PointClass
+from quadlog.lidar.returns import ClassifiedReturns
 from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.compact import CompactSettings, ScanCompactor, reach_of
 from quadlog.mapping.ground_height import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
-from quadlog.mapping.occupancy import obstacle_tops
-from quadlog.mapping.rays import lowest_rays
+from quadlog.mapping.obstacles import ObstacleSettings
+from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.window import window_around
-from quadlog.messages import Float
 from quadlog.pipelines.stages.sampling import EvenSample
 from quadlog.pipelines.stages.scans import Scan, Scanner, Surroundings
 from quadlog.pipelines.stages.walk import Walk
@@ -54,7 +54,11 @@ def filter_and_map(walk: Walk) -> None:
     _warn_of_mount(walk)
     grid = walk.config.grid
     built = _Built(
-        make_memory(walk.config), AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m)
+        make_memory(walk.config),
+        AccumulatedMap(grid.cell_m),
+        GroundHeight(walk.config.results.ground_cell_m),
+        ScanCompactor(compact_settings(walk.config)),
+        ScanPlacer(grid.min_points, grid.target_radius_m),
     )
     shape = (grid.size_cells, grid.size_cells)
     with ExitStack() as stack:
@@ -74,6 +78,8 @@ class _Built:
     memory: Memory
     whole: AccumulatedMap
     ground: GroundHeight
+    compactor: ScanCompactor
+    placer: ScanPlacer
 
 
 def make_memory(config: Config) -> Memory:
@@ -93,8 +99,8 @@ def make_memory(config: Config) -> Memory:
 def _scans(walk: Walk, scanner: Scanner) -> Iterator[Scan]:
     for t_ns, cloud in walk.clouds():
         started = time.perf_counter()
-        points, pose = scanner.classify(t_ns, cloud)
-        yield Scan(t_ns, points, pose, (time.perf_counter() - started) * 1e3)
+        returns, pose, slot_poses = scanner.classify(t_ns, cloud)
+        yield Scan(t_ns, returns, pose, slot_poses, (time.perf_counter() - started) * 1e3)
 
 
 def _filtered(walk: Walk) -> Iterator[Scan]:
@@ -107,7 +113,7 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
             with walk.clock.stage("filter"):
                 walk.first_ns, walk.last_ns = min(walk.first_ns, scan.t_ns), max(walk.last_ns, scan.t_ns)
                 table.add_row(_row(scan))
-                _count_scan(walk, scan.points)
+                _count_scan(walk, scan.returns)
                 samples.offer(partial(_sample, scan))
             yield scan
             walk.progress.advance((scan.t_ns - walk.first_ns) * 1e-9)
@@ -117,7 +123,7 @@ def _filtered(walk: Walk) -> Iterator[Scan]:
     _tell_of_scans(walk)
 
 
-def _count_scan(walk: Walk, points: ClassifiedScan) -> None:
+def _count_scan(walk: Walk, points: ClassifiedReturns) -> None:
     walk.count("scans")
     if points.shows_nothing:
         walk.count("scans_without_points")
@@ -143,30 +149,21 @@ def _tell_of_scans(walk: Walk) -> None:
 
 
 def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
-    if scan.points.shows_nothing:
+    if scan.returns.shows_nothing:
         return
     if scan.pose_base_in_map is None:
         walk.count("scans_without_pose")
         return
     grid, pose = walk.config.grid, scan.pose_base_in_map
-    settings = _obstacle_settings(walk.config)
     window = window_around(pose[:2], grid.cell_m, grid.size_cells)
-    blocking = obstacle_points(scan.points, pose, walk.target_at(scan.t_ns), settings)
-    top_m = obstacle_tops(blocking, window, grid.min_points)
-    lowest_ray_m = lowest_rays(_sensor(walk, scan.points), *ray_ends(scan.points, settings), pose, window)
-    maps.append(scan.t_ns, window.origin_m, built.memory.add(scan.t_ns, window, top_m, lowest_ray_m))
+    compact = built.compactor.compact(scan.returns, scan.t_ns)
+    placed = built.placer.place(compact, scan.slot_poses, walk.target_at(scan.t_ns), window)
+    maps.append(scan.t_ns, window.origin_m, built.memory.add(scan.t_ns, window, placed))
     # What a ray passes above the robot's back may still be in its way.
-    built.whole.add(window, np.isfinite(top_m), lowest_ray_m < walk.config.robot.height_m)
+    built.whole.add(window, placed, round(walk.config.robot.height_m * 1000))
     # A wall that was taken for the ground says nothing about where the floor is.
-    if is_level(scan.points.ground):
-        built.ground.add(scan.points.xyz_base_m, scan.points.label, pose)
-
-
-def _sensor(walk: Walk, points: ClassifiedScan) -> Float:
-    """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
-    place_m = walk.transform_lidar_to_base[:3, 3].copy()
-    place_m[2] = float(height_above_ground(place_m[None], points.ground)[0])
-    return place_m
+    if compact.level:
+        built.ground.add(compact, scan.slot_poses)
 
 
 def _write_built(walk: Walk, built: _Built) -> None:
@@ -190,7 +187,7 @@ def _write_built(walk: Walk, built: _Built) -> None:
 
 
 def _row(scan: Scan) -> dict[str, float | int | bool]:
-    points, ground = scan.points, scan.points.ground
+    points, ground = scan.returns, scan.returns.ground
     normal = (np.nan, np.nan, np.nan) if ground is None else ground.normal
     return {
         "t_ns": scan.t_ns,
@@ -210,16 +207,25 @@ def _row(scan: Scan) -> dict[str, float | int | bool]:
 
 def _sample(scan: Scan) -> CloudSample:
     x_m, y_m, yaw_rad = (np.nan, np.nan, np.nan) if scan.pose_base_in_map is None else scan.pose_base_in_map
-    valid = scan.points.label != PointClass.INVALID
-    xyz_m = scan.points.xyz_base_m[valid].astype(np.float32)
-    return CloudSample(scan.t_ns, xyz_m, scan.points.label[valid], float(x_m), float(y_m), float(yaw_rad))
+    points = scan.returns.points()
+    valid = points.label != PointClass.INVALID
+    xyz_m = points.xyz_base_m[valid].astype(np.float32)
+    return CloudSample(scan.t_ns, xyz_m, points.label[valid], float(x_m), float(y_m), float(yaw_rad))
 
 
-def _obstacle_settings(config: Config) -> ObstacleSettings:
-    return ObstacleSettings(
-        min_height_m=config.grid.min_height_m,
-        max_height_m=config.grid.max_height_m,
-        target_radius_m=config.grid.target_radius_m,
-        body_length_m=config.robot.length_m,
-        body_width_m=config.robot.width_m,
+def compact_settings(config: Config) -> CompactSettings:
+    """What maps of this configuration need of a scan."""
+    grid, robot = config.grid, config.robot
+    blocking = ObstacleSettings(
+        min_height_m=grid.min_height_m,
+        max_height_m=grid.max_height_m,
+        body_length_m=robot.length_m,
+        body_width_m=robot.width_m,
+    )
+    return CompactSettings(
+        blocking,
+        reach_m=min(reach_of(grid.cell_m, grid.size_cells), config.lidar.max_range_m),
+        highest_m=max(grid.max_height_m, robot.height_m) + 0.1,
+        ground_cell_m=config.results.ground_cell_m,
+        counts=grid.min_points > 1,
     )

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
+from quadlog.lidar.deskew import Skewed, slot_poses, sweep_instants
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.lidar.paper import PaperSettings
+from quadlog.lidar.range_image import RangeImageSettings
+from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.heading import frozen
 from quadlog.pipelines.stages.tracks import RobotTrack
@@ -74,12 +74,13 @@ class ScanTally:
 class Scan:
     """A classified scan at its instant, with the robot's pose (3,) x, y, yaw in map, or None where none is near.
 
-    ms: what classifying it took.
+    slot_poses: (K, 3) of its time slots. ms: what classifying it took.
     """
 
     t_ns: int
-    points: ClassifiedScan
+    returns: ClassifiedReturns
     pose_base_in_map: Float | None
+    slot_poses: Float
     ms: float
 
 
@@ -89,30 +90,25 @@ class Scanner:
     def __init__(self, around: Surroundings) -> None:
         self.tally = ScanTally()
         self._around = around
-        self._classify = classifier(around.config, around.seed)
+        self._classifier = classifier(around.config, around.seed)
 
-    def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedScan, Float | None]:
-        """A cloud's points in base, as they were at t_ns, base being upright; and base's pose (3,) in map, if known."""
-        instants_ns: Int | Skewed = Skewed.NO_TIMES
-        if self._around.config.lidar.deskew and self._moves:
-            instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
-        wanted_ns = np.array([t_ns], dtype=np.int64) if isinstance(instants_ns, Skewed) else instants_ns
-        poses = self._poses(wanted_ns)
-        rotation_base_to_level = self._rotations(wanted_ns)
-        xyz_m: Float | Skewed = (
-            instants_ns
-            if isinstance(instants_ns, Skewed)
-            else self._deskewed(cloud, instants_ns, poses, rotation_base_to_level)
-        )
-        transform_lidar_to_level = self._around.transform_lidar_to_base.copy()
-        transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
-        moved_m = cloud.xyz_m if isinstance(xyz_m, Skewed) else xyz_m
-        scan = self._classify(moved_m, cloud.ring, transform_lidar_to_level)
-        if not scan.shows_nothing:
-            self.tally.routes[scan.route] += 1
-            if isinstance(xyz_m, Skewed):
-                self.tally.skewed[xyz_m] += 1
-        return scan, poses[0] if np.isfinite(poses[0]).all() else None
+    def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedReturns, Float | None, Float]:
+        """A cloud's returns in base made upright; base's pose (3,) in map, if known, and those of its time slots."""
+        first_ns, last_ns = t_ns, t_ns
+        instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
+        if not isinstance(instants_ns, Skewed) and self._around.config.lidar.deskew:
+            first_ns, last_ns = int(instants_ns[1]), int(instants_ns[-1])
+        transforms = np.tile(self._around.transform_lidar_to_base, (2, 1, 1))
+        transforms[:, :3] = self._rotations(np.array([first_ns, last_ns])) @ transforms[:, :3]
+        returns = self._classifier.classify(cloud, transforms)
+        poses = self._poses(np.concatenate([np.array([t_ns]), t_ns + returns.slots.middle_ns]))
+        at_slots, skewed = slot_poses(t_ns, t_ns + returns.slots.middle_ns, poses)
+        skewed = (returns.slots.skewed or skewed) if self._moves else Skewed.NO_TIMES
+        if not returns.shows_nothing:
+            self.tally.routes[returns.route] += 1
+            if skewed is not None:
+                self.tally.skewed[skewed] += 1
+        return returns, poses[0] if np.isfinite(poses[0]).all() else None, at_slots
 
     @property
     def _moves(self) -> bool:
@@ -132,22 +128,9 @@ class Scanner:
             return np.full((len(instants_ns), 3), np.nan)
         return self._around.robot.poses_at(instants_ns, self._around.config.lidar.pose_gap_s)
 
-    def _deskewed(
-        self, cloud: PointCloud, instants_ns: Int, poses: Float, rotation_base_to_level: Float
-    ) -> Float | Skewed:
-        assert cloud.offset_ns is not None
-        return deskew(
-            cloud.xyz_m,
-            cloud.offset_ns,
-            instants_ns,
-            poses,
-            rotation_base_to_level,
-            self._around.transform_lidar_to_base,
-        )
 
-
-def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None, Float], ClassifiedScan]:
-    """The configured method: points (N, 3), their rings or None, and the transform to base -> classified scan."""
+def classifier(config: Config, seed: int) -> ScanClassifier:
+    """The configured method."""
     lidar, ground = config.lidar, config.ground
     if lidar.method == "paper":
         paper = PaperSettings(
@@ -161,14 +144,14 @@ def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None,
             ground_inlier_share=ground.inlier_share,
             ground_min_points=ground.min_points,
         )
-        return lambda xyz_m, _, transform: classify_scan_paper(xyz_m, transform, paper, seed)
+        return ScanClassifier(paper, seed, uses_times=lidar.deskew)
     settings = RangeImageSettings(
         min_range_m=lidar.min_range_m,
         max_range_m=lidar.max_range_m,
         field_of_view_deg=lidar.field_of_view_deg or 360.0,
         ground_min_points=ground.min_points,
     )
-    return lambda xyz_m, ring, transform: classify_scan_range_image(xyz_m, ring, transform, settings)
+    return ScanClassifier(settings, seed, uses_times=lidar.deskew)
 
 
 def _up_series(walk: Walk) -> UpSeries | None:

@@ -9,18 +9,16 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.deskew import MOST_TIME_SLOTS
+from quadlog.lidar.returns import ClassifiedReturns
 from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.compact import CompactScan, ScanCompactor
 from quadlog.mapping.ground_height import GroundHeight
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
-from quadlog.mapping.occupancy import obstacle_tops
-from quadlog.mapping.rays import lowest_rays
+from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.window import window_around
-from quadlog.messages import RangeSeries
+from quadlog.messages import PointCloud, RangeSeries
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
-from quadlog.pipelines.stages.perceive import make_memory
+from quadlog.pipelines.stages.perceive import compact_settings, make_memory
 from quadlog.pipelines.stages.scans import classifier
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
@@ -65,8 +63,8 @@ def _locate_toy_tag() -> None:
     locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings(smooth=False))
 
 
-def _classify_toy_scan(config: Config) -> None:
-    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, and one deskewed."""
+def _classify_toy_scan(config: Config) -> ClassifiedReturns:
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it."""
     ring = np.tile(np.arange(16, dtype=np.uint16), 90)
     azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
     direction = np.column_stack(
@@ -77,29 +75,25 @@ def _classify_toy_scan(config: Config) -> None:
         ]
     )
     range_m = np.minimum(0.4 / np.maximum(-direction[:, 2], 1e-3), 6.0)
+    # Every tenth ray also meets something nearer.
     xyz_m = (direction * range_m[:, None]).astype(np.float32)
+    xyz_m, ring = np.concatenate([xyz_m, xyz_m[::10] / 2]), np.concatenate([ring, ring[::10]])
     mount = np.eye(4)
     mount[2, 3] = 0.4
-    offset_ns = np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16)
-    instants_ns = sweep_instants(0, offset_ns, len(xyz_m))
-    assert not isinstance(instants_ns, Skewed)
-    poses = np.column_stack([instants_ns * 1e-9, np.zeros((len(instants_ns), 2))])
-    moved_m = deskew(xyz_m, offset_ns, instants_ns, poses, np.tile(np.eye(3), (len(instants_ns), 1, 1)), mount)
-    assert not isinstance(moved_m, Skewed)
-    classifier(config, 0)(moved_m, ring, mount)
+    offset_ns = np.linspace(0, 10**8, len(ring)).astype(np.int64)
+    return classifier(config, 0).classify(PointCloud(0, "lidar", xyz_m, ring, offset_ns), mount)
 
 
 def _map_toy_scan() -> None:
-    """One scan of two points laid on every map there is."""
-    window = window_around(np.zeros(2), 0.1, 11)
-    xyz_m, label = np.ones((2, 3), np.float32), np.array([PointClass.GROUND, PointClass.OBSTACLE], np.uint8)
-    scan = ClassifiedScan(xyz_m, label, None, np.ones(2, np.float32), "rings")
-    pose, settings = np.zeros(3), ObstacleSettings()
-    top_m = obstacle_tops(obstacle_points(scan, pose, None, settings), window, 1)
-    lowest_ray_m = lowest_rays(np.array([0, 0, 0.4]), *ray_ends(scan, settings), pose, window)
-    make_memory(Config()).add(0, window, top_m, lowest_ray_m)
-    AccumulatedMap(0.1).add(window, np.isfinite(top_m), np.isfinite(lowest_ray_m))
-    GroundHeight(0.1).add(xyz_m, label, pose)
+    """One scan laid on every map there is."""
+    config = Config()
+    window, poses = window_around(np.zeros(2), 0.1, 11), np.zeros((MOST_TIME_SLOTS, 3))
+    compact = ScanCompactor(compact_settings(config)).compact(_classify_toy_scan(config), 0)
+    compact = CompactScan.from_bytes(compact.to_bytes())
+    placed = ScanPlacer(1, 0.5).place(compact, poses, None, window)
+    make_memory(config).add(0, window, placed)
+    AccumulatedMap(0.1).add(window, placed, 400)
+    GroundHeight(0.1).add(compact, poses)
 
 
 def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:
