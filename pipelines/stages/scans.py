@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.deskew import Skewed, slot_poses, sweep_instants
+from quadlog.lidar.deskew import Skewed, slot_poses, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.lidar.paper import PaperSettings
 from quadlog.lidar.range_image import RangeImageSettings
@@ -95,9 +95,9 @@ class Scanner:
     def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedReturns, Float | None, Float]:
         """A cloud's returns in base made upright; base's pose (3,) in map, if known, and those of its time slots."""
         first_ns, last_ns = t_ns, t_ns
-        instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
-        if not isinstance(instants_ns, Skewed) and self._around.config.lidar.deskew:
-            first_ns, last_ns = int(instants_ns[1]), int(instants_ns[-1])
+        span_ns = sweep_span(cloud.offset_ns, len(cloud.xyz_m))
+        if not isinstance(span_ns, Skewed) and self._around.config.lidar.deskew:
+            first_ns, last_ns = t_ns + span_ns[0], t_ns + span_ns[1]
         transforms = np.tile(self._around.transform_lidar_to_base, (2, 1, 1))
         transforms[:, :3] = self._rotations(np.array([first_ns, last_ns])) @ transforms[:, :3]
         returns = self._classifier.classify(cloud, transforms)

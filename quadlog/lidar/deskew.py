@@ -1,8 +1,8 @@
-"""A scan measured while the robot moved, as it would have been measured in one instant.
+"""When the points of a scan were measured, so that what survives of it is put where it was while the robot moved.
 
 A spinning lidar takes a tenth of a second for its points: at 0.7 m/s and
-0.5 rad/s a wall 10 m away is drawn half a metre off at one end. Each point is
-moved by what the robot moved between the point's own instant and the scan's.
+0.5 rad/s a wall 10 m away is drawn half a metre off at one end. Points are
+gathered in time slots, and each slot is placed by the robot's pose at its middle.
 """
 
 from __future__ import annotations
@@ -15,18 +15,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.geometry import invert_transform
-from quadlog.lidar.points import columns_of
-from quadlog.messages import Float, Float32, Int
+from quadlog.messages import Float, Int
 
 MAX_OFFSET_NS = 1_000_000_000
 """No scan takes longer, and no stamp is farther from its points."""
-KNOT_NS, SLOTS = 10_000_000, 128
-"""Motion is linear from knot to knot, in so many steps: at 1.5 rad/s that is at most 3 mm off at 30 m."""
 MAX_SPEED_MPS, MAX_TURN_RADPS = 10.0, 2 * math.pi
 """Faster poses jump, rather than that the robot moves."""
-# Where the motion of the whole scan shifts no point within this range by more than this, there is none.
-_NEGLIGIBLE_M, _FAR_M = 1e-3, 30.0
 
 
 class Skewed(StrEnum):
@@ -53,18 +47,35 @@ class Slots:
     skewed: Skewed | None
 
 
-def sweep_slots(offset_ns: Int | None, slot: NDArray[np.uint8]) -> Slots:
-    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times.
+def sweep_span(offset_ns: Int | None, n_points: int) -> tuple[int, int] | Skewed:
+    """The times of the first and the last point relative to the stamp, or why these tell nothing.
 
     offset_ns: (N,) times of the points relative to the stamp, in any order. They may
     start, end or lie about 0; none farther from it than the scan lasts.
     """
-    instants_ns = sweep_instants(0, offset_ns, len(slot))
-    if isinstance(instants_ns, Skewed) or offset_ns is None:
+    if offset_ns is None or n_points == 0:
+        return Skewed.NO_TIMES
+    if offset_ns.shape != (n_points,):
+        return Skewed.ABSURD_TIMES
+    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
+    lasts_ns = last_ns - first_ns
+    if lasts_ns == 0:
+        return Skewed.NO_TIMES
+    if lasts_ns > MAX_OFFSET_NS or max(first_ns, -last_ns) > lasts_ns or max(-first_ns, last_ns) > MAX_OFFSET_NS:
+        return Skewed.ABSURD_TIMES
+    return first_ns, last_ns
+
+
+def sweep_slots(offset_ns: Int | None, slot: NDArray[np.uint8]) -> Slots:
+    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times.
+
+    offset_ns: (N,) as `sweep_span` takes it.
+    """
+    span_ns = sweep_span(offset_ns, len(slot))
+    if isinstance(span_ns, Skewed) or offset_ns is None:
         slot[:] = 0
-        reason = instants_ns if isinstance(instants_ns, Skewed) else Skewed.NO_TIMES
-        return Slots(np.zeros(1, np.int64), reason)
-    first_ns, last_ns = int(instants_ns[1]), int(instants_ns[-1])
+        return Slots(np.zeros(1, np.int64), span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES)
+    first_ns, last_ns = span_ns
     lasts_ns = last_ns - first_ns
     middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS, dtype=np.int64) + 1) * lasts_ns // (2 * MOST_TIME_SLOTS)
     _fill_slots(offset_ns, first_ns, np.float32(MOST_TIME_SLOTS * 0.99999 / lasts_ns), slot)
@@ -90,27 +101,6 @@ def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float,
     if _jumps(np.concatenate([np.array([t_ns], dtype=np.int64), slot_ns]), pose_base_in_map):
         return at_stamp, Skewed.JUMP
     return pose_base_in_map[1:], None
-
-
-def sweep_instants(t_ns: int, offset_ns: Int | None, n_points: int) -> Int | Skewed:
-    """The scan's instant t_ns, and after it those (K,) between which motion is linear: where poses are needed.
-
-    offset_ns: (N,) times of the points relative to t_ns, in any order. They may
-    start, end or lie about 0; none farther from it than the scan lasts.
-    """
-    if offset_ns is None or n_points == 0:
-        return Skewed.NO_TIMES
-    if offset_ns.shape != (n_points,):
-        return Skewed.ABSURD_TIMES
-    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
-    lasts_ns = last_ns - first_ns
-    if lasts_ns == 0:
-        return Skewed.NO_TIMES
-    if lasts_ns > MAX_OFFSET_NS or max(first_ns, -last_ns) > lasts_ns or max(-first_ns, last_ns) > MAX_OFFSET_NS:
-        return Skewed.ABSURD_TIMES
-    n_steps = -(-lasts_ns // KNOT_NS)
-    knots_ns = t_ns + first_ns + np.arange(n_steps + 1, dtype=np.int64) * lasts_ns // n_steps
-    return np.concatenate([np.array([t_ns], dtype=np.int64), knots_ns])
 
 
 def _jumps(t_ns: Int, pose: Float) -> bool:

@@ -289,7 +289,8 @@ def _average_ground(
         if label[i] != _GROUND:
             continue
         dx, dy = dx_m[i], dy_m[i]
-        if dx * dx + dy * dy > farthest:
+        # NaN fails this comparison as well.
+        if not dx * dx + dy * dy <= farthest:
             continue
         x, y = dx + x0, dy + y0
         cell = np.int32(x * per_cell + _MIDDLE) * _ROW + np.int32(y * per_cell + _MIDDLE)

@@ -70,7 +70,7 @@ class RayGatherer:
         Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called
         crossed only where all agree.
         """
-        n, width = len(returns.label), returns.columns or len(returns.label)
+        n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
         if len(self._place) < width:
             self._row, self._place = np.zeros((2, width), np.float32), np.zeros(width, np.int32)
         sectors, together = _sectors(returns)
