@@ -23,7 +23,7 @@ from quadlog.lidar.points import PointClass
 from quadlog.lidar.range_image import RangeImageSettings
 from quadlog.lidar.returns import ClassifiedReturns
 from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.mapping.compact import CompactSettings, ScanCompactor
+from quadlog.mapping.compact import CompactSettings, ScanCompactor, reach_of
 from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.pipelines.stages.sampling import EvenSample
@@ -36,8 +36,8 @@ ROUTE_WORDS = {
     "height_map": "as clouds without beams, on a map of the lowest points",
     "paper": "as in [Following]",
 }
-BEYOND_WINDOW_M, ABOVE_M = 0.4, 0.1
-"""What is kept beyond the window's corners and above what matters: a window moves in whole cells."""
+ABOVE_M = 0.1
+"""Rays are kept so far above what matters."""
 _SKEWED = (None, *Skewed)
 _ROW = struct.Struct("<qd5q4d?BB")
 
@@ -128,13 +128,13 @@ class Scanner:
     ) -> None:
         self.tally, self.spill = ScanTally(), spill
         self.samples: EvenSample[WholeScan] = EvenSample(settings.samples)
-        self._classifier = ScanClassifier(settings.classifier, seed)
+        self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
         self._compactor: ScanCompactor | None = None
         if settings.compact is not None:
             # Windows lie about base, and what is kept about the lidar.
             reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
             self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
-        self._deskew, self._tilt, self._transform_lidar_to_base = settings.deskew, tilt, transform_lidar_to_base
+        self._tilt, self._transform_lidar_to_base = tilt, transform_lidar_to_base
 
     def take(self, t_ns: int, cloud: PointCloud) -> None:
         """The next cloud."""
@@ -143,8 +143,6 @@ class Scanner:
         rotations, not_levelled = self._tilt.rotations(np.array([t_ns + first_ns, t_ns + last_ns], dtype=np.int64))
         transforms = np.tile(self._transform_lidar_to_base, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
-        if not self._deskew:
-            cloud = replace(cloud, offset_ns=None)
         returns = self._classifier.classify(cloud, transforms)
         compact = b"" if self._compactor is None else self._compactor.compact(returns, t_ns).to_bytes()
         row = _row(t_ns, (time.perf_counter() - started) * 1e3, returns, compact)
@@ -183,13 +181,12 @@ def _compact_settings(config: Config) -> CompactSettings:
     blocking = ObstacleSettings(
         min_height_m=grid.min_height_m,
         max_height_m=grid.max_height_m,
-        target_radius_m=grid.target_radius_m,
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
     )
     return CompactSettings(
         blocking,
-        reach_m=grid.size_cells * grid.cell_m / math.sqrt(2) + BEYOND_WINDOW_M,
+        reach_m=reach_of(grid.cell_m, grid.size_cells),
         highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
         ground_cell_m=config.results.ground_cell_m,
         counts=grid.min_points > 1,
@@ -220,7 +217,8 @@ def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> Sc
 
 
 def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:
-    points, slot = returns.points(), np.empty(returns.n_raw, np.uint8)
-    slots = sweep_slots(cloud.offset_ns, slot)
+    points, slot = returns.points(), np.zeros(returns.n_raw, np.uint8)
+    if returns.slots.skewed is None:
+        sweep_slots(cloud.offset_ns, slot)
     valid = points.label != PointClass.INVALID
-    return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + slots.middle_ns)
+    return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + returns.slots.middle_ns)

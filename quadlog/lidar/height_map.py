@@ -30,11 +30,11 @@ _LEVELLING_M2 = 0.2
 _GROUND_M = 0.06
 
 
-def grow_ground(image: Image, z_m: float, floor_m: float, counts: Int) -> Float:
+def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
     """Fill height_m of an image in which `label_supported` labelled what is real, and label what is ground.
 
-    Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar, which
-    stands at z_m; floor_m: height of the ground below it.
+    Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
+    floor_m: height of the ground there.
     """
     n = image.rows * image.columns + image.n_others
     places = image.dx_m[:n], image.dy_m[:n], image.z_m[:n], image.label[:n]

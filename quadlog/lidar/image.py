@@ -110,7 +110,7 @@ def _lay(
     n_valid, n_others, n_without = 0, 0, 0
     for begin in range(0, n, BLOCK):
         size = min(BLOCK, n - begin)
-        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
         xs, ys, zs, slots = x_m[begin:], y_m[begin:], z_m[begin:], slot[begin:]
         _directions(size, xs, ys, zs, limits, columns, r_m, part, column)
         _turned(size, xs, ys, zs, slots, turning, x_out, y_out, z_out)

@@ -94,7 +94,7 @@ def _isolate(
     rows, columns = good.shape
     for row in range(rows):
         begin = row * columns
-        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
         ranges, dxs, dys, raw_z = range_m[0, begin:], dx_m[begin:], dy_m[begin:], raw_z_m[begin:]
         for c in range(columns):
             r = ranges[c]

@@ -98,7 +98,7 @@ def _label_cells(
     for row in range(rows):
         begin = row * columns
         distance, z, is_good, is_ground, is_wall = distance_m[row], z_m[row], good[row], ground[row], wall[row]
-        # Indices that may be negative for all the compiler knows would keep the loops from becoming vector instructions.
+        # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
         above_m, classes, ranges_m = height_m[begin:], label[begin:], range_m[begin:]
         for c in range(columns):
             above_m[c] = z[c] - profile_height(heights_m, first, second, across, c, distance[c])

@@ -10,7 +10,7 @@ from quadlog.messages import Float32
 
 
 class Polar(NamedTuple):
-    """range_m: (N,) from the lidar, 0 for what is no return. sine: (N,) of the elevation; turn: (N,) azimuth, [0, 1)."""
+    """range_m: (N,) from the lidar, 0 for no return. sine: (N,) of the elevation; turn: (N,) azimuth, [0, 1)."""
 
     range_m: Float32
     sine: Float32

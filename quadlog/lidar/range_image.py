@@ -257,7 +257,7 @@ def _label_bins(space: _Space, transform: Float, counts: Int) -> Float:
         near_z_m = z_m[range_m < NEAR_FLOOR_M]
         floor_m = float(np.quantile(near_z_m, 0.05)) if len(near_z_m) else lidar_z_m
     label_supported(image, space.isolated, counts)
-    a, b, c = grow_ground(image, lidar_z_m, floor_m, counts)
+    a, b, c = grow_ground(image, floor_m, counts)
     return np.array([a, b, c - a * transform[0, 3] - b * transform[1, 3]])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan, Route
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.ground import Ground
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.points import PointClass, columns_of
 from quadlog.messages import Float, Float32, Int
 
 
@@ -41,6 +42,15 @@ class ClassifiedReturns:
     lidar_base_m: Float
     slots: Slots
     points: Callable[[], ClassifiedScan]
+
+    @classmethod
+    def of_points(cls, scan: ClassifiedScan, lidar_base_m: Float, slot: NDArray[np.uint8], slots: Slots) -> Self:
+        """The points (N, 3) of a scan that no image holds; slot: (N,)."""
+        x_m, y_m, z_m = columns_of(scan.xyz_base_m)
+        dx_m, dy_m = x_m - np.float32(lidar_base_m[0]), y_m - np.float32(lidar_base_m[1])
+        arrays = dx_m, dy_m, z_m, scan.height_m, scan.label, slot
+        counts = np.bincount(scan.label, minlength=len(PointClass))
+        return cls(*arrays, 0, 0, counts, scan.ground, scan.route, lidar_base_m, slots, lambda: scan)
 
     @property
     def n_raw(self) -> int:

@@ -9,16 +9,20 @@ from quadlog.lidar.classify import ClassifiedScan
 from quadlog.lidar.deskew import Slots, sweep_slots
 from quadlog.lidar.ground import Ground, height_above_ground
 from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.lidar.points import PointClass, columns_of
+from quadlog.lidar.points import PointClass
 from quadlog.lidar.range_image import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
 from quadlog.lidar.returns import ClassifiedReturns
 from quadlog.messages import Float, Float32, PointCloud
 
 
 class ScanClassifier:
-    """Classifies the scans of one lidar, one after the other, in arrays that are kept from scan to scan."""
+    """Classifies the scans of one lidar, one after the other, in arrays that are kept from scan to scan.
 
-    def __init__(self, settings: RangeImageSettings | PaperSettings, seed: int = 0) -> None:
+    uses_times: whether the points' own times count; without them all of a scan is in one time slot.
+    """
+
+    def __init__(self, settings: RangeImageSettings | PaperSettings, seed: int = 0, *, uses_times: bool = True) -> None:
+        self._uses_times = uses_times
         self._paper, self._seed = settings if isinstance(settings, PaperSettings) else None, seed
         self._images = RangeImageClassifier(settings) if isinstance(settings, RangeImageSettings) else None
         self._xyz_m, self._ring = np.zeros((3, 0), np.float32), np.zeros(0, np.uint16)
@@ -56,17 +60,13 @@ class ScanClassifier:
                 np.copyto(self._xyz_m[axis, :n], cloud.xyz_m[:, axis], casting="same_kind")
         if cloud.ring is not None and len(cloud.ring) == n:
             self._ring[:n] = cloud.ring
-        return sweep_slots(cloud.offset_ns, self._slot[:n])
+        return sweep_slots(cloud.offset_ns if self._uses_times else None, self._slot[:n])
 
     def _by_paper(self, cloud: PointCloud, transform: Float, slots: Slots) -> ClassifiedReturns:
         assert self._paper is not None
         points = classify_scan_paper(cloud.xyz_m, transform, self._paper, self._seed)
-        x_m, y_m, z_m = columns_of(points.xyz_base_m)
-        dx_m, dy_m = x_m - np.float32(transform[0, 3]), y_m - np.float32(transform[1, 3])
-        counts = np.bincount(points.label, minlength=len(PointClass))
-        arrays = dx_m, dy_m, z_m, points.height_m, points.label, self._slot[: len(points.label)]
         place_m = _above_ground(transform, points.ground)
-        return ClassifiedReturns(*arrays, 0, 0, counts, points.ground, "paper", place_m, slots, lambda: points)
+        return ClassifiedReturns.of_points(points, place_m, self._slot[: len(points.label)], slots)
 
 
 def _as_returns(found: ImageClasses, xyz_m: XyzM, transform: Float, slots: Slots) -> ClassifiedReturns:

@@ -30,8 +30,15 @@ THIN_M = 0.025
 """Edge of the cells of base in which obstacle points count as one: a quarter of a map's usual cell."""
 MOST_COUNT = 255
 _UNITS = 32000
+# How far the lidar lies from the middle of the window: its mount, half a cell, and what it moves while it sweeps.
+_LIDAR_OFF_M = 1.0
 _HEADER = struct.Struct("<qd4d??BxHIII")
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
+
+
+def reach_of(cell_m: float, size_cells: int) -> float:
+    """How far from the lidar the corners of a square window about the robot lie at most, in metres."""
+    return cell_m * size_cells * math.sqrt(0.5) + _LIDAR_OFF_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,7 @@ class CompactSettings:
     """
 
     blocking: ObstacleSettings
-    reach_m: float = 14.5
+    reach_m: float = 15.2
     highest_m: float = 1.6
     ground_cell_m: float = 0.2
     counts: bool = False
@@ -221,7 +228,7 @@ def _keep_obstacles(
             # Written whatever they are: a branch that is often guessed wrongly takes longer.
             column[n_columns] = c
             n_columns += (key[c] != _NOWHERE) & ((key[c] != before) | counts)
-            before = key[c]
+            before = key[c] if key[c] != _NOWHERE else before
         for j in range(n_columns):
             c = np.uint32(column[j])
             cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), np.float32(32767)))
@@ -282,7 +289,8 @@ def _average_ground(
         if label[i] != _GROUND:
             continue
         dx, dy = dx_m[i], dy_m[i]
-        if dx * dx + dy * dy > farthest:
+        # NaN fails this comparison as well.
+        if not dx * dx + dy * dy <= farthest:
             continue
         x, y = dx + x0, dy + y0
         cell = np.int32(x * per_cell + _MIDDLE) * _ROW + np.int32(y * per_cell + _MIDDLE)

@@ -10,13 +10,11 @@ class ObstacleSettings:
     """What counts as an obstacle.
 
     min_height_m, max_height_m: above the ground; lower and higher points do not block.
-    target_radius_m: points this near to the target are the target.
     body_length_m, body_width_m, body_margin_m: points in this box about base's origin are the robot.
     """
 
     min_height_m: float = 0.05
     max_height_m: float = 1.5
-    target_radius_m: float = 0.5
     body_length_m: float = 0.62
     body_width_m: float = 0.26
     body_margin_m: float = 0.1

@@ -66,10 +66,11 @@ class RayGatherer:
         """The rays of a scan that end on the ground or on an obstacle, but not on the robot; overwritten by the next.
 
         half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
-        off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell
-        is called crossed only where all agree.
+        off, or higher above the ground, does not matter.
+        Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called
+        crossed only where all agree.
         """
-        n, width = len(returns.label), returns.columns or len(returns.label)
+        n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
         if len(self._place) < width:
             self._row, self._place = np.zeros((2, width), np.float32), np.zeros(width, np.int32)
         sectors, together = _sectors(returns)
@@ -157,7 +158,7 @@ def _gather(
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _turn(x: float, y: float) -> float:
-    """The azimuth of (x, y) in turns, [0, 1], by an odd polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
+    """The azimuth of (x, y) in turns, [0, 1], by a polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
     size_x, size_y = abs(x), abs(y)
     steep = size_y > size_x
     larger, smaller = size_y if steep else size_x, size_x if steep else size_y
