@@ -29,6 +29,8 @@ UInt8 = NDArray[np.uint8]
 THIN_M = 0.025
 """Edge of the cells of base in which obstacle points count as one: a quarter of a map's usual cell."""
 MOST_COUNT = 255
+# Points of one cell that were measured farther apart than this lie in different places of map.
+_SAME_TIME_SLOTS = 2
 _UNITS = 32000
 # How far the lidar lies from the middle of the window: its mount, half a cell, and what it moves while it sweeps.
 _LIDAR_OFF_M = 1.0
@@ -177,18 +179,8 @@ class ScanCompactor:
         self._ground_count, self._sums = np.zeros(room, np.uint16), np.zeros((room, 4), np.float32)
 
 
-_X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH, _PER_THIN, _PER_CELL, _PER_UNIT = (
-    0,
-    1,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    9,
-    10,
-)
+_X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH = 0, 1, 3, 4, 5, 6, 7
+_PER_THIN, _PER_CELL, _PER_UNIT = 8, 9, 10
 _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 
@@ -234,7 +226,7 @@ def _keep_obstacles(
             cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), np.float32(32767)))
             at = np.uint32((cell ^ (cell >> np.int32(15)) * np.int32(73)) & mask)
             item = np.uint32(table[0, at])
-            if table[1, at] == cell:
+            if table[1, at] == cell and abs(np.int64(obstacle_slot[item]) - slots[c]) <= _SAME_TIME_SLOTS:
                 obstacle[item, 2] = max(obstacle[item, 2], millimetres)
                 count[item] += count[item] < MOST_COUNT
                 continue
