@@ -62,7 +62,7 @@ class CompactSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompactScan:
-    """One scan, ready to be placed in map; lengths are in units of unit_m, heights in mm.
+    """One scan, ready to be placed in map; x and y are in units of unit_m, rounded down, and heights in mm.
 
     slot_ns: (K,) absolute instants of the middles of the time slots. lidar_base_m: (3,) x, y in base and height above
     the ground. obstacle: (N, 3) x, y and height above the ground of the highest of obstacle_count (N,) points that were
@@ -231,8 +231,8 @@ def _keep_obstacles(
                 count[item] += count[item] < MOST_COUNT
                 continue
             table[0, at], table[1, at], item = kept, cell, np.uint32(kept)
-            obstacle[item, 0] = np.int16((dxs[c] + x0) * per_unit)
-            obstacle[item, 1] = np.int16((dys[c] + y0) * per_unit)
+            obstacle[item, 0] = np.int16(np.floor((dxs[c] + x0) * per_unit))
+            obstacle[item, 1] = np.int16(np.floor((dys[c] + y0) * per_unit))
             obstacle[item, 2], count[item], obstacle_slot[item] = millimetres, 1, slots[c]
             kept += 1
     return kept
@@ -302,8 +302,8 @@ def _average_ground(
     per_unit, most = limits[_PER_UNIT], np.float32(32767)
     for item in range(kept):
         share = np.float32(1) / sums[item, 3]
-        ground[item, 0] = np.int16(np.rint(sums[item, 0] * share * per_unit))
-        ground[item, 1] = np.int16(np.rint(sums[item, 1] * share * per_unit))
+        ground[item, 0] = np.int16(np.floor(sums[item, 0] * share * per_unit))
+        ground[item, 1] = np.int16(np.floor(sums[item, 1] * share * per_unit))
         ground[item, 2] = np.int16(np.rint(min(max(sums[item, 2] * share * np.float32(1000), -most), most)))
         count[item] = np.uint16(sums[item, 3])
     return kept
