@@ -19,6 +19,7 @@ from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import reused_words, stages_until
 
 if TYPE_CHECKING:
+    from quadlog.pipelines.stages.ingest import Clouds
     from quadlog.pipelines.stages.walk import Walk
 
 GOES_ON = "--resume goes on"
@@ -127,7 +128,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     progress.begin("start-up", None)
     with _telling_how_to_go_on("the cache of compiled code"):
         startup_s = warm_up([stage for stage in todo if stage not in stages_of(earlier)], request.config, progress.say)
-    with open_walk(request, clock, progress, described) as walk, _telling_how_to_go_on(request.run):
+    clouds = _clouds(todo, stages_of(earlier))
+    with open_walk(request, clock, progress, described, clouds) as walk, _telling_how_to_go_on(request.run):
         stages = MarkedStages(walk, request, earlier)
         if "position" in todo:
             stages.do(POSITION, _locate)
@@ -179,6 +181,13 @@ def _telling_how_to_go_on(written: Path | str) -> Iterator[None]:
         if not is_full(error):
             raise
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
+
+
+def _clouds(todo: Sequence[str], reused: Sequence[str]) -> Clouds:
+    """What the clouds are read for, when some of the stages to do have been done before."""
+    if "map" in todo:
+        return None if "map" in reused else "map"
+    return "filter" if "filter" in todo and "filter" not in reused else None
 
 
 def _locate(walk: Walk) -> None:

@@ -9,8 +9,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.deskew import MOST_TIME_SLOTS
-from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.accumulated import AccumulatedMap
 from quadlog.mapping.compact import CompactScan, ScanCompactor
 from quadlog.mapping.ground_height import GroundHeight
@@ -18,8 +17,8 @@ from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.window import window_around
 from quadlog.messages import PointCloud, RangeSeries
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
-from quadlog.pipelines.stages.perceive import compact_settings, make_memory
-from quadlog.pipelines.stages.scans import classifier
+from quadlog.pipelines.stages.perceive import make_memory
+from quadlog.pipelines.stages.scans import ScanSettings
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 USUAL_PLANNER = "ia_star"
@@ -63,8 +62,8 @@ def _locate_toy_tag() -> None:
     locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings(smooth=False))
 
 
-def _classify_toy_scan(config: Config) -> ClassifiedReturns:
-    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it."""
+def _classify_toy_scan(config: Config) -> CompactScan:
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, made compact."""
     ring = np.tile(np.arange(16, dtype=np.uint16), 90)
     azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
     direction = np.column_stack(
@@ -75,25 +74,24 @@ def _classify_toy_scan(config: Config) -> ClassifiedReturns:
         ]
     )
     range_m = np.minimum(0.4 / np.maximum(-direction[:, 2], 1e-3), 6.0)
-    # Every tenth ray also meets something nearer.
-    xyz_m = (direction * range_m[:, None]).astype(np.float32)
-    xyz_m, ring = np.concatenate([xyz_m, xyz_m[::10] / 2]), np.concatenate([ring, ring[::10]])
+    xyz_m = np.asfortranarray(direction * range_m[:, None], np.float32)
     mount = np.eye(4)
     mount[2, 3] = 0.4
-    offset_ns = np.linspace(0, 10**8, len(ring)).astype(np.int64)
-    return classifier(config, 0).classify(PointCloud(0, "lidar", xyz_m, ring, offset_ns), mount)
+    cloud = PointCloud(0, "lidar", xyz_m, ring, np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16))
+    settings = ScanSettings.of_config(config, maps=True)
+    assert settings.compact is not None
+    returns = ScanClassifier(settings.classifier, 0).classify(cloud, np.stack([mount, mount]))
+    return CompactScan.from_bytes(ScanCompactor(settings.compact).compact(returns, 0).to_bytes())
 
 
 def _map_toy_scan() -> None:
     """One scan laid on every map there is."""
-    config = Config()
-    window, poses = window_around(np.zeros(2), 0.1, 11), np.zeros((MOST_TIME_SLOTS, 3))
-    compact = ScanCompactor(compact_settings(config)).compact(_classify_toy_scan(config), 0)
-    compact = CompactScan.from_bytes(compact.to_bytes())
-    placed = ScanPlacer(1, 0.5).place(compact, poses, None, window)
-    make_memory(config).add(0, window, placed)
-    AccumulatedMap(0.1).add(window, placed, 400)
-    GroundHeight(0.1).add(compact, poses)
+    scan, window = _classify_toy_scan(Config()), window_around(np.zeros(2), 0.1, 11)
+    poses = np.zeros((len(scan.slot_ns), 3))
+    placed = ScanPlacer(1, 0.5).place(scan, poses, None, window)
+    make_memory(Config()).add(0, window, placed)
+    AccumulatedMap(0.1).add(window, placed, 500)
+    GroundHeight(0.1).add(scan, poses)
 
 
 def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -23,6 +23,7 @@ from quadlog.recordings.piece_losses import (
 )
 from quadlog.recordings.pieces import Contents, Entry, LostPiece, Piece, PieceFormat
 from quadlog.recordings.words import several
+from quadlog.storage.byte_source import ByteSource
 
 _log_time = itemgetter(0)
 
@@ -31,15 +32,15 @@ class ChunkedReader:
     """Reads pieces through their index: those outside the asked time and topics are never touched.
 
     A piece that turns out damaged is a loss, and the others are still read.
-    Counts that the file declares are compared once all of a topic was read.
+    Counts that the file declares are compared once all of a topic was read. file: the bytes it is read from.
     """
 
-    def __init__(self, path: Path, contents: Contents, form: PieceFormat, close: Callable[[], None]) -> None:
-        self.path = path
+    def __init__(self, path: Path, contents: Contents, form: PieceFormat, file: ByteSource) -> None:
+        self.path, self.file = path, file
         self.losses: list[Loss] = []
         self.warnings: list[str] = []
         self.span_ns = contents.span_ns
-        self.close = close
+        self.close = file.close
         self._contents, self._form = contents, form
         self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False

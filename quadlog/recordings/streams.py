@@ -133,7 +133,7 @@ class _Columns:
 class Gatherer:
     """Files messages, and columns of them, under every role that their topics have.
 
-    moving: the topics to read, static transforms apart.
+    moving: the topics to read, static transforms apart; moving_tf: those of transforms among them.
     """
 
     def __init__(
@@ -148,6 +148,7 @@ class Gatherer:
         topics = dict.fromkeys([*uwb, *(topic for topic in (odometry, imu, reference, target) if topic), *tf])
         self.static = [topic for topic in tf if is_static(topic)]
         self.moving = [topic for topic in topics if topic not in self.static]
+        self.moving_tf = [topic for topic in tf if topic not in self.static]
         self.tree = TransformTree()
         self._uwb, self._imu_topic = set(uwb), imu
         self._pose_topics = {"odometry": odometry, "reference": reference, "target": target}

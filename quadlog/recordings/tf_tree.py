@@ -64,6 +64,13 @@ class TransformTree:
             edge.t_ns.frombytes(t_ns.tobytes())
             edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
 
+    def recent(self, count: int) -> TransformTree:
+        """The same frames with the last few poses of each."""
+        tree = TransformTree()
+        for key, edge in self._edges.items():
+            tree._edges[key] = Edge(edge.parent, edge.child, edge.static, edge.t_ns[-count:], edge.pose[-7 * count :])
+        return tree
+
     def __len__(self) -> int:
         return len(self._edges)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -27,12 +28,22 @@ class ByteSource(Protocol):
 class LocalBytes:
     """A file of this machine (ByteSource)."""
 
+    watcher: Callable[[int, bytes], None] | None = None
+    """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
+
     def __init__(self, path: Path) -> None:
         self._file = path.open("rb")
         self.size = os.fstat(self._file.fileno()).st_size
         self.close = self._file.close
 
     def read(self, offset: int, length: int) -> bytes:
+        data = self.read_unwatched(offset, length)
+        if self.watcher is not None:
+            self.watcher(offset, data)
+        return data
+
+    def read_unwatched(self, offset: int, length: int) -> bytes:
+        """The same, of which the watcher is not told."""
         handle = self._file.fileno()
         data = os.pread(handle, length, offset)
         while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
