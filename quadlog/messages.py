@@ -22,7 +22,8 @@ Int = NDArray[np.int64]
 class PointTimes:
     """When the points of a cloud were measured, as the sensor says it.
 
-    That is (value - zero) * scale - shift_ns, in nanoseconds, after the stamp. value: (N,) finite numbers. first_ns, last_ns: the least and the greatest of the times.
+    That is (value - zero) * scale - shift_ns, in nanoseconds, after the stamp. value: (N,) finite numbers. first_ns,
+    last_ns: the least and the greatest of the times.
     """
 
     value: NDArray[Any]
