@@ -110,6 +110,9 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     if unknown:
         raise Damaged("the bag's index names connections that it does not have")
     pieces.sort(key=lambda piece: piece.offset)
+    for piece in pieces:
+        if piece.is_empty and bag.message_entries(bag.read_chunk(file, piece.offset, size)[0]):
+            raise Damaged("the bag's index calls a chunk empty that has messages")
     return connections, pieces
 
 

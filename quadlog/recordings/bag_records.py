@@ -121,13 +121,18 @@ def read_connection(header: Fields, data: memoryview) -> Connection:
 
 
 def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
-    """Offset, start and end (ns), and messages for each connection of a chunk."""
+    """Offset, start and end (ns), and messages for each connection of a chunk. Raises Damaged."""
     if u32(header, b"ver") != 1:
         raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
+    pairs = u32(header, b"count")
+    if len(data) != 8 * pairs:
+        raise Damaged(f"a chunk index names {pairs} connections in {len(data)} bytes")
     cursor, counts = Cursor(data), {}
-    for _ in range(u32(header, b"count")):
+    for _ in range(pairs):
         number = cursor.u32()
         counts[number] = cursor.u32()
+    if len(counts) != pairs:
+        raise Damaged("a chunk index names a connection twice")
     return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
 
 
