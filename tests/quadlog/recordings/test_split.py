@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import resource
+import tempfile
+
 import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 
-from quadlog.errors import RecordingNotFound
+from quadlog.errors import CannotWrite, RecordingNotFound
 from quadlog.recordings.open_container import open_container
 
 METADATA = """rosbag2_bagfile_information:
@@ -180,13 +183,62 @@ def test_what_rosbags_writes_is_read(tmp_path, recordings, plugin, mode):
         assert sorted(path.name for path in folder.iterdir()) == before
 
 
-def test_a_compressed_file_is_read_alone_and_damage_to_it_is_named(tmp_path, recordings):
-    path = recordings.mcap(tmp_path / "a.mcap", recordings.some())
-    packed = tmp_path / "b.mcap.zstd"
-    packed.write_bytes(zstandard.compress(path.read_bytes()))
+SKIPPABLE_FRAME = b"\x50\x2a\x4d\x18\x04\0\0\0size"
+
+
+def in_frames(data, count=3):
+    """As pzstd compresses: several frames, with one that decoders skip before each."""
+    size = -(-len(data) // count)
+    parts = (data[begin : begin + size] for begin in range(0, len(data), size))
+    return b"".join(SKIPPABLE_FRAME + zstandard.compress(part) for part in parts)
+
+
+@pytest.mark.parametrize("compress", [zstandard.compress, in_frames])
+@pytest.mark.parametrize("build", ["mcap", "bag", "db3"])
+def test_a_compressed_file_is_read_alone(tmp_path, recordings, compress, build):
+    packed = tmp_path / f"b.{build}.zstd"
+    packed.write_bytes(compress(getattr(recordings, build)(tmp_path / "a", recordings.some()).read_bytes()))
     with open_container(packed) as container:
         assert recordings.read(container) == recordings.some()
-        assert container.path == packed
+        assert (container.path, container.losses, container.warnings) == (packed, [], [])
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:-300], lambda data: data[:-300] + bytes(300)])
+def test_a_compressed_file_is_read_until_its_damage(tmp_path, recordings, damage):
+    path = recordings.mcap(tmp_path / "a.mcap", recordings.some())
+    packed = tmp_path / "b.mcap.zstd"
+    packed.write_bytes(damage(in_frames(path.read_bytes())))
+    with open_container(packed) as container:
+        got = recordings.read(container)
+        assert 0 < len(got) < 60
+        assert got == recordings.some()[: len(got)]
+        assert set(recordings.causes(container)) == {"truncated"}
+        assert "compressed data is damaged" in container.warnings[0]
+
+
+def test_decompressing_without_room_names_the_file_and_the_folder(tmp_path, recordings):
+    packed = tmp_path / "b.mcap.zst"
+    packed.write_bytes(zstandard.compress(recordings.mcap(tmp_path / "a.mcap", recordings.some()).read_bytes()))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(CannotWrite, match=rf"{packed}: .*{tempfile.gettempdir()}.*TMPDIR"):
+            open_container(packed)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_messages_of_several_frames_are_whole(tmp_path, recordings):
+    messages = recordings.some()
+    (tmp_path / "bag").mkdir()
+    recordings.mcap(tmp_path / "bag" / "bag_0.mcap", [(topic, t_ns, in_frames(data)) for topic, t_ns, data in messages])
+    write_metadata(tmp_path / "bag", ["bag_0.mcap"])
+    text = (tmp_path / "bag" / "metadata.yaml").read_text()
+    text = text.replace('format: ""', "format: zstd").replace('mode: ""', "mode: MESSAGE")
+    (tmp_path / "bag" / "metadata.yaml").write_text(text)
+    with open_container(tmp_path / "bag") as container:
+        assert recordings.read(container) == messages
+        assert (container.losses, container.warnings) == ([], [])
 
 
 def test_a_folder_without_files_or_with_separate_recordings_is_not_one(folder, tmp_path):
