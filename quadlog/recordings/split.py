@@ -11,7 +11,7 @@ from types import TracebackType
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound
 from quadlog.recordings.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
 from quadlog.recordings.container import Channel, Container, Loss, RawMessage
-from quadlog.recordings.merging import merge_by_time
+from quadlog.recordings.merging import Stream, merge_by_time
 from quadlog.recordings.naming import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.unpacking import unpack_messages, unpacked_name
 from quadlog.recordings.words import several
@@ -130,7 +130,7 @@ class SplitReader:
     ) -> Iterator[RawMessage]:
         """See Container."""
         sources = [
-            (part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
+            Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
             for part in self._parts
         ]
         self._empty_parts.clear()
