@@ -11,7 +11,8 @@ import click
 from quadlog.cli.versions import print_versions
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.pipelines.engine.interrupts import take_one_interrupt
-from quadlog.text import printable
+from quadlog.pipelines.engine.memory import is_out_of_memory
+from quadlog.text import clipped, printable
 
 COMMANDS = (
     *("info", "init", "replay", "compare-planners", "simulate"),
@@ -85,4 +86,10 @@ def run(arguments: list[str]) -> int:
         # A full disk, a folder without permission: a user's to mend. Anything else an OSError says just as well.
         where = f"{error.filename}: " if error.filename else ""
         click.echo(f"quadlog: {printable(where)}{error.strerror or error}", err=True)
+        return ExitCode.FAILED
+    except Exception as error:
+        if not is_out_of_memory(error):
+            raise
+        details = f" ({printable(clipped(error))})" if str(error) else ""
+        click.echo(f"quadlog: out of memory{details}", err=True)
         return ExitCode.FAILED

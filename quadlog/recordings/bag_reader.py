@@ -20,7 +20,7 @@ from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Body, Contents, Entries, Piece
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 
@@ -48,13 +48,16 @@ class BagFormat:
     def __init__(self, file: ByteSource, size: int) -> None:
         self._file, self._size = file, size
 
-    def load(self, piece: Piece) -> memoryview:
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
         if piece.loose:
-            return memoryview(read_at(self._file, piece.offset, piece.length))
-        body, _ = bag.read_chunk(self._file, piece.offset, self._size)
-        return body
+            data = memoryview(read_at(self._file, piece.offset, piece.length))
+            return Body(data, len(data))
+        frame = bag.read_chunk_frame(self._file, piece.offset, self._size)
+        if at_most is not None and bag.chunk_size(frame) > at_most:
+            return None
+        return bag.read_chunk(self._file, frame)
 
-    def entries(self, body: memoryview) -> list[Entry]:
+    def entries(self, body: Body) -> Entries:
         return bag.message_entries(body)
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
@@ -110,6 +113,11 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     if unknown:
         raise Damaged("the bag's index names connections that it does not have")
     pieces.sort(key=lambda piece: piece.offset)
+    for piece in pieces:
+        if piece.is_empty:
+            body = bag.read_chunk(file, bag.read_chunk_frame(file, piece.offset, size))
+            if len(bag.message_entries(body)):
+                raise Damaged("the bag's index calls a chunk empty that has messages")
     return connections, pieces
 
 

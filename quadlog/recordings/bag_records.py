@@ -6,9 +6,9 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from quadlog.recordings.bounded import Cursor, Damaged, read_at
+from quadlog.recordings.bounded import Cursor, Damaged, name_of, read_at
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry
+from quadlog.recordings.pieces import Body, Entries, EntryList
 from quadlog.recordings.words import ros2_type_name
 from quadlog.storage.byte_source import ByteSource
 
@@ -105,10 +105,7 @@ def time_ns(fields: Fields, name: bytes) -> int:
 
 
 def text(fields: Fields, name: bytes) -> str:
-    try:
-        return bytes(_value(fields, name)).decode()
-    except UnicodeDecodeError:
-        raise Damaged(f"the field {name.decode()} is not UTF-8") from None
+    return name_of(_value(fields, name))
 
 
 def read_connection(header: Fields, data: memoryview) -> Connection:
@@ -121,32 +118,48 @@ def read_connection(header: Fields, data: memoryview) -> Connection:
 
 
 def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
-    """Offset, start and end (ns), and messages for each connection of a chunk."""
+    """Offset, start and end (ns), and messages for each connection of a chunk. Raises Damaged."""
     if u32(header, b"ver") != 1:
         raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
+    pairs = u32(header, b"count")
+    if len(data) != 8 * pairs:
+        raise Damaged(f"a chunk index names {pairs} connections in {len(data)} bytes")
     cursor, counts = Cursor(data), {}
-    for _ in range(u32(header, b"count")):
+    for _ in range(pairs):
         number = cursor.u32()
         counts[number] = cursor.u32()
+    if len(counts) != pairs:
+        raise Damaged("a chunk index names a connection twice")
     return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
 
 
-def read_chunk(file: ByteSource, position: int, size: int) -> tuple[memoryview, int]:
-    """A chunk's decompressed records and the offset behind it. Raises Damaged."""
+def read_chunk_frame(file: ByteSource, position: int, size: int) -> Frame:
+    """The chunk's record at position, without its data. Raises Damaged."""
     frame = read_frame(file, position, size)
     if frame.op != CHUNK:
         raise Damaged("where the index has a chunk there is none")
+    return frame
+
+
+def read_chunk(file: ByteSource, frame: Frame) -> Body:
+    """A chunk's decompressed records. Raises Damaged."""
     data = memoryview(read_at(file, frame.data_offset, frame.data_length))
-    return decompress(text(frame.fields, b"compression"), data, u32(frame.fields, b"size")), frame.end
+    return Body(decompress(text(frame.fields, b"compression"), data, chunk_size(frame)), len(data))
 
 
-def message_entries(body: memoryview) -> list[Entry]:
-    """Every message among a buffer of whole records, in file order. Raises Damaged."""
-    entries = []
-    for fields, begin, end in records(body):
+def chunk_size(frame: Frame) -> int:
+    """How many bytes a chunk declares to hold. Raises Damaged."""
+    return u32(frame.fields, b"size")
+
+
+def message_entries(body: Body) -> Entries:
+    """Every message among a body of whole records, in file order. Raises Damaged."""
+    found = EntryList(body)
+    for fields, begin, end in records(body.data):
+        found.count_record()
         if u8(fields, b"op") == MESSAGE:
-            entries.append(Entry(time_ns(fields, b"time"), begin, end, u32(fields, b"conn")))
-    return entries
+            found.add(time_ns(fields, b"time"), begin, end, u32(fields, b"conn"))
+    return found.entries()
 
 
 def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:

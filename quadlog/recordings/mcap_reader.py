@@ -22,7 +22,7 @@ from quadlog.recordings.mcap_records import McapChannel, Schema
 from quadlog.recordings.mcap_scan import McapScan, message_index_counts
 from quadlog.recordings.mcap_summary import Summary, read_summary
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Body, Contents, Entries, Piece
 from quadlog.recordings.words import ros2_type_name, several
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
@@ -51,18 +51,21 @@ class McapFormat:
     def __init__(self, file: ByteSource) -> None:
         self._file = file
 
-    def load(self, piece: Piece) -> memoryview:
-        """The decompressed records of a chunk, or loose messages as they stand. Raises Damaged."""
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
+        """See PieceFormat: a chunk, or loose messages as they stand."""
         record = memoryview(read_at(self._file, piece.offset, piece.length))
         if piece.loose:
-            return record
+            return Body(record, len(record))
         if len(record) < mcap.FRAME.size:
             raise Damaged("the index gives it no room")
         if mcap.FRAME.unpack_from(record) != (mcap.CHUNK, len(record) - mcap.FRAME.size):
             raise Damaged("where the index has a chunk there is none")
-        return mcap.read_chunk(record[mcap.FRAME.size :])[2]
+        content = record[mcap.FRAME.size :]
+        if at_most is not None and mcap.chunk_size(content) > at_most:
+            return None
+        return mcap.read_chunk(content)
 
-    def entries(self, body: memoryview) -> list[Entry]:
+    def entries(self, body: Body) -> Entries:
         return mcap.message_entries(body)
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
+from quadlog.messages import Int
 from quadlog.recordings.container import Loss
 from quadlog.recordings.pieces import LostPiece, Piece
 from quadlog.recordings.words import instant, several
@@ -46,14 +49,9 @@ def backward_jumps(pieces: Iterable[Piece]) -> list[int]:
     return jumps
 
 
-def backward_jump_within(times_ns: Iterable[int]) -> int:
+def backward_jump_within(times_ns: Int) -> int:
     """The largest fall of log time (ns) below an earlier message's, 0 when it is at most a second."""
-    latest_ns = largest_ns = 0
-    for t_ns in times_ns:
-        if t_ns > latest_ns:
-            latest_ns = t_ns
-        elif latest_ns - t_ns > largest_ns:
-            largest_ns = latest_ns - t_ns
+    largest_ns = int((np.maximum.accumulate(times_ns) - times_ns).max(initial=0))
     return largest_ns if largest_ns > _JUMP_NS else 0
 
 
