@@ -164,7 +164,7 @@ def _read_record(run: Path) -> dict[str, Any]:
 def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     path = run / name
     if not path.is_file():
-        raise NotARun(run, missing)
+        raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")

@@ -42,6 +42,7 @@ def test_failures_are_the_last_lines_with_a_count(tmp_path, two, capsys):
         str(tmp_path / f"{n}.bag") for n in ("broken", "empty")
     ]
     assert str(tmp_path / "runs" / "a") in captured.out
+    assert "broken" not in captured.out
 
 
 def test_a_dry_run_tells_the_time_of_all_once_one_has_run(two, capsys):
