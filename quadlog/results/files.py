@@ -40,13 +40,10 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Raises CannotWrite when the disk is full or the folder cannot be written to.
     """
+    part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
+    _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
-        with suppress(OSError):
-            remove_stale_parts(path.parent)
-        part = _create_part(path.parent)
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
-    try:
+        _begin(part, path)
         yield part
         _publish(part, path)
         for written in _watching:
@@ -140,21 +137,17 @@ def part_prefix(pid: int) -> str:
     return f".quadlog-{host}-{pid}-"
 
 
-def _create_part(folder: Path) -> Path:
-    """A new empty file of our own; O_EXCL, so that nobody's file or link is written through."""
-    while True:
-        part = folder / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
-        if part.exists():
-            continue
-        _unfinished.add(part)  # first, since a signal may come before its name is known to the caller
-        try:
-            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        except OSError as error:
-            _unfinished.discard(part)
-            if not isinstance(error, FileExistsError):
-                raise
-            continue
-        return part
+def _begin(part: Path, path: Path) -> None:
+    """Make the empty file `part`, in a folder without those of killed processes. Raises CannotWrite.
+
+    O_EXCL, so that nobody's file or link is written through.
+    """
+    try:
+        with suppress(OSError):
+            remove_stale_parts(part.parent)
+        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
 
 
 def _is_left(part: Path) -> bool:
