@@ -91,9 +91,9 @@ def _walk_pair(request: TrotRequest, seed: int, startup_s: float, progress: Prog
 def _save(
     request: TrotRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
 ) -> SimulatedRun:
-    folder = RunFolder.create(request.run(curve, seed), request.force)
     description = TrotDescription(curve, request.config, seed, request.command, startup_s)
-    metrics = fill_trot_folder(folder, description, walk, progress.say)
+    with RunFolder.create_whole(request.run(curve, seed), request.force) as folder:
+        metrics = fill_trot_folder(folder, description, walk, progress.say)
     ended = verdict(walk)
     progress.say(f"{folder.path}: {ended or 'done'}")
     return SimulatedRun(folder.path, TROT, curve, seed, ended, metrics)
