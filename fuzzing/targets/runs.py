@@ -89,10 +89,15 @@ def _sound(field: pa.Field) -> Any:
 
 @cache
 def _folders(folder: Path) -> tuple[Path, Path, tuple[str, ...]]:
-    """A sound run, one whose files are replaced, and the names of these."""
-    for name in ("sound", "case"):
-        write_run(folder / name)
-    return folder / "sound", folder / "case", tuple(sorted(each.name for each in (folder / "case").iterdir()))
+    """A sound run, one whose files are replaced, and the names of these; every command has run once by then."""
+    sound, case = folder / "sound", folder / "case"
+    for each in (sound, case):
+        write_run(each)
+    names = tuple(sorted(each.name for each in case.iterdir()))
+    (folder / "bounds.toml").write_text("[default]\neta_m = { max = 1.0 }\n")
+    for arguments in [*_commands(sound, case, folder), ("report", case)]:
+        command(*arguments, allowed=_READ)
+    return sound, case, names
 
 
 def run_files(folder: Path, data: bytes) -> None:
@@ -188,8 +193,16 @@ def _read_all(run: Path) -> None:
 
 def _use(sound: Path, case: Path, folder: Path, data: bytes) -> None:
     """One of the things that users do with runs, by the data, and what it prints."""
+    commands = _commands(sound, case, folder)
+    chosen = commands[crc32(data) // 32 % len(commands)]
+    _, out = command(*chosen, allowed=_READ)
+    if "json" in chosen:
+        json.loads(out or "[]")
+
+
+def _commands(sound: Path, case: Path, folder: Path) -> list[tuple[str | Path, ...]]:
     export = [("export", case, "--force", "--to", to, "-o", folder / to) for to in ("tum", "mcap", "csv", "rosmap")]
-    commands: list[tuple[str | Path, ...]] = [
+    return [
         ("metrics", case, "--format", "json"),
         ("metrics", case, sound),
         ("metrics", case, "--reference", sound / "trajectory.tum"),
@@ -198,8 +211,3 @@ def _use(sound: Path, case: Path, folder: Path, data: bytes) -> None:
         ("check", case, "--expect", folder / "bounds.toml"),
         *export,
     ]
-    (folder / "bounds.toml").write_text("[default]\neta_m = { max = 1.0 }\n")
-    chosen = commands[crc32(data) // 32 % len(commands)]
-    _, out = command(*chosen, allowed=_READ)
-    if "json" in chosen:
-        json.loads(out or "[]")
