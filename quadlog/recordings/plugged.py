@@ -100,7 +100,10 @@ def _sound(message: Any, gives: type[Message], topic: str) -> Message:
 
 
 def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, Float]:
-    """Its arrays by name, of the right type and shape, positions within reach, rotations of unit length. Raises DecodeError, ValueError."""
+    """Its arrays by name, of the right type and shape; positions are within reach, rotations of unit length.
+
+    Raises DecodeError, ValueError.
+    """
     lengths: dict[str, int] = {}
     arrays = {}
     for name, (kind, shape) in _ARRAYS[gives].items():

@@ -57,7 +57,8 @@ def pose_of_values(values: Values, topic: str) -> Pose:
 
 
 def _pose(message: Any, child: str, position: Any, orientation: Any, topic: str) -> Pose:
-    return Pose(stamp_ns(message), frame_id(message), child, place(position, topic), unit_quaternion(orientation, topic))
+    position_m, quat_xyzw = place(position, topic), unit_quaternion(orientation, topic)
+    return Pose(stamp_ns(message), frame_id(message), child, position_m, quat_xyzw)
 
 
 def vector(xyz: Any) -> Float:
