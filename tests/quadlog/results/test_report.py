@@ -13,7 +13,7 @@ import pytest
 
 from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.plots.figures import PLOTS
-from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.report import write_page, write_plots, write_report
 from quadlog.results.run_folder import RunFolder
 from quadlog.results.schemas import TABLES
@@ -91,6 +91,22 @@ def test_the_page_holds_everything_a_reader_looks_for(reported: Path, tiny_recor
         f"numpy {tiny_record.packages['numpy']}",
     ):
         assert words in page.text, words
+
+
+@pytest.mark.parametrize(
+    ("of", "said"),
+    [
+        ({"etag": '"5d-3"', "last_modified": "May"}, 'ETag of the input: "5d-3"'),
+        ({"last_modified": "May"}, "Last-Modified of the input: May"),
+        ({}, "Nothing identifies the input's content"),
+    ],
+)
+def test_an_input_behind_a_url_is_told_by_what_its_server_tells(
+    tmp_path: Path, tiny_record: RunRecord, of: dict[str, str], said: str
+) -> None:
+    run = _bare(tmp_path / "run", dataclasses.replace(tiny_record, input=InputRecord("s3://lab/walk.mcap", 1, **of)))
+    write_report(run)
+    assert said in Page(run / "report.html").text
 
 
 def test_every_picture_is_inside_and_beside_the_page(reported: Path) -> None:
