@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.plugins import Plugin, describe_failure
-from quadlog.recordings.decoders.pose import normalised
+from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
 
@@ -100,7 +100,10 @@ def _sound(message: Any, gives: type[Message], topic: str) -> Message:
 
 
 def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, Float]:
-    """Its arrays by name, of the right type and shape, and rotations of unit length. Raises DecodeError, ValueError."""
+    """Its arrays by name, of the right type and shape; positions are within reach, rotations of unit length.
+
+    Raises DecodeError, ValueError.
+    """
     lengths: dict[str, int] = {}
     arrays = {}
     for name, (kind, shape) in _ARRAYS[gives].items():
@@ -112,5 +115,7 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
         wanted = tuple(lengths.setdefault(each, length) if isinstance(each, str) else each for each in shape)
         if array.shape != wanted:
             raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {wanted}")
+        if name == "position_m":
+            within_reach(*array.tolist(), topic)
         arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
     return arrays

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -84,7 +85,8 @@ class Recording:
     @property
     def losses(self) -> list[Loss]:
         """What was in the recording and could not be had, each once."""
-        own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in self._undecodable.items()]
+        undecodable = self._mixed() | self._undecodable
+        own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in undecodable.items()]
         own += [
             Loss("decode", f"{count} messages could not be decoded; the first: {why}", topic, count)
             for topic, (count, why) in self._failures.items()
@@ -99,7 +101,10 @@ class Recording:
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
-        return list(dict.fromkeys(channel.type_name for channel in self.channels if channel.topic == topic))
+        mine = [channel for channel in self.channels if channel.topic == topic]
+        # A writer may have announced a type and then sent no message of it.
+        sent = [channel for channel in mine if channel.count != 0] or mine
+        return list(dict.fromkeys(channel.type_name for channel in sent))
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -135,8 +140,8 @@ class Recording:
         failed: dict[str, int] = {}
         zeros: dict[str, int] = {}
         for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
-            for message in self._decode_or_count(raw, failed):
-                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
+            for message in self._decode_or_count(raw, failed, zeros):
+                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
                 if timed is not None:
                     yield timed
 
@@ -159,8 +164,9 @@ class Recording:
     def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
         """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
         failed: dict[str, int] = {}
+        zeros: dict[str, int] = {}
         for raw in self.container.messages():
-            yield raw, self._decode_or_count(raw, failed) if is_decodable(raw.channel) else ()
+            yield raw, self._decode_or_count(raw, failed, zeros) if is_decodable(raw.channel) else ()
 
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
@@ -198,14 +204,15 @@ class Recording:
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""
         useful = {channel.topic for channel in self.channels if is_decodable(channel)}
-        sound = []
-        for topic in dict.fromkeys(topics):
-            types = self.types_of(topic)
-            if topic in useful and len(types) > 1:
-                self._undecodable[topic] = f"the topic carries several types ({', '.join(types)})"
-            elif topic in useful:
-                sound.append(topic)
-        return sound
+        return [topic for topic in dict.fromkeys(topics) if topic in useful and len(self.types_of(topic)) == 1]
+
+    def _mixed(self) -> dict[str, str]:
+        """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
+        kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
+        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and is_decodable(each)}
+        types = {topic: self.types_of(topic) for topic in sorted(useful)}
+        several = {topic: ", ".join(names) for topic, names in types.items() if len(names) > 1}
+        return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
     def _look(self, raws: Iterator[RawMessage]) -> Iterator[Seen]:
         """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
@@ -235,16 +242,19 @@ class Recording:
                 usual = -self.clock.usual_ns.get(topic, 0)
                 self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
 
-    def _decode_or_count(self, raw: RawMessage, failed: dict[str, int]) -> tuple[Message, ...]:
-        """What a message decodes to. failed counts this pass; of several passes the one with most failures is told."""
+    def _decode_or_count(self, raw: RawMessage, failed: dict[str, int], zeros: dict[str, int]) -> tuple[Message, ...]:
+        """What a message decodes to. failed, zeros: failures and zero stamps by topic; the pass with most is told."""
+        topic = raw.channel.topic
         try:
-            return self._decode(raw)
+            decoded = self._decode(raw)
         except DecodeError as error:
-            topic = raw.channel.topic
             failed[topic] = failed.get(topic, 0) + 1
             most, why = self._failures.get(topic, (0, error.reason))
             self._failures[topic] = max(most, failed[topic]), why
             return ()
+        for message in decoded:
+            self.clock.count_zero_stamps(topic, message, zeros)
+        return decoded
 
     def _decode(self, raw: RawMessage) -> tuple[Message, ...]:
         decoder = self._decoder(raw.channel)

@@ -21,7 +21,14 @@ from quadlog.recordings.container import Channel
 from quadlog.recordings.payload_reader import Payload
 from quadlog.recordings.plain_fields import Wanted, plain_fields
 from quadlog.recordings.plain_messages import PlainReader, Values
-from quadlog.recordings.type_definitions import BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.type_definitions import (
+    MOST_VALUES,
+    BadDefinition,
+    Types,
+    largest_payload_bytes,
+    needed_types,
+    parse_definition,
+)
 
 BUNDLED = Path(__file__).parent / "definitions"
 HEADER_FIELD = "std_msgs/Header header\n"
@@ -126,14 +133,29 @@ class _FirstFitting:
 
 
 def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> tuple[Deserialise, Interpret]:
-    """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags."""
+    """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags.
+
+    Raises BadDefinition.
+    """
+    most_bytes = largest_payload_bytes(types)
     for wanted, interpret_values in plain:
         fields = plain_fields(types, channel.type_name, wanted)
         if fields is not None:
-            return PlainReader(fields, channel.message_encoding), interpret_values
+            return _bounded(PlainReader(fields, channel.message_encoding), most_bytes), interpret_values
     store = _typestore(types, channel)
     deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return partial(deserialise, typename=channel.type_name), interpret
+    return _bounded(partial(deserialise, typename=channel.type_name), most_bytes), interpret
+
+
+def _bounded(deserialise: Deserialise, most_bytes: float) -> Deserialise:
+    """The same, for payloads that cannot become more objects than memory should hold."""
+
+    def read(payload: Payload) -> Any:
+        if len(payload) > most_bytes:
+            raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
+        return deserialise(payload)
+
+    return read
 
 
 def _typestore(types: Types, channel: Channel) -> Typestore:

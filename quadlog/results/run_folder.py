@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,22 +172,39 @@ def to_json(content: Any) -> bytes:
 
 
 def _read_record(run: Path) -> dict[str, Any]:
-    return _read_object(run, "run.json", "is no finished run: it has no run.json")
+    missing = "is no finished run: it has no run.json"
+    return _read_object(run, "run.json", missing, parse_int=_int64, parse_float=_finite, parse_constant=_finite)
 
 
-def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
+def _read_object(run: Path, name: str, missing: str, **parsers: Callable[[str], float]) -> dict[str, Any]:
+    """The object in a JSON file. parsers: as `json.loads` takes them. Raises NotARun."""
     path = run / name
     if not path.is_file():
         raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")
-        content = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes(), **parsers)
     except (ValueError, OSError, RecursionError) as error:
         raise NotARun(path, f"is damaged: {error}") from error
     if not isinstance(content, dict):
         raise NotARun(path, "is damaged: no JSON object")
     return content
+
+
+def _int64(text: str) -> int:
+    """A whole number of at most 64 bits, as quadlog writes them: a larger one is no float either. Raises ValueError."""
+    if len(text) > 20 or not -(2**63) <= int(text) < 2**64:
+        raise ValueError(f"{text[:20]}... is too large a number")
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    """Raises ValueError for NaN and the infinities, which quadlog never writes."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
 
 
 def _is_sound(metric: Mapping[str, Any]) -> bool:

@@ -10,9 +10,10 @@ from urllib.parse import unquote, urlsplit
 from quadlog.errors import StorageUnknown
 
 _PROTOCOL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
-# Outside HTTP a `?` may stand in a name; what says NAME=VALUE behind one does not.
-_QUERY = re.compile(r"\?[^/?]*=[^/]*$")
-_USER = re.compile(r"(?<=://)[^/]*@")
+# Outside HTTP a `?` may stand in a name; what says NAME=VALUE behind one does not. The value may hold any character.
+_QUERY = re.compile(r"\?[^/?]*=")
+# A password may hold a `/` that nobody escaped; HOST:PORT/PLACE@NAME has none.
+_USER = re.compile(r"(?<=://)(?:[^/]*|[^/:]*:(?!\d+/)[^@]*)@")
 _IN_TEXT = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://[^\s'\"<>]+")
 _WEB = ("http", "https")
 
@@ -77,6 +78,13 @@ def redacted(url: str) -> str:
     """The URL as it may be shown and saved: without user and password, and without its query, which may sign it."""
     place, query = split_query(_USER.sub("", url))
     return place + ("?..." if query else "")
+
+
+def secrets_in(url: str) -> list[str]:
+    """The words of a URL that `redacted` leaves out."""
+    user = _USER.search(url)
+    hidden = (user[0].rstrip("@") if user else "") + " " + split_query(url)[1]
+    return [word for word in re.split(r"[\s/:?&=@#]+", hidden) if word]
 
 
 def redacted_text(text: str) -> str:

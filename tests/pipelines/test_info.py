@@ -9,6 +9,7 @@ import pytest
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from quadlog.cli.main import run
 from quadlog.config import Config
 from quadlog.errors import QuadlogError
 from quadlog.pipelines.info import describe_recording
@@ -95,6 +96,65 @@ def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
     (jump,) = [line for line in info["warnings"] if "jump" in line]
     assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
     assert info["losses"] == []
+
+
+def write_poses(path: Path, stamp_ns: int, *others: tuple[str, str]) -> Path:
+    """Twelve poses of a reference and of static tf, all at one time, and a message of each other (topic, type)."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    make = store.types
+    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](0, stamp_ns), "map")
+    at, turn = make["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), make["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    inner = make["geometry_msgs/msg/Transform"](make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0), turn)
+    pose = make["geometry_msgs/msg/Pose"](at, turn)
+    still = make["geometry_msgs/msg/TransformStamped"](header, "lidar", inner)
+    rows = [
+        ("/mocap", make["geometry_msgs/msg/PoseStamped"](header, pose)),
+        ("/tf_static", make["tf2_msgs/msg/TFMessage"]([still])),
+    ]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, message in rows:
+            name = message.__msgtype__
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            for _ in range(12):
+                writer.add_message(channel, 10**8, bytes(store.serialize_cdr(message, name)), 10**8)
+        for topic, name in others:
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            writer.add_message(channel, 10**8, b"", 10**8)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(("stamp_ns", "warned"), [(0, True), (1, False)])
+def test_stamps_of_zero_are_a_warning_but_for_static_transforms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stamp_ns: int, warned: bool
+) -> None:
+    path = str(write_poses(tmp_path / "walk.mcap", stamp_ns))
+    assert run(["info", path]) == 0
+    line = "warning: /mocap: 12 messages have the stamp 0; their log time is used\n"
+    assert capsys.readouterr().err == (line if warned else "")
+
+
+@pytest.mark.parametrize("command", [["info"], ["replay", "--until", "position", "-o"]])
+@pytest.mark.parametrize(
+    ("others", "lost"),
+    [
+        ([("/tf_static", "nav_msgs/msg/Odometry")], "/tf_static: cannot be decoded: the topic carries several types"),
+        ([("/x", "std_msgs/msg/String"), ("/x", "nav_msgs/msg/Odometry")], "/x: cannot be decoded: the topic carries"),
+        ([("/x", "std_msgs/msg/String"), ("/x", "std_msgs/msg/Bool")], None),
+    ],
+)
+def test_a_topic_of_several_types_is_a_loss_whatever_its_role(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str], others: list, lost: str | None
+) -> None:
+    path = str(write_poses(tmp_path / "walk.mcap", 1, *others))
+    runs = [str(tmp_path / "runs")] if "-o" in command else []
+    code = run([*command, *runs, path])
+    err = capsys.readouterr().err
+    assert code == (3 if lost else 0), err
+    assert ("lost: " in err) == bool(lost)
+    assert (lost or "") in err
 
 
 def recordings_of_datasets() -> list[Path]:

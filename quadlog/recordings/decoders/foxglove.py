@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,7 +13,7 @@ from quadlog.errors import DecodeError
 from quadlog.geometry import apply_transform, transform_from_quat
 from quadlog.messages import Float, PointCloud, Pose
 from quadlog.recordings.decoders.point_fields import Block, Column, check_block, cloud_from_block
-from quadlog.recordings.decoders.pose import normalised, unit_quaternion, vector
+from quadlog.recordings.decoders.pose import normalised, place, unit_quaternion, within_reach
 from quadlog.recordings.decoders.stamps import frame_name
 from quadlog.recordings.payload_reader import Payload
 
@@ -51,7 +50,7 @@ def json_point_cloud_decoder(topic: str) -> Callable[[Payload], PointCloud]:
             stride = int(message["point_stride"])
             pose = _json_pose(message["pose"], topic) if message.get("pose") else None
             stamp, frame = _json_stamp(message), str(message["frame_id"])
-        except (KeyError, TypeError, ValueError, binascii.Error) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DecodeError(topic, f"not a foxglove.PointCloud: {error!r}") from error
         return _cloud(topic, stamp, frame, stride, fields, data, pose)
 
@@ -66,7 +65,7 @@ def json_pose_decoder(topic: str) -> Callable[[Payload], Pose]:
         try:
             position, quaternion = _json_pose(message["pose"], topic)
             return Pose(_json_stamp(message), frame_name(message["frame_id"]), "", position, quaternion)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DecodeError(topic, f"not a foxglove.PoseInFrame: {error!r}") from error
 
     return decode
@@ -105,7 +104,7 @@ def _proto_stamp(timestamp: Any) -> int:
 
 def _proto_pose(pose: Any, topic: str) -> PoseParts:
     at, turn = pose.position, pose.orientation
-    return vector(at), unit_quaternion(turn, topic)
+    return place(at, topic), unit_quaternion(turn, topic)
 
 
 def json_object(payload: Payload, topic: str) -> dict[str, Any]:
@@ -129,8 +128,8 @@ def _json_stamp(message: dict[str, Any]) -> int | None:
 
 def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:
     at, turn = pose["position"], pose["orientation"]
-    position = np.array([float(at[axis]) for axis in "xyz"], np.float64)
-    return position, normalised([float(turn[axis]) for axis in "xyzw"], topic)
+    x, y, z = (float(at[axis]) for axis in "xyz")
+    return np.array(within_reach(x, y, z, topic), np.float64), normalised([float(turn[axis]) for axis in "xyzw"], topic)
 
 
 def _numeric(kind: int | str) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.messages import Odometry
-from quadlog.recordings.decoders.pose import unit, unit_quaternion, vector
+from quadlog.recordings.decoders.pose import place, unit, unit_quaternion, vector, within_reach
 from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
 from quadlog.recordings.plain_fields import TEXT, each_of, header_of
 from quadlog.recordings.plain_messages import Values
@@ -29,7 +29,7 @@ def decode_odometry(message: Any, topic: str) -> Odometry:
         stamp_ns(message),
         frame_id(message),
         frame_name(message.child_frame_id),
-        vector(pose.position),
+        place(pose.position, topic),
         unit_quaternion(pose.orientation, topic),
         vector(twist.linear),
         vector(twist.angular),
@@ -39,7 +39,7 @@ def decode_odometry(message: Any, topic: str) -> Odometry:
 def odometry_of_values(values: Values, topic: str) -> Odometry:
     """The values of ODOMETRY."""
     (frame, child), (seconds, nanos, x, y, z, qx, qy, qz, qw, *twist) = values
-    numbers = np.array((x, y, z, *unit(qx, qy, qz, qw, topic), *twist), np.float64)
+    numbers = np.array((*within_reach(x, y, z, topic), *unit(qx, qy, qz, qw, topic), *twist), np.float64)
     return Odometry(
         nanoseconds(seconds, nanos),
         frame_name(frame),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.errors import DecodeError
+from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Float, Pose
 from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
 from quadlog.recordings.plain_fields import TEXT, each_of, header_of
@@ -49,19 +50,33 @@ def decode_transform(message: Any, topic: str) -> Pose:
 
 def pose_of_values(values: Values, topic: str) -> Pose:
     """The values of POSE_STAMPED, POSE_WITH_COVARIANCE or TRANSFORM_STAMPED."""
-    texts, (seconds, nanos, *xyz, qx, qy, qz, qw) = values
+    texts, (seconds, nanos, x, y, z, qx, qy, qz, qw) = values
     child = frame_name(texts[1]) if len(texts) > 1 else ""
-    numbers = np.array((*xyz, *unit(qx, qy, qz, qw, topic)), np.float64)
+    numbers = np.array((*within_reach(x, y, z, topic), *unit(qx, qy, qz, qw, topic)), np.float64)
     return Pose(nanoseconds(seconds, nanos), frame_name(texts[0]), child, numbers[:3], numbers[3:])
 
 
 def _pose(message: Any, child: str, position: Any, orientation: Any, topic: str) -> Pose:
-    return Pose(stamp_ns(message), frame_id(message), child, vector(position), unit_quaternion(orientation, topic))
+    position_m, quat_xyzw = place(position, topic), unit_quaternion(orientation, topic)
+    return Pose(stamp_ns(message), frame_id(message), child, position_m, quat_xyzw)
 
 
 def vector(xyz: Any) -> Float:
-    """(3,) float64 of a Point or Vector3."""
+    """(3,) float64 of a Vector3: a rate, a velocity, an acceleration."""
     return np.array([xyz.x, xyz.y, xyz.z], np.float64)
+
+
+def place(xyz: Any, topic: str) -> Float:
+    """(3,) float64 of a position with fields x, y, z; see within_reach."""
+    return np.array(within_reach(xyz.x, xyz.y, xyz.z, topic), np.float64)
+
+
+def within_reach(x: float, y: float, z: float, topic: str) -> tuple[float, float, float]:
+    """The same position in metres. Raises DecodeError for one that is not finite or farther out than FARTHEST_M."""
+    # NaN fails every comparison.
+    if -FARTHEST_M <= x <= FARTHEST_M and -FARTHEST_M <= y <= FARTHEST_M and -FARTHEST_M <= z <= FARTHEST_M:
+        return x, y, z
+    raise DecodeError(topic, f"its position is not finite, or beyond {FARTHEST_M:.0e} m")
 
 
 def unit_quaternion(xyzw: Any, topic: str) -> Float:
