@@ -20,7 +20,7 @@ from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Contents, Entry, Listed, Piece, list_entries
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 
@@ -56,6 +56,11 @@ class BagFormat:
 
     def entries(self, body: memoryview) -> list[Entry]:
         return bag.message_entries(body)
+
+    def listed(self, piece: Piece) -> Listed:
+        if piece.loose:
+            return list_entries(self.entries(self.load(piece)))
+        return bag.list_messages(self._file, piece.offset, self._size)
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         return piece.counts

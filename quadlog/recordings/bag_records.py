@@ -6,9 +6,11 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from quadlog.recordings.bounded import Cursor, Damaged, read_at
+import numpy as np
+
+from quadlog.recordings.bounded import MAX_INDEX_BYTES, Cursor, Damaged, read_at
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry
+from quadlog.recordings.pieces import Entry, Listed
 from quadlog.recordings.words import ros2_type_name
 from quadlog.storage.byte_source import ByteSource
 
@@ -17,6 +19,7 @@ MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _MAX_HEADER_BYTES = 1 << 20
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
+_INDEX_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 
 Fields = dict[bytes, memoryview]
 
@@ -138,6 +141,25 @@ def read_chunk(file: ByteSource, position: int, size: int) -> tuple[memoryview, 
         raise Damaged("where the index has a chunk there is none")
     data = memoryview(read_at(file, frame.data_offset, frame.data_length))
     return decompress(text(frame.fields, b"compression"), data, u32(frame.fields, b"size")), frame.end
+
+
+def list_messages(file: ByteSource, position: int, size: int) -> Listed:
+    """The messages of the chunk at position by the index records behind it. Raises Damaged."""
+    chunk = read_frame(file, position, size)
+    if chunk.op != CHUNK:
+        raise Damaged("where the index has a chunk there is none")
+    runs, entries = [], []
+    position = chunk.end
+    while position < size and (frame := read_frame(file, position, size)).op == INDEX:
+        count = u32(frame.fields, b"count")
+        if u32(frame.fields, b"ver") != 1 or frame.data_length != count * _INDEX_ENTRY.itemsize:
+            raise Damaged("a message index is damaged")
+        runs.append((u32(frame.fields, b"conn"), count))
+        entries.append(read_at(file, frame.data_offset, frame.data_length, MAX_INDEX_BYTES))
+        position = frame.end
+    rows = np.frombuffer(b"".join(entries), _INDEX_ENTRY)
+    t_ns = rows["seconds"].astype(np.int64) * 10**9 + rows["nanoseconds"]
+    return Listed(runs, t_ns, rows["offset"].astype(np.int64))
 
 
 def message_entries(body: memoryview) -> list[Entry]:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 
-from quadlog.recordings.pieces import Piece, PieceFormat
+from quadlog.recordings.pieces import Piece, PieceFormat, start_of
 
 # Bodies kept while pieces overlap in time; beyond this they are dropped and read again.
 _KEPT_BYTES = 1 << 27
@@ -60,7 +60,7 @@ class Bodies:
         self._latest: Piece | None = None  # asked for most messages of a run: the last of _bodies
         self._bodies: OrderedDict[int, memoryview] = OrderedDict()
         self._bytes = 0
-        self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=_start_ns))
+        self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=start_of))
         self._coming: dict[int, Future[memoryview]] = {}
         self._readers = ThreadPoolExecutor(_AHEAD, thread_name_prefix="quadlog-read")
         _let_freed_memory_be_reused()
@@ -111,10 +111,6 @@ class Bodies:
         while self._waiting and len(self._coming) < _AHEAD:
             piece = self._waiting.popleft()
             self._coming[piece.offset] = self._readers.submit(self._form.load, piece)
-
-
-def _start_ns(piece: Piece) -> int:
-    return piece.start_ns
 
 
 @cache

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from copy import copy
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
+
 from quadlog.errors import NothingReadable
 from quadlog.recordings.bodies import Bodies, FirstBodies
 from quadlog.recordings.bounded import MAX_TIME_NS, Damaged
-from quadlog.recordings.container import Channel, Loss, RawMessage
+from quadlog.recordings.container import Budget, Channel, LogTimes, Loss, RawMessage, places_within, spread
 from quadlog.recordings.merging import merge_by_time
 from quadlog.recordings.piece_losses import (
+    JUMP_NS,
     backward_jump_within,
     backward_jumps,
     jump_warning,
     losses_of,
     zero_time_warning,
 )
-from quadlog.recordings.pieces import Contents, Entry, LostPiece, Piece, PieceFormat
+from quadlog.recordings.pieces import Contents, Entry, Listed, LostPiece, Piece, PieceFormat, start_of
 from quadlog.recordings.words import several
 
 _log_time = itemgetter(0)
@@ -89,6 +94,69 @@ class ChunkedReader:
             self._report()
         if due and topics is None and not self._read_something and all(piece.offset in self._lost for piece in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container. Warnings about times are given as if the messages were read."""
+        if self._contents.losses:
+            raise Damaged(self._contents.losses[0].detail)
+        return self._listed_times()
+
+    def _listed_times(self) -> Iterator[LogTimes]:
+        tally: Counter[int] = Counter()
+        for piece in sorted(self._contents.pieces, key=start_of):
+            listed = self._form.listed(piece)
+            self._examine_listed(piece, listed)
+            begin = 0
+            for number, count in listed.runs:
+                channel = self._contents.channel_of.get(number)
+                if channel is None:
+                    raise Damaged(f"the message index names channel {number}, which nothing declares")
+                tally[number] += count
+                yield LogTimes(piece.start_ns, channel, listed.t_ns[begin : begin + count])
+                begin += count
+        self._report()
+        declared = Counter(self._contents.declared or {})
+        if +tally != +declared:
+            raise Damaged(f"the message indexes have {tally.total()} messages, the summary {declared.total()}")
+
+    def _examine_listed(self, piece: Piece, listed: Listed) -> None:
+        """As _examine does, by the index."""
+        if not len(listed.t_ns):
+            return
+        earliest_ns, latest_ns = int(listed.t_ns.min()), int(listed.t_ns.max())
+        if earliest_ns < piece.start_ns or latest_ns > piece.end_ns:
+            self._wrong_index.add(piece.offset)
+        if earliest_ns == 0:
+            self._zero_times[piece.offset] = int((listed.t_ns == 0).sum())
+        if latest_ns - earliest_ns > JUMP_NS:
+            in_file = listed.t_ns[np.argsort(listed.offsets, kind="stable")]
+            if jump_ns := backward_jump_within(in_file):
+                self._jumps_within[piece.offset] = jump_ns
+
+    def excerpt(self, budget: Budget) -> ChunkedReader | None:
+        """See Container. Every channel of which the index knows a chunk has one, up to as many as there are places."""
+        pieces = sorted(self._contents.pieces, key=start_of)
+        messages = sum((self._contents.declared or {}).values())
+        places = places_within(budget, len(pieces), self._stored_bytes(), messages)
+        if places is None:
+            return None
+        chosen = {pieces[index].offset: pieces[index] for index in spread(len(pieces), places)}
+        seen = set().union(*(piece.channel_ids or () for piece in chosen.values()))
+        rest = iter(pieces if places else ())
+        while len(chosen) < 2 * places and (piece := next(rest, None)) is not None:
+            if not seen.issuperset(piece.channel_ids or ()):
+                chosen[piece.offset] = piece
+                seen.update(piece.channel_ids or ())
+        # What either of them finds is reported by both.
+        excerpt = copy(self)
+        excerpt._contents = replace(self._contents, pieces=list(chosen.values()), declared=None)
+        return excerpt
+
+    def _stored_bytes(self) -> int:
+        """Bytes that the pieces take in the file; a bag's index does not say, so all between the first and the last."""
+        pieces = self._contents.pieces
+        ends = [piece.offset + piece.length for piece in pieces]
+        return max(sum(piece.length for piece in pieces), max(ends, default=0) - min(ends, default=0))
 
     def is_divisible(self) -> bool:
         # What is odd about a piece is found whenever any of it is read; what is between pieces, when opening.

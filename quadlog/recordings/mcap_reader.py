@@ -14,7 +14,7 @@ from isal.isal_zlib import crc32
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import mcap_records as mcap
-from quadlog.recordings.bounded import MAX_TIME_NS, Damaged, read_at
+from quadlog.recordings.bounded import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, read_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.compression import SUPPORTED
 from quadlog.recordings.container import Channel, Loss
@@ -22,7 +22,7 @@ from quadlog.recordings.mcap_records import McapChannel, Schema
 from quadlog.recordings.mcap_scan import McapScan, message_index_counts
 from quadlog.recordings.mcap_summary import Summary, read_summary
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Contents, Entry, Listed, Piece, list_entries
 from quadlog.recordings.words import ros2_type_name, several
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
@@ -64,6 +64,12 @@ class McapFormat:
 
     def entries(self, body: memoryview) -> list[Entry]:
         return mcap.message_entries(body)
+
+    def listed(self, piece: Piece) -> Listed:
+        if piece.loose:
+            return list_entries(self.entries(self.load(piece)))
+        behind = piece.offset + piece.length
+        return mcap.list_messages(memoryview(read_at(self._file, behind, piece.index_length, MAX_INDEX_BYTES)))
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         behind = piece.offset + piece.length

@@ -6,11 +6,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
 from isal.isal_zlib import crc32
 
 from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry
+from quadlog.recordings.pieces import Entry, Listed
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -102,6 +103,22 @@ def read_message_index(content: memoryview) -> tuple[int, int]:
     """Channel id, and how many messages of it the chunk holds."""
     cursor = Cursor(content)
     return cursor.u16(), cursor.u32() // 16
+
+
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the message index records behind it. Raises Damaged."""
+    runs, entries = [], []
+    for opcode, content in records(indexes):
+        cursor = Cursor(content)
+        number, size = cursor.u16(), cursor.u32()
+        if opcode != MESSAGE_INDEX or size % 16:
+            raise Damaged("where the index has a message index there is none")
+        runs.append((number, size // 16))
+        entries.append(cursor.take(size))
+    rows = np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2)
+    if rows.max(initial=0) > MAX_TIME_NS:
+        raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
+    return Listed(runs, rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64))
 
 
 def read_chunk(content: memoryview) -> tuple[int, int, memoryview]:

@@ -6,6 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
+from quadlog.messages import Int
 from quadlog.recordings.bounded import Damaged
 from quadlog.recordings.container import Channel, Loss
 
@@ -16,6 +19,7 @@ class Piece:
 
     length is 0 where only the chunk itself tells. channel_ids and counts
     (messages for each channel id) are None where the index does not say.
+    index_length: bytes of the message index behind the chunk.
     """
 
     offset: int
@@ -26,6 +30,7 @@ class Piece:
     channel_ids: frozenset[int] | None = None
     counts: Mapping[int, int] | None = None
     loose: bool = False
+    index_length: int = 0
 
     @property
     def is_empty(self) -> bool:
@@ -39,6 +44,11 @@ class Piece:
         return (start_ns is None or self.end_ns >= start_ns) and (end_ns is None or self.start_ns < end_ns)
 
 
+def start_of(piece: Piece) -> int:
+    """The order in which pieces are read."""
+    return piece.start_ns
+
+
 class Entry(NamedTuple):
     """Where one message's payload lies in its piece's decompressed body."""
 
@@ -46,6 +56,17 @@ class Entry(NamedTuple):
     begin: int
     end: int
     channel_id: int
+
+
+class Listed(NamedTuple):
+    """A piece's messages by its message index: N log times and offsets, channel after channel.
+
+    runs: channel id, and how many of the rows are its.
+    """
+
+    runs: list[tuple[int, int]]
+    t_ns: Int
+    offsets: Int
 
 
 class PieceFormat(Protocol):
@@ -59,9 +80,21 @@ class PieceFormat(Protocol):
         """All messages of a body in file order. Raises Damaged."""
         ...
 
+    def listed(self, piece: Piece) -> Listed:
+        """All messages by the message index, the body unread except that of a loose piece. Raises Damaged."""
+        ...
+
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         """Messages for each channel id, had without reading the body; None where nothing says."""
         ...
+
+
+def list_entries(entries: list[Entry]) -> Listed:
+    """The same of entries that were found without an index."""
+    rows = np.array([(each.channel_id, each.log_time_ns, each.begin) for each in entries], np.int64).reshape(-1, 3)
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    ids, counts = np.unique(rows[:, 0], return_counts=True)
+    return Listed(list(zip(ids.tolist(), counts.tolist(), strict=True)), rows[:, 1], rows[:, 2])
 
 
 @dataclass

@@ -13,7 +13,7 @@ import zstandard
 
 from quadlog.errors import NotARecording, TooLarge
 from quadlog.recordings.bounded import MAX_CHUNK_BYTES
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
+from quadlog.recordings.container import Budget, Channel, Container, LogTimes, Loss, RawMessage
 from quadlog.recordings.words import several
 
 MAGIC = b"\x28\xb5\x2f\xfd"
@@ -74,6 +74,12 @@ class UnpackedFile:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         return self._inner.span_ns
+
+    def log_times(self) -> Iterator[LogTimes]:
+        return self._inner.log_times()
+
+    def excerpt(self, budget: Budget) -> Container | None:
+        return self._inner.excerpt(budget)
 
     def is_divisible(self) -> bool:
         return False
