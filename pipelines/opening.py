@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from quadlog.config import Config
 from quadlog.messages import Float, ImuSeries, PointCloud
 from quadlog.recordings.clock import Stamp
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.tf_tree import TransformTree
+
+if TYPE_CHECKING:
+    from quadlog.recordings.tf_tree import TransformTree
 
 
 def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:

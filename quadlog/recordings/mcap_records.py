@@ -18,6 +18,8 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 
 MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
+INDEX_HEAD = struct.Struct("<BQHI")
+MAP_ENTRY = struct.Struct("<HQ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +110,17 @@ def read_message_index(content: memoryview) -> tuple[int, int]:
 def list_messages(indexes: memoryview) -> Listed:
     """The messages of a chunk by the message index records behind it. Raises Damaged."""
     runs, entries = [], []
-    for opcode, content in records(indexes):
-        cursor = Cursor(content)
-        number, size = cursor.u16(), cursor.u32()
-        if opcode != MESSAGE_INDEX or size % 16:
+    position = 0
+    while position < len(indexes):
+        if position + INDEX_HEAD.size > len(indexes):
+            raise Damaged("a message index is cut short")
+        opcode, length, number, size = INDEX_HEAD.unpack_from(indexes, position)
+        begin = position + INDEX_HEAD.size
+        position += FRAME.size + length
+        if opcode != MESSAGE_INDEX or size % 16 or begin + size > min(position, len(indexes)):
             raise Damaged("where the index has a message index there is none")
         runs.append((number, size // 16))
-        entries.append(cursor.take(size))
+        entries.append(indexes[begin : begin + size])
     rows = np.frombuffer(b"".join(entries), "<u8").reshape(-1, 2)
     if rows.max(initial=0) > MAX_TIME_NS:
         raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
@@ -155,9 +161,7 @@ def message_entries(body: memoryview) -> list[Entry]:
 
 
 def _map_u16_u64(cursor: Cursor) -> dict[int, int]:
-    fields = Cursor(cursor.take(cursor.u32()))
-    pairs = {}
-    while fields:
-        number = fields.u16()
-        pairs[number] = fields.u64()
-    return pairs
+    fields = cursor.take(cursor.u32())
+    if len(fields) % MAP_ENTRY.size:
+        raise Damaged("a map is cut short")
+    return dict(MAP_ENTRY.iter_unpack(fields))

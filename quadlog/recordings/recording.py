@@ -12,7 +12,7 @@ from quadlog.errors import DecodeError, UnknownTopic
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Budget, Channel, Container, Loss, RawMessage
-from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
 from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
@@ -273,6 +273,7 @@ class Recording:
         return decoded
 
     def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
+        points = points or channel.type_name not in CLOUDS
         known = self._decoders.get((id(channel), points))
         if known is None:
             decoder = None
