@@ -9,18 +9,19 @@ record, its time or the count of a chunk is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import bag_records as bag
 from quadlog.recordings.bag_records import Connection
 from quadlog.recordings.bag_recovery import BagScan
-from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at
+from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at, read_each_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Listed, Piece, list_entries
+from quadlog.recordings.pieces import Contents, Entry, Listed, Piece
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 
@@ -57,10 +58,14 @@ class BagFormat:
     def entries(self, body: memoryview) -> list[Entry]:
         return bag.message_entries(body)
 
-    def listed(self, piece: Piece) -> Listed:
-        if piece.loose:
-            return list_entries(self.entries(self.load(piece)))
-        return bag.list_messages(self._file, piece.offset, self._size)
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        if any(not piece.index_end for piece in pieces):
+            raise Damaged("the bag has no index")
+        # Where a chunk ends only its header tells.
+        heads = read_each_at(self._file, [(each.offset, bag.head_bytes(each)) for each in pieces])
+        ends = [each.offset + bag.chunk_length(head) for each, head in zip(pieces, heads, strict=True)]
+        spans = [(end, each.index_end - end) for each, end in zip(pieces, ends, strict=True)]
+        return [bag.list_messages(memoryview(index)) for index in read_each_at(self._file, spans)]
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         return piece.counts
@@ -115,7 +120,8 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     if unknown:
         raise Damaged("the bag's index names connections that it does not have")
     pieces.sort(key=lambda piece: piece.offset)
-    return connections, pieces
+    behind = [*(piece.offset for piece in pieces[1:]), index_offset]
+    return connections, [replace(piece, index_end=end) for piece, end in zip(pieces, behind, strict=False)]
 
 
 def _channels(connections: Iterable[Connection], counts: Mapping[int, int]) -> dict[int, Channel]:

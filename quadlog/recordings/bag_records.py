@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.recordings.bounded import MAX_INDEX_BYTES, Cursor, Damaged, read_at
+from quadlog.recordings.bounded import Cursor, Damaged, read_at
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry, Listed
+from quadlog.recordings.pieces import Entry, Listed, Piece
 from quadlog.recordings.words import ros2_type_name
 from quadlog.storage.byte_source import ByteSource
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _MAX_HEADER_BYTES = 1 << 20
+_HEAD_BYTES = 512
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _INDEX_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
@@ -143,20 +144,31 @@ def read_chunk(file: ByteSource, position: int, size: int) -> tuple[memoryview, 
     return decompress(text(frame.fields, b"compression"), data, u32(frame.fields, b"size")), frame.end
 
 
-def list_messages(file: ByteSource, position: int, size: int) -> Listed:
-    """The messages of the chunk at position by the index records behind it. Raises Damaged."""
-    chunk = read_frame(file, position, size)
-    if chunk.op != CHUNK:
+def head_bytes(piece: Piece) -> int:
+    """How much of a chunk's beginning holds its header."""
+    return min(_HEAD_BYTES, piece.index_end - piece.offset)
+
+
+def chunk_length(head: bytes) -> int:
+    """Bytes of the chunk that begins so. Raises Damaged."""
+    cursor = Cursor(head)
+    fields = read_fields(cursor.take(cursor.u32()))
+    if u8(fields, b"op") != CHUNK:
         raise Damaged("where the index has a chunk there is none")
+    data_length = cursor.u32()
+    return cursor.position + data_length
+
+
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the index records behind it. Raises Damaged."""
     runs, entries = [], []
-    position = chunk.end
-    while position < size and (frame := read_frame(file, position, size)).op == INDEX:
-        count = u32(frame.fields, b"count")
-        if u32(frame.fields, b"ver") != 1 or frame.data_length != count * _INDEX_ENTRY.itemsize:
-            raise Damaged("a message index is damaged")
-        runs.append((u32(frame.fields, b"conn"), count))
-        entries.append(read_at(file, frame.data_offset, frame.data_length, MAX_INDEX_BYTES))
-        position = frame.end
+    for fields, begin, end in records(indexes):
+        if u8(fields, b"op") == INDEX:
+            count = u32(fields, b"count")
+            if u32(fields, b"ver") != 1 or end - begin != count * _INDEX_ENTRY.itemsize:
+                raise Damaged("a message index is damaged")
+            runs.append((u32(fields, b"conn"), count))
+            entries.append(indexes[begin:end])
     rows = np.frombuffer(b"".join(entries), _INDEX_ENTRY)
     t_ns = rows["seconds"].astype(np.int64) * 10**9 + rows["nanoseconds"]
     return Listed(runs, t_ns, rows["offset"].astype(np.int64))

@@ -29,6 +29,8 @@ from quadlog.recordings.piece_losses import (
 from quadlog.recordings.pieces import Contents, Entry, Listed, LostPiece, Piece, PieceFormat, start_of
 from quadlog.recordings.words import several
 
+_LISTED_AT_ONCE = 64
+
 _log_time = itemgetter(0)
 
 
@@ -103,8 +105,7 @@ class ChunkedReader:
 
     def _listed_times(self) -> Iterator[LogTimes]:
         tally: Counter[int] = Counter()
-        for piece in sorted(self._contents.pieces, key=start_of):
-            listed = self._form.listed(piece)
+        for piece, listed in self._listed_pieces():
             self._examine_listed(piece, listed)
             begin = 0
             for number, count in listed.runs:
@@ -117,7 +118,13 @@ class ChunkedReader:
         self._report()
         declared = Counter(self._contents.declared or {})
         if +tally != +declared:
-            raise Damaged(f"the message indexes have {tally.total()} messages, the summary {declared.total()}")
+            raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")
+
+    def _listed_pieces(self) -> Iterator[tuple[Piece, Listed]]:
+        pieces = sorted(self._contents.pieces, key=start_of)
+        for begin in range(0, len(pieces), _LISTED_AT_ONCE):
+            some = pieces[begin : begin + _LISTED_AT_ONCE]
+            yield from zip(some, self._form.listed(some), strict=True)
 
     def _examine_listed(self, piece: Piece, listed: Listed) -> None:
         """As _examine does, by the index."""

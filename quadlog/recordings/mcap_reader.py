@@ -7,14 +7,14 @@ the chunk that holds them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from isal.isal_zlib import crc32
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import mcap_records as mcap
-from quadlog.recordings.bounded import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, read_at
+from quadlog.recordings.bounded import MAX_TIME_NS, Damaged, read_at, read_each_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.compression import SUPPORTED
 from quadlog.recordings.container import Channel, Loss
@@ -65,11 +65,14 @@ class McapFormat:
     def entries(self, body: memoryview) -> list[Entry]:
         return mcap.message_entries(body)
 
-    def listed(self, piece: Piece) -> Listed:
-        if piece.loose:
-            return list_entries(self.entries(self.load(piece)))
-        behind = piece.offset + piece.length
-        return mcap.list_messages(memoryview(read_at(self._file, behind, piece.index_length, MAX_INDEX_BYTES)))
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        ends = [piece.offset + piece.length for piece in pieces]
+        spans = [(end, max(piece.index_end - end, 0)) for piece, end in zip(pieces, ends, strict=True)]
+        indexes = read_each_at(self._file, spans)
+        return [
+            list_entries(self.entries(self.load(piece))) if piece.loose else mcap.list_messages(memoryview(index))
+            for piece, index in zip(pieces, indexes, strict=True)
+        ]
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         behind = piece.offset + piece.length

@@ -109,7 +109,7 @@ class McapScan:
                 end_ns,
                 chunk.compression,
                 channels,
-                index_length=chunk.message_index_length,
+                index_end=end,
             )
         )
         return end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -19,7 +19,7 @@ class Piece:
 
     length is 0 where only the chunk itself tells. channel_ids and counts
     (messages for each channel id) are None where the index does not say.
-    index_length: bytes of the message index behind the chunk.
+    index_end: offset behind the message index, which follows the chunk; 0 where there is none.
     """
 
     offset: int
@@ -30,7 +30,7 @@ class Piece:
     channel_ids: frozenset[int] | None = None
     counts: Mapping[int, int] | None = None
     loose: bool = False
-    index_length: int = 0
+    index_end: int = 0
 
     @property
     def is_empty(self) -> bool:
@@ -80,8 +80,8 @@ class PieceFormat(Protocol):
         """All messages of a body in file order. Raises Damaged."""
         ...
 
-    def listed(self, piece: Piece) -> Listed:
-        """All messages by the message index, the body unread except that of a loose piece. Raises Damaged."""
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        """All messages of each by its message index, bodies unread except those of loose pieces. Raises Damaged."""
         ...
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
