@@ -19,6 +19,7 @@ MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 INDEX_HEAD = struct.Struct("<BQHI")
+CHUNK_PLACE = struct.Struct("<QQQQ")
 MAP_ENTRY = struct.Struct("<HQ")
 
 
@@ -88,7 +89,7 @@ def read_channel(content: memoryview) -> McapChannel:
 
 def read_chunk_index(content: memoryview) -> ChunkIndex:
     cursor = Cursor(content)
-    start_ns, end_ns, offset, length = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u64()
+    start_ns, end_ns, offset, length = CHUNK_PLACE.unpack(cursor.take(CHUNK_PLACE.size))
     channels = frozenset(_map_u16_u64(cursor))
     return ChunkIndex(start_ns, end_ns, offset, length, channels, cursor.u64(), cursor.text())
 

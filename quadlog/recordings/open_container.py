@@ -14,7 +14,6 @@ from quadlog.recordings.bag_reader import read_bag
 from quadlog.recordings.container import Container
 from quadlog.recordings.mcap_reader import read_mcap
 from quadlog.recordings.naming import recording_suffix
-from quadlog.recordings.split import is_split, open_split
 from quadlog.recordings.sqlite_reader import open_sqlite
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 from quadlog.storage.remote_path import RemotePath
@@ -49,6 +48,8 @@ def open_container(path: Path) -> Container:
     one message left), or TooLarge (no room for a needed copy).
     """
     if path.is_dir():
+        from quadlog.recordings.split import is_split, open_split  # with a reader of YAML
+
         if not is_split(path):
             raise RecordingNotFound(path, "the folder is not one recording (a ROS 2 bag); name the files in it")
         return open_split(path, open_file)
