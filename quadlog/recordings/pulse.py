@@ -18,7 +18,7 @@ BINS_PER_OCTAVE = 50  # an interval's bin is 1.4 % wide
 _KEPT_TIMES, _MOST_TIMES = 1 << 18, 1 << 24
 
 
-@dataclass
+@dataclass(eq=False)
 class Pulse:
     """Counters, the last few times and a histogram of intervals.
 

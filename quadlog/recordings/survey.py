@@ -198,14 +198,15 @@ class _Stamps:
 
     def survey(self, channel: Channel, pulse: Pulse) -> TopicSurvey:
         """The channel with its log times."""
-        rates_hz = pulse.rates_hz() or (None, None)
+        hz_min, hz_max = pulse.rates_hz() or (None, None)
         return TopicSurvey(
             channel.topic,
             channel.type_name,
             pulse.messages,
             pulse.first_ns,
             pulse.last_ns,
-            *rates_hz,
+            hz_min,
+            hz_max,
             pulse.gaps(),
             pulse.longest_ns * 1e-9 if pulse.longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
