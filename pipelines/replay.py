@@ -58,7 +58,10 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to; so many processes may share its scans, which changes no result."""
+    """One recording and the folder its run goes to.
+
+    processes: how many share its scans, which changes no result. notes: lines for run.json on how the config was made.
+    """
 
     recording: Path
     run: Path
@@ -67,6 +70,7 @@ class ReplayRequest:
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
     processes: int = 1
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,12 @@ def printable(text: object) -> str:
     return "".join(map(_harmless, str(text)))
 
 
+def clipped(text: object, most: int = 200) -> str:
+    """The text, or its beginning and how much longer it is: a name in a damaged file can be megabytes long."""
+    words = str(text)
+    return words if len(words) <= most else f"{words[:most]}... ({len(words) - most} more characters)"
+
+
 def set_flag(key: str, values: Sequence[str]) -> str:
     """`--set key=value` to paste into a shell: one value as it is, several as a TOML list.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -49,10 +49,9 @@ def backward_jumps(pieces: Iterable[Piece]) -> list[int]:
     return jumps
 
 
-def backward_jump_within(times_ns: Sequence[int] | Int) -> int:
+def backward_jump_within(times_ns: Int) -> int:
     """The largest fall of log time (ns) below an earlier message's, 0 when it is at most a second."""
-    t_ns = np.asarray(times_ns, np.int64)
-    largest_ns = int((np.maximum.accumulate(t_ns) - t_ns).max(initial=0))
+    largest_ns = int((np.maximum.accumulate(times_ns) - times_ns).max(initial=0))
     return largest_ns if largest_ns > JUMP_NS else 0
 
 

@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.plugins import Plugin
+from quadlog.plugins import Plugin, describe_failure
 from quadlog.recordings.decoders.pose import normalised
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
@@ -75,8 +75,8 @@ def interpreter(decoder: MessageDecoder) -> Interpret:
             return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
         except DecodeError:
             raise
-        except Exception as error:  # another's code on a stranger's message
-            raise DecodeError(topic, f"its plug-in failed: {type(error).__name__}: {error}") from error
+        except (Exception, SystemExit) as error:  # another's code on a stranger's message
+            raise DecodeError(topic, f"its plug-in failed: {describe_failure(error)}") from error
 
     return interpret
 

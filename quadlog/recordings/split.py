@@ -13,7 +13,7 @@ from types import TracebackType
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound
 from quadlog.recordings.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
 from quadlog.recordings.container import NOTHING, Budget, Channel, Container, LogTimes, Loss, RawMessage, spread
-from quadlog.recordings.merging import merge_by_time
+from quadlog.recordings.merging import Stream, merge_by_time
 from quadlog.recordings.naming import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.unpacking import unpack_messages, unpacked_name
 from quadlog.recordings.words import several
@@ -25,11 +25,11 @@ _NAMED_AT_MOST = 5
 def is_split(folder: Path) -> bool:
     """Whether a folder is one recording: its files are one `NAME_<n>` sequence, or its metadata names them."""
     files = recording_files(folder)
-    if not files:
-        return False
-    metadata, _ = read_metadata(folder)
-    named = metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
-    return named or bool(split_sequence(files))
+    return bool(split_sequence(files)) or _is_named(files, read_metadata(folder)[0] if files else None)
+
+
+def _is_named(files: list[Path], metadata: BagMetadata | None) -> bool:
+    return metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
 
 
 def _by_name(files: list[Path]) -> dict[str, Path]:
@@ -38,11 +38,12 @@ def _by_name(files: list[Path]) -> dict[str, Path]:
 
 
 def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitReader:
-    """Opens a ROS 2 bag folder. Raises RecordingNotFound without a file, or the first file's error when none opens."""
+    """Opens a ROS 2 bag folder. Raises RecordingNotFound for any other, or the first file's error when none opens."""
+    present = recording_files(folder)
     metadata, warnings = read_metadata(folder)
-    files, losses = _choose_files(folder, metadata, warnings)
-    if not files:
-        raise RecordingNotFound(folder, "the folder has none of the files of its recording")
+    if not split_sequence(present) and not _is_named(present, metadata):
+        raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
+    files, losses = _choose_files(present, metadata, warnings)
     parts: list[Container] = []
     errors: list[QuadlogError] = []
     for path in files:
@@ -56,9 +57,10 @@ def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitRea
     return SplitReader(folder, parts, metadata, losses, warnings)
 
 
-def _choose_files(folder: Path, metadata: BagMetadata | None, warnings: list[str]) -> tuple[list[Path], list[Loss]]:
+def _choose_files(
+    present: list[Path], metadata: BagMetadata | None, warnings: list[str]
+) -> tuple[list[Path], list[Loss]]:
     """The files of the recording in order, and the losses of those that are not there."""
-    present = recording_files(folder)
     sequence = split_sequence(present) or present
     if metadata is None:
         return sequence, _missing(_gaps(sequence), "the numbers of the files have a gap")
@@ -132,7 +134,7 @@ class SplitReader:
     ) -> Iterator[RawMessage]:
         """See Container."""
         sources = [
-            (part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
+            Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
             for part in self._parts
         ]
         self._empty_parts.clear()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -45,6 +45,20 @@ class RunFolder:
         if force:
             _remove_own_files(path, OWN_FILES)
         return folder
+
+    @classmethod
+    @contextmanager
+    def create_whole(cls, path: Path, force: bool = False) -> Iterator[Self]:
+        """`create` for a run that cannot be resumed: its files are removed again when the block fails."""
+        folder = cls.create(path, force)
+        try:
+            yield folder
+        except BaseException:
+            with suppress(CannotWrite):
+                _remove_own_files(path, OWN_FILES)
+            with suppress(OSError):  # it holds other files
+                path.rmdir()
+            raise
 
     @classmethod
     def claim(cls, path: Path, replace: bool = False, complete: bool = False) -> Self:
@@ -164,7 +178,7 @@ def _read_record(run: Path) -> dict[str, Any]:
 def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     path = run / name
     if not path.is_file():
-        raise NotARun(run, missing)
+        raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")

@@ -34,14 +34,25 @@ def to_path(text: str | Path) -> Path:
         return Path(text)
     protocol = protocol_of(text)
     if protocol in ("file", "local"):
-        parts = urlsplit(text)
-        if parts.netloc not in ("", "localhost"):
-            raise StorageUnknown(redacted(text), "a file:// URL of another machine; mount it, or name its path")
-        return Path(unquote(parts.path))
+        return _local_path(text)
 
     from quadlog.storage.remote_path import RemotePath
 
     return cast(Path, RemotePath(text))
+
+
+def _local_path(url: str) -> Path:
+    """The path that a file:// URL names. Raises StorageUnknown."""
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:  # brackets without an address, or a host name that Unicode would change
+        raise StorageUnknown(redacted(url), f"no URL that quadlog can read: {error}") from error
+    if parts.netloc not in ("", "localhost"):
+        raise StorageUnknown(redacted(url), "a file:// URL of another machine; mount it, or name its path")
+    path = unquote(parts.path)
+    if "\0" in path:
+        raise StorageUnknown(redacted(url), "no path has a NUL in it")
+    return Path(path)
 
 
 def protocol_of(url: str) -> str:

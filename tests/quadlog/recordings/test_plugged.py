@@ -205,6 +205,14 @@ def test_an_answer_of_another_kind_or_shape_is_not_decoded(message, gives, said)
     assert "DecodeError" not in str(raised.value)
 
 
+def test_a_decoder_cannot_end_quadlog():
+    def leave(message, topic):
+        raise SystemExit(0)
+
+    with pytest.raises(DecodeError, match="SystemExit: 0"):
+        interpreter(MessageDecoder(Pose, leave))(None, "/a")
+
+
 def test_what_gives_nothing_iterable_is_not_decoded():
     decoder = MessageDecoder(Pose, lambda *_: None)  # type: ignore[arg-type, return-value]
     with pytest.raises(DecodeError, match="TypeError"):

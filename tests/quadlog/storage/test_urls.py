@@ -53,7 +53,10 @@ def test_what_lies_on_this_machine_is_a_path(text: str, path: Path) -> None:
     assert to_path(text) == path
 
 
-@pytest.mark.parametrize("text", ["file://other/data/x", "://x", "s3://", "1a://b", "a b://c"])
+BAD_FILES = ["file://other/x", "file://[x", "file://\u2100/x", "file:///a%00b"]
+
+
+@pytest.mark.parametrize("text", [*BAD_FILES, "://x", "s3://", "1a://b", "a b://c"])
 def test_what_is_no_url_is_told(text: str) -> None:
     with pytest.raises(StorageUnknown):
         to_path(text)
