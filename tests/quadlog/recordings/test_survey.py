@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import math
 import os
+import re
+import struct
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import IndexType
 
 from quadlog.errors import QuadlogError
@@ -208,6 +211,52 @@ def test_an_index_that_disagrees_with_the_file_is_not_believed(recordings: Any, 
     path = recordings.mcap(tmp_path / "walk.mcap", recordings.some(80), index_types=IndexType.ALL & ~IndexType.MESSAGE)
     with open_recording(path) as recording, pytest.raises(Damaged, match="list 0 of 80 messages"):
         indexed_pulses(recording.container)
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_an_index_that_names_a_channel_twice_in_a_chunk_is_not_believed(
+    recordings: Any, tmp_path: Path, form: str
+) -> None:
+    path = build(recordings, form, tmp_path / "walk", recordings.some(80))
+    number_behind = re.compile(rb"(op=\x04.{16}conn=|\x07.\x00{7})[\x00-\x02]\x00", re.DOTALL)
+    path.write_bytes(number_behind.sub(lambda found: found[1] + b"\1\0", path.read_bytes()))
+    with open_recording(path) as recording, pytest.raises(Damaged, match="twice"):
+        indexed_pulses(recording.container)
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_messages_at_time_zero_are_told_by_the_index(recordings: Any, tmp_path: Path, form: str) -> None:
+    messages = [
+        (topic, 0 if i in (100, 300) else t_ns, data) for i, (topic, t_ns, data) in enumerate(recordings.some(400))
+    ]
+    path = build(recordings, form, tmp_path / "walk", messages)
+    whole = seen_of(path, None)
+    assert any("2 messages logged at time 0" in line for line in whole[1])
+    assert seen_of(path, Budget(1, 100, 5)) == whole
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_chunks_whose_times_the_index_has_wrong_are_told_by_message_indexes(
+    recordings: Any, tmp_path: Path, form: str
+) -> None:
+    messages = recordings.some(400)
+    if form == "mcap":
+        path = recordings.mcap(tmp_path / "walk.mcap", messages, enable_crcs=False)
+        data = bytearray(path.read_bytes())
+        with path.open("rb") as file:
+            chunk = make_reader(file).get_summary().chunk_indexes[30]  # type: ignore[union-attr]
+        ends = data.rindex(struct.pack("<QQ", chunk.message_start_time, chunk.message_end_time)) + 8
+        struct.pack_into("<Q", data, ends, chunk.message_end_time - 1)
+    else:
+        path = recordings.bag(tmp_path / "walk.bag", messages)
+        data = bytearray(path.read_bytes())
+        ends = [found.end() for found in re.finditer(b"end_time=", data)][30]
+        seconds, _ = struct.unpack_from("<II", data, ends)
+        struct.pack_into("<II", data, ends, seconds - 1, 0)
+    path.write_bytes(data)
+    whole = seen_of(path, None)
+    assert any("wrong times for 1 chunk" in line for line in whole[1])
+    assert seen_of(path, Budget(1, 100, 5)) == whole
 
 
 def test_clouds_are_checked_without_their_points(log: Any) -> None:
