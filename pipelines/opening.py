@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.config import Config
 from quadlog.messages import Float, ImuSeries, PointCloud
 from quadlog.recordings.clock import Stamp
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.tf_tree import TransformTree
+
+if TYPE_CHECKING:
+    from quadlog.recordings.tf_tree import TransformTree
 
 
 def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
@@ -41,6 +43,8 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
     mount = None if base is None else tree.static_transform(imu.frame_id, base)
     if base is None or mount is None or np.array_equal(mount[:3, :3], np.eye(3)):
         return imu
+    from scipy.spatial.transform import Rotation  # half a second of imports, which `quadlog info` does without
+
     imu_to_base = Rotation.from_matrix(mount[:3, :3])
     quat_xyzw = imu.quat_xyzw
     if quat_xyzw is not None:

@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 
 from quadlog.recordings.bounded import Damaged
-from quadlog.recordings.pieces import Body, Piece, PieceFormat
+from quadlog.recordings.pieces import Body, Piece, PieceFormat, start_of
 
 # Bodies kept while pieces overlap in time; beyond this they are dropped and read again.
 _KEPT_BYTES = 1 << 27
@@ -66,7 +66,7 @@ class Bodies:
         self._bytes = 0
         self._known: set[int] = set()
         self._again_bytes = _AGAIN_BYTES
-        self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=_start_ns))
+        self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=start_of))
         self._coming: dict[int, Future[Body | None]] = {}
         self._readers = ThreadPoolExecutor(_AHEAD, thread_name_prefix="quadlog-read")
         _let_freed_memory_be_reused()
@@ -129,10 +129,6 @@ class Bodies:
         while self._waiting and len(self._coming) < _AHEAD:
             piece = self._waiting.popleft()
             self._coming[piece.offset] = self._readers.submit(self._form.load, piece, _LARGE_BYTES)
-
-
-def _start_ns(piece: Piece) -> int:
-    return piece.start_ns
 
 
 @cache

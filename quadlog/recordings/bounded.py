@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
-from quadlog.storage.byte_source import ByteSource
+from quadlog.storage.byte_source import ByteSource, Span
 
 # Far above what recorders write (chunks of 1 to 16 MB), far below what hurts.
 MAX_CHUNK_BYTES = 1 << 29
@@ -42,6 +43,20 @@ def read_at(file: ByteSource, offset: int, length: int, limit: int = MAX_CHUNK_B
         raise Damaged(f"the disk does not give what lies at offset {offset} ({error.strerror})") from None
     if len(data) != length:
         raise Damaged(f"the file ends {length - len(data)} bytes too early for what starts at offset {offset}")
+    return data
+
+
+def read_each_at(file: ByteSource, spans: Sequence[Span]) -> list[bytes]:
+    """The same of small stretches that lie far apart, MAX_INDEX_BYTES together."""
+    wanted = sum(length for _, length in spans)
+    if any(offset < 0 or length < 0 for offset, length in spans) or wanted > MAX_INDEX_BYTES:
+        raise Damaged(f"message indexes of {wanted} bytes are no message indexes")
+    try:
+        data = file.read_each(spans)
+    except OSError as error:
+        raise Damaged(f"the disk does not give a message index ({error.strerror})") from None
+    if any(len(each) != length for each, (_, length) in zip(data, spans, strict=True)):
+        raise Damaged("the file ends within a message index")
     return data
 
 

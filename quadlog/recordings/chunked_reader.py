@@ -4,30 +4,34 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
 from quadlog.errors import NothingReadable
+from quadlog.messages import Int
 from quadlog.recordings.bodies import Bodies, FirstBodies
 from quadlog.recordings.bounded import Damaged
-from quadlog.recordings.container import Channel, Loss, RawMessage
+from quadlog.recordings.container import Budget, Channel, LogTimes, Loss, RawMessage, places_within, spread
 from quadlog.recordings.merging import merge_by_time
 from quadlog.recordings.piece_losses import (
+    JUMP_NS,
     backward_jump_within,
     backward_jumps,
     jump_warning,
     losses_of,
     zero_time_warning,
 )
-from quadlog.recordings.pieces import Body, Contents, Entries, LostPiece, Piece, PieceFormat
+from quadlog.recordings.pieces import Body, Contents, Entries, Listed, LostPiece, Piece, PieceFormat, start_of
 from quadlog.recordings.words import several
 
 # Messages whose times and places are Python objects at once.
 _BLOCK = 1024
 _CHANNELS_NAMED = 20
+_LISTED_AT_ONCE = 64
 
 
 class ChunkedReader:
@@ -90,6 +94,61 @@ class ChunkedReader:
         if due and topics is None and not self._read_something and all(piece.offset in self._lost for piece in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
 
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container. Warnings about times are given as if the messages were read."""
+        if self._contents.losses:
+            raise Damaged(self._contents.losses[0].detail)
+        return self._listed_times()
+
+    def _listed_times(self) -> Iterator[LogTimes]:
+        tally: Counter[int] = Counter()
+        for piece, listed in self._listed_pieces():
+            self._examine_times(piece, listed.t_ns, listed.offsets)
+            begin = 0
+            for number, count in listed.counts.items():
+                channel = self._contents.channel_of.get(number)
+                if channel is None:
+                    raise Damaged(f"the message index names channel {number}, which nothing declares")
+                tally[number] += count
+                if count:
+                    yield LogTimes(piece.start_ns, channel, listed.t_ns[begin : begin + count])
+                begin += count
+        self._report()
+        declared = Counter(self._contents.declared or {})
+        if +tally != +declared:
+            raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")
+
+    def _listed_pieces(self) -> Iterator[tuple[Piece, Listed]]:
+        pieces = sorted(self._contents.pieces, key=start_of)
+        for begin in range(0, len(pieces), _LISTED_AT_ONCE):
+            some = pieces[begin : begin + _LISTED_AT_ONCE]
+            yield from zip(some, self._form.listed(some), strict=True)
+
+    def excerpt(self, budget: Budget) -> ChunkedReader | None:
+        """See Container. Every channel of which the index knows a chunk has one, up to as many as there are places."""
+        pieces = sorted(self._contents.pieces, key=start_of)
+        messages = sum((self._contents.declared or {}).values())
+        places = places_within(budget, len(pieces), self._stored_bytes(), messages)
+        if places is None:
+            return None
+        chosen = {pieces[index].offset: pieces[index] for index in spread(len(pieces), places)}
+        seen = set().union(*(piece.channel_ids or () for piece in chosen.values()))
+        rest = iter(pieces if places else ())
+        while len(chosen) < 2 * places and (piece := next(rest, None)) is not None:
+            if not seen.issuperset(piece.channel_ids or ()):
+                chosen[piece.offset] = piece
+                seen.update(piece.channel_ids or ())
+        # What either of them finds is reported by both.
+        excerpt = copy(self)
+        excerpt._contents = replace(self._contents, pieces=list(chosen.values()), declared=None)
+        return excerpt
+
+    def _stored_bytes(self) -> int:
+        """Bytes that the pieces take in the file; a bag's index does not say, so all between the first and the last."""
+        pieces = self._contents.pieces
+        ends = [piece.offset + piece.length for piece in pieces]
+        return max(sum(piece.length for piece in pieces), max(ends, default=0) - min(ends, default=0))
+
     def is_divisible(self) -> bool:
         # What is odd about a piece is found whenever any of it is read; what is between pieces, when opening.
         return True
@@ -111,19 +170,25 @@ class ChunkedReader:
         if not len(entries):
             return
         self._read_something = True
-        times_ns = entries.log_times_ns
-        earliest_ns, latest_ns = int(times_ns.min()), int(times_ns.max())
-        if earliest_ns < piece.start_ns or latest_ns > piece.end_ns:
-            self._wrong_index.add(piece.offset)
-        if earliest_ns == 0:
-            self._zero_times[piece.offset] = int(np.count_nonzero(times_ns == 0))
-        jump_ns = backward_jump_within(times_ns)
-        if jump_ns:
-            self._jumps_within[piece.offset] = jump_ns
+        self._examine_times(piece, entries.log_times_ns, entries.begins)
         counts = entries.counts()
         unknown = counts.keys() - self._contents.channel_of.keys()
         if unknown:
             self._undeclared[piece.offset] = Counter({number: counts[number] for number in sorted(unknown)})
+
+    def _examine_times(self, piece: Piece, t_ns: Int, offsets: Int) -> None:
+        """Notes what is odd about the log times of a piece's messages; offsets: where these lie in it."""
+        if not len(t_ns):
+            return
+        earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
+        if earliest_ns < piece.start_ns or latest_ns > piece.end_ns:
+            self._wrong_index.add(piece.offset)
+        if earliest_ns == 0:
+            self._zero_times[piece.offset] = int(np.count_nonzero(t_ns == 0))
+        if latest_ns - earliest_ns > JUMP_NS:
+            jump_ns = backward_jump_within(t_ns[np.argsort(offsets, kind="stable")])
+            if jump_ns:
+                self._jumps_within[piece.offset] = jump_ns
 
     def _compare_counts(self, wanted: dict[int, Channel], due: list[Piece], tally: Counter[int]) -> None:
         """What the file says it holds against what was read; pieces known to be lost are not reported twice."""

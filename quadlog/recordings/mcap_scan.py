@@ -105,7 +105,17 @@ class McapScan:
             raise Damaged("the index gives a chunk more room than there is")
         start_ns, end_ns = min(chunk.start_ns, MAX_TIME_NS), min(chunk.end_ns, MAX_TIME_NS)
         channels = chunk.channels or None
-        self.pieces.append(Piece(chunk.offset, chunk.length, start_ns, end_ns, chunk.compression, channels))
+        self.pieces.append(
+            Piece(
+                chunk.offset,
+                chunk.length,
+                start_ns,
+                end_ns,
+                chunk.compression,
+                channels,
+                index_end=end,
+            )
+        )
         return end
 
     def _next_known(self, position: int) -> int | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ class Piece:
 
     length is 0 where only the chunk itself tells. channel_ids and counts
     (messages for each channel id) are None where the index does not say.
+    index_end: offset behind the message index, which follows the chunk; 0 where there is none.
     """
 
     offset: int
@@ -35,6 +36,7 @@ class Piece:
     channel_ids: frozenset[int] | None = None
     counts: Mapping[int, int] | None = None
     loose: bool = False
+    index_end: int = 0
 
     @property
     def is_empty(self) -> bool:
@@ -46,6 +48,11 @@ class Piece:
         if self.is_empty or (self.channel_ids is not None and self.channel_ids.isdisjoint(wanted)):
             return False
         return (start_ns is None or self.end_ns >= start_ns) and (end_ns is None or self.start_ns < end_ns)
+
+
+def start_of(piece: Piece) -> int:
+    """The order in which pieces are read."""
+    return piece.start_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +100,17 @@ class EntryList:
         return Entries(times_ns, begins, ends, np.array(self._channel_ids, np.uint32))
 
 
+class Listed(NamedTuple):
+    """A piece's messages by its message index: N log times and offsets, channel after channel.
+
+    counts: how many of the rows are each channel id's, in their order.
+    """
+
+    counts: dict[int, int]
+    t_ns: Int
+    offsets: Int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
     """Where the payloads of a body's messages lie, in file order: an array (N,) for each property."""
@@ -109,6 +127,11 @@ class Entries:
         """Messages for each channel id."""
         numbers, counts = np.unique(self.channel_ids, return_counts=True)
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+
+    def listed(self) -> Listed:
+        """The same as a message index would have them."""
+        rows = np.argsort(self.channel_ids, kind="stable")
+        return Listed(self.counts(), self.log_times_ns[rows], self.begins[rows])
 
     def piece(self, offset: int, length: int) -> Piece:
         """The piece at this place of the file that holds them."""
@@ -164,6 +187,10 @@ class PieceFormat(Protocol):
 
     def entries(self, body: Body) -> Entries:
         """All messages of a body in file order. Raises Damaged."""
+        ...
+
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        """All messages of each by its message index, bodies unread except those of loose pieces. Raises Damaged."""
         ...
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:

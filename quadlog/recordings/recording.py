@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from copy import copy
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -11,8 +12,8 @@ from types import TracebackType
 from quadlog.errors import DecodeError, UnknownTopic
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
-from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
+from quadlog.recordings.container import Budget, Channel, Container, Loss, RawMessage
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
 from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
@@ -62,7 +63,7 @@ class Recording:
         self.clock = Clock(container.path, stamp)
         self._learned: set[str] = set()
         self._first_lags: dict[str, list[int]] = {}
-        self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
+        self._decoders: dict[tuple[int, bool], tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
@@ -162,11 +163,26 @@ class Recording:
         )
 
     def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
-        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
+        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use.
+
+        Clouds are checked as for use, but come without points.
+        """
         failed: dict[str, int] = {}
         zeros: dict[str, int] = {}
         for raw in self.container.messages():
-            yield raw, self._decode_or_count(raw, failed, zeros) if is_decodable(raw.channel) else ()
+            yield raw, self._decode_or_count(raw, failed, zeros, points=False) if is_decodable(raw.channel) else ()
+
+    def excerpt(self, budget: Budget) -> Recording | None:
+        """The same with a bounded number of its messages, from places spread evenly; None where it is small.
+
+        What either finds is a loss or a warning of both. It is closed with this one.
+        """
+        container = self.container.excerpt(budget)
+        if container is None:
+            return None
+        part = copy(self)
+        part.container = container
+        return part
 
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
@@ -242,11 +258,13 @@ class Recording:
                 usual = -self.clock.usual_ns.get(topic, 0)
                 self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
 
-    def _decode_or_count(self, raw: RawMessage, failed: dict[str, int], zeros: dict[str, int]) -> tuple[Message, ...]:
+    def _decode_or_count(
+        self, raw: RawMessage, failed: dict[str, int], zeros: dict[str, int], *, points: bool = True
+    ) -> tuple[Message, ...]:
         """What a message decodes to. failed, zeros: failures and zero stamps by topic; the pass with most is told."""
         topic = raw.channel.topic
         try:
-            decoded = self._decode(raw)
+            decoded = self._decode(raw, points=points)
         except DecodeError as error:
             failed[topic] = failed.get(topic, 0) + 1
             most, why = self._failures.get(topic, (0, error.reason))
@@ -256,8 +274,8 @@ class Recording:
             self.clock.count_zero_stamps(topic, message, zeros)
         return decoded
 
-    def _decode(self, raw: RawMessage) -> tuple[Message, ...]:
-        decoder = self._decoder(raw.channel)
+    def _decode(self, raw: RawMessage, *, points: bool = True) -> tuple[Message, ...]:
+        decoder = self._decoder(raw.channel, points=points)
         if decoder is None:
             reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
             raise DecodeError(raw.channel.topic, reason)
@@ -266,15 +284,17 @@ class Recording:
             return tuple(self._named(raw.channel.topic, each) for each in decoded if isinstance(each, UwbRanges))
         return decoded
 
-    def _decoder(self, channel: Channel) -> Decoder | None:
-        known = self._decoders.get(id(channel))
+    def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
+        points = points or channel.type_name not in CLOUDS
+        known = self._decoders.get((id(channel), points))
         if known is None:
             decoder = None
             try:
-                decoder = decoder_for(channel, self._definitions)
+                decoder = decoder_for(channel, self._definitions, points=points)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
-            known = self._decoders[id(channel)] = (channel, decoder)  # the channel is kept, so its id stays its own
+            # The channel is kept, so its id stays its own.
+            known = self._decoders[id(channel), points] = (channel, decoder)
         return known[1]
 
     def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:

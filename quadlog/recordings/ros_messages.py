@@ -44,6 +44,7 @@ class Definitions:
 
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
+        self._ways: dict[tuple[Any, ...], list[tuple[Deserialise, Interpret]]] = {}
 
     def decoder(self, channel: Channel, interpret: Interpret, plain: Plain = ()) -> Callable[[Payload], Any]:
         """A function from payload to what interpret makes of (message object, topic), or plain of its bare values.
@@ -52,14 +53,19 @@ class Definitions:
         """
         if channel.message_encoding not in ("ros1", "cdr"):
             raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
+        # Topics often share a definition, and to compile one takes 10 ms.
+        alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = [_way(types, channel, interpret, plain) for types in self._candidates(channel)]
+            found = self._ways.get(alike) or [
+                _way(types, channel, interpret, plain) for types in self._candidates(channel)
+            ]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
             raise DecodeError(
                 channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
             )
+        self._ways[alike] = found
         return _FirstFitting(channel, found)
 
     def _candidates(self, channel: Channel) -> Iterator[Types]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from copy import copy
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound
 from quadlog.recordings.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
+from quadlog.recordings.container import NOTHING, Budget, Channel, Container, LogTimes, Loss, RawMessage, spread
 from quadlog.recordings.merging import Stream, merge_by_time
 from quadlog.recordings.naming import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.unpacking import unpack_messages, unpacked_name
@@ -143,6 +145,26 @@ class SplitReader:
         if len(self._empty_parts) == len(self._parts):
             raise self._empty_parts[0]
 
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container."""
+        try:
+            for times in heapq.merge(*(part.log_times() for part in self._parts), key=_floor_ns):
+                yield times._replace(channel=self._merged[times.channel])
+        finally:
+            self._collect()
+
+    def excerpt(self, budget: Budget) -> SplitReader | None:
+        """See Container."""
+        count = min(budget.places, len(self._parts))
+        chosen = set(spread(len(self._parts), count))
+        shared = budget.shared(max(count, 1))
+        views = [part.excerpt(shared if i in chosen else NOTHING) for i, part in enumerate(self._parts)]
+        if all(view is None for view in views):
+            return None
+        excerpt = copy(self)
+        excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
+        return excerpt
+
     def is_divisible(self) -> bool:
         return all(part.is_divisible() for part in self._parts)
 
@@ -228,6 +250,10 @@ class SplitReader:
             *self._own_warnings,
             *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
         ]
+
+
+def _floor_ns(times: LogTimes) -> int:
+    return times.floor_ns
 
 
 def _merge_channels(parts: list[Container]) -> dict[Channel, Channel]:

@@ -14,7 +14,7 @@ import zstandard
 
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.compression import Incomplete, inflate_zstd, largest_size, zstd_blocks
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
+from quadlog.recordings.container import Budget, Channel, Container, LogTimes, Loss, RawMessage
 from quadlog.recordings.words import several
 
 _MAX_UNPACKED_BYTES = 1 << 37
@@ -91,6 +91,12 @@ class UnpackedFile:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         return self._inner.span_ns
+
+    def log_times(self) -> Iterator[LogTimes]:
+        return self._inner.log_times()
+
+    def excerpt(self, budget: Budget) -> Container | None:
+        return self._inner.excerpt(budget)
 
     def is_divisible(self) -> bool:
         return False

@@ -2,17 +2,24 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from quadlog.cli.main import run
 from quadlog.config import Config
 from quadlog.errors import QuadlogError
 from quadlog.pipelines.info import describe_recording
+from quadlog.pipelines.progress import Silent
+from quadlog.recordings.container import EXCERPT
+from quadlog.recordings.recording import open_recording
+from quadlog.storage.urls import to_path
 
 T0 = 1_700_000_000 * 10**9
 TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()
@@ -183,3 +190,106 @@ def test_packets_are_named() -> None:
     (topic,) = describe_recording(path, Config())["topics"]
     assert topic["name"] == "/robosense_packets"
     assert "driver packets" in topic["why"]
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """More messages than are read unasked: a pose every 10 ms in chunks of about 50."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    pose = types["geometry_msgs/msg/Pose"](
+        types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    path = tmp_path_factory.mktemp("many") / "walk.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=5000, compression=CompressionType.NONE)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
+        channel = writer.register_channel("/pose", "cdr", schema)
+        for i in range(EXCERPT.messages + 100):
+            t_ns = T0 + i * 10**7
+            stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
+            message = types["geometry_msgs/msg/PoseStamped"](types["std_msgs/msg/Header"](stamp, "map"), pose)
+            writer.add_message(channel, t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
+        writer.finish()
+    return path
+
+
+def test_a_large_recording_is_sampled_and_its_counts_are_whole(many: Path) -> None:
+    info, full = describe_recording(many, Config()), describe_recording(many, Config(), full=True)
+    assert (info["sampled"], full["sampled"]) == (True, False)
+    assert info["messages"] == full["messages"] == full["messages_read"] == EXCERPT.messages + 100
+    assert 0 < info["messages_read"] < EXCERPT.messages / 10
+    of_sample = ("sampled", "messages_read")
+    assert {k: v for k, v in info.items() if k not in of_sample} == {
+        k: v for k, v in full.items() if k not in of_sample
+    }
+
+
+def test_a_damaged_chunk_outside_the_sample_is_found_by_full(many: Path, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.mcap"
+    data = bytearray(many.read_bytes())
+    data[7000] ^= 0xFF  # in the second of some hundred chunks
+    path.write_bytes(data)
+    assert describe_recording(path, Config())["losses"] == []
+    (loss,) = describe_recording(path, Config(), full=True)["losses"]
+    assert (loss["cause"], "1 chunk with" in loss["detail"]) == ("crc", True)
+
+
+def test_damage_inside_the_sample_is_told_and_all_of_it_makes_info_read_on(many: Path, tmp_path: Path) -> None:
+    with open_recording(many) as recording:
+        part = recording.excerpt(EXCERPT)
+        assert part is not None
+        offsets = [many.read_bytes().index(bytes(raw.payload)) for raw, _ in part.everything()]
+    path = tmp_path / "damaged.mcap"
+    data = bytearray(many.read_bytes())
+    data[offsets[-1]] ^= 0xFF
+    path.write_bytes(data)
+    info = describe_recording(path, Config())
+    assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (True, ["crc"])
+    for offset in offsets[:-1]:
+        data[offset] ^= 0xFF
+    path.write_bytes(data)
+    info = describe_recording(path, Config())
+    assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (False, ["crc"])
+    assert any("no message of the sample can be read" in line for line in info["warnings"])
+
+
+def test_without_message_indexes_all_is_read_and_said(many: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bare.mcap"
+    with many.open("rb") as source, path.open("wb") as file:
+        writer = Writer(file, index_types=IndexType.ALL & ~IndexType.MESSAGE)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
+        channel = writer.register_channel("/pose", "cdr", schema)
+        for _, _, message in make_reader(source).iter_messages():
+            writer.add_message(channel, message.log_time, message.data, message.publish_time)
+        writer.finish()
+    steps = Steps()
+    info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
+    assert (info["sampled"], info["messages_read"]) == (False, EXCERPT.messages + 100)
+    (warning,) = [line for line in info["warnings"] if "index" in line]
+    assert "list 0 of" in warning
+    assert "all of the recording was read" in warning
+    assert (steps.total, steps.done) == (100, 100)
+
+
+class Steps(Silent):
+    """How far a progress bar would have come."""
+
+    def __init__(self) -> None:
+        self.total: int | None = None
+        self.done = 0
+
+    def begin(self, stage: str, total: int | None) -> None:
+        self.total = total
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        self.done += 1
+
+
+def test_of_a_remote_recording_the_index_and_the_sample_are_fetched(many: Path, web: Any) -> None:
+    size = (web.folder / many.name).write_bytes(many.read_bytes())
+    info = describe_recording(to_path(f"{web.url}/{many.name}"), Config())
+    assert (info["sampled"], info["messages"]) == (True, EXCERPT.messages + 100)
+    assert web.sent_bytes < 0.9 * size

@@ -16,8 +16,9 @@ MEBIBYTE = 1 << 20
 Parts = Iterable[tuple[bytes, int]]
 
 READ_ALL = """
-import json, resource, sys
+import json, sys
 from quadlog.errors import QuadlogError
+from quadlog.pipelines.progress import peak_memory_mb
 from quadlog.recordings.open_container import open_container
 messages, causes = 0, []
 try:
@@ -29,8 +30,7 @@ try:
             causes = sorted({loss.cause for loss in container.losses})
 except QuadlogError as error:
     causes = causes or [type(error).__name__]
-peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps({"messages": messages, "causes": causes, "peak_mb": peak_mb}))
+print(json.dumps({"messages": messages, "causes": causes, "peak_mb": peak_memory_mb()}))
 """
 
 
