@@ -116,6 +116,7 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
         if array.shape != wanted:
             raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {wanted}")
         if name == "position_m":
-            within_reach(*array.tolist(), topic)
+            x, y, z = array.tolist()
+            within_reach(x, y, z, topic)
         arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
     return arrays

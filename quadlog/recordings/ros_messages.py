@@ -35,6 +35,8 @@ HEADER_FIELD = "std_msgs/Header header\n"
 
 Deserialise = Callable[[Payload], Any]
 Interpret = Callable[[Any, str], Any]
+# How to read payloads, what to make of them, and the size beyond which they are refused.
+Way = tuple[Deserialise, Interpret, float]
 # The same from the bare values of a definition that has them, without an object for every part of the message.
 Plain = Sequence[tuple[Wanted, Callable[[Values, str], Any]]]
 
@@ -114,19 +116,22 @@ class Definitions:
 class _FirstFitting:
     """Tries each way to read on the first payload and keeps the one that fits it exactly."""
 
-    def __init__(self, channel: Channel, ways: list[tuple[Deserialise, Interpret]]) -> None:
+    def __init__(self, channel: Channel, ways: list[Way]) -> None:
         self.channel, self.ways = channel, ways
 
     def __call__(self, payload: Payload) -> Any:
         reason: Exception | None = None
-        for deserialise, interpret in self.ways:
+        for way in self.ways:
+            deserialise, interpret, most_bytes = way
             try:
+                if len(payload) > most_bytes:
+                    raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
                 message = deserialise(payload)
             except Exception as error:  # generated code on a stranger's bytes: any failure is this message's
                 reason = reason or error
                 continue
             if len(self.ways) > 1:
-                self.ways = [(deserialise, interpret)]
+                self.ways = [way]
             return self._interpreted(interpret, message)
         raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
 
@@ -138,7 +143,7 @@ class _FirstFitting:
             raise DecodeError(self.channel.topic, reason) from error
 
 
-def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> tuple[Deserialise, Interpret]:
+def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> Way:
     """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags.
 
     Raises BadDefinition.
@@ -147,21 +152,10 @@ def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> 
     for wanted, interpret_values in plain:
         fields = plain_fields(types, channel.type_name, wanted)
         if fields is not None:
-            return _bounded(PlainReader(fields, channel.message_encoding), most_bytes), interpret_values
+            return PlainReader(fields, channel.message_encoding), interpret_values, most_bytes
     store = _typestore(types, channel)
     deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return _bounded(partial(deserialise, typename=channel.type_name), most_bytes), interpret
-
-
-def _bounded(deserialise: Deserialise, most_bytes: float) -> Deserialise:
-    """The same, for payloads that cannot become more objects than memory should hold."""
-
-    def read(payload: Payload) -> Any:
-        if len(payload) > most_bytes:
-            raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
-        return deserialise(payload)
-
-    return read
+    return partial(deserialise, typename=channel.type_name), interpret, most_bytes
 
 
 def _typestore(types: Types, channel: Channel) -> Typestore:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -176,7 +176,7 @@ def _read_record(run: Path) -> dict[str, Any]:
     return _read_object(run, "run.json", missing, parse_int=_int64, parse_float=_finite, parse_constant=_finite)
 
 
-def _read_object(run: Path, name: str, missing: str, **parsers: Callable[[str], float]) -> dict[str, Any]:
+def _read_object(run: Path, name: str, missing: str, **parsers: Any) -> dict[str, Any]:
     """The object in a JSON file. parsers: as `json.loads` takes them. Raises NotARun."""
     path = run / name
     if not path.is_file():

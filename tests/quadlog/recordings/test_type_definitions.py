@@ -7,6 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadlog.errors import DecodeError
+from quadlog.recordings.container import Channel
+from quadlog.recordings.decoding import decoder_for
 from quadlog.recordings.type_definitions import (
     LARGEST_DEFINITION_BYTES,
     MOST_VALUES,
@@ -155,3 +158,12 @@ def test_idl_arithmetic_that_never_ends_is_refused(expression: str) -> None:
 def test_any_text_parses_or_is_refused(text: str, encoding: str) -> None:
     with contextlib.suppress(BadDefinition):
         fields_of(text, encoding=encoding)
+
+
+def test_a_payload_of_more_values_than_memory_should_hold_is_not_read() -> None:
+    channel = Channel("/tf", "tf2_msgs/msg/TFMessage", "ros1", "ros1msg", parts("pkg/A0[] a\n", "bool x\n").encode())
+    decode = decoder_for(channel)
+    assert decode is not None
+    count = MOST_VALUES // 2 + 1
+    with pytest.raises(DecodeError, match="may hold more than"):
+        decode(count.to_bytes(4, "little") + bytes(count))
