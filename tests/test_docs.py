@@ -60,7 +60,11 @@ def detected(_: str) -> bool:
     keys = set(re.findall(r"^(?:# )?(\w+) =", text, re.MULTILINE))
     sections = [field.annotation.model_fields for field in Config.model_fields.values()]
     plain = {key for each in sections for key, field in each.items() if not hasattr(field.annotation, "model_fields")}
-    return set(live) <= {"topics", "lidar"} and live["topics"]["lidar"] != "" and plain - keys <= {"anchors", "tags"}
+    return (
+        set(live) <= {"topics", "lidar"}
+        and live["topics"]["lidar"] != ""
+        and plain - keys <= {"anchors", "tags", "range_topics"}
+    )
 
 
 def like_the_paper(_: str) -> bool:
@@ -102,7 +106,7 @@ def both(folder: str) -> bool:
 
 def kept(said: str) -> bool:
     """Of both runs all is reused."""
-    return said.count("; reused 5 of 5 stages: ") == 2
+    return said.count("; reused 6 of 6 stages: ") == 2
 
 
 def words(*each: str) -> Callable[[str], bool]:
@@ -126,7 +130,8 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     "quadlog replay yesterday.bag -c quadlog.toml -o runs/paper --preset paper": like_the_paper,
     "quadlog compare-planners runs/yesterday -o planners": eleven,
     "quadlog replay yesterday.bag -c quadlog.toml --controller kinematic --force": lambda _: (
-        has("runs", "control.parquet") and not any(name in record("runs")["counts"] for name in ("torque_max_nm",))
+        has("runs", "control.parquet")
+        and not {"torque_max_nm", "height_rms_m"} & set(json.loads(Path("runs/yesterday/metrics.json").read_text()))
     ),
     "quadlog metrics runs/yesterday runs/astar season": words("yesterday", "astar", "season/one", "season/two"),
     "quadlog metrics runs/yesterday --explain eta_m": words("eta_m", "worst"),
@@ -149,7 +154,7 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     "quadlog --version": words("quadlog"),
     "quadlog metrics runs/yesterday": words("mean", "std"),
     "quadlog metrics --explain eta_m": words("eta_m"),
-    "quadlog metrics runs/yesterday --explain success_rate": words("success_rate", "worst"),
+    "quadlog metrics runs/yesterday --explain success_rate": words("success_rate", "yesterday: "),
     "quadlog replay bags/ -o winter --dry-run": words("run ", "2 of 2 to replay", " MB", "once one has run"),
     "quadlog replay bags/ -o winter --jobs 4": lambda _: both("winter"),
     "quadlog replay bags/ -o winter --resume": kept,
@@ -157,16 +162,22 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
 
 
 def fill_in(config: Path, site: Path) -> None:
-    """The anchors and tags that the README tells its reader to put into the file of init."""
-    given = tomllib.loads(site.read_text())["uwb"]
-    rows = {
-        key: ", ".join(
-            f"{{{', '.join(f'{name} = {json.dumps(value)}' for name, value in row.items())}}}" for row in given[key]
-        )
-        for key in ("anchors", "tags")
-    }
-    lines = "".join(f"{key} = [{each}]\n" for key, each in rows.items())
-    config.write_text(config.read_text().replace("[uwb]\n", f"[uwb]\n{lines}", 1))
+    """The anchors and tags that the README tells its reader to put into the file of init, and the true pose's topic."""
+    given = tomllib.loads(site.read_text())
+    text = config.read_text()
+    for section, keys in (("topics", ["reference"]), ("uwb", ["anchors", "tags"])):
+        lines = "".join(f"{key} = {inline(given[section][key])}\n" for key in keys)
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{lines}", 1)
+    config.write_text(text)
+
+
+def inline(value: object) -> str:
+    """A text, a number, or a list of tables as one line of TOML."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(inline, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {inline(each)}' for key, each in value.items())}}}"
+    return json.dumps(value)
 
 
 def shell_lines(block: str) -> Iterator[tuple[str, tuple[int, ...]]]:
