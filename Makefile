@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 JOBS ?= 2
+SECONDS ?= 600
+SEED ?= 0
 
-.PHONY: demo tables test install lint typecheck unit bench docs fixture clean
+.PHONY: demo tables test install lint typecheck unit bench fuzz docs fixture clean
 
 demo: install  ## replay the committed recording and print its metrics
 	$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
@@ -42,6 +44,11 @@ bench: install  ## the figures the README quotes, with limit and floor beside ea
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks $(PARTS)
 
+fuzz: install  ## damaged and hostile inputs for SECONDS=600, guided by coverage where atheris has a wheel; SEED=0, TARGETS=
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary :all: atheris || true
+	$(BIN)/python -m fuzzing --seconds $(SECONDS) --seed $(SEED) $(TARGETS)
+
 docs: install  ## write the pages of docs/ again that say what the code says
 	$(BIN)/python docs/make.py
 
@@ -49,4 +56,4 @@ fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py
 
 clean:
-	rm -rf $(VENV) .typing .mypy_cache .pytest_cache .ruff_cache runs build *.egg-info
+	rm -rf $(VENV) .typing .mypy_cache .pytest_cache .ruff_cache .fuzz runs build *.egg-info

@@ -10,12 +10,25 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks import batch, metrics, perception, planning, positioning, reading, remote, report, startup, walking
+from benchmarks import (
+    batch,
+    info,
+    metrics,
+    perception,
+    planning,
+    positioning,
+    reading,
+    remote,
+    report,
+    startup,
+    walking,
+)
 from benchmarks.figures import print_figures
 
 PARTS = {
     "startup": startup,
     "reading": reading,
+    "info": info,
     "remote": remote,
     "positioning": positioning,
     "perception": perception,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, PLACE
+from quadlog.cli.places import HERE, PLACE, say_skipped
 
 
 @click.command(name="check", short_help="Hold the metrics of runs to bounds, for CI.")
@@ -45,6 +45,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     from quadlog.results.fetched_runs import RECORDS, runs_here
     from quadlog.text import printable
 
+    say_skipped(runs)
     if write:
         if junit is not None or as_json:
             raise UsageError("--write proposes bounds and checks none: leave out --junit and --json")

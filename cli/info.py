@@ -24,15 +24,33 @@ RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residua
 @click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
 @click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
+@click.option("--full", is_flag=True, help="Read every message: all damage, clocks and UWB ranges.")
 @click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
 def command(
-    recording: Path, config_path: Path | None, overrides: tuple[str, ...], msg_path: tuple[Path, ...], as_json: bool
+    recording: Path,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    msg_path: tuple[Path, ...],
+    full: bool,
+    as_json: bool,
 ) -> int:
-    """Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost."""
+    r"""Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost.
+
+    Of a large recording only the index and a sample of the messages are read: counts, rates and gaps are those of
+    all messages; clock offsets, UWB ranges and damage are known from the sample alone. --full reads everything.
+
+    \b
+    Examples:
+      quadlog info walk.mcap
+      quadlog info walk.mcap --full -c quadlog.toml
+      quadlog info s3://lab/walk.mcap --json
+    """
+    from quadlog.cli.progress import open_progress
     from quadlog.config_file import load_config
     from quadlog.pipelines.info import describe_recording
 
-    info = describe_recording(recording, load_config(config_path, overrides), msg_path)
+    config = load_config(config_path, overrides)
+    info = describe_recording(recording, config, msg_path, full=full, open_progress=open_progress)
     tell_health(info["warnings"], [(loss["topic"], loss["detail"]) for loss in info["losses"]])
     if as_json:
         click.echo(json.dumps(info, indent=2, allow_nan=False))
@@ -52,6 +70,11 @@ def tell_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, str]
 def print_info(info: dict[str, Any]) -> None:
     """The object of `info --json` for people."""
     click.echo(f"{printable(info['path'])}: {info['messages']} messages{_span(info)}")
+    if info["sampled"]:
+        click.echo(
+            f"sampled: clock offsets, UWB ranges and damage are known from {info['messages_read']} messages alone; "
+            "--full reads all"
+        )
     rows = [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]]
     if rows:
         _print_table(COLUMNS, rows)

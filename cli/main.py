@@ -5,13 +5,15 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import time
 
 import click
 
 from quadlog.cli.versions import print_versions
-from quadlog.errors import ExitCode, QuadlogError
-from quadlog.pipelines.engine.interrupts import take_one_interrupt
-from quadlog.text import printable
+from quadlog.errors import ExitCode, Interrupted, QuadlogError
+from quadlog.pipelines.engine.interrupts import ignore_interrupts, take_one_interrupt
+from quadlog.pipelines.engine.memory import is_out_of_memory
+from quadlog.text import clipped, printable
 
 COMMANDS = (
     *("info", "init", "replay", "compare-planners", "simulate"),
@@ -32,6 +34,13 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = importlib.import_module(f"quadlog.cli.{name.replace('-', '_')}").command
         return command
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command. Raises Interrupted in place of a KeyboardInterrupt, for which click prints an empty line."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise Interrupted(*error.args) from error
 
 
 @click.group(
@@ -58,11 +67,14 @@ def main() -> None:
     # MuJoCo looks for a way to draw when it is imported, and fails where there is none; who draws, chooses.
     os.environ["MUJOCO_GL"] = "disable"
     take_one_interrupt()
-    sys.exit(run(sys.argv[1:]))
+    exit_code = run(sys.argv[1:])
+    ignore_interrupts()
+    sys.exit(exit_code)
 
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code."""
+    started_s = time.monotonic()
     try:
         exit_code = cli.main(arguments, prog_name="quadlog", standalone_mode=False)
         sys.stdout.flush()
@@ -70,13 +82,12 @@ def run(arguments: list[str]) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
+    except (Interrupted, KeyboardInterrupt, click.Abort) as error:
+        click.echo(f"quadlog: {printable(_interrupted_words(error, arguments, started_s))}", err=True)
+        return ExitCode.FAILED
     except QuadlogError as error:
         click.echo(f"quadlog: {printable(error)}", err=True)
         return error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        goes_on = ", and --resume goes on" if arguments[:1] == ["replay"] else ""
-        click.echo(f"quadlog: interrupted; nothing half-written was left{goes_on}", err=True)
-        return ExitCode.FAILED
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -86,3 +97,23 @@ def run(arguments: list[str]) -> int:
         where = f"{error.filename}: " if error.filename else ""
         click.echo(f"quadlog: {printable(where)}{error.strerror or error}", err=True)
         return ExitCode.FAILED
+    except Exception as error:
+        if not is_out_of_memory(error):
+            raise
+        details = f" ({printable(clipped(error))})" if str(error) else ""
+        click.echo(f"quadlog: out of memory{details}", err=True)
+        return ExitCode.FAILED
+
+
+def _interrupted_words(error: BaseException, arguments: list[str], started_s: float) -> str:
+    """By what a command was interrupted, and what is left of its work."""
+    from quadlog.results.files import complete_folders, remove_unfinished
+
+    remove_unfinished()
+    words = str(error) if isinstance(error, Interrupted) else str(Interrupted(*error.args))
+    folders = complete_folders(started_s)
+    if folders:
+        others = f" and {len(folders) - 1} more" if len(folders) > 1 else ""
+        return f"{words}; the result in {folders[-1]}{others} is complete"
+    goes_on = ", and --resume goes on" if arguments[:1] == ["replay"] else ""
+    return f"{words}; nothing half-written was left{goes_on}"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, PLACE
+from quadlog.cli.places import HERE, PLACE, say_skipped
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -66,6 +66,7 @@ def command(
 
     how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
     truth = None if reference is None else Reference.read(reference, how)
+    say_skipped(runs)
     with runs_here(runs, MEASURED) as found:
         outcome = measure_runs(found, truth, conditions, in_detail=True if to == "csv" else None)
         for line in (*outcome.said, *outcome.problems):

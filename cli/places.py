@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import click
 
 from quadlog.storage.urls import is_url, to_path
+from quadlog.text import printable
 
 
 class Place(click.Path):
@@ -39,3 +41,11 @@ def _refuse_nothing(kind: click.Path, value: Any, param: click.Parameter | None,
 # Not looked at here: what cannot be read is told in one line, not as wrong usage.
 PLACE = Place(path_type=Path, readable=False)
 HERE = Here(path_type=Path, readable=False)
+
+
+def say_skipped(runs: Sequence[Path]) -> None:
+    """A line on stderr that names the files which `runs/*` gave beside the run folders."""
+    from quadlog.results.find_runs import files_beside_runs
+
+    if skipped := files_beside_runs(runs):
+        click.echo(printable(f"skipped, not a run folder: {', '.join(map(str, skipped))}"), err=True)

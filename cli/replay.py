@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from quadlog.cli.completion import files, planners, words
+from quadlog.cli.completion import PlannerName, files
 from quadlog.cli.places import HERE, PLACE
 from quadlog.errors import UsageError
 from quadlog.stages import STAGES
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from quadlog.pipelines.replay import ReplayOutcome
 
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
+PRESETS = ("paper",)
 
 
 @click.command(name="replay", short_help="Replay recordings through every stage, one run folder each.")
@@ -33,9 +34,13 @@ CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
 @click.option(
     "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S."
 )
-@click.option("--preset", shell_complete=words("paper"), help="paper: the methods the papers used.")
-@click.option("--planner", shell_complete=planners, help="Short for --set planner.name=NAME.")
-@click.option("--controller", shell_complete=words(*CONTROLLERS), help="Short for --set simulation.controller=NAME.")
+@click.option(
+    "--preset", type=click.Choice(PRESETS), help="Methods and parameters of the papers; outranks the config file."
+)
+@click.option(
+    "--planner", type=PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME; see compare-planners."
+)
+@click.option("--controller", type=click.Choice(CONTROLLERS), help="As --set simulation.controller=NAME.")
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Recordings replayed at a time; default: one per core.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to replay on, as in tcp://host:8786.")
@@ -78,19 +83,23 @@ def command(
 
     from quadlog.cli.batch_progress import open_batch_progress
     from quadlog.cli.progress import open_progress
-    from quadlog.config_file import load_config
+    from quadlog.config_file import Flag, configure
     from quadlog.pipelines.batch import replay_alone, replay_batch
     from quadlog.pipelines.batch_plan import plan_batch, preview_batch
     from quadlog.pipelines.engine.cores import cores
     from quadlog.pipelines.replay import Existing, ReplayOptions
 
-    shorthands = [("planner.name", planner), ("simulation.controller", controller)]
-    settings = [*overrides, *(f"{key}={value}" for key, value in shorthands if value is not None)]
-    config = load_config(config_path, settings, preset=preset)
+    flags = [
+        Flag("--planner", "planner.name", planner),
+        Flag("--controller", "simulation.controller", controller),
+    ]
+    config, notes = configure(config_path, overrides, preset=preset, flags=flags)
+    for note in notes:
+        click.echo(printable(note), err=True)
     options = ReplayOptions(stamp, start_s, duration_s, until, seed, msg_path)
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
 
-    batch = plan_batch(recordings, output, config, options, existing, ("quadlog", *sys.argv[1:]))
+    batch = plan_batch(recordings, output, config, options, existing, ("quadlog", *sys.argv[1:]), notes)
     if dry_run:
         _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)
         return 0
@@ -137,8 +146,9 @@ def _print_outcomes(outcomes: Sequence[ReplayOutcome], as_json: bool) -> None:
         click.echo(json.dumps([each.to_dict() for each in outcomes], indent=2, allow_nan=False))
         return
     for each in outcomes:
-        click.echo(f"{each.recording}: {each.reason}" if each.failed else f"{each.run}")
+        if each.failed:
+            continue  # on stderr, with the reason
+        click.echo(f"{each.run}")
         for name, metric in each.metrics.items():
             click.echo(f"  {name:<26} {metric['value']:>14.6g} {metric['unit']:<8} n={metric['n']}")
-        if not each.failed:
-            click.echo(f"  report: {each.run / 'report.html'}")
+        click.echo(f"  report: {each.run / 'report.html'}")

@@ -28,7 +28,7 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
 
 @click.command(name="simulate", short_help="Walk a course with a simulated quadruped.")
 @click.argument("course", metavar="COURSE", shell_complete=files("line", "circle", "s-curve", TROT))
-@click.option("--controller", type=click.Choice(CONTROLLERS), help="Short for --set simulation.controller=NAME.")
+@click.option("--controller", type=click.Choice(CONTROLLERS), help="As --set simulation.controller=NAME.")
 @click.option(
     "--terrain",
     metavar=f"{'|'.join(TERRAINS)}|RUN",
@@ -74,7 +74,7 @@ def command(
     on in these. Payload, leg masses, hips and the curve are set as in --set simulation.trot.payload_kg=1.2.
     """
     from quadlog.cli.progress import open_progress
-    from quadlog.config_file import load_config
+    from quadlog.config_file import Flag, configure
     from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
     from quadlog.pipelines.trot_32s import TrotRequest, trot_32s
     from quadlog.results.walks_text import walks_text
@@ -82,17 +82,14 @@ def command(
     if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
         raise click.UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help.")
 
-    shorthands = [
-        ("simulation.controller", controller),
-        ("simulation.terrain", terrain),
-        ("pursuit.speed_mps", speed_mps),
+    flags = [
+        Flag("--controller", "simulation.controller", controller),
+        Flag("--terrain", "simulation.terrain", terrain),
+        Flag("--speed", "pursuit.speed_mps", speed_mps),
     ]
-    settings = [
-        *(DISTURBED_OVERRIDES if disturbed else ()),
-        *(f"{key}={value}" for key, value in shorthands if value is not None),
-        *overrides,
-    ]
-    config, walked, line = load_config(config_path, settings), range(seed, seed + seeds), ("quadlog", *sys.argv[1:])
+    settings = [*(DISTURBED_OVERRIDES if disturbed else ()), *overrides]
+    config = configure(config_path, settings, flags=flags).config
+    walked, line = range(seed, seed + seeds), ("quadlog", *sys.argv[1:])
     with open_progress() as progress:
         if course == TROT:
             runs = trot_32s(TrotRequest(config, walked, output, force, line), jobs, progress)

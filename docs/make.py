@@ -39,10 +39,11 @@ CONFIGURATION = """# Configuration
 
 Every key of `quadlog.toml`. `make docs` writes this page from the models in `quadlog/config.py` and
 `quadlog/config_control.py`; a test fails when it is out of date. `quadlog init RECORDING` writes a file with all of
-them, explained, and with what was detected in the recording filled in.
+them, explained: what was detected in the recording is filled in, and defaults are comments.
 
-What counts more stands further right: defaults < `--preset` < file < environment < `--set`. An unknown key is refused
-by name, with the nearest valid one.
+What counts more stands further right: defaults < file < `--preset` < environment < `--set` and options for single keys
+such as `--planner`; an option and a `--set` of one key that differ are a usage error. A run says on stderr and in
+`run.json` which keys of the file the preset replaced. An unknown key is refused by name, with the nearest valid one.
 
 ```sh
 QUADLOG_GRID__CELL_M=0.2 quadlog replay yesterday.bag -c quadlog.toml -o runs/coarse --set planner.name=astar

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from quadlog.pipelines.remote_runs import replay_anywhere
 from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.replay_cost import measured
 from quadlog.pipelines.summary import summarise
-from quadlog.results.files import remove_stale_parts
+from quadlog.results.files import part_prefix, remove_stale_parts
 
 SHOWN_FAILURES = 20
 
@@ -40,10 +41,12 @@ class BatchOutcome:
         return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
 
     def failure_lines(self) -> list[str]:
-        """How many failed of several, and why the first ones did."""
+        """How many failed of several, and why the first ones did; the reason of a recording that was alone."""
         failed = [run for run in self.runs if run.failed]
-        if not failed or len(self.runs) == 1:
+        if not failed:
             return []
+        if len(self.runs) == 1:
+            return [f"quadlog: {failed[0].recording}: {failed[0].reason}"]
         lines = [f"{len(failed)} of {len(self.runs)} recordings failed:"]
         lines += [f"  {run.recording}: {run.reason}" for run in failed[:SHOWN_FAILURES]]
         left = len(failed) - SHOWN_FAILURES
@@ -61,7 +64,7 @@ def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
 
 
 def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
-    """Replay all, the largest first: in as many processes as jobs, in this one for one job, or on a Dask cluster.
+    """Replay all, the largest first: in as many worker processes as jobs, or on a Dask cluster.
 
     What happens to a recording is its own outcome. Raises ClusterUnusable and VersionsDiffer before anything is
     replayed. Ctrl-C stops all workers and leaves what `--resume` goes on from.
@@ -144,7 +147,9 @@ def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
                 if not folder.exists():
                     folder.mkdir(parents=True)
                     stack.callback(_remove_if_empty, folder)  # nothing was replayed: no worker was to be had
-                passing = stack.enter_context(NamedTemporaryFile(dir=folder, prefix=".quadlog-", suffix=".part"))
+                passing = stack.enter_context(
+                    NamedTemporaryFile(dir=folder, prefix=part_prefix(os.getpid()), suffix=".part")
+                )
             except OSError as error:
                 raise CannotWrite(folder, error.strerror or str(error)) from error
             shared[folder] = Path(passing.name).absolute()

@@ -58,8 +58,9 @@ def plan_batch(
     options: ReplayOptions,
     existing: Existing,
     command: tuple[str, ...],
+    notes: tuple[str, ...] = (),
 ) -> list[Planned]:
-    """What would run, and where to; nothing is written.
+    """What would run, and where to; nothing is written. notes: see ReplayRequest.
 
     Raises RecordingNotFound for an argument without recordings, CannotWrite for an output that is no folder.
     """
@@ -67,7 +68,7 @@ def plan_batch(
     if output.exists() and not output.is_dir():
         raise CannotWrite(output, "is no folder")
     requests = [
-        ReplayRequest(recording, output / name, config, options, existing, command)
+        ReplayRequest(recording, output / name, config, options, existing, command, notes=notes)
         for recording, name in zip(recordings, kept_names(recordings, output), strict=True)
     ]
     return [Planned(request, _size(request.recording)) for request in requests]

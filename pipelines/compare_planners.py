@@ -23,7 +23,7 @@ from quadlog.pipelines.comparison.source import Source
 from quadlog.pipelines.progress import Progress
 from quadlog.planning.registry import make_planner, planner_names, planner_plugin, planner_type
 from quadlog.planning.rules import Rules
-from quadlog.results.comparison_folder import ComparisonFiles, write_comparison
+from quadlog.results.comparison_folder import ComparisonFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +107,8 @@ def compare(
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(answers.columns)])
             if files is not None:
                 files.add(comparison, answers.columns, answers.scenarios, answers.scene)
-    if folder is not None:
-        write_comparison(folder, outcome.rows, outcome.findings, outcome.about)
+        if files is not None:
+            files.finish(outcome.rows, outcome.findings, outcome.about)
     return outcome
 
 

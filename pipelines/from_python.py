@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from quadlog.config_file import load_config
+from quadlog.config_file import configure
 from quadlog.errors import UnknownName, UsageError
 from quadlog.pipelines.kept_names import kept_names
 from quadlog.pipelines.progress import Silent
@@ -54,13 +54,15 @@ def replay(
         raise UsageError("force and resume exclude each other")
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
     path = to_path(recording)
+    configured = configure(None if config is None else Path(config), preset=preset, settings=settings or {})
     request = ReplayRequest(
         recording=path,
         run=to_path(output) / kept_names([path], to_path(output))[0],
-        config=load_config(None if config is None else Path(config), preset=preset, settings=settings or {}),
+        config=configured.config,
         options=options,
         existing=existing,
         command=("quadlog.replay", str(recording)),
+        notes=configured.notes,
     )
     outcome = replay_anywhere(request, Silent())
     summarise({request.run.parent}, [outcome], Silent())

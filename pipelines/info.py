@@ -2,41 +2,108 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from quadlog.config import Config
+from quadlog.errors import NothingReadable
 from quadlog.pipelines.opening import open_configured
-from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics
+from quadlog.pipelines.progress import Progress, Silent
+from quadlog.recordings.bounded import Damaged
 from quadlog.recordings.clock import FAR_APART_NS
+from quadlog.recordings.container import EXCERPT, UWB_EXCERPT, Budget
+from quadlog.recordings.pulse import indexed_pulses
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.repeated_stamps import REORDERED_NS
 from quadlog.recordings.roles import Roles, detect_roles
-from quadlog.recordings.survey import Survey, TopicSurvey, survey
+from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, survey
 from quadlog.recordings.words import several, stamps_go_back
 
 FAR_APART_S = FAR_APART_NS * 1e-9
+STEPS = 100
+OpenProgress = Callable[[], AbstractContextManager[Progress]]
 
 
-def describe_recording(path: Path, config: Config, msg_path: Sequence[Path] = ()) -> dict[str, Any]:
-    """Everything `info --json` prints, as one object; reads the whole recording once.
+def describe_recording(
+    path: Path,
+    config: Config,
+    msg_path: Sequence[Path] = (),
+    *,
+    full: bool = False,
+    open_progress: OpenProgress = lambda: nullcontext(Silent()),
+) -> dict[str, Any]:
+    """Everything `info --json` prints, as one object.
 
-    Raises the errors of open_recording and UnknownTopic.
+    Counts and times come from the recording's index, the rest from an excerpt
+    of a large recording (sampled). full, or a recording without index: all of
+    it is read, which open_progress shows. Raises the errors of open_recording
+    and UnknownTopic.
     """
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
-        seen = survey(recording)
-        uwb, warnings = uwb_diagnostics(recording, roles, config)
+        part, seen, unindexed = _look(recording, None if full else _budget(config), open_progress)
+        uwb, warnings = _uwb(part, roles, config)
         info = _describe(recording, roles, seen)
         jumps = _back_warnings(seen, warnings)
-        return info | uwb | {"warnings": [*info["warnings"], *jumps, *warnings]}
+        sampled = {"sampled": part is not recording}
+        return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
+
+
+def _budget(config: Config) -> Budget:
+    return UWB_EXCERPT if config.uwb.anchors else EXCERPT
+
+
+def _look(
+    recording: Recording, budget: Budget | None, open_progress: OpenProgress
+) -> tuple[Recording, Survey, list[str]]:
+    """What of the recording was read, what is in it, and a warning where all was read for want of an index.
+
+    budget: for large recordings, None to read all.
+    """
+    part = None if budget is None else recording.excerpt(budget)
+    if part is None and budget is not None:
+        return recording, survey(recording), []
+    unindexed = []
+    if part is not None:
+        try:
+            return part, survey(part, indexed_pulses(recording.container)), []
+        except NothingReadable:
+            unindexed = ["no message of the sample can be read; all of the recording was read"]
+        except Damaged as damage:
+            unindexed = [f"no complete index of messages ({damage.reason}); all of the recording was read"]
+    with open_progress() as progress:
+        return recording, survey(recording, watch=partial(_advance, recording, progress)), unindexed
+
+
+def _advance(recording: Recording, progress: Progress, messages: Iterator[Decoded]) -> Iterator[Decoded]:
+    """The messages, with a step of progress for each hundredth of the recorded time."""
+    start_ns, end_ns = recording.span_ns or (0, 0)
+    step_ns = max((end_ns - start_ns) // STEPS, 1)
+    progress.begin("read", STEPS if end_ns > start_ns else None)
+    steps = 0
+    for each in messages:
+        yield each
+        while steps < min((each[0].log_time_ns - start_ns) // step_ns, STEPS):
+            steps += 1
+            progress.advance(steps * step_ns * 1e-9)
+
+
+def _uwb(part: Recording, roles: Roles, config: Config) -> tuple[dict[str, Any], list[str]]:
+    if not config.uwb.anchors:
+        return {"uwb": [], "uwb_tags": [], "dilution": None}, []
+    from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics  # a second of imports
+
+    return uwb_diagnostics(part, roles, config)
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
     return {
         "path": str(recording.path),
         "messages": seen.messages,
+        "messages_read": seen.messages_read,
         "start_ns": seen.start_ns,
         "end_ns": seen.end_ns,
         "losses": [

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.config import Config
 from quadlog.messages import Float, ImuSeries, PointCloud
 from quadlog.recordings.clock import Stamp
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.tf_tree import TransformTree
+
+if TYPE_CHECKING:
+    from quadlog.recordings.tf_tree import TransformTree
 
 
 def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
@@ -47,6 +49,8 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
     mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
     if mount is None or base is None:
         return imu
+    from scipy.spatial.transform import Rotation  # half a second of imports, which `quadlog info` does without
+
     imu_to_base = Rotation.from_matrix(mount)
     quat_xyzw = imu.quat_xyzw
     if quat_xyzw is not None:

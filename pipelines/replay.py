@@ -58,7 +58,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to."""
+    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made."""
 
     recording: Path
     run: Path
@@ -66,6 +66,7 @@ class ReplayRequest:
     options: ReplayOptions = ReplayOptions()
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,17 +17,21 @@ _LOADED = ("quadlog.results.report", "matplotlib.backends.backend_agg", "matplot
 
 
 def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
-    """The report of each run folder or folder of runs, once it is written. Raises as write_report does."""
+    """The report of each run folder or folder of runs, once it is written; `files_beside_runs` are left out.
+
+    Raises as write_report does.
+    """
     with ExitStack() as stack:
         helper = stack.enter_context(LocalPool(1)) if cores() > 1 else None
         if helper is not None:
             helper.submit(load_drawing)
         load_drawing()
         from quadlog.pipelines.summary import rebuild_summary
-        from quadlog.results.find_runs import is_run
+        from quadlog.results.find_runs import files_beside_runs, is_run
         from quadlog.results.report import write_report
 
-        for run in runs:
+        beside = files_beside_runs(runs)
+        for run in (run for run in runs if run not in beside):
             alone = is_run(run) or not run.is_dir()
             yield write_report(run, helper) if alone else rebuild_summary(run)
 

@@ -110,11 +110,11 @@ def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
     """One seed from its ground to its folder."""
     ground = make_ground(each.request.course, each.course, each.config, each.seed)
     simulated = walk_once(each.course, each.config, ground, each.seed)
-    folder = RunFolder.create(each.run, each.request.force)
     description = WalkDescription(
         each.request.course, each.course, ground, each.remarks, each.config, each.seed, each.request.command, startup_s
     )
-    metrics = fill_folder(folder, description, simulated, progress.say)
+    with RunFolder.create_whole(each.run, each.request.force) as folder:
+        metrics = fill_folder(folder, description, simulated, progress.say)
     ended = verdict(simulated)
     progress.say(f"{each.run}: {ended or 'done'}")
     return SimulatedRun(each.run, each.course.name, each.config.simulation.controller, each.seed, ended, metrics)

@@ -15,11 +15,12 @@ from quadlog.pipelines.progress import Progress
 from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulate import SimulatedRun
 from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
-from quadlog.pipelines.simulation.trot_folder import COURSE, TrotDescription, fill_trot_folder, verdict
+from quadlog.pipelines.simulation.trot_folder import TrotDescription, fill_trot_folder, verdict
 from quadlog.pipelines.stages.first_compilation import compiled_elsewhere
 from quadlog.pipelines.summary import summarise
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
+from quadlog.simulation.courses import TROT
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,11 @@ class TrotRequest:
     seeds: Sequence[int] = (0,)
     output: Path = Path("runs")
     force: bool = False
-    command: tuple[str, ...] = ("quadlog", "simulate", COURSE)
+    command: tuple[str, ...] = ("quadlog", "simulate", TROT)
 
     def run(self, curve: str, seed: int) -> Path:
         """Where a walk goes: the curve's folder, and one below it for each seed where there are several."""
-        folder = self.output / COURSE / curve
+        folder = self.output / TROT / curve
         return folder if len(self.seeds) == 1 else folder / f"seed-{seed:03d}"
 
 
@@ -90,12 +91,12 @@ def _walk_pair(request: TrotRequest, seed: int, startup_s: float, progress: Prog
 def _save(
     request: TrotRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
 ) -> SimulatedRun:
-    folder = RunFolder.create(request.run(curve, seed), request.force)
     description = TrotDescription(curve, request.config, seed, request.command, startup_s)
-    metrics = fill_trot_folder(folder, description, walk, progress.say)
+    with RunFolder.create_whole(request.run(curve, seed), request.force) as folder:
+        metrics = fill_trot_folder(folder, description, walk, progress.say)
     ended = verdict(walk)
     progress.say(f"{folder.path}: {ended or 'done'}")
-    return SimulatedRun(folder.path, COURSE, curve, seed, ended, metrics)
+    return SimulatedRun(folder.path, TROT, curve, seed, ended, metrics)
 
 
 def _walk_pair_elsewhere(each: tuple[TrotRequest, int], progress: Progress) -> list[SimulatedRun]:
@@ -107,7 +108,7 @@ def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:
     """summary.parquet and report.html of the folders that hold the runs."""
     outcomes: dict[Path, list[ReplayOutcome]] = {}
     for each in runs:
-        outcome = ReplayOutcome(Path(COURSE), each.run, ExitCode.DONE, each.ended, each.metrics)
+        outcome = ReplayOutcome(Path(TROT), each.run, ExitCode.DONE, each.ended, each.metrics)
         outcomes.setdefault(each.run.parent, []).append(outcome)
     for folder, mine in outcomes.items():
         summarise({folder}, mine, progress)

@@ -28,11 +28,10 @@ MAP_ROWS, MAP_COLUMNS = 8, 12
 def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple[dict[str, Any], list[str]]:
     """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `dilution`; and why they are empty.
 
-    residual_m of a link is an rms, the applied bias taken out; a number that there is not is None.
+    Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
+    None.
     """
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "dilution": None}
-    if not config.uwb.anchors:
-        return empty, []
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
     try:
         streams = gather(recording, uwb=roles.topics("uwb"), reference=reference)

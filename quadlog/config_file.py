@@ -1,8 +1,9 @@
-"""Where a configuration comes from: defaults < preset < file < environment < --set; and how it is written."""
+"""Where a configuration comes from: defaults < file < preset < environment < --set and flags; and how it is written."""
 
 from __future__ import annotations
 
 import difflib
+import json
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +15,15 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from quadlog.config import Config
-from quadlog.errors import InvalidConfigValue, QuadlogError, TooLarge, UnknownConfigKey, UnknownName, UnreadableConfig
+from quadlog.errors import (
+    InvalidConfigValue,
+    QuadlogError,
+    TooLarge,
+    UnknownConfigKey,
+    UnknownName,
+    UnreadableConfig,
+    UsageError,
+)
 
 ENVIRONMENT_PREFIX = "QUADLOG_"
 MAX_FILE_BYTES = 1 << 20
@@ -38,6 +47,21 @@ class Layer(NamedTuple):
     table: dict[str, Any]
 
 
+class Flag(NamedTuple):
+    """An option of the command line that sets one key, as --planner sets planner.name; value None: not given."""
+
+    name: str
+    key: str
+    value: Any
+
+
+class Configured(NamedTuple):
+    """The effective configuration. notes: a line about the keys of the file that the preset replaced, if any."""
+
+    config: Config
+    notes: tuple[str, ...] = ()
+
+
 def load_config(
     path: Path | None = None,
     overrides: Sequence[str] = (),
@@ -45,39 +69,57 @@ def load_config(
     preset: str | None = None,
     settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> Config:
-    """The effective configuration.
+    """The effective configuration; see `configure`."""
+    return configure(path, overrides, environ, preset, settings).config
 
-    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them; settings: the same as values, by
-    dotted key or section by section, which count most.
-    Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source.
+
+def configure(
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+    environ: Mapping[str, str] = os.environ,
+    preset: str | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+    flags: Sequence[Flag] = (),
+) -> Configured:
+    """The effective configuration, and what its preset replaced in the file.
+
+    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them; flags: options for single keys, of the
+    same rank; settings: values by dotted key or section by section, which outrank everything.
+    Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source, and
+    UsageError for a flag and a ``--set`` of one key that differ.
     """
-    layers = []
-    if preset is not None:
-        if preset not in PRESETS:
-            raise UnknownName("preset", preset, PRESETS)
-        layers.append(Layer(f"--preset {preset}", PRESETS[preset]))
-    if path is not None:
-        layers.append(Layer(str(path), _read_toml(path)))
-    layers.extend(_environment_layers(environ))
-    layers.extend(_override_layer(override) for override in overrides)
-    layers.extend(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items())
-
-    merged: dict[str, Any] = {}
-    for layer in layers:
-        _merge(merged, layer.table)
+    if preset is not None and preset not in PRESETS:
+        raise UnknownName("preset", preset, PRESETS)
+    file = [] if path is None else [Layer(str(path), _read_toml(path))]
+    presets = [] if preset is None else [Layer(f"preset {preset}", PRESETS[preset])]
+    typed = [_override_layer(override) for override in overrides]
+    given = [flag for flag in flags if flag.value is not None]
+    for flag in given:
+        _refuse_contradiction(flag, typed)
+    later = [
+        *_environment_layers(environ),
+        *typed,
+        *(Layer(f"{flag.name} {flag.value}", _nest(flag.key.split("."), flag.value, flag.name)) for flag in given),
+        *(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items()),
+    ]
+    layers = [*file, *presets, *later]
     try:
-        return Config.model_validate(merged)
+        config = Config.model_validate(_merged(layers))
     except ValidationError as error:
         raise _explain(error, layers) from None
+    return Configured(config, tuple(line for each in presets for line in _replaced(each, file, later)))
 
 
 def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
-    """The configuration with each key's meaning, as `quadlog init` writes it.
+    """The configuration with each key's meaning, as `quadlog init` writes it: keys that nobody set are comments.
 
     notes: further comment lines, by dotted key or section name.
     """
     notes = notes or {}
-    lines = ["# quadlog.toml: SI units; every key may be left out, the values here are what is used then.", ""]
+    lines = [
+        "# quadlog.toml: SI units. Lines like `# key = value` are defaults: remove the # to change one.",
+        "",
+    ]
     for name in type(config).model_fields:
         lines.extend(_section_lines(name, getattr(config, name), notes))
     return "\n".join(lines).rstrip() + "\n"
@@ -103,7 +145,9 @@ def _section_lines(name: str, section: BaseModel, notes: Mapping[str, Sequence[s
         elif value is None:
             yield f"# {key} ="
         elif value != [] or not key.endswith(("anchors", "tags", "range_topics")):
-            yield tomli_w.dumps({key: value}).rstrip()
+            # On one line, so that one # makes a comment of it; TOML forbids line breaks within strings.
+            line = " ".join(part.strip() for part in tomli_w.dumps({key: value}).split("\n")).strip()
+            yield line if key in section.model_fields_set else f"# {line}"
     yield ""
     for key, rows in lists:
         for row in rows:
@@ -161,6 +205,53 @@ def _parse_value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):
         return text
+
+
+def _refuse_contradiction(flag: Flag, typed: Sequence[Layer]) -> None:
+    """Raises UsageError when --set gives the flag's key another value."""
+    setters = [layer for layer in typed if _has(layer.table, flag.key.split("."))]
+    if setters and _value_at(_merged(setters), flag.key) != flag.value:
+        raise UsageError(f"{flag.name} {flag.value} and {setters[-1].source} differ; use one of them")
+
+
+def _replaced(preset: Layer, file: Sequence[Layer], later: Sequence[Layer]) -> Iterator[str]:
+    """A line with the keys of the file whose values the preset replaced, where there are any."""
+    before, after = _merged(file), _merged(later)
+    keys = [
+        f"{key} = {_shown(_value_at(preset.table, key))} instead of {_shown(_value_at(before, key))}"
+        for key in _leaves(preset.table)
+        if _has(before, key.split(".")) and not _has(after, key.split("."))
+        if _value_at(before, key) != _value_at(preset.table, key)
+    ]
+    if keys:
+        yield f"{preset.source} replaces keys of {file[0].source}: {', '.join(keys)}"
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML has it, cut short."""
+    return json.dumps(value, default=str)[:80]
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a nested table."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+def _value_at(table: Any, key: str) -> Any:
+    for part in key.split("."):
+        table = table[part]
+    return table
+
+
+def _merged(layers: Sequence[Layer]) -> dict[str, Any]:
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        _merge(merged, layer.table)
+    return merged
 
 
 def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:

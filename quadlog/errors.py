@@ -47,6 +47,14 @@ class UsageError(QuadlogError):
     exit_code = ExitCode.USAGE
 
 
+class Interrupted(QuadlogError):
+    """A signal ended the command: Ctrl-C, or the one that is named."""
+
+    def __init__(self, signal_name: str = "") -> None:
+        self.signal_name = signal_name
+        super().__init__(f"interrupted by {signal_name}" if signal_name else "interrupted")
+
+
 class RecordingNotFound(QuadlogError):
     """No such file or folder, or a folder without recordings."""
 

@@ -6,6 +6,12 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 
+FARTHEST_M = 1e8
+"""The largest coordinate of a position; one beyond it, or one that is not finite, is damage and refused as input.
+
+Earth-centred coordinates reach 6.4e6 m, UTM 1e7 m and Web Mercator 2e7 m.
+"""
+
 
 def transform_from_rpy(translation_m: Float, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float:
     """(4, 4) transform that rotates by R_z(yaw) R_y(pitch) R_x(roll) and then translates by (3,) metres."""

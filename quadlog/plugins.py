@@ -42,11 +42,19 @@ class Plugin:
         try:
             return self.entry_point.load()
         except (Exception, SystemExit) as error:  # another's code: it may fail in any way
-            raise self.unusable(f"cannot be loaded: {type(error).__name__}: {error}") from error
+            raise self.unusable(f"cannot be loaded: {describe_failure(error)}") from error
 
     def unusable(self, reason: str) -> PluginUnusable:
         """The error that says why it cannot be used."""
         return PluginUnusable(self.kind, self.name, f"{self.distribution} {self.version}", reason)
+
+
+def describe_failure(error: BaseException) -> str:
+    """Class and message of an exception that a plug-in raised; its own __str__ may raise too."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:
+        return f"{type(error).__name__}: without a readable message"
 
 
 def plugin_names(group: str) -> tuple[str, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import re
 import shlex
@@ -9,12 +11,13 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
 from mcap.reader import make_reader
@@ -22,6 +25,9 @@ from moto.server import ThreadedMotoServer
 from s3fs import S3FileSystem
 
 from quadlog.cli.main import COMMANDS, cli, run
+from quadlog.config import Config
+from quadlog.config_file import PRESETS
+from quadlog.planning.names import PLANNER_NAMES
 
 ROOT = Path(__file__).parents[1]
 MAKEFILE = (ROOT / "Makefile").read_text()
@@ -35,6 +41,143 @@ SHORTER = {"20": "0.5", "30": "0.5", "line": "short.csv", "4": "1"}
 BESIDE = Path(sys.executable).parent  # where quadlog and evo_ape are installed
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 SCHEDULER = "tcp://10.0.0.1:8786"  # a reader has an address of their own
+
+
+def record(folder: str) -> dict:
+    """run.json of the run of yesterday's log in a folder of runs."""
+    return json.loads((Path(folder) / "yesterday" / "run.json").read_text())
+
+
+def has(folder: str, *names: str) -> bool:
+    """Whether yesterday's run has these files."""
+    return all((Path(folder) / "yesterday" / name).is_file() for name in names)
+
+
+def detected(_: str) -> bool:
+    """Of init's file: topics are filled in, every other key is a comment with its default."""
+    text = Path("quadlog.toml").read_text()
+    live = {name: keys for name, keys in tomllib.loads(text).items() if any(each != {} for each in keys.values())}
+    keys = set(re.findall(r"^(?:# )?(\w+) =", text, re.MULTILINE))
+    sections = [field.annotation.model_fields for field in Config.model_fields.values()]
+    plain = {key for each in sections for key, field in each.items() if not hasattr(field.annotation, "model_fields")}
+    return (
+        set(live) <= {"topics", "lidar"}
+        and live["topics"]["lidar"] != ""
+        and plain - keys <= {"anchors", "tags", "range_topics"}
+    )
+
+
+def like_the_paper(_: str) -> bool:
+    """Every key of the preset is in force, whatever quadlog.toml says."""
+    config = record("runs/paper")["config"]
+    return all(config[name] | keys == config[name] for name, keys in PRESETS["paper"].items())
+
+
+def eleven(_: str) -> bool:
+    """Every planner has a row."""
+    return sorted(pq.read_table("planners/planners.parquet")["planner"].to_pylist()) == sorted(PLANNER_NAMES)
+
+
+def all_tables(_: str) -> bool:
+    """Each table of the run is a CSV file of as many lines."""
+    tables = sorted(Path("runs/yesterday").glob("*.parquet"))
+    lines = {path.stem: len(path.read_text().splitlines()) - 1 for path in Path("yesterday-csv").glob("*.csv")}
+    return lines == {path.stem: pq.read_metadata(path).num_rows for path in tables}
+
+
+def walks(_: str) -> bool:
+    """Two seeds on the terrain."""
+    runs = [json.loads(path.read_text()) for path in sorted(Path("walks").glob("*-fpmw/seed-00[01]/run.json"))]
+    return [each["config"]["simulation"]["terrain"] for each in runs] == ["3cm", "3cm"]
+
+
+def truth(_: str) -> bool:
+    """The recording's true poses."""
+    with Path("truth.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    return {"/truth/robot/pose", "/truth/person/pose"} <= {each.topic for each in summary.channels.values()}
+
+
+def both(folder: str) -> bool:
+    """A run of each recording, and their table."""
+    names = pq.read_table(f"{folder}/summary.parquet")["recording"].to_pylist()
+    return sorted(names) == ["one", "two"] and all(Path(folder, name, "report.html").is_file() for name in names)
+
+
+def kept(said: str) -> bool:
+    """Of both runs all is reused."""
+    return said.count("; reused 6 of 6 stages: ") == 2
+
+
+def words(*each: str) -> Callable[[str], bool]:
+    """Whether all of these are printed."""
+    return lambda said: all(word in said for word in each)
+
+
+# What the comment beside a command says, told by what it printed and left.
+CLAIMS: dict[str, Callable[[str], bool]] = {
+    "quadlog init yesterday.bag": detected,
+    "quadlog replay yesterday.bag -c quadlog.toml -o runs/astar --planner astar": lambda _: (
+        set(pq.read_table("runs/astar/yesterday/plans.parquet")["planner"].to_pylist()) == {"astar"}
+    ),
+    "quadlog replay yesterday.bag -c quadlog.toml --start 20 --duration 30 --force": lambda _: (
+        0.3 < record("runs")["recorded_s"] <= 0.5
+    ),
+    "quadlog replay yesterday.bag -c quadlog.toml --until map --force": lambda _: (
+        has("runs", "maps.npz", "run.json", "report.html") and not has("runs", "plans.parquet")
+    ),
+    "quadlog replay bags/ -c quadlog.toml -o season/ --jobs 4": lambda _: both("season"),
+    "quadlog replay yesterday.bag -c quadlog.toml -o runs/paper --preset paper": like_the_paper,
+    "quadlog compare-planners runs/yesterday -o planners": eleven,
+    "quadlog replay yesterday.bag -c quadlog.toml --controller kinematic --force": lambda _: (
+        has("runs", "control.parquet")
+        and not {"torque_max_nm", "height_rms_m"} & set(json.loads(Path("runs/yesterday/metrics.json").read_text()))
+    ),
+    "quadlog metrics runs/yesterday runs/astar season": words("yesterday", "astar", "season/one", "season/two"),
+    "quadlog metrics runs/yesterday --explain eta_m": words("eta_m", "worst"),
+    "quadlog metrics runs/yesterday --reference truth.tum": words("ate_rmse_m", "rpe_rmse_m"),
+    "quadlog export runs/yesterday --to csv": all_tables,
+    "quadlog simulate line --terrain 3cm --seeds 2 -o walks": walks,
+    "quadlog synthesize follow -o truth.mcap --duration 20": truth,
+    "quadlog metrics runs/yesterday --fail-if 'success_rate<0.9'": lambda _: (
+        run(["metrics", "runs/yesterday", "--fail-if", "success_rate>=0"]) == 4
+    ),
+    "quadlog check runs/yesterday --expect bounds.toml --write": lambda _: (
+        "yesterday" in tomllib.loads(Path("bounds.toml").read_text())["recordings"]
+    ),
+    "quadlog check runs/yesterday --expect bounds.toml --junit checks.xml": lambda _: (
+        "<testcase" in Path("checks.xml").read_text()
+    ),
+    "quadlog diff runs/yesterday runs/astar/yesterday --tolerance 1e-9": words("plan"),
+    "quadlog replay bags/ -c quadlog.toml -o season --resume --dry-run": words("skip", "0 of 2 to replay", "about"),
+    "quadlog replay bags/ -c quadlog.toml -o season --resume --jobs 4": kept,
+    "quadlog --version": words("quadlog"),
+    "quadlog metrics runs/yesterday": words("mean", "std"),
+    "quadlog metrics --explain eta_m": words("eta_m"),
+    "quadlog metrics runs/yesterday --explain success_rate": words("success_rate", "yesterday: "),
+    "quadlog replay bags/ -o winter --dry-run": words("run ", "2 of 2 to replay", " MB", "once one has run"),
+    "quadlog replay bags/ -o winter --jobs 4": lambda _: both("winter"),
+    "quadlog replay bags/ -o winter --resume": kept,
+}
+
+
+def fill_in(config: Path, site: Path) -> None:
+    """The anchors and tags that the README tells its reader to put into the file of init, and the true pose's topic."""
+    given = tomllib.loads(site.read_text())
+    text = config.read_text()
+    for section, keys in (("topics", ["reference"]), ("uwb", ["anchors", "tags"])):
+        lines = "".join(f"{key} = {inline(given[section][key])}\n" for key in keys)
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{lines}", 1)
+    config.write_text(text)
+
+
+def inline(value: object) -> str:
+    """A text, a number, or a list of tables as one line of TOML."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(inline, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {inline(each)}' for key, each in value.items())}}}"
+    return json.dumps(value)
 
 
 def shell_lines(block: str) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -83,7 +226,14 @@ def has_options(words: list[str]) -> bool:
     return {word for word in words[2:] if word.startswith("--")} <= known
 
 
-def do(line: str) -> int:
+def do(line: str) -> tuple[int, str]:
+    """Exit code and output of the line in a reader's shell; see shell."""
+    printed = io.StringIO()
+    with redirect_stdout(printed), redirect_stderr(printed):
+        return shell(line), printed.getvalue()
+
+
+def shell(line: str) -> int:
     """What a reader's shell would do with the line, without a network; ValueError for what nobody here runs."""
     words = shlex.split(line)
     with pytest.MonkeyPatch.context() as patch:
@@ -112,8 +262,13 @@ def tour(page: str) -> Iterator[str]:
     for language, block in BLOCK.findall(TEXTS[page]):
         if language == "sh":
             for line, allowed in shell_lines(block):
-                if (code := do(line)) not in allowed:
-                    yield f"{page}: {line}: exit {code}"
+                code, said = do(line)
+                if code not in allowed:
+                    yield f"{page}: {line}: exit {code}: {said[-500:]}"
+                elif line in CLAIMS and not CLAIMS[line](said):
+                    yield f"{page}: {line}: does not do what its comment says: {said[-500:]}"
+                if line == "quadlog init yesterday.bag":
+                    fill_in(Path("quadlog.toml"), Path("site.toml"))
         elif language == "python":
             exec(compile(block, page, "exec"), {})
         elif language == "toml":
@@ -127,7 +282,8 @@ def toured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """The folder of a reader who typed it all, and what went wrong; at the start it holds a log, twice, and a truth."""
     folder = tmp_path_factory.mktemp("reader")
     log = folder / "yesterday.bag"
-    assert run(["synthesize", "follow", "-o", str(log), "--duration", "1.5", "--azimuth-steps", "120"]) == 0
+    site = ["--config-output", str(folder / "site.toml")]
+    assert run(["synthesize", "follow", "-o", str(log), "--duration", "1.5", "--azimuth-steps", "120", *site]) == 0
     (folder / "bags").mkdir()
     for name in ("one.bag", "two.bag"):
         shutil.copy(log, folder / "bags" / name)
@@ -155,10 +311,20 @@ def test_the_tour_is_long_enough_to_mean_something():
     assert {"report", "tables"} >= set(COMMANDS) - told, "these are run by tests of their own"
 
 
+def test_every_comment_beside_a_command_is_checked():
+    commented = {
+        line.partition("  #")[0].strip() for page in PAGES for language, block in BLOCK.findall(TEXTS[page])
+        for line in block.splitlines() if language == "sh" and line.startswith("quadlog ") and "  #" in line
+    }  # fmt: skip
+    assert commented == set(CLAIMS)
+
+
 def test_the_files_that_the_readme_lists_are_the_files_there_are(toured):
     listed = TEXTS["README.md"].split("leaves `runs/yesterday/`:")[1].split("Some things to try")[0]
     names = re.findall(r"`([\w-]+\.(?:html|npz|tum|pgm|yaml|mcap|json|toml))`", listed)
-    assert len(names) >= 10
+    for row in re.findall(r"^\| (.*`\.parquet`.*?) \|", listed, re.MULTILINE):
+        names += [f"{name}.parquet" for name in re.findall(r"`(\w+)`", row.split("`.parquet`")[0])]
+    assert len(names) >= 21
     for name in names:
         assert (toured[0] / "runs" / "yesterday" / name).is_file(), name
 

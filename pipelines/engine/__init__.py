@@ -1,1 +1,1 @@
-"""Where work runs: in this process, in others on this machine, or on the workers of a cluster."""
+"""Where work runs: in processes on this machine, or on the workers of a cluster."""

@@ -1,4 +1,4 @@
-"""One interface to wherever tasks run: this process, others on this machine, or the workers of a Dask cluster."""
+"""One interface to wherever tasks run: processes on this machine, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from quadlog.pipelines.engine.here import Here
 from quadlog.pipelines.engine.local_pool import LocalPool
 from quadlog.pipelines.engine.telling import Listener
 
@@ -65,9 +64,10 @@ class Engine:
 
 @contextmanager
 def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterator[Engine]:
-    """Of this process for one job, else of as many others; with the address of a scheduler, the cluster that it serves.
+    """As many processes as jobs, also for one; with the address of a scheduler, the cluster that it serves.
 
-    listener: hears what tasks tell. Raises what `open_cluster` raises. After an error or Ctrl-C nothing goes on.
+    A task never runs in this process, which therefore outlives whatever kills the task's. listener: hears what tasks
+    tell. Raises what `open_cluster` raises. After an error or Ctrl-C nothing goes on.
     """
     if scheduler is not None:
         from quadlog.pipelines.engine.dask_cluster import open_cluster
@@ -75,8 +75,6 @@ def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterato
         with open_cluster(scheduler, listener) as cluster:
             greeting = cluster.greeting
             yield Engine(cluster, cluster.workers, cluster.room, cluster.stop, greeting=greeting, address=scheduler)
-    elif jobs == 1:
-        yield Engine(Here(listener), lambda: 1, lambda: 1, lambda: None)
     else:
         with LocalPool(jobs, listener=listener) as pool:
             yield Engine(pool, lambda: jobs, lambda: 2 * jobs, pool.terminate_workers, tries=2)

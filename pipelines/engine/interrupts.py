@@ -1,29 +1,59 @@
-"""Ctrl-C, which comes more than once: from the impatient, from a key held down, from a shell and from its terminal."""
+"""Signals that end a command: Ctrl-C, SIGTERM and SIGHUP, each of which may come more than once."""
 
 from __future__ import annotations
 
 import signal
+import sys
+import threading
 import time
 from types import FrameType
 
 LAST_WORDS_S = 5.0
 """How long a worker that is stopped may take to clean up before it is killed."""
+AGAIN_S = 0.01
+"""How long after an interrupt was lost in C code it is raised again."""
 
 _taken_s = float("-inf")
 
 
 def take_one_interrupt() -> None:
-    """From now on further ones are ignored while workers clean up: amid that, one would leave them to themselves.
+    """From now on any of the signals is a KeyboardInterrupt, with the signal's name unless it is Ctrl-C.
 
-    Not for ever, since libraries exist that lose the first. A process that was started to ignore Ctrl-C still does.
+    Further ones are ignored for a while: amid the clean-up, one would leave workers to themselves. An interrupt that C
+    code cannot pass on is raised again. A process that was started to ignore a signal still does.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupt)
+    for number, usual in ((signal.SIGINT, signal.default_int_handler), *((each, signal.SIG_DFL) for each in _OTHERS)):
+        if signal.getsignal(number) is usual:
+            signal.signal(number, _interrupt)
+    sys.unraisablehook = _raise_lost_again
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+_OTHERS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def ignore_interrupts() -> None:
+    """For the last moments of a process that has already said how its work ended."""
+    for number in (signal.SIGINT, *_OTHERS):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
     global _taken_s
     now_s = time.monotonic()
     if now_s - _taken_s >= LAST_WORDS_S:
         _taken_s = now_s
-        signal.default_int_handler(number, frame)
+        _raise(number)
+
+
+def _raise(number: int) -> None:
+    raise KeyboardInterrupt(*([] if number == signal.SIGINT else [signal.Signals(number).name]))
+
+
+def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
+    """Called for an exception in a destructor or a callback from C, which otherwise is printed and forgotten."""
+    if lost.exc_type is not KeyboardInterrupt or threading.current_thread() is not threading.main_thread():
+        sys.__unraisablehook__(lost)
+        return
+    name = lost.exc_value.args[0] if lost.exc_value is not None and lost.exc_value.args else "SIGINT"
+    signal.signal(signal.SIGALRM, lambda _number, _frame: _raise(signal.Signals[name]))
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_S)

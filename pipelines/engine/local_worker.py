@@ -14,7 +14,9 @@ from multiprocessing.reduction import ForkingPickler
 from types import FrameType
 from typing import Any, NoReturn
 
+from quadlog.pipelines.engine.interrupts import AGAIN_S
 from quadlog.pipelines.engine.telling import told_to
+from quadlog.results.files import remove_unfinished
 
 LEFT = 128 + signal.SIGTERM
 """The exit code of a worker that was told to end."""
@@ -24,8 +26,6 @@ CLEAN_UP_S = 30.0
 """How long an orphan may take until it notices, amid a task, that it is to end."""
 UNWIND_S = 2.0
 """How long a worker that is to end may take to clean up."""
-AGAIN_S = 0.01
-"""After so long a worker that could not be made to unwind where it was is made to again."""
 
 _leaving = threading.Event()
 
@@ -111,6 +111,7 @@ def _see_it_end() -> None:
     """Whatever may catch or lose the exception that `_leave` raises."""
     _leaving.wait()
     threading.Event().wait(UNWIND_S)
+    remove_unfinished()
     os._exit(LEFT)
 
 

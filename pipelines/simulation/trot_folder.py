@@ -19,10 +19,10 @@ from quadlog.results.run_folder import RunFolder
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import write_table
 from quadlog.results.tum import write_tum
+from quadlog.simulation.courses import TROT
 from quadlog.simulation.frames import CannotDraw, render_frames
 from quadlog.version import __version__
 
-COURSE = "trot-32s"
 NS = 1_000_000_000
 
 
@@ -83,7 +83,7 @@ def _record(description: TrotDescription, trotted: TrottedCurve, clock: StageClo
         quadlog_version=__version__,
         command=list(description.command),
         config=config.model_dump(exclude_none=True),
-        options={"course": COURSE, "controller": description.curve, "seed": description.seed},
+        options={"course": TROT, "controller": description.curve, "seed": description.seed},
         input=_input(trotted),
         seed=description.seed,
         recorded_s=lasted_s,
@@ -105,4 +105,4 @@ def _record(description: TrotDescription, trotted: TrottedCurve, clock: StageClo
 def _input(trotted: TrottedCurve) -> InputRecord:
     """The joint angles that the robot is sent to."""
     targets = trotted.planned.targets_rad.tobytes()
-    return InputRecord(COURSE, len(targets), hashlib.sha256(targets).hexdigest())
+    return InputRecord(TROT, len(targets), hashlib.sha256(targets).hexdigest())

@@ -16,7 +16,7 @@ from quadlog.results.names import run_name
 from quadlog.results.path_file import read_path
 from quadlog.simulation import ground as grounds
 from quadlog.simulation.course_walk import longest_s
-from quadlog.simulation.courses import COURSES, SPEED_MPS, Course
+from quadlog.simulation.courses import COURSES, SPEED_MPS, TROT, Course
 from quadlog.simulation.ground import Extent, Ground
 
 # As re-simulation has it: a day at 50 Hz.
@@ -51,7 +51,7 @@ def find_course(name: str, config: Config) -> Course:
 def _path_of(name: str) -> Float:
     path = Path(name)
     if not path.suffix and not path.exists():
-        raise UnknownName("course", name, [*COURSES, "a path in a .tum or .csv file"])
+        raise UnknownName("course", name, [*COURSES, TROT, "a path in a .tum or .csv file"])
     try:
         points_m = checked_path(read_path(path))
     except ValueError as error:

@@ -102,7 +102,7 @@ def _record(walk: Walk, request: ReplayRequest, startup_s: float) -> RunRecord:
         counts=dict(walk.counts),
         losses=[LossRecord(each.cause, each.detail, each.topic, each.count) for each in walk.losses],
         warnings=walk.warnings,
-        notes=walk.notes,
+        notes=[*request.notes, *walk.notes],
         stages=[StageRecord(name, clock.seconds[name], clock.peak_memory_mb[name]) for name in ran],
         startup_s=startup_s,
         realtime_factor=_realtime_factor(walk, request),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +11,16 @@ from numpy.typing import NDArray
 from quadlog.errors import UnreadableFile
 from quadlog.map_files.picture import Picture, read_picture
 from quadlog.messages import Float
+from quadlog.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+from quadlog.text import clipped
 
 _UNKNOWN, _FREE, _OCCUPIED = -1, 0, 100  # nav_msgs/OccupancyGrid
 _MODES = ("raw", "scale", "trinary")
+_NEGATE = {"0": False, "1": True, "false": False, "true": True}
 _MAX_YAML_BYTES = 1 << 16
+# A kilometre to a cell and a millimetre are beyond any map that a robot plans on.
+_MIN_CELL_M, _MAX_CELL_M = 1e-3, 1e3
+_MAX_ORIGIN_M = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,31 +103,39 @@ def _occupancy_of_sums(about: _About, picture: Picture) -> NDArray[np.int8]:
 
 
 def _about(path: Path) -> _About:
-    content = _read_yaml(path)
     try:
-        name, mode = content["image"], content.get("mode", "trinary")
-        x_m, y_m, yaw_rad = (float(value) for value in content["origin"])
-        cell_m = float(content["resolution"])
-        occupied_above, free_below = float(content["occupied_thresh"]), float(content["free_thresh"])
-        negate = bool(int(content.get("negate", 0)))
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise UnreadableFile(path, f"no map_server file: {type(error).__name__} {str(error)[:200]}") from error
-    if not isinstance(name, str) or not name:
-        raise UnreadableFile(path, "no map_server file: image is no file name")
-    if not isinstance(mode, str) or mode.lower() not in _MODES:
-        said = repr(mode[:50]) if isinstance(mode, str) else "no word"
-        raise UnreadableFile(path, f"mode is {said}; choose one of: {', '.join(_MODES)}")
-    if not all(map(math.isfinite, (x_m, y_m, cell_m))) or cell_m <= 0 or yaw_rad != 0:
-        raise UnreadableFile(path, "resolution or origin is impossible, or the map is rotated")
+        return _checked(path, mapping_of(parse_yaml(_content(path)), "the document"))
+    except NotPlainYaml as error:
+        raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
+
+
+def _checked(path: Path, content: dict[str, Plain]) -> _About:
+    """What the file says. Raises NotPlainYaml."""
+    name, mode = text_of(content.get("image"), "image"), text_of(content.get("mode"), "mode", "trinary").lower()
+    origin = [number_of(each, "origin") for each in list_of(content.get("origin"), "origin")]
+    cell_m, occupied_above, free_below = (
+        number_of(content.get(key), key) for key in ("resolution", "occupied_thresh", "free_thresh")
+    )
+    negate = text_of(content.get("negate"), "negate", "0").lower()
+    if not name:
+        raise NotPlainYaml("image is no file name")
+    if mode not in _MODES:
+        raise NotPlainYaml(f"mode is {clipped(mode, 50)!r}; choose one of: {', '.join(_MODES)}")
+    if negate not in _NEGATE:
+        raise NotPlainYaml(f"negate is {clipped(negate, 50)!r}; choose one of: {', '.join(_NEGATE)}")
+    if not _MIN_CELL_M <= cell_m <= _MAX_CELL_M:
+        raise NotPlainYaml(f"resolution is {cell_m:g} m; it must be between {_MIN_CELL_M:g} and {_MAX_CELL_M:g}")
+    if len(origin) != 3 or not all(abs(each) <= _MAX_ORIGIN_M for each in origin[:2]):
+        raise NotPlainYaml(f"origin must be x, y and yaw, x and y within {_MAX_ORIGIN_M:g} m")
+    if origin[2] != 0:
+        raise NotPlainYaml(f"the map is rotated by {origin[2]:g} rad, which quadlog does not read")
     if not 0 <= free_below <= occupied_above <= 1:
-        raise UnreadableFile(path, "thresholds are not 0 <= free_thresh <= occupied_thresh <= 1")
-    return _About(path.parent / name, (x_m, y_m), cell_m, mode.lower(), negate, occupied_above, free_below)
+        raise NotPlainYaml("thresholds are not 0 <= free_thresh <= occupied_thresh <= 1")
+    place = path.parent / name
+    return _About(place, (origin[0], origin[1]), cell_m, mode, _NEGATE[negate], occupied_above, free_below)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    from ruamel.yaml import YAML  # only maps need it
-    from ruamel.yaml.error import MarkedYAMLError
-
+def _content(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_YAML_BYTES + 1)
@@ -131,14 +143,4 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise UnreadableFile(path, error.strerror or str(error)) from error
     if len(content) > _MAX_YAML_BYTES:
         raise UnreadableFile(path, "is too long for a map_server file")
-    try:
-        about = YAML(typ="safe", pure=True).load(content)
-    except MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise UnreadableFile(path, f"is no YAML: {error.problem or error.context}", line) from error
-    except Exception as error:  # a wrong tag (!!int x) makes ruamel.yaml raise whatever int() and the like do
-        first = (str(error).splitlines() or [""])[0]
-        raise UnreadableFile(path, f"is no YAML: {type(error).__name__} {first[:200]}") from error
-    if not isinstance(about, dict):
-        raise UnreadableFile(path, "is no map_server file")
-    return about
+    return content

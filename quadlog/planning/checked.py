@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import Rules
-from quadlog.plugins import Plugin
+from quadlog.plugins import Plugin, describe_failure
 
 _MEMBERS = {"name": str, "incremental": bool}
 _METHODS = ("plan", "reset")
@@ -42,7 +42,7 @@ class CheckedPlanner:
         self.name, self.incremental = kind.name, kind.incremental  # type: ignore[misc]
         try:
             self._planner = kind(rules)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise self._failed("be made", error) from error
         self.rules: Rules = getattr(self._planner, "rules", None) or rules
         if not isinstance(self.rules, Rules):
@@ -52,11 +52,11 @@ class CheckedPlanner:
         """The plug-in's plan, its cells as int32."""
         try:
             plan = self._planner.plan(blocked, start, goal, shift)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise self._failed("plan", error) from error
         try:
             plan = _in_our_types(plan)
-        except (TypeError, ValueError, AttributeError) as error:
+        except (TypeError, ValueError, AttributeError, OverflowError) as error:
             raise self._plugin.unusable(f"gives no Plan: {error}") from error
         fault = _fault(plan, blocked, start, goal, self.rules) if plan.found else ""
         if fault:
@@ -67,11 +67,11 @@ class CheckedPlanner:
         """Forget the plan before."""
         try:
             self._planner.reset()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise self._failed("be reset", error) from error
 
-    def _failed(self, task: str, error: Exception) -> Exception:
-        return self._plugin.unusable(f"could not {task}: {type(error).__name__}: {error}")
+    def _failed(self, task: str, error: BaseException) -> Exception:
+        return self._plugin.unusable(f"could not {task}: {describe_failure(error)}")
 
 
 def _has(found: type, name: str, kind: type) -> bool:
@@ -79,10 +79,11 @@ def _has(found: type, name: str, kind: type) -> bool:
 
 
 def _in_our_types(plan: Plan) -> Plan:
-    """The same plan with numbers of Python and cells (L, 2) int32. Raises TypeError, ValueError, AttributeError."""
+    """The same plan with numbers of Python and cells (L, 2) int32. Raises what `plan` catches."""
     cells: NDArray[Any] = np.asarray(plan.cells)
     if plan.found and (cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu"):
         raise ValueError(f"its cells are {cells.dtype} {cells.shape}, not integers (L, 2)")
+    float(plan.cost)  # raises for what is no real number
     counts = {name: operator.index(getattr(plan, name)) for name in _COUNTS}
     if any(count < 0 for count in counts.values()):
         raise ValueError(f"a count is negative: {counts}")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+from quadlog.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+from quadlog.recordings.bounded import MAX_NAME_BYTES
+from quadlog.text import clipped
 
 METADATA_NAME = "metadata.yaml"
 _MAX_BYTES = 1 << 20
-_MAX_BRACKETS, _MAX_COMMAS = 1000, 20_000
+_MAX_COUNT = 1 << 53
 _ROOT = "rosbag2_bagfile_information"
 
 
@@ -34,35 +33,48 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
         return None, []
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise ValueError(f"larger than {_MAX_BYTES} bytes")
-        text = path.read_text("utf-8")
-        # Recorders write blocks; brackets without end are what keeps a YAML parser busy for minutes.
-        if text.count("[") + text.count("{") > _MAX_BRACKETS or text.count(",") > _MAX_COMMAS:
-            raise ValueError("more brackets or commas than a recorder writes")
-        document = YAML(typ="safe", pure=True).load(text)
-        return _parse(document[_ROOT]), []
-    except (YAMLError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        return None, [f"{METADATA_NAME} is broken ({reason}); the files beside it were read without it"]
+            raise NotPlainYaml(f"is larger than {_MAX_BYTES} bytes")
+        document = mapping_of(parse_yaml(path.read_bytes()), "the document")
+        return _parse(mapping_of(document.get(_ROOT), _ROOT)), []
+    except (NotPlainYaml, OSError) as error:
+        return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
 
 
-def _parse(told: Mapping[str, Any]) -> BagMetadata:
-    files = [PurePosixPath(str(name)).name for name in told.get("relative_file_paths") or []]
+def _parse(said: dict[str, Plain]) -> BagMetadata:
+    files = [PurePosixPath(_name(each, "a file's name")).name for each in _entries(said, "relative_file_paths")]
     topic_counts: dict[str, int] = {}
     encodings: dict[str, str] = {}
-    for entry in told.get("topics_with_message_count") or []:
-        topic = entry["topic_metadata"]
-        name = str(topic["name"])
-        encodings[name] = str(topic.get("serialization_format") or "")
-        topic_counts[name] = topic_counts.get(name, 0) + int(entry["message_count"])
-    messages = told.get("message_count")
-    mode, scheme = str(told.get("compression_mode") or ""), str(told.get("compression_format") or "")
+    for each in _entries(said, "topics_with_message_count"):
+        entry = mapping_of(each, "a topic")
+        topic = mapping_of(entry.get("topic_metadata"), "topic_metadata")
+        name = _name(topic.get("name"), "a topic's name")
+        encodings[name] = _name(topic.get("serialization_format"), "serialization_format", "")
+        topic_counts[name] = topic_counts.get(name, 0) + _count(entry)
+    mode, scheme = (_name(said.get(f"compression_{word}"), f"compression_{word}", "") for word in ("mode", "format"))
     if scheme not in ("", "zstd"):
-        raise ValueError(f"compression_format {scheme!r} is unknown")
+        raise NotPlainYaml(f"compression_format {clipped(scheme, 50)!r} is unknown")
     return BagMetadata(
         files=[name for name in files if name not in ("", "..")],
-        messages=None if messages is None else int(messages),
+        messages=None if said.get("message_count") is None else _count(said),
         topic_counts=topic_counts,
         encodings=encodings,
         compressed_messages=mode.upper() == "MESSAGE" and scheme == "zstd",
     )
+
+
+def _entries(said: dict[str, Plain], key: str) -> list[Plain]:
+    return list_of(said.get(key), key)
+
+
+def _name(value: Plain, what: str, default: str | None = None) -> str:
+    name = text_of(value, what, default)
+    if len(name) > MAX_NAME_BYTES:
+        raise NotPlainYaml(f"{what} has {len(name)} characters")
+    return name
+
+
+def _count(said: dict[str, Plain]) -> int:
+    count = number_of(said.get("message_count"), "message_count")
+    if not (0 <= count <= _MAX_COUNT and count.is_integer()):
+        raise NotPlainYaml(f"message_count is {count:g}")
+    return int(count)

@@ -9,18 +9,19 @@ record, its time or the count of a chunk is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import bag_records as bag
 from quadlog.recordings.bag_records import Connection
 from quadlog.recordings.bag_recovery import BagScan
-from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at
+from quadlog.recordings.bounded import MAX_INDEX_BYTES, Damaged, read_at, read_each_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Body, Contents, Entries, Listed, Piece
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
 
@@ -48,14 +49,29 @@ class BagFormat:
     def __init__(self, file: ByteSource, size: int) -> None:
         self._file, self._size = file, size
 
-    def load(self, piece: Piece) -> memoryview:
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
         if piece.loose:
-            return memoryview(read_at(self._file, piece.offset, piece.length))
-        body, _ = bag.read_chunk(self._file, piece.offset, self._size)
-        return body
+            data = memoryview(read_at(self._file, piece.offset, piece.length))
+            return Body(data, len(data))
+        frame = bag.read_chunk_frame(self._file, piece.offset, self._size)
+        if at_most is not None and bag.chunk_size(frame) > at_most:
+            return None
+        return bag.read_chunk(self._file, frame)
 
-    def entries(self, body: memoryview) -> list[Entry]:
+    def entries(self, body: Body) -> Entries:
         return bag.message_entries(body)
+
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        if any(not piece.index_end for piece in pieces):
+            raise Damaged("the bag has no index")
+        # Where a chunk ends only its header tells.
+        heads = [(each.offset, min(bag.HEAD_BYTES, each.index_end - each.offset)) for each in pieces]
+        chunks = [
+            bag.chunk_frame(head, piece.offset, self._size)
+            for head, piece in zip(read_each_at(self._file, heads), pieces, strict=True)
+        ]
+        spans = [(chunk.end, piece.index_end - chunk.end) for chunk, piece in zip(chunks, pieces, strict=True)]
+        return [bag.list_messages(memoryview(index)) for index in read_each_at(self._file, spans)]
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         return piece.counts
@@ -110,7 +126,13 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     if unknown:
         raise Damaged("the bag's index names connections that it does not have")
     pieces.sort(key=lambda piece: piece.offset)
-    return connections, pieces
+    for piece in pieces:
+        if piece.is_empty:
+            body = bag.read_chunk(file, bag.read_chunk_frame(file, piece.offset, size))
+            if len(bag.message_entries(body)):
+                raise Damaged("the bag's index calls a chunk empty that has messages")
+    behind = [*(piece.offset for piece in pieces[1:]), index_offset]
+    return connections, [replace(piece, index_end=end) for piece, end in zip(pieces, behind, strict=False)]
 
 
 def _channels(connections: Iterable[Connection], counts: Mapping[int, int]) -> dict[int, Channel]:

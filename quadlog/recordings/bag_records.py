@@ -6,17 +6,21 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from quadlog.recordings.bounded import Cursor, Damaged, read_at
+import numpy as np
+
+from quadlog.recordings.bounded import Cursor, Damaged, name_of, read_at
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry
+from quadlog.recordings.pieces import Body, Entries, EntryList, Listed
 from quadlog.recordings.words import ros2_type_name
 from quadlog.storage.byte_source import ByteSource
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _MAX_HEADER_BYTES = 1 << 20
+HEAD_BYTES = 512
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
+_INDEX_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 
 Fields = dict[bytes, memoryview]
 
@@ -49,9 +53,14 @@ class Frame:
 def read_frame(file: ByteSource, position: int, size: int) -> Frame:
     """The record at position, without its data. Raises Damaged where there is none."""
     (length,) = _U32.unpack(read_at(file, position, 4))
-    fields = read_fields(memoryview(read_at(file, position + 4, length, _MAX_HEADER_BYTES)))
-    data_offset = position + 8 + length
-    (data_length,) = _U32.unpack(read_at(file, data_offset - 4, 4))
+    return _frame(read_at(file, position, length + 8, _MAX_HEADER_BYTES), position, size)
+
+
+def _frame(head: bytes, position: int, size: int) -> Frame:
+    cursor = Cursor(head)
+    fields = read_fields(cursor.take(cursor.u32()))
+    data_length = cursor.u32()
+    data_offset = position + cursor.position
     if data_offset + data_length > size:
         raise Damaged("a record reaches beyond the end of the file")
     return Frame(u8(fields, b"op"), fields, data_offset, data_length)
@@ -105,10 +114,7 @@ def time_ns(fields: Fields, name: bytes) -> int:
 
 
 def text(fields: Fields, name: bytes) -> str:
-    try:
-        return bytes(_value(fields, name)).decode()
-    except UnicodeDecodeError:
-        raise Damaged(f"the field {name.decode()} is not UTF-8") from None
+    return name_of(_value(fields, name))
 
 
 def read_connection(header: Fields, data: memoryview) -> Connection:
@@ -121,32 +127,73 @@ def read_connection(header: Fields, data: memoryview) -> Connection:
 
 
 def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
-    """Offset, start and end (ns), and messages for each connection of a chunk."""
+    """Offset, start and end (ns), and messages for each connection of a chunk. Raises Damaged."""
     if u32(header, b"ver") != 1:
         raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
+    pairs = u32(header, b"count")
+    if len(data) != 8 * pairs:
+        raise Damaged(f"a chunk index names {pairs} connections in {len(data)} bytes")
     cursor, counts = Cursor(data), {}
-    for _ in range(u32(header, b"count")):
+    for _ in range(pairs):
         number = cursor.u32()
         counts[number] = cursor.u32()
+    if len(counts) != pairs:
+        raise Damaged("a chunk index names a connection twice")
     return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
 
 
-def read_chunk(file: ByteSource, position: int, size: int) -> tuple[memoryview, int]:
-    """A chunk's decompressed records and the offset behind it. Raises Damaged."""
-    frame = read_frame(file, position, size)
+def read_chunk_frame(file: ByteSource, position: int, size: int) -> Frame:
+    """The chunk's record at position, without its data. Raises Damaged."""
+    return _of_chunk(read_frame(file, position, size))
+
+
+def chunk_frame(head: bytes, position: int, size: int) -> Frame:
+    """The same from the chunk's first HEAD_BYTES, which hold the header of any that a recorder writes."""
+    return _of_chunk(_frame(head, position, size))
+
+
+def _of_chunk(frame: Frame) -> Frame:
     if frame.op != CHUNK:
         raise Damaged("where the index has a chunk there is none")
+    return frame
+
+
+def read_chunk(file: ByteSource, frame: Frame) -> Body:
+    """A chunk's decompressed records. Raises Damaged."""
     data = memoryview(read_at(file, frame.data_offset, frame.data_length))
-    return decompress(text(frame.fields, b"compression"), data, u32(frame.fields, b"size")), frame.end
+    return Body(decompress(text(frame.fields, b"compression"), data, chunk_size(frame)), len(data))
 
 
-def message_entries(body: memoryview) -> list[Entry]:
-    """Every message among a buffer of whole records, in file order. Raises Damaged."""
-    entries = []
-    for fields, begin, end in records(body):
+def chunk_size(frame: Frame) -> int:
+    """How many bytes a chunk declares to hold. Raises Damaged."""
+    return u32(frame.fields, b"size")
+
+
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the index records behind it. Raises Damaged."""
+    runs: dict[int, memoryview] = {}
+    for fields, begin, end in records(indexes):
+        if u8(fields, b"op") == INDEX:
+            number = u32(fields, b"conn")
+            if u32(fields, b"ver") != 1 or end - begin != u32(fields, b"count") * _INDEX_ENTRY.itemsize:
+                raise Damaged("a message index is damaged")
+            if number in runs:
+                raise Damaged("the message index of a chunk names a connection twice")
+            runs[number] = indexes[begin:end]
+    rows = np.frombuffer(b"".join(runs.values()), _INDEX_ENTRY)
+    t_ns = rows["seconds"].astype(np.int64) * 10**9 + rows["nanoseconds"]
+    counts = {number: len(run) // _INDEX_ENTRY.itemsize for number, run in runs.items()}
+    return Listed(counts, t_ns, rows["offset"].astype(np.int64))
+
+
+def message_entries(body: Body) -> Entries:
+    """Every message among a body of whole records, in file order. Raises Damaged."""
+    found = EntryList(body)
+    for fields, begin, end in records(body.data):
+        found.count_record()
         if u8(fields, b"op") == MESSAGE:
-            entries.append(Entry(time_ns(fields, b"time"), begin, end, u32(fields, b"conn")))
-    return entries
+            found.add(time_ns(fields, b"time"), begin, end, u32(fields, b"conn"))
+    return found.entries()
 
 
 def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:

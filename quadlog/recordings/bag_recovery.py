@@ -6,13 +6,11 @@ from collections import Counter
 
 from quadlog.recordings import bag_records as bag
 from quadlog.recordings.bag_records import Connection, Frame
-from quadlog.recordings.bounded import Damaged, read_at
+from quadlog.recordings.bounded import Damaged, KeptDefinitions, read_at
 from quadlog.recordings.container import Loss
-from quadlog.recordings.pieces import Entry, LostPiece, Piece
+from quadlog.recordings.pieces import LooseRun, LostPiece, Piece
 from quadlog.recordings.words import instant, several
 from quadlog.storage.byte_source import ByteSource
-
-_LOOSE_BYTES = 1 << 22
 
 
 class BagScan:
@@ -29,8 +27,8 @@ class BagScan:
         self.lost: list[LostPiece] = []
         self.losses: list[Loss] = []
         self._file, self._size = file, size
-        self._loose: list[Entry] = []
-        self._loose_begin = 0
+        self._loose = LooseRun()
+        self._kept = KeptDefinitions()
         self._walk()
 
     def _walk(self) -> None:
@@ -51,29 +49,29 @@ class BagScan:
             return frame.end
         self._close_loose()
         if frame.op == bag.CHUNK:
-            return self._take_chunk(position, frame)
-        if frame.op == bag.CONNECTION:
+            self._take_chunk(position, frame)
+        elif frame.op == bag.CONNECTION:
             data = memoryview(read_at(self._file, frame.data_offset, frame.data_length))
             self._connect(bag.read_connection(frame.fields, data))
         elif frame.op not in (bag.BAG_HEADER, bag.INDEX, bag.CHUNK_INFO):
             raise Damaged("there are no records from here on")
         return frame.end
 
-    def _take_chunk(self, position: int, frame: Frame) -> int:
+    def _take_chunk(self, position: int, frame: Frame) -> None:
         # A chunk that the recorder had not yet closed has no length: its messages follow as records of their own.
         try:
-            body, end = bag.read_chunk(self._file, position, self._size)
+            body = bag.read_chunk(self._file, frame)
             entries = bag.message_entries(body)
-            for fields, begin, stop in bag.records(body):
+            for fields, begin, stop in bag.records(body.data):
                 if bag.u8(fields, b"op") == bag.CONNECTION:
-                    self._connect(bag.read_connection(fields, body[begin:stop]))
+                    self._connect(bag.read_connection(fields, body.data[begin:stop]))
         except Damaged as damage:
             self.lost.append(LostPiece(self._unread(position, frame), damage, None))
-            return frame.end
-        if entries:
-            self.pieces.append(_piece(position, end - position, entries, loose=False))
-            self.counts.update(entry.channel_id for entry in entries)
-        return end
+            return
+        if len(entries):
+            piece = entries.piece(position, frame.end - position)
+            self.pieces.append(piece)
+            self.counts.update(piece.counts or {})
 
     def _unread(self, position: int, frame: Frame) -> Piece:
         """A damaged chunk, between the last message before it and an end nobody knows."""
@@ -81,22 +79,19 @@ class BagScan:
         return Piece(position, frame.end - position, last_ns, last_ns)
 
     def _take_message(self, position: int, frame: Frame) -> None:
-        if not self._loose:
-            self._loose_begin = position
-        elif frame.end - self._loose_begin > _LOOSE_BYTES:
+        if not self._loose.continues_at(position, frame.end):
             self._close_loose()
-            self._loose_begin = position
         number, t_ns = bag.u32(frame.fields, b"conn"), bag.time_ns(frame.fields, b"time")
-        self._loose.append(Entry(t_ns, position, frame.end, number))
+        self._loose.add(position, frame.end, t_ns, number)
+        self.counts[number] += 1
 
     def _close_loose(self) -> None:
-        if self._loose:
-            length = self._loose[-1].end - self._loose_begin
-            self.pieces.append(_piece(self._loose_begin, length, self._loose, loose=True))
-            self.counts.update(entry.channel_id for entry in self._loose)
-        self._loose = []
+        if self._loose.counts:
+            self.pieces.append(self._loose.piece())
+        self._loose = LooseRun()
 
     def _connect(self, connection: Connection) -> None:
+        self._kept.keep(connection.number, len(connection.definition))
         self.connections[connection.number] = connection
 
     def _lose_rest(self, position: int, damage: Damaged) -> None:
@@ -106,10 +101,3 @@ class BagScan:
         self.losses.append(
             Loss("truncated", f"{lost} after offset {position} unreadable ({damage.reason}); read: {until}")
         )
-
-
-def _piece(offset: int, length: int, entries: list[Entry], loose: bool) -> Piece:
-    counts = Counter(entry.channel_id for entry in entries)
-    start_ns = min(entry.log_time_ns for entry in entries)
-    end_ns = max(entry.log_time_ns for entry in entries)
-    return Piece(offset, length, start_ns, end_ns, "", frozenset(counts), dict(counts), loose)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
-from quadlog.storage.byte_source import ByteSource
+from quadlog.storage.byte_source import ByteSource, Span
 
 # Far above what recorders write (chunks of 1 to 16 MB), far below what hurts.
 MAX_CHUNK_BYTES = 1 << 29
 MAX_INDEX_BYTES = 1 << 28
+MAX_DEFINITION_BYTES = 1 << 26
+MAX_NAME_BYTES = 1 << 12
 MAX_TIME_NS = 2**63 - 1
 
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
@@ -43,6 +46,20 @@ def read_at(file: ByteSource, offset: int, length: int, limit: int = MAX_CHUNK_B
     return data
 
 
+def read_each_at(file: ByteSource, spans: Sequence[Span]) -> list[bytes]:
+    """The same of small stretches that lie far apart, MAX_INDEX_BYTES together."""
+    wanted = sum(length for _, length in spans)
+    if any(offset < 0 or length < 0 for offset, length in spans) or wanted > MAX_INDEX_BYTES:
+        raise Damaged(f"message indexes of {wanted} bytes are no message indexes")
+    try:
+        data = file.read_each(spans)
+    except OSError as error:
+        raise Damaged(f"the disk does not give a message index ({error.strerror})") from None
+    if any(len(each) != length for each, (_, length) in zip(data, spans, strict=True)):
+        raise Damaged("the file ends within a message index")
+    return data
+
+
 class Cursor:
     """Little-endian fields, one after the other, out of one buffer; raises Damaged where the buffer ends."""
 
@@ -71,9 +88,30 @@ class Cursor:
         return _U64.unpack(self.take(8))[0]
 
     def text(self) -> str:
-        """A string with a 32-bit length before it."""
-        raw = bytes(self.take(self.u32()))
-        try:
-            return raw.decode()
-        except UnicodeDecodeError:
-            raise Damaged("a name is not UTF-8") from None
+        """A name with a 32-bit length before it."""
+        return name_of(self.take(self.u32()))
+
+
+def name_of(raw: bytes | memoryview) -> str:
+    """A topic's, a type's or an encoding's name. Raises Damaged."""
+    if len(raw) > MAX_NAME_BYTES:
+        raise Damaged(f"a name of {len(raw)} bytes exceeds the limit of {MAX_NAME_BYTES}", "too-large")
+    try:
+        return bytes(raw).decode()
+    except UnicodeDecodeError:
+        raise Damaged("a name is not UTF-8") from None
+
+
+class KeptDefinitions:
+    """How many bytes the message definitions of a file take together; one that replaces another gives its room back."""
+
+    def __init__(self) -> None:
+        self._bytes_of: dict[object, int] = {}
+        self._total = 0
+
+    def keep(self, key: object, size: int) -> None:
+        """Account for a definition under its id. Raises Damaged where there is no room for it."""
+        total = self._total + size - self._bytes_of.get(key, 0)
+        if total > MAX_DEFINITION_BYTES:
+            raise Damaged(f"message definitions of more than {MAX_DEFINITION_BYTES} bytes", "too-large")
+        self._total, self._bytes_of[key] = total, size

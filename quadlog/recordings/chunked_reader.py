@@ -4,28 +4,35 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from functools import partial
-from operator import itemgetter
+from copy import copy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
+
 from quadlog.errors import NothingReadable
+from quadlog.messages import Int
 from quadlog.recordings.bodies import Bodies, FirstBodies
-from quadlog.recordings.bounded import MAX_TIME_NS, Damaged
-from quadlog.recordings.container import Channel, Loss, RawMessage
+from quadlog.recordings.bounded import Damaged
+from quadlog.recordings.container import Budget, Channel, LogTimes, Loss, RawMessage, places_within, spread
 from quadlog.recordings.merging import merge_by_time
 from quadlog.recordings.piece_losses import (
+    JUMP_NS,
     backward_jump_within,
     backward_jumps,
     jump_warning,
     losses_of,
     zero_time_warning,
 )
-from quadlog.recordings.pieces import Contents, Entry, LostPiece, Piece, PieceFormat
+from quadlog.recordings.pieces import Body, Contents, Entries, Listed, LostPiece, Piece, PieceFormat, start_of
 from quadlog.recordings.words import several
 from quadlog.storage.byte_source import ByteSource
 
-_log_time = itemgetter(0)
+# Messages whose times and places are Python objects at once.
+_BLOCK = 1024
+_CHANNELS_NAMED = 20
+_LISTED_AT_ONCE = 64
 
 
 class ChunkedReader:
@@ -74,59 +81,111 @@ class ChunkedReader:
             for number, channel in self._contents.channel_of.items()
             if topics is None or channel.topic in topics
         }
-        tally: Counter[int] = Counter()
-        within = (0 if start_ns is None else start_ns, MAX_TIME_NS + 1 if end_ns is None else end_ns)
         due = [piece for piece in self._contents.pieces if piece.may_hold(wanted, start_ns, end_ns)]
         bodies = Bodies(self._form, due, self._first)
+        asked = _Pass(self, bodies, wanted, start_ns, end_ns)
         try:
-            yield from merge_by_time(
-                (piece.start_ns, partial(self._read_piece, piece, bodies, wanted, within, tally)) for piece in due
-            )
+            yield from merge_by_time(_PieceMessages(piece, asked) for piece in due)
             self._first.forget()
             if start_ns is None and end_ns is None:
-                self._compare_counts(wanted, due, tally)
+                self._compare_counts(wanted, due, asked.tally)
         finally:
             bodies.close()
             self._report()
         if due and topics is None and not self._read_something and all(piece.offset in self._lost for piece in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
 
-    def _read_piece(
-        self, piece: Piece, bodies: Bodies, wanted: dict[int, Channel], within: tuple[int, int], tally: Counter[int]
-    ) -> Iterator[RawMessage]:
-        start_ns, end_ns = within
-        try:
-            entries = self._form.entries(bodies.get(piece))
-            self._examine(piece, entries)
-            entries.sort(key=_log_time)
-            for log_time_ns, begin, end, channel_id in entries:
-                channel = wanted.get(channel_id)
-                if channel is not None and start_ns <= log_time_ns < end_ns:
-                    tally[channel_id] += 1
-                    yield RawMessage(channel, log_time_ns, bodies.get(piece)[begin:end])
-        except Damaged as damage:
-            counts = piece.counts if piece.counts is not None else self._form.counts(piece)
-            self._lost[piece.offset] = LostPiece(piece, damage, None if counts is None else sum(counts.values()))
-        finally:
-            bodies.drop(piece)
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container. Warnings about times are given as if the messages were read."""
+        if self._contents.losses:
+            raise Damaged(self._contents.losses[0].detail)
+        return self._listed_times()
 
-    def _examine(self, piece: Piece, entries: list[Entry]) -> None:
+    def _listed_times(self) -> Iterator[LogTimes]:
+        tally: Counter[int] = Counter()
+        for piece, listed in self._listed_pieces():
+            self._examine_times(piece, listed.t_ns, listed.offsets)
+            begin = 0
+            for number, count in listed.counts.items():
+                channel = self._contents.channel_of.get(number)
+                if channel is None:
+                    raise Damaged(f"the message index names channel {number}, which nothing declares")
+                tally[number] += count
+                if count:
+                    yield LogTimes(piece.start_ns, channel, listed.t_ns[begin : begin + count])
+                begin += count
+        self._report()
+        declared = Counter(self._contents.declared or {})
+        if +tally != +declared:
+            raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")
+
+    def _listed_pieces(self) -> Iterator[tuple[Piece, Listed]]:
+        pieces = sorted(self._contents.pieces, key=start_of)
+        for begin in range(0, len(pieces), _LISTED_AT_ONCE):
+            some = pieces[begin : begin + _LISTED_AT_ONCE]
+            yield from zip(some, self._form.listed(some), strict=True)
+
+    def excerpt(self, budget: Budget) -> ChunkedReader | None:
+        """See Container. Every channel of which the index knows a chunk has one, up to as many as there are places."""
+        pieces = sorted(self._contents.pieces, key=start_of)
+        messages = sum((self._contents.declared or {}).values())
+        places = places_within(budget, len(pieces), self._stored_bytes(), messages)
+        if places is None:
+            return None
+        chosen = {pieces[index].offset: pieces[index] for index in spread(len(pieces), places)}
+        seen = set().union(*(piece.channel_ids or () for piece in chosen.values()))
+        rest = iter(pieces if places else ())
+        while len(chosen) < 2 * places and (piece := next(rest, None)) is not None:
+            if not seen.issuperset(piece.channel_ids or ()):
+                chosen[piece.offset] = piece
+                seen.update(piece.channel_ids or ())
+        # What either of them finds is reported by both.
+        excerpt = copy(self)
+        excerpt._contents = replace(self._contents, pieces=list(chosen.values()), declared=None)
+        return excerpt
+
+    def _stored_bytes(self) -> int:
+        """Bytes that the pieces take in the file; a bag's index does not say, so all between the first and the last."""
+        pieces = self._contents.pieces
+        ends = [piece.offset + piece.length for piece in pieces]
+        return max(sum(piece.length for piece in pieces), max(ends, default=0) - min(ends, default=0))
+
+    def entries_of(self, piece: Piece, body: Body) -> Entries:
+        """All messages of a body, and what is odd about them noted. Raises Damaged."""
+        entries = self._form.entries(body)
+        self._examine(piece, entries)
+        return entries
+
+    def lose(self, piece: Piece, damage: Damaged, read: int) -> None:
+        """Notes a damaged piece of which so many messages were read nevertheless."""
+        counts = piece.counts if piece.counts is not None else self._form.counts(piece)
+        missing = None if counts is None else max(sum(counts.values()) - read, 0)
+        self._lost[piece.offset] = LostPiece(piece, damage, missing)
+
+    def _examine(self, piece: Piece, entries: Entries) -> None:
         """Notes what is odd about a body: times outside its index's range, jumps, unknown channels."""
-        if not entries:
+        if not len(entries):
             return
         self._read_something = True
-        times_ns = [entry[0] for entry in entries]
-        earliest_ns, latest_ns = min(times_ns), max(times_ns)
+        self._examine_times(piece, entries.log_times_ns, entries.begins)
+        counts = entries.counts()
+        unknown = counts.keys() - self._contents.channel_of.keys()
+        if unknown:
+            self._undeclared[piece.offset] = Counter({number: counts[number] for number in sorted(unknown)})
+
+    def _examine_times(self, piece: Piece, t_ns: Int, offsets: Int) -> None:
+        """Notes what is odd about the log times of a piece's messages; offsets: where these lie in it."""
+        if not len(t_ns):
+            return
+        earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
         if earliest_ns < piece.start_ns or latest_ns > piece.end_ns:
             self._wrong_index.add(piece.offset)
         if earliest_ns == 0:
-            self._zero_times[piece.offset] = times_ns.count(0)
-        jump_ns = backward_jump_within(times_ns)
-        if jump_ns:
-            self._jumps_within[piece.offset] = jump_ns
-        unknown = Counter(entry[3] for entry in entries if entry[3] not in self._contents.channel_of)
-        if unknown:
-            self._undeclared[piece.offset] = unknown
+            self._zero_times[piece.offset] = int(np.count_nonzero(t_ns == 0))
+        if latest_ns - earliest_ns > JUMP_NS:
+            jump_ns = backward_jump_within(t_ns[np.argsort(offsets, kind="stable")])
+            if jump_ns:
+                self._jumps_within[piece.offset] = jump_ns
 
     def _compare_counts(self, wanted: dict[int, Channel], due: list[Piece], tally: Counter[int]) -> None:
         """What the file says it holds against what was read; pieces known to be lost are not reported twice."""
@@ -157,10 +216,7 @@ class ChunkedReader:
         self.losses[:] = [
             *self._contents.losses,
             *losses_of(self._lost.values()),
-            *(
-                Loss("damaged", f"{several(count, 'message')} of channel {number}, which nothing declares", count=count)
-                for number, count in sorted(unknown.items())
-            ),
+            *_undeclared_losses(unknown),
             *self._miscounts.values(),
         ]
         end_ns = self.span_ns[1] if self.span_ns else 0
@@ -174,3 +230,75 @@ class ChunkedReader:
                 f"the index gives wrong times for {several(len(self._wrong_index), 'chunk')}; "
                 "a time window may miss messages, and their order may be wrong"
             )
+
+
+@dataclass(frozen=True, slots=True)
+class _Pass:
+    """One reading of a file: what is wanted of it, and how many messages of each channel it gave so far."""
+
+    reader: ChunkedReader
+    bodies: Bodies
+    wanted: dict[int, Channel]
+    start_ns: int | None
+    end_ns: int | None
+    tally: Counter[int] = field(default_factory=Counter)
+
+
+class _PieceMessages:
+    """The wanted messages of one piece (Source). While it waits it holds their places, not their bytes."""
+
+    def __init__(self, piece: Piece, asked: _Pass) -> None:
+        self.next_ns: int | None = piece.start_ns
+        self._piece, self._asked = piece, asked
+        self._entries: Entries | None = None
+        self._given = 0
+
+    def until(self, last_ns: int | None) -> Iterator[RawMessage]:
+        """See Source."""
+        try:
+            entries = self._opened()
+            times_ns = entries.log_times_ns
+            stop = len(entries) if last_ns is None else int(np.searchsorted(times_ns, last_ns, "right"))
+            if self._given < stop:
+                yield from self._messages(entries, stop)
+        except Damaged as damage:
+            self._asked.reader.lose(self._piece, damage, self._given)
+            self._end()
+            return
+        if stop < len(entries):
+            self.next_ns = int(times_ns[stop])
+        else:
+            self._asked.tally.update(entries.counts())
+            self._end()
+
+    def _opened(self) -> Entries:
+        if self._entries is None:
+            asked = self._asked
+            entries = asked.reader.entries_of(self._piece, asked.bodies.get(self._piece))
+            self._entries = entries.chosen(asked.wanted, asked.start_ns, asked.end_ns)
+        return self._entries
+
+    def _messages(self, entries: Entries, stop: int) -> Iterator[RawMessage]:
+        data, wanted = self._asked.bodies.get(self._piece).data, self._asked.wanted
+        while self._given < stop:
+            block = slice(self._given, min(stop, self._given + _BLOCK))
+            columns = (entries.log_times_ns, entries.begins, entries.ends, entries.channel_ids)
+            for log_time_ns, begin, end, number in zip(*(each[block].tolist() for each in columns), strict=True):
+                yield RawMessage(wanted[number], log_time_ns, data[begin:end])
+            self._given = block.stop
+
+    def _end(self) -> None:
+        self._asked.bodies.drop(self._piece)
+        self.next_ns = self._entries = None
+
+
+def _undeclared_losses(unknown: Counter[int]) -> Iterator[Loss]:
+    """A loss for each channel that nothing declares, one for all that are too many to name."""
+    for number, count in sorted(unknown.items())[:_CHANNELS_NAMED]:
+        detail = f"{several(count, 'message')} of channel {number}, which nothing declares"
+        yield Loss("damaged", detail, count=count)
+    rest = dict(sorted(unknown.items())[_CHANNELS_NAMED:])
+    if rest:
+        count = sum(rest.values())
+        detail = f"{several(count, 'message')} of {several(len(rest), 'more channel')}, which nothing declares"
+        yield Loss("damaged", detail, count=count)

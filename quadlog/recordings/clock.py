@@ -47,16 +47,27 @@ class Clock:
         if offsets_ns:
             self.usual_ns.setdefault(topic, sorted(offsets_ns)[len(offsets_ns) // 2])
 
-    def timed(self, topic: str, log_time_ns: int, message: Message, zeros: dict[str, int]) -> Timed | None:
+    def count_zero_stamps(self, topic: str, message: Message, zeros: dict[str, int]) -> None:
+        """Count stamps of 0, for which log time is used. zeros: those of each topic in this pass.
+
+        Static transforms hold at all times, whatever their stamp.
+        """
+        if self.stamp == "log" or (isinstance(message, Transforms) and message.static):
+            return
+        stamped = message.transforms if isinstance(message, Transforms) else (message,)
+        if count := sum(each.stamp_ns == 0 for each in stamped):
+            zeros[topic] = zeros.get(topic, 0) + count
+            self.zero_stamps[topic] = max(zeros[topic], self.zero_stamps.get(topic, 0))
+
+    def timed(self, topic: str, log_time_ns: int, message: Message) -> Timed | None:
         """The message with its time; None when its stamp, or that of all its transforms, is a stray. See time_ns."""
         if not isinstance(message, Transforms):
-            t_ns = self.time_ns(topic, message.stamp_ns, log_time_ns, zeros)
+            t_ns = self.time_ns(topic, message.stamp_ns, log_time_ns)
             return None if t_ns is None else Timed(t_ns, topic, message)
         if message.static or not message.transforms:
-            # Static transforms hold at all times, whatever their stamp.
             stamp_ns = None if self.stamp == "log" else message.stamp_ns
             return Timed(stamp_ns or log_time_ns, topic, message)
-        times = [self.time_ns(topic, each.stamp_ns, log_time_ns, zeros) for each in message.transforms]
+        times = [self.time_ns(topic, each.stamp_ns, log_time_ns) for each in message.transforms]
         kept = [(t_ns, each) for t_ns, each in zip(times, message.transforms, strict=True) if t_ns is not None]
         if not kept:
             return None
@@ -64,17 +75,14 @@ class Clock:
             message = replace(message, stamp_ns=kept[0][1].stamp_ns, transforms=tuple(each for _, each in kept))
         return Timed(kept[0][0], topic, message)
 
-    def time_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int, zeros: dict[str, int]) -> int | None:
+    def time_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int) -> int | None:
         """When a message happened; None for a stray stamp, whose message is to be dropped.
 
-        zeros counts the stamps of 0 in this pass. Raises ClocksDiffer once two distant clocks have met.
+        Raises ClocksDiffer once two distant clocks have met.
         """
         if self.stamp == "log":
             return log_time_ns
         if not stamp_ns:
-            if stamp_ns == 0:
-                zeros[topic] = zeros.get(topic, 0) + 1
-                self.zero_stamps[topic] = max(zeros[topic], self.zero_stamps.get(topic, 0))
             self._meet(0, f"the log time that {topic} must use (its messages have no stamp)")
             return log_time_ns
         offset_ns = stamp_ns - log_time_ns

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Float, Imu, Int, Odometry, Pose, UwbRanges
 from quadlog.recordings.payload_layout import Flat, Layout, Misfit, Wanted, learn_layout
 
@@ -51,6 +52,12 @@ def unit_rows(quat_xyzw: Float) -> tuple[Float, np.ndarray]:
     unit = quat_xyzw / length[:, None]
     unit[length == 0] = (0.0, 0.0, 0.0, 1.0)
     return unit, np.isfinite(length)
+
+
+def reachable_rows(position_m: Float) -> np.ndarray:
+    """(N,) which positions (N, 3) are finite and no farther out than FARTHEST_M."""
+    reachable: np.ndarray = (np.abs(position_m) <= FARTHEST_M).all(axis=1)
+    return reachable
 
 
 class ColumnDecoder:

@@ -1,9 +1,13 @@
-"""Decompressing one chunk to exactly the size it declares, never to more."""
+"""Decompression of untrusted data: every frame of it, and never more bytes than allowed."""
 
 from __future__ import annotations
 
 import bz2
+import io
 import threading
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import BinaryIO, Protocol
 
 import lz4.frame
 import zstandard
@@ -12,23 +16,80 @@ from quadlog.recordings.bounded import MAX_CHUNK_BYTES, Damaged
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
+# What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
+_ALWAYS_BYTES = 3 << 26
+_MAX_RATIO = 64
+_MAX_STREAMS = 1000
+# Two kilobytes of zstd hold at most 512 blocks of 128 KB, which bounds what one call allocates.
+_ZSTD_SLICE_BYTES = 1 << 11
+# Of a frame, and of the frames that decoders skip (pzstd starts with one).
+_ZSTD_MAGICS = (b"\x28\xb5\x2f\xfd", *(bytes([0x50 + number]) + b"\x2a\x4d\x18" for number in range(16)))
+
+
+class Incomplete(Exception):
+    """Compressed data ends in the middle of a frame."""
+
 
 def decompress(compression: str, data: memoryview, size: int) -> memoryview:
     """The size bytes that data holds. Raises Damaged when it holds something else or the scheme is unknown."""
     if compression not in SUPPORTED:
         raise Damaged(f"compressed with {compression!r}, which quadlog does not read", "compression")
-    if size > MAX_CHUNK_BYTES:
-        raise Damaged(f"{size} bytes uncompressed exceed the limit of {MAX_CHUNK_BYTES}", "too-large")
+    if size > (limit := largest_size(len(data))):
+        raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
     if compression in ("", "none"):
-        body: bytes | memoryview = data
+        body: bytes | bytearray | memoryview = data
     else:
         try:
             body = _INFLATE[compression](data, size)
-        except (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError) as error:
+        except (zstandard.ZstdError, Incomplete, RuntimeError, OSError, ValueError, EOFError) as error:
             raise Damaged(f"{compression} data cannot be decompressed ({error})") from None
     if len(body) != size:
         raise Damaged(f"holds {len(body)} bytes where {size} are declared")
     return memoryview(body)
+
+
+def largest_size(compressed_bytes: int) -> int:
+    """How many bytes compressed data may hold: memory is spent in proportion to what was read."""
+    return min(MAX_CHUNK_BYTES, max(_ALWAYS_BYTES, _MAX_RATIO * compressed_bytes))
+
+
+def is_zstd(head: bytes) -> bool:
+    """Whether these are the first bytes of zstd data."""
+    return head.startswith(_ZSTD_MAGICS)
+
+
+def inflate_zstd(data: bytes | memoryview, limit: int) -> bytes | bytearray:
+    """All frames of zstd data, one after the other (pzstd, concatenated files).
+
+    Raises zstandard.ZstdError for what is no zstd, Incomplete for a frame without its end, ValueError beyond limit.
+    """
+    # The library allocates what the frame declares, whatever limit it is given.
+    declared = zstandard.get_frame_parameters(data).content_size
+    if declared <= limit or declared == zstandard.CONTENTSIZE_UNKNOWN:
+        try:
+            return _per_thread.zstd.decompress(data, max_output_size=max(limit, 1), allow_extra_data=False)
+        except zstandard.ZstdError:
+            pass  # another frame follows, or it is damaged
+    body = bytearray()
+    for block in zstd_blocks(io.BytesIO(data)):
+        body += block
+        if len(body) > limit:
+            raise ValueError(f"it holds more than {limit} bytes")
+    return body
+
+
+def zstd_blocks(packed: BinaryIO) -> Iterator[bytes]:
+    """What all frames of a zstd file hold, in blocks of at most 64 MB. Raises zstandard.ZstdError and Incomplete."""
+    frame = None
+    while rest := packed.read(_ZSTD_SLICE_BYTES):
+        while rest:
+            frame = frame or zstandard.ZstdDecompressor().decompressobj()
+            yield frame.decompress(rest)
+            rest = frame.unused_data
+            if frame.eof:
+                frame = None
+    if frame is not None:
+        raise Incomplete("it ends too early")
 
 
 class _PerThread(threading.local):
@@ -41,32 +102,39 @@ class _PerThread(threading.local):
 _per_thread = _PerThread()
 
 
-def _inflate_zstd(data: memoryview, size: int) -> bytes:
-    # The library allocates what the frame declares, whatever limit it is given.
-    declared = zstandard.get_frame_parameters(data).content_size
-    if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-        raise ValueError(f"its frame declares {declared} bytes instead of {size}")
-    return _per_thread.zstd.decompress(data, max_output_size=max(size, 1))
+class _Stream(Protocol):
+    """One frame of lz4, or one stream of bz2."""
+
+    @property
+    def eof(self) -> bool: ...
+
+    @property
+    def unused_data(self) -> bytes | None: ...
+
+    def decompress(self, data: bytes | memoryview, max_length: int) -> bytes: ...
 
 
-def _inflate_lz4(data: memoryview, size: int) -> bytes:
-    # lz4.frame.decompress would grow without a bound, and is slower.
-    stream = lz4.frame.LZ4FrameDecompressor()
-    body = stream.decompress(data, max_length=max(size, 1))
-    if not stream.eof:
-        raise ValueError("it ends too early or holds more than declared")
-    return body
+def _inflate_streams(new: Callable[[], _Stream], data: memoryview, size: int) -> bytes | bytearray:
+    """All streams in data, one after the other; the libraries' own functions would grow without a bound."""
+    body: bytes | bytearray = b""
+    rest: bytes | memoryview | None = data
+    for _ in range(_MAX_STREAMS):
+        if not rest:
+            return body
+        stream = new()
+        part = stream.decompress(rest, max_length=max(size - len(body), 1))
+        if not stream.eof:
+            # The end mark may follow the last byte asked for.
+            part += stream.decompress(b"", max_length=1)
+        if not stream.eof:
+            raise ValueError("it ends too early or holds more than declared")
+        body = bytearray(body) + part if body else part
+        rest = stream.unused_data
+    raise ValueError(f"it has more than {_MAX_STREAMS} streams")
 
 
-def _inflate_bz2(data: memoryview, size: int) -> bytes:
-    stream = bz2.BZ2Decompressor()
-    body = stream.decompress(data, max_length=max(size, 1))
-    if not stream.eof:
-        # The end-of-stream mark may follow the last byte asked for.
-        body += stream.decompress(b"", max_length=1)
-    if not stream.eof:
-        raise ValueError("it ends too early or holds more than declared")
-    return body
-
-
-_INFLATE = {"zstd": _inflate_zstd, "lz4": _inflate_lz4, "bz2": _inflate_bz2}
+_INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
+    "zstd": inflate_zstd,
+    "lz4": partial(_inflate_streams, lz4.frame.LZ4FrameDecompressor),
+    "bz2": partial(_inflate_streams, bz2.BZ2Decompressor),
+}

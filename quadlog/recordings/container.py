@@ -8,6 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
+from quadlog.messages import Int
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -34,6 +36,46 @@ class RawMessage(NamedTuple):
     channel: Channel
     log_time_ns: int
     payload: bytes | memoryview
+
+
+class LogTimes(NamedTuple):
+    """Log times t_ns (N,) of messages of one channel; batches that follow have none before floor_ns."""
+
+    floor_ns: int
+    channel: Channel
+    t_ns: Int
+
+
+class Budget(NamedTuple):
+    """How much of a recording an excerpt may hold; at least one place is read, however large."""
+
+    places: int
+    stored_bytes: int
+    messages: int
+
+    def shared(self, among: int) -> Budget:
+        """The part of each of several files."""
+        return Budget(max(self.places // among, 1), self.stored_bytes // among, self.messages // among)
+
+
+# Reading and decoding so much takes about 0.2 s.
+EXCERPT = Budget(places=16, stored_bytes=1 << 24, messages=1 << 14)
+# Tags are located from it, which takes seconds to begin with.
+UWB_EXCERPT = Budget(places=64, stored_bytes=1 << 26, messages=1 << 16)
+NOTHING = Budget(0, 0, 0)
+
+
+def places_within(budget: Budget, places: int, stored_bytes: int, messages: int) -> int | None:
+    """How many of a recording's places fit a budget, given the size of all of them; None where it is not exceeded."""
+    if stored_bytes <= budget.stored_bytes and messages <= budget.messages and budget.places:
+        return None
+    fitting = min(budget.stored_bytes * places // max(stored_bytes, 1), budget.messages * places // max(messages, 1))
+    return min(max(fitting, 1), budget.places, places)
+
+
+def spread(among: int, count: int) -> list[int]:
+    """Evenly spread indices below `among`, the first and the last one included."""
+    return [index * (among - 1) // max(count - 1, 1) for index in range(count)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +117,20 @@ class Container(Protocol):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
+        ...
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """Log times of all messages from indexes alone, payloads unread.
+
+        Raises Damaged, at once or on the way, where there is no index or it disagrees with itself.
+        """
+        ...
+
+    def excerpt(self, budget: Budget) -> Container | None:
+        """The same recording with some of its messages, from places spread evenly; None where it fits the budget.
+
+        Closed with the recording itself. Damage elsewhere than in these places is not found.
+        """
         ...
 
     def close(self) -> None:

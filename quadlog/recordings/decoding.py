@@ -24,6 +24,7 @@ from quadlog.recordings.decoders import (
 )
 from quadlog.recordings.decoders.livox import livox_decoder
 from quadlog.recordings.decoders.point_cloud2 import point_cloud2_decoder
+from quadlog.recordings.decoders.point_fields import checked_cloud
 from quadlog.recordings.payload_reader import Payload
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 from quadlog.recordings.protobuf_messages import protobuf_deserialiser
@@ -35,7 +36,7 @@ Result = TypeVar("Result")
 Decoder = Callable[[Payload], tuple[Message, ...]]
 
 # Bodies too large for a generic decoder: read by hand.
-BY_HAND: dict[str, Callable[[str, str], Callable[[Payload], Message]]] = {
+BY_HAND: dict[str, Callable[..., Callable[[Payload], Message]]] = {
     "sensor_msgs/msg/PointCloud2": point_cloud2_decoder,
     "livox_ros_driver/msg/CustomMsg": livox_decoder,
     "livox_ros_driver2/msg/CustomMsg": livox_decoder,
@@ -76,15 +77,18 @@ LINKTRACK: dict[str, Callable[[Any, str], tuple[Message, ...]]] = {
     "LinktrackTagframe0": linktrack.decode_tagframe0,
 }
 
-FOXGLOVE_PROTOBUF: dict[str, Callable[[Any, str], Message]] = {
+FOXGLOVE_PROTOBUF: dict[str, Callable[..., Message]] = {
     "foxglove.PointCloud": foxglove.decode_point_cloud,
     "foxglove.PoseInFrame": foxglove.decode_pose_in_frame,
 }
 
-FOXGLOVE_JSON: dict[str, Callable[[str], Callable[[Payload], Message]]] = {
+FOXGLOVE_JSON: dict[str, Callable[..., Callable[[Payload], Message]]] = {
     "foxglove.PointCloud": foxglove.json_point_cloud_decoder,
     "foxglove.PoseInFrame": foxglove.json_pose_decoder,
 }
+
+# Whose decoders take make_cloud, one of those in decoders/point_fields.py.
+CLOUDS = {*BY_HAND, "foxglove.PointCloud"}
 
 LINKTRACK_IN_COLUMNS: dict[str, Ways] = {
     "LinktrackTagframe0": [
@@ -137,9 +141,10 @@ def is_decodable(channel: Channel) -> bool:
     return name in BY_HAND or name in ROS or last_part(name) in LINKTRACK
 
 
-def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Decoder | None:
+def decoder_for(channel: Channel, definitions: Definitions | None = None, *, points: bool = True) -> Decoder | None:
     """The channel's decoder, or None for a type that quadlog has no use for.
 
+    points: False for clouds that are checked but come without points, except those of plug-ins.
     Raises DecodeError where the type is known but its encoding or its
     definition is not; the decoder raises it for single payloads.
     """
@@ -152,12 +157,14 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None) -> Dec
     plugged = plugged_decoder(name)
     if plugged is not None:
         return _plugged(channel, plugged, definitions or Definitions())
+    of_clouds = {} if points or name not in CLOUDS else {"make_cloud": checked_cloud}
     if encoding == "json":
-        return _single(FOXGLOVE_JSON[name](topic))
+        return _single(FOXGLOVE_JSON[name](topic, **of_clouds))
     if encoding == "protobuf":
-        return _single(_chain(protobuf_deserialiser(channel), FOXGLOVE_PROTOBUF[name], topic))
+        interpret = partial(FOXGLOVE_PROTOBUF[name], **of_clouds)
+        return _single(_chain(protobuf_deserialiser(channel), interpret, topic))
     if name in BY_HAND:
-        return _single(BY_HAND[name](topic, encoding))
+        return _single(BY_HAND[name](topic, encoding, **of_clouds))
     definitions = definitions or Definitions()
     if name in ROS:
         return _single(definitions.decoder(channel, ROS[name]))

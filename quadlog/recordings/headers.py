@@ -12,7 +12,7 @@ from quadlog.recordings.ros_messages import standard_types
 
 HEADER_TYPE = "std_msgs/msg/Header"
 HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+\s*(#.*)?")
-IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{(.*?)\}", re.DOTALL)
+IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")
 FRONT_BYTES = 1 << 16  # of a definition; its first field stands near the top
 
 
@@ -39,7 +39,9 @@ def starts_with_header(channel: Channel) -> bool:
     if channel.schema_encoding == "ros2idl":
         name = channel.type_name.rpartition("/")[2]
         bodies = [body for struct, body in IDL_STRUCT.findall(text) if struct == name]
-        return bool(bodies) and re.sub(r"@\w+\s*(\(.*?\))?", "", bodies[0]).strip().startswith("std_msgs::msg::Header")
+        return bool(bodies) and re.sub(r"@\w+\s*(\([^()]*\))?", "", bodies[0]).strip().startswith(
+            "std_msgs::msg::Header"
+        )
     for line in text.splitlines():
         bare = line.split("#")[0].strip()
         if bare and "=" not in bare:

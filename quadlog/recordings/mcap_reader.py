@@ -7,14 +7,14 @@ the chunk that holds them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from isal.isal_zlib import crc32
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings import mcap_records as mcap
-from quadlog.recordings.bounded import MAX_TIME_NS, Damaged, read_at
+from quadlog.recordings.bounded import MAX_TIME_NS, Damaged, read_at, read_each_at
 from quadlog.recordings.chunked_reader import ChunkedReader
 from quadlog.recordings.compression import SUPPORTED
 from quadlog.recordings.container import Channel, Loss
@@ -22,7 +22,7 @@ from quadlog.recordings.mcap_records import McapChannel, Schema
 from quadlog.recordings.mcap_scan import McapScan, message_index_counts
 from quadlog.recordings.mcap_summary import Summary, read_summary
 from quadlog.recordings.piece_losses import losses_of
-from quadlog.recordings.pieces import Contents, Entry, Piece
+from quadlog.recordings.pieces import Body, Contents, Entries, Listed, Piece
 from quadlog.recordings.words import ros2_type_name, several
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 
@@ -51,19 +51,34 @@ class McapFormat:
     def __init__(self, file: ByteSource) -> None:
         self._file = file
 
-    def load(self, piece: Piece) -> memoryview:
-        """The decompressed records of a chunk, or loose messages as they stand. Raises Damaged."""
-        record = memoryview(read_at(self._file, piece.offset, piece.length))
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
+        """See PieceFormat: a chunk, or loose messages as they stand."""
         if piece.loose:
-            return record
+            return self._load_loose(piece)
+        record = memoryview(read_at(self._file, piece.offset, piece.length))
         if len(record) < mcap.FRAME.size:
             raise Damaged("the index gives it no room")
         if mcap.FRAME.unpack_from(record) != (mcap.CHUNK, len(record) - mcap.FRAME.size):
             raise Damaged("where the index has a chunk there is none")
-        return mcap.read_chunk(record[mcap.FRAME.size :])[2]
+        content = record[mcap.FRAME.size :]
+        if at_most is not None and mcap.chunk_size(content) > at_most:
+            return None
+        return mcap.read_chunk(content)
 
-    def entries(self, body: memoryview) -> list[Entry]:
+    def _load_loose(self, piece: Piece) -> Body:
+        return Body(memoryview(read_at(self._file, piece.offset, piece.length)), piece.length)
+
+    def entries(self, body: Body) -> Entries:
         return mcap.message_entries(body)
+
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        ends = [piece.offset + piece.length for piece in pieces]
+        spans = [(end, max(piece.index_end - end, 0)) for piece, end in zip(pieces, ends, strict=True)]
+        indexes = read_each_at(self._file, spans)
+        return [
+            self.entries(self._load_loose(piece)).listed() if piece.loose else mcap.list_messages(memoryview(index))
+            for piece, index in zip(pieces, indexes, strict=True)
+        ]
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
         behind = piece.offset + piece.length

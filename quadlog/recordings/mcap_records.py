@@ -6,17 +6,21 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
 from isal.isal_zlib import crc32
 
 from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged
 from quadlog.recordings.compression import decompress
-from quadlog.recordings.pieces import Entry
+from quadlog.recordings.pieces import Body, Entries, EntryList, Listed
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
+INDEX_HEAD = struct.Struct("<BQHI")
+CHUNK_PLACE = struct.Struct("<QQQQ")
+MAP_ENTRY = struct.Struct("<HQ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,7 @@ def read_channel(content: memoryview) -> McapChannel:
 
 def read_chunk_index(content: memoryview) -> ChunkIndex:
     cursor = Cursor(content)
-    start_ns, end_ns, offset, length = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u64()
+    start_ns, end_ns, offset, length = CHUNK_PLACE.unpack(cursor.take(CHUNK_PLACE.size))
     channels = frozenset(_map_u16_u64(cursor))
     return ChunkIndex(start_ns, end_ns, offset, length, channels, cursor.u64(), cursor.text())
 
@@ -104,25 +108,54 @@ def read_message_index(content: memoryview) -> tuple[int, int]:
     return cursor.u16(), cursor.u32() // 16
 
 
-def read_chunk(content: memoryview) -> tuple[int, int, memoryview]:
-    """Start and end (ns) and the decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum."""
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the message index records behind it. Raises Damaged."""
+    runs: dict[int, memoryview] = {}
+    position = 0
+    while position < len(indexes):
+        if position + INDEX_HEAD.size > len(indexes):
+            raise Damaged("a message index is cut short")
+        opcode, length, number, size = INDEX_HEAD.unpack_from(indexes, position)
+        begin = position + INDEX_HEAD.size
+        position += FRAME.size + length
+        if opcode != MESSAGE_INDEX or size % 16 or begin + size > min(position, len(indexes)):
+            raise Damaged("where the index has a message index there is none")
+        if number in runs:
+            raise Damaged("the message index of a chunk names a channel twice")
+        runs[number] = indexes[begin : begin + size]
+    rows = np.frombuffer(b"".join(runs.values()), "<u8").reshape(-1, 2)
+    if rows.max(initial=0) > MAX_TIME_NS:
+        raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
+    counts = {number: len(run) // 16 for number, run in runs.items()}
+    return Listed(counts, rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64))
+
+
+def chunk_size(content: memoryview) -> int:
+    """How many bytes a chunk declares to hold. Raises Damaged."""
+    return Cursor(content[16:]).u64()
+
+
+def read_chunk(content: memoryview) -> Body:
+    """The decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum."""
     cursor = Cursor(content)
-    start_ns, end_ns, size, crc = cursor.u64(), cursor.u64(), cursor.u64(), cursor.u32()
+    cursor.take(16)  # start and end
+    size, crc = cursor.u64(), cursor.u32()
     compression = cursor.text()
-    body = decompress(compression, cursor.take(cursor.u64()), size)
-    if crc and crc32(body) != crc:
+    data = decompress(compression, cursor.take(cursor.u64()), size)
+    if crc and crc32(data) != crc:
         raise Damaged("its checksum (CRC) does not match", "crc")
-    return start_ns, end_ns, body
+    return Body(data, len(content))
 
 
-def message_entries(body: memoryview) -> list[Entry]:
-    """Every message among a buffer of whole records, in file order. Raises Damaged."""
-    entries = []
-    position, size = 0, len(body)
+def message_entries(body: Body) -> Entries:
+    """Every message among a body of whole records, in file order. Raises Damaged."""
+    found = EntryList(body)
+    data, position, size = body.data, 0, len(body.data)
     while position < size:
+        found.count_record()
         if position + FRAME.size > size:
             raise Damaged("a record is cut short")
-        opcode, length = FRAME.unpack_from(body, position)
+        opcode, length = FRAME.unpack_from(data, position)
         begin = position + FRAME.size
         position = begin + length
         if position > size:
@@ -130,17 +163,15 @@ def message_entries(body: memoryview) -> list[Entry]:
         if opcode == MESSAGE:
             if length < MESSAGE_HEAD.size:
                 raise Damaged("a message is cut short")
-            number, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(body, begin)
+            number, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
             if log_time_ns > MAX_TIME_NS:
                 raise Damaged(f"a log time of {log_time_ns} ns does not fit into 63 bits")
-            entries.append(Entry(log_time_ns, begin + MESSAGE_HEAD.size, position, number))
-    return entries
+            found.add(log_time_ns, begin + MESSAGE_HEAD.size, position, number)
+    return found.entries()
 
 
 def _map_u16_u64(cursor: Cursor) -> dict[int, int]:
-    fields = Cursor(cursor.take(cursor.u32()))
-    pairs = {}
-    while fields:
-        number = fields.u16()
-        pairs[number] = fields.u64()
-    return pairs
+    fields = cursor.take(cursor.u32())
+    if len(fields) % MAP_ENTRY.size:
+        raise Damaged("a map is cut short")
+    return dict(MAP_ENTRY.iter_unpack(fields))

@@ -10,14 +10,12 @@ from bisect import bisect_right
 from collections import Counter
 
 from quadlog.recordings import mcap_records as mcap
-from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged, read_at
+from quadlog.recordings.bounded import MAX_TIME_NS, Cursor, Damaged, KeptDefinitions, read_at
 from quadlog.recordings.container import Loss
 from quadlog.recordings.mcap_records import ChunkIndex, McapChannel, Schema
-from quadlog.recordings.pieces import LostPiece, Piece
+from quadlog.recordings.pieces import LooseRun, LostPiece, Piece
 from quadlog.recordings.words import instant, several
 from quadlog.storage.byte_source import ByteSource
-
-_LOOSE_BYTES = 1 << 22
 
 
 class McapScan:
@@ -39,8 +37,11 @@ class McapScan:
         self._file, self._size = file, size
         self._known = {chunk.offset: chunk for chunk in known}
         self._offsets = sorted(self._known)
-        self._loose = _LooseRun()
+        self._loose = LooseRun()
+        self._kept = KeptDefinitions()
+        self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
         self._walk()
+        self._report_lost_records()
 
     def last_ns(self) -> int | None:
         """Log time of the last message found, None when there is none."""
@@ -80,7 +81,10 @@ class McapScan:
         if opcode == mcap.MESSAGE:
             self._take_message(position, begin, end)
         elif opcode in (mcap.SCHEMA, mcap.CHANNEL):
-            self._define(opcode, memoryview(read_at(self._file, begin, length)))
+            try:
+                self._define(opcode, memoryview(read_at(self._file, begin, length)))
+            except Damaged as damage:
+                self._lose_record(damage.cause, "message definition", damage.reason, position)
         elif opcode == mcap.CHUNK:
             self._close_loose()
             self._take_chunk(position, begin, end)
@@ -101,7 +105,17 @@ class McapScan:
             raise Damaged("the index gives a chunk more room than there is")
         start_ns, end_ns = min(chunk.start_ns, MAX_TIME_NS), min(chunk.end_ns, MAX_TIME_NS)
         channels = chunk.channels or None
-        self.pieces.append(Piece(chunk.offset, chunk.length, start_ns, end_ns, chunk.compression, channels))
+        self.pieces.append(
+            Piece(
+                chunk.offset,
+                chunk.length,
+                start_ns,
+                end_ns,
+                chunk.compression,
+                channels,
+                index_end=end,
+            )
+        )
         return end
 
     def _next_known(self, position: int) -> int | None:
@@ -111,6 +125,7 @@ class McapScan:
     def _define(self, opcode: int, content: memoryview) -> None:
         if opcode == mcap.SCHEMA:
             schema = mcap.read_schema(content)
+            self._kept.keep((opcode, schema.number), len(content))
             self.schemas[schema.number] = schema
         elif opcode == mcap.CHANNEL:
             channel = mcap.read_channel(content)
@@ -119,7 +134,7 @@ class McapScan:
     def _take_message(self, position: int, begin: int, end: int) -> None:
         number, _, log_time_ns, _ = mcap.MESSAGE_HEAD.unpack(read_at(self._file, begin, mcap.MESSAGE_HEAD.size))
         if log_time_ns > MAX_TIME_NS:
-            self.losses.append(Loss("damaged", f"message at offset {position} has a log time beyond 63 bits", count=1))
+            self._lose_record("damaged", "message", "its log time is beyond 63 bits", position)
             self._close_loose()
             return
         if not self._loose.continues_at(position, end):
@@ -127,10 +142,19 @@ class McapScan:
         self._loose.add(position, end, log_time_ns, number)
         self.counts[number] += 1
 
+    def _lose_record(self, cause: str, kind: str, why: str, position: int) -> None:
+        count, first = self._lost_records.get((cause, kind), (0, f"at offset {position}: {why}"))
+        self._lost_records[cause, kind] = count + 1, first
+
+    def _report_lost_records(self) -> None:
+        for (cause, kind), (count, first) in self._lost_records.items():
+            detail = f"{several(count, kind)} lost; {'first' if count > 1 else 'it lies'} {first}"
+            self.losses.append(Loss(cause, detail, count=count if kind == "message" else None))
+
     def _close_loose(self) -> None:
         if self._loose.counts:
             self.pieces.append(self._loose.piece())
-        self._loose = _LooseRun()
+        self._loose = LooseRun()
 
     def _take_chunk(self, position: int, begin: int, end: int) -> None:
         start_ns = end_ns = 0
@@ -139,20 +163,17 @@ class McapScan:
             # Before the body is tried: a loss says from when to when.
             head = Cursor(content)
             start_ns, end_ns = min(head.u64(), MAX_TIME_NS), min(head.u64(), MAX_TIME_NS)
-            _, _, body = mcap.read_chunk(content)
+            body = mcap.read_chunk(content)
             entries = mcap.message_entries(body)
-            for opcode, record in mcap.records(body):
+            for opcode, record in mcap.records(body.data):
                 self._define(opcode, record)
         except Damaged as damage:
             piece = Piece(position, end - position, start_ns, end_ns)
             self.lost.append(LostPiece(piece, damage, self._indexed_messages(end)))
             return
-        counts = Counter(entry.channel_id for entry in entries)
-        self.counts.update(counts)
-        times_ns = [entry.log_time_ns for entry in entries] or [0]
-        self.pieces.append(
-            Piece(position, end - position, min(times_ns), max(times_ns), "", frozenset(counts), dict(counts))
-        )
+        piece = entries.piece(position, end - position)
+        self.pieces.append(piece)
+        self.counts.update(piece.counts or {})
 
     def _indexed_messages(self, position: int) -> int | None:
         """How many messages the index records right behind a chunk name."""
@@ -169,28 +190,6 @@ class McapScan:
                 f"{several(end - begin, 'byte')} after offset {begin} unreadable ({damage.reason}); read: {until}",
             )
         )
-
-
-class _LooseRun:
-    """Messages outside chunks that lie side by side, to be read as one piece."""
-
-    def __init__(self) -> None:
-        self.counts: Counter[int] = Counter()
-        self._begin = self._end = self._start_ns = self._end_ns = 0
-
-    def continues_at(self, position: int, end: int) -> bool:
-        return position == self._end and end - self._begin <= _LOOSE_BYTES
-
-    def add(self, position: int, end: int, log_time_ns: int, number: int) -> None:
-        if not self.counts:
-            self._begin, self._start_ns, self._end_ns = position, log_time_ns, log_time_ns
-        self._end = end
-        self._start_ns, self._end_ns = min(self._start_ns, log_time_ns), max(self._end_ns, log_time_ns)
-        self.counts[number] += 1
-
-    def piece(self) -> Piece:
-        length, channels = self._end - self._begin, frozenset(self.counts)
-        return Piece(self._begin, length, self._start_ns, self._end_ns, "", channels, dict(self.counts), loose=True)
 
 
 def message_index_counts(file: ByteSource, position: int, size: int) -> dict[int, int] | None:

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, cast
 from quadlog.errors import NotARecording, NothingReadable, RecordingNotFound
 from quadlog.recordings import bag_records, mcap_records, sqlite_open, unpacking
 from quadlog.recordings.bag_reader import read_bag
+from quadlog.recordings.compression import is_zstd
 from quadlog.recordings.container import Container
 from quadlog.recordings.mcap_reader import read_mcap
 from quadlog.recordings.naming import recording_suffix
-from quadlog.recordings.split import is_split, open_split
+from quadlog.recordings.split import open_split
 from quadlog.recordings.sqlite_reader import open_sqlite
 from quadlog.storage.byte_source import ByteSource, LocalBytes
 from quadlog.storage.remote_path import RemotePath
@@ -49,8 +50,6 @@ def open_container(path: Path) -> Container:
     one message left), or TooLarge (no room for a needed copy).
     """
     if path.is_dir():
-        if not is_split(path):
-            raise RecordingNotFound(path, "the folder is not one recording (a ROS 2 bag); name the files in it")
         return open_split(path, open_file)
     return open_file(path)
 
@@ -67,9 +66,10 @@ def open_file(path: Path) -> Container:
         raise NotARecording(path, "you are not allowed to read it") from None
     with _closed_on_error(file):
         head = file.read(0, _HEAD_BYTES)
-        if head.startswith(unpacking.MAGIC):
+        if is_zstd(head):
             file.close()
-            return _open_within(path, unpacking.unpack(path), unpacking.unpacked_name(path))
+            folder, warnings = unpacking.unpack(path)
+            return _open_within(path, folder, unpacking.unpacked_name(path), warnings)
         if head.startswith(sqlite_open.MAGIC):
             file.close()
             return open_sqlite(path)
@@ -91,7 +91,7 @@ def _open_remote(remote_path: RemotePath) -> Container:
     file = RemoteBytes(remote, remote.told.size_bytes)
     with _closed_on_error(file):
         head = file.read(0, _HEAD_BYTES)
-        if head.startswith((unpacking.MAGIC, sqlite_open.MAGIC)):
+        if is_zstd(head) or head.startswith(sqlite_open.MAGIC):
             file.close()
             return _open_copy(path, remote)
         return _open_chunked(path, file, head)

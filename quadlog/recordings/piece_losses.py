@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
+from quadlog.messages import Int
 from quadlog.recordings.container import Loss
 from quadlog.recordings.pieces import LostPiece, Piece
 from quadlog.recordings.words import instant, several
 
-_JUMP_NS = 10**9
+JUMP_NS = 10**9
 _DAY_NS = 86_400 * 10**9
 
 
@@ -40,21 +43,16 @@ def backward_jumps(pieces: Iterable[Piece]) -> list[int]:
     for piece in sorted(pieces, key=lambda piece: piece.offset):
         if piece.is_empty or piece.end_ns == 0:
             continue
-        if piece.start_ns < latest_ns - _JUMP_NS:
+        if piece.start_ns < latest_ns - JUMP_NS:
             jumps.append(latest_ns - piece.start_ns)
         latest_ns = max(latest_ns, piece.end_ns)
     return jumps
 
 
-def backward_jump_within(times_ns: Iterable[int]) -> int:
+def backward_jump_within(times_ns: Int) -> int:
     """The largest fall of log time (ns) below an earlier message's, 0 when it is at most a second."""
-    latest_ns = largest_ns = 0
-    for t_ns in times_ns:
-        if t_ns > latest_ns:
-            latest_ns = t_ns
-        elif latest_ns - t_ns > largest_ns:
-            largest_ns = latest_ns - t_ns
-    return largest_ns if largest_ns > _JUMP_NS else 0
+    largest_ns = int((np.maximum.accumulate(times_ns) - times_ns).max(initial=0))
+    return largest_ns if largest_ns > JUMP_NS else 0
 
 
 def jump_warning(jumps_ns: list[int]) -> list[str]:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from array import array
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from quadlog.recordings.bounded import Damaged
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.messages import Int
+from quadlog.recordings.bounded import MAX_TIME_NS, Damaged
 from quadlog.recordings.container import Channel, Loss
+
+_ALWAYS_RECORDS = 256
+_LOOSE_BYTES = 1 << 22
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +25,7 @@ class Piece:
 
     length is 0 where only the chunk itself tells. channel_ids and counts
     (messages for each channel id) are None where the index does not say.
+    index_end: offset behind the message index, which follows the chunk; 0 where there is none.
     """
 
     offset: int
@@ -26,6 +36,7 @@ class Piece:
     channel_ids: frozenset[int] | None = None
     counts: Mapping[int, int] | None = None
     loose: bool = False
+    index_end: int = 0
 
     @property
     def is_empty(self) -> bool:
@@ -39,24 +50,147 @@ class Piece:
         return (start_ns is None or self.end_ns >= start_ns) and (end_ns is None or self.start_ns < end_ns)
 
 
-class Entry(NamedTuple):
-    """Where one message's payload lies in its piece's decompressed body."""
+def start_of(piece: Piece) -> int:
+    """The order in which pieces are read."""
+    return piece.start_ns
 
-    log_time_ns: int
-    begin: int
-    end: int
-    channel_id: int
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A piece's records, decompressed, and how many bytes of the file they took."""
+
+    data: memoryview
+    stored_bytes: int
+
+    @property
+    def max_records(self) -> int:
+        """How many records it may hold: time and memory are spent in proportion to what was read.
+
+        A message takes a byte of the file at least, because its time and its sequence number change.
+        """
+        return _ALWAYS_RECORDS + self.stored_bytes
+
+
+class EntryList:
+    """Where the payloads of a body's messages lie, collected record by record. Raises Damaged beyond max_records."""
+
+    def __init__(self, body: Body) -> None:
+        self._max_records = body.max_records
+        self._records = 0
+        # 28 bytes a message, where tuples would take 200.
+        self._log_times_ns, self._begins, self._ends = array("q"), array("q"), array("q")
+        self._channel_ids = array("I")
+
+    def count_record(self) -> None:
+        """One more record of any kind."""
+        self._records += 1
+        if self._records > self._max_records:
+            raise Damaged(f"it holds more than {self._max_records} records", "too-large")
+
+    def add(self, log_time_ns: int, begin: int, end: int, channel_id: int) -> None:
+        """A message's payload."""
+        self._log_times_ns.append(log_time_ns)
+        self._begins.append(begin)
+        self._ends.append(end)
+        self._channel_ids.append(channel_id)
+
+    def entries(self) -> Entries:
+        """What was collected."""
+        times_ns, begins, ends = (np.array(each, np.int64) for each in (self._log_times_ns, self._begins, self._ends))
+        return Entries(times_ns, begins, ends, np.array(self._channel_ids, np.uint32))
+
+
+class Listed(NamedTuple):
+    """A piece's messages by its message index: N log times and offsets, channel after channel.
+
+    counts: how many of the rows are each channel id's, in their order.
+    """
+
+    counts: dict[int, int]
+    t_ns: Int
+    offsets: Int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """Where the payloads of a body's messages lie, in file order: an array (N,) for each property."""
+
+    log_times_ns: Int
+    begins: Int
+    ends: Int
+    channel_ids: NDArray[np.uint32]
+
+    def __len__(self) -> int:
+        return len(self.log_times_ns)
+
+    def counts(self) -> dict[int, int]:
+        """Messages for each channel id."""
+        numbers, counts = np.unique(self.channel_ids, return_counts=True)
+        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+
+    def listed(self) -> Listed:
+        """The same as a message index would have them."""
+        rows = np.argsort(self.channel_ids, kind="stable")
+        return Listed(self.counts(), self.log_times_ns[rows], self.begins[rows])
+
+    def piece(self, offset: int, length: int) -> Piece:
+        """The piece at this place of the file that holds them."""
+        counts = self.counts()
+        start_ns, end_ns = (self.log_times_ns.min(), self.log_times_ns.max()) if len(self) else (0, 0)
+        return Piece(offset, length, int(start_ns), int(end_ns), "", frozenset(counts), counts)
+
+    def chosen(self, wanted: Collection[int], start_ns: int | None, end_ns: int | None) -> Entries:
+        """Those of these channels with start_ns <= log time < end_ns, in order of log time."""
+        keep = np.isin(self.channel_ids, list(wanted))
+        if start_ns is not None:
+            keep &= self.log_times_ns >= min(start_ns, MAX_TIME_NS)
+        if end_ns is not None and end_ns <= MAX_TIME_NS:
+            keep &= self.log_times_ns < end_ns
+        rows = np.flatnonzero(keep)
+        times_ns = self.log_times_ns[rows]
+        if np.any(times_ns[1:] < times_ns[:-1]):
+            rows = rows[np.argsort(times_ns, kind="stable")]
+        return Entries(self.log_times_ns[rows], self.begins[rows], self.ends[rows], self.channel_ids[rows])
+
+
+class LooseRun:
+    """Messages outside chunks that lie side by side, to be read as one piece."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[int] = Counter()
+        self._begin = self._end = self._start_ns = self._end_ns = 0
+
+    def continues_at(self, position: int, end: int) -> bool:
+        """Whether a message from position to end is the next one and there is room for it."""
+        return position == self._end and end - self._begin <= _LOOSE_BYTES
+
+    def add(self, position: int, end: int, log_time_ns: int, number: int) -> None:
+        """A message whose record lies between these offsets."""
+        if not self.counts:
+            self._begin, self._start_ns, self._end_ns = position, log_time_ns, log_time_ns
+        self._end = end
+        self._start_ns, self._end_ns = min(self._start_ns, log_time_ns), max(self._end_ns, log_time_ns)
+        self.counts[number] += 1
+
+    def piece(self) -> Piece:
+        """The piece of all that was added."""
+        length, channels = self._end - self._begin, frozenset(self.counts)
+        return Piece(self._begin, length, self._start_ns, self._end_ns, "", channels, dict(self.counts), loose=True)
 
 
 class PieceFormat(Protocol):
     """What differs between the formats."""
 
-    def load(self, piece: Piece) -> memoryview:
-        """The piece's body, checked and decompressed. Raises Damaged."""
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
+        """The piece's body, checked and decompressed; None for one of more than at_most bytes. Raises Damaged."""
         ...
 
-    def entries(self, body: memoryview) -> list[Entry]:
+    def entries(self, body: Body) -> Entries:
         """All messages of a body in file order. Raises Damaged."""
+        ...
+
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        """All messages of each by its message index, bodies unread except those of loose pieces. Raises Damaged."""
         ...
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
@@ -86,3 +220,7 @@ class LostPiece:
     piece: Piece
     damage: Damaged
     messages: int | None
+
+    def __post_init__(self) -> None:
+        # A traceback would keep the frames of what failed, and with them the piece's body.
+        self.damage.__traceback__ = self.damage.__context__ = None

@@ -12,8 +12,8 @@ from numpy.typing import DTypeLike
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.plugins import Plugin
-from quadlog.recordings.decoders.pose import normalised
+from quadlog.plugins import Plugin, describe_failure
+from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
 
@@ -75,8 +75,8 @@ def interpreter(decoder: MessageDecoder) -> Interpret:
             return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
         except DecodeError:
             raise
-        except Exception as error:  # another's code on a stranger's message
-            raise DecodeError(topic, f"its plug-in failed: {type(error).__name__}: {error}") from error
+        except (Exception, SystemExit) as error:  # another's code on a stranger's message
+            raise DecodeError(topic, f"its plug-in failed: {describe_failure(error)}") from error
 
     return interpret
 
@@ -100,7 +100,10 @@ def _sound(message: Any, gives: type[Message], topic: str) -> Message:
 
 
 def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, Float]:
-    """Its arrays by name, of the right type and shape, and rotations of unit length. Raises DecodeError, ValueError."""
+    """Its arrays by name, of the right type and shape; positions are within reach, rotations of unit length.
+
+    Raises DecodeError, ValueError.
+    """
     lengths: dict[str, int] = {}
     arrays = {}
     for name, (kind, shape) in _ARRAYS[gives].items():
@@ -112,5 +115,8 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
         wanted = tuple(lengths.setdefault(each, length) if isinstance(each, str) else each for each in shape)
         if array.shape != wanted:
             raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {wanted}")
+        if name == "position_m":
+            x, y, z = array.tolist()
+            within_reach(x, y, z, topic)
         arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
     return arrays

@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from google.protobuf.message import DecodeError as ProtobufError
-from mcap.records import Schema
-from mcap_protobuf.decoder import DecoderFactory
-
 from quadlog.errors import DecodeError
 from quadlog.recordings.container import Channel
 from quadlog.recordings.payload_reader import Payload
@@ -17,6 +13,11 @@ from quadlog.recordings.type_definitions import LARGEST_DEFINITION_BYTES
 
 def protobuf_deserialiser(channel: Channel) -> Callable[[Payload], Any]:
     """A function from payload to protobuf message; raises DecodeError, here or per payload."""
+    # A tenth of a second of imports, for recordings that need them.
+    from google.protobuf.message import DecodeError as ProtobufError
+    from mcap.records import Schema
+    from mcap_protobuf.decoder import DecoderFactory
+
     if len(channel.schema) > LARGEST_DEFINITION_BYTES:
         raise DecodeError(channel.topic, f"its definition is larger than {LARGEST_DEFINITION_BYTES} bytes")
     schema = Schema(id=1, name=channel.type_name, encoding="protobuf", data=channel.schema)

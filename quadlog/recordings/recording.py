@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from copy import copy
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -12,8 +14,8 @@ import numpy as np
 from quadlog.errors import DecodeError, UnknownTopic
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
-from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
+from quadlog.recordings.container import Budget, Channel, Container, Loss, RawMessage
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
 from quadlog.recordings.gathering import Gathered, Waiting, Within, timed_columns
 from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
@@ -64,7 +66,7 @@ class Recording:
         self.clock = Clock(container.path, stamp)
         self._learned: set[str] = set()
         self._first_lags: dict[str, list[int]] = {}
-        self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
+        self._decoders: dict[tuple[int, bool], tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
@@ -87,7 +89,8 @@ class Recording:
     @property
     def losses(self) -> list[Loss]:
         """What was in the recording and could not be had, each once."""
-        own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in self._undecodable.items()]
+        undecodable = self._mixed() | self._undecodable
+        own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in undecodable.items()]
         own += [
             Loss("decode", f"{count} messages could not be decoded; the first: {why}", topic, count)
             for topic, (count, why) in self._failures.items()
@@ -102,7 +105,10 @@ class Recording:
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
-        return list(dict.fromkeys(channel.type_name for channel in self.channels if channel.topic == topic))
+        mine = [channel for channel in self.channels if channel.topic == topic]
+        # A writer may have announced a type and then sent no message of it.
+        sent = [channel for channel in mine if channel.count != 0] or mine
+        return list(dict.fromkeys(channel.type_name for channel in sent))
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -210,8 +216,8 @@ class Recording:
         failed: dict[str, int] = {}
         zeros: dict[str, int] = {}
         for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
-            for message in self._decode_or_count(raw, failed):
-                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
+            for message in self._decode_or_count(raw, failed, zeros):
+                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
                 if timed is not None:
                     yield timed
 
@@ -232,10 +238,26 @@ class Recording:
         )
 
     def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
-        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use."""
+        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use.
+
+        Clouds are checked as for use, but come without points.
+        """
         failed: dict[str, int] = {}
+        zeros: dict[str, int] = {}
         for raw in self.container.messages():
-            yield raw, self._decode_or_count(raw, failed) if is_decodable(raw.channel) else ()
+            yield raw, self._decode_or_count(raw, failed, zeros, points=False) if is_decodable(raw.channel) else ()
+
+    def excerpt(self, budget: Budget) -> Recording | None:
+        """The same with a bounded number of its messages, from places spread evenly; None where it is small.
+
+        What either finds is a loss or a warning of both. It is closed with this one.
+        """
+        container = self.container.excerpt(budget)
+        if container is None:
+            return None
+        part = copy(self)
+        part.container = container
+        return part
 
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
@@ -273,14 +295,15 @@ class Recording:
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""
         useful = {channel.topic for channel in self.channels if is_decodable(channel)}
-        sound = []
-        for topic in dict.fromkeys(topics):
-            types = self.types_of(topic)
-            if topic in useful and len(types) > 1:
-                self._undecodable[topic] = f"the topic carries several types ({', '.join(types)})"
-            elif topic in useful:
-                sound.append(topic)
-        return sound
+        return [topic for topic in dict.fromkeys(topics) if topic in useful and len(self.types_of(topic)) == 1]
+
+    def _mixed(self) -> dict[str, str]:
+        """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
+        kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
+        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and is_decodable(each)}
+        types = {topic: self.types_of(topic) for topic in sorted(useful)}
+        several = {topic: ", ".join(names) for topic, names in types.items() if len(names) > 1}
+        return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
     def _look(self, raws: Iterator[RawMessage]) -> Iterator[Seen]:
         """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
@@ -310,19 +333,24 @@ class Recording:
                 usual = -self.clock.usual_ns.get(topic, 0)
                 self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
 
-    def _decode_or_count(self, raw: RawMessage, failed: dict[str, int]) -> tuple[Message, ...]:
-        """What a message decodes to. failed counts this pass; of several passes the one with most failures is told."""
+    def _decode_or_count(
+        self, raw: RawMessage, failed: dict[str, int], zeros: dict[str, int], *, points: bool = True
+    ) -> tuple[Message, ...]:
+        """What a message decodes to. failed, zeros: failures and zero stamps by topic; the pass with most is told."""
+        topic = raw.channel.topic
         try:
-            return self._decode(raw)
+            decoded = self._decode(raw, points=points)
         except DecodeError as error:
-            topic = raw.channel.topic
             failed[topic] = failed.get(topic, 0) + 1
             most, why = self._failures.get(topic, (0, error.reason))
             self._failures[topic] = max(most, failed[topic]), why
             return ()
+        for message in decoded:
+            self.clock.count_zero_stamps(topic, message, zeros)
+        return decoded
 
-    def _decode(self, raw: RawMessage) -> tuple[Message, ...]:
-        decoder = self._decoder(raw.channel)
+    def _decode(self, raw: RawMessage, *, points: bool = True) -> tuple[Message, ...]:
+        decoder = self._decoder(raw.channel, points=points)
         if decoder is None:
             reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
             raise DecodeError(raw.channel.topic, reason)
@@ -331,15 +359,17 @@ class Recording:
             return tuple(self._named(raw.channel.topic, each) for each in decoded if isinstance(each, UwbRanges))
         return decoded
 
-    def _decoder(self, channel: Channel) -> Decoder | None:
-        known = self._decoders.get(id(channel))
+    def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
+        points = points or channel.type_name not in CLOUDS
+        known = self._decoders.get((id(channel), points))
         if known is None:
             decoder = None
             try:
-                decoder = decoder_for(channel, self._definitions)
+                decoder = decoder_for(channel, self._definitions, points=points)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
-            known = self._decoders[id(channel)] = (channel, decoder)  # the channel is kept, so its id stays its own
+            # The channel is kept, so its id stays its own.
+            known = self._decoders[id(channel), points] = (channel, decoder)
         return known[1]
 
     def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:

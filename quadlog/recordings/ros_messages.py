@@ -22,13 +22,22 @@ from quadlog.recordings.columns import ColumnDecoder, Ways
 from quadlog.recordings.container import Channel
 from quadlog.recordings.payload_layout import Misfit, flat_fields
 from quadlog.recordings.payload_reader import Payload
-from quadlog.recordings.type_definitions import BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.type_definitions import (
+    MOST_VALUES,
+    BadDefinition,
+    Types,
+    largest_payload_bytes,
+    needed_types,
+    parse_definition,
+)
 
 BUNDLED = Path(__file__).parent / "definitions"
 HEADER_FIELD = "std_msgs/Header header\n"
 
 Deserialise = Callable[[Payload], Any]
 Interpret = Callable[[Any, str], Any]
+# How to read payloads, and the size beyond which they are refused.
+Way = tuple[Deserialise, float]
 
 
 class Definitions:
@@ -36,6 +45,7 @@ class Definitions:
 
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
+        self._ways: dict[tuple[Any, ...], list[Way]] = {}
 
     def decoder(self, channel: Channel, interpret: Interpret) -> Callable[[Payload], Any]:
         """A function from payload to what interpret makes of (message object, topic).
@@ -44,14 +54,17 @@ class Definitions:
         """
         if channel.message_encoding not in ("ros1", "cdr"):
             raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
+        # Topics often share a definition, and to compile one takes 10 ms.
+        alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = [_deserialiser(types, channel) for types in self._candidates(channel)]
+            found = self._ways.get(alike) or [_way(types, channel) for types in self._candidates(channel)]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
             raise DecodeError(
                 channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
             )
+        self._ways[alike] = found
         return _FirstFitting(channel, found, interpret)
 
     def column_decoder(self, channel: Channel, payload: bytes, ways: Ways) -> ColumnDecoder | None:
@@ -119,19 +132,22 @@ class Definitions:
 class _FirstFitting:
     """Tries each way to read on the first payload and keeps the one that fits it exactly."""
 
-    def __init__(self, channel: Channel, ways: list[Deserialise], interpret: Interpret) -> None:
+    def __init__(self, channel: Channel, ways: list[Way], interpret: Interpret) -> None:
         self.channel, self.ways, self.interpret = channel, ways, interpret
 
     def __call__(self, payload: Payload) -> Any:
         reason: Exception | None = None
-        for deserialise in self.ways:
+        for way in self.ways:
+            deserialise, most_bytes = way
             try:
+                if len(payload) > most_bytes:
+                    raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
                 message = deserialise(payload)
             except Exception as error:  # generated code on a stranger's bytes: any failure is this message's
                 reason = reason or error
                 continue
             if len(self.ways) > 1:
-                self.ways = [deserialise]
+                self.ways = [way]
             return self._interpreted(message)
         raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
 
@@ -143,10 +159,11 @@ class _FirstFitting:
             raise DecodeError(self.channel.topic, reason) from error
 
 
-def _deserialiser(types: Types, channel: Channel) -> Deserialise:
+def _way(types: Types, channel: Channel) -> Way:
+    """How rosbags reads payloads of a definition. Raises BadDefinition."""
     store = _typestore(types, channel)
     deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return partial(deserialise, typename=channel.type_name)
+    return partial(deserialise, typename=channel.type_name), largest_payload_bytes(types)
 
 
 def _typestore(types: Types, channel: Channel) -> Typestore:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from copy import copy
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound
 from quadlog.recordings.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
-from quadlog.recordings.container import Channel, Container, Loss, RawMessage
-from quadlog.recordings.merging import merge_by_time
+from quadlog.recordings.container import NOTHING, Budget, Channel, Container, LogTimes, Loss, RawMessage, spread
+from quadlog.recordings.merging import Stream, merge_by_time
 from quadlog.recordings.naming import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.unpacking import unpack_messages, unpacked_name
 from quadlog.recordings.words import several
@@ -23,11 +25,11 @@ _NAMED_AT_MOST = 5
 def is_split(folder: Path) -> bool:
     """Whether a folder is one recording: its files are one `NAME_<n>` sequence, or its metadata names them."""
     files = recording_files(folder)
-    if not files:
-        return False
-    metadata, _ = read_metadata(folder)
-    named = metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
-    return named or bool(split_sequence(files))
+    return bool(split_sequence(files)) or _is_named(files, read_metadata(folder)[0] if files else None)
+
+
+def _is_named(files: list[Path], metadata: BagMetadata | None) -> bool:
+    return metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
 
 
 def _by_name(files: list[Path]) -> dict[str, Path]:
@@ -36,11 +38,12 @@ def _by_name(files: list[Path]) -> dict[str, Path]:
 
 
 def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitReader:
-    """Opens a ROS 2 bag folder. Raises RecordingNotFound without a file, or the first file's error when none opens."""
+    """Opens a ROS 2 bag folder. Raises RecordingNotFound for any other, or the first file's error when none opens."""
+    present = recording_files(folder)
     metadata, warnings = read_metadata(folder)
-    files, losses = _choose_files(folder, metadata, warnings)
-    if not files:
-        raise RecordingNotFound(folder, "the folder has none of the files of its recording")
+    if not split_sequence(present) and not _is_named(present, metadata):
+        raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
+    files, losses = _choose_files(present, metadata, warnings)
     parts: list[Container] = []
     errors: list[QuadlogError] = []
     for path in files:
@@ -54,9 +57,10 @@ def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitRea
     return SplitReader(folder, parts, metadata, losses, warnings)
 
 
-def _choose_files(folder: Path, metadata: BagMetadata | None, warnings: list[str]) -> tuple[list[Path], list[Loss]]:
+def _choose_files(
+    present: list[Path], metadata: BagMetadata | None, warnings: list[str]
+) -> tuple[list[Path], list[Loss]]:
     """The files of the recording in order, and the losses of those that are not there."""
-    present = recording_files(folder)
     sequence = split_sequence(present) or present
     if metadata is None:
         return sequence, _missing(_gaps(sequence), "the numbers of the files have a gap")
@@ -130,7 +134,7 @@ class SplitReader:
     ) -> Iterator[RawMessage]:
         """See Container."""
         sources = [
-            (part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
+            Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
             for part in self._parts
         ]
         self._empty_parts.clear()
@@ -140,6 +144,26 @@ class SplitReader:
             self._collect()
         if len(self._empty_parts) == len(self._parts):
             raise self._empty_parts[0]
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container."""
+        try:
+            for times in heapq.merge(*(part.log_times() for part in self._parts), key=_floor_ns):
+                yield times._replace(channel=self._merged[times.channel])
+        finally:
+            self._collect()
+
+    def excerpt(self, budget: Budget) -> SplitReader | None:
+        """See Container."""
+        count = min(budget.places, len(self._parts))
+        chosen = set(spread(len(self._parts), count))
+        shared = budget.shared(max(count, 1))
+        views = [part.excerpt(shared if i in chosen else NOTHING) for i, part in enumerate(self._parts)]
+        if all(view is None for view in views):
+            return None
+        excerpt = copy(self)
+        excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
+        return excerpt
 
     def close(self) -> None:
         for part in self._parts:
@@ -223,6 +247,10 @@ class SplitReader:
             *self._own_warnings,
             *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
         ]
+
+
+def _floor_ns(times: LogTimes) -> int:
+    return times.floor_ns
 
 
 def _merge_channels(parts: list[Container]) -> dict[Channel, Channel]:

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.errors import NotARecording
-from quadlog.recordings.bounded import MAX_TIME_NS
+from quadlog.recordings.bounded import MAX_NAME_BYTES, MAX_TIME_NS
 from quadlog.recordings.container import Channel, Loss
 from quadlog.recordings.words import ros2_type_name, several
+from quadlog.text import clipped
 
 _REQUIRED = {
     "topics": {"id", "name", "type", "serialization_format"},
@@ -41,12 +42,17 @@ def read_tables(path: Path, connection: sqlite3.Connection) -> Tables:
     definitions = _definitions(connection)
     counts = _counts(connection, tables)
     alike: dict[tuple[str, str, str, str, bytes], list[int]] = {}
+    unusable = []
     for number, name, kind, encoding in topics:
-        if isinstance(number, int) and all(isinstance(each, str) for each in (name, kind, encoding)):
+        if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
             identity = (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))
             alike.setdefault(identity, []).append(number)
         else:
-            tables.losses.append(Loss("damaged", f"the topic with id {number!r} has no usable name or type"))
+            unusable.append(number)
+    if unusable:
+        first = clipped(repr(unusable[0]))
+        detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
+        tables.losses.append(Loss("damaged", detail))
     for identity, numbers in alike.items():
         count = None if counts is None else sum(counts.get(number, 0) for number in numbers)
         tables.channel_of.update(dict.fromkeys(numbers, Channel(*identity, count=count)))
@@ -55,6 +61,10 @@ def read_tables(path: Path, connection: sqlite3.Connection) -> Tables:
         tables.losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
     tables.span_ns = _span(connection)
     return tables
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_NAME_BYTES
 
 
 def _require_tables(path: Path, connection: sqlite3.Connection) -> None:

@@ -1,24 +1,27 @@
-"""One pass over a whole recording: how many messages per topic, how regularly, on which clock, and who ranges whom."""
+"""What is in a recording: messages per topic, how regularly, on which clock, and who ranges whom."""
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from statistics import median
 
+import numpy as np
+
 from quadlog.messages import Message, Transforms, UwbRanges
-from quadlog.recordings.container import Channel
+from quadlog.recordings.container import Channel, RawMessage
 from quadlog.recordings.headers import stamp_reader
 from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.pulse import Pulse
 from quadlog.recordings.recording import Recording
 
-RATE_INTERVALS = 10
-GAP_MEDIANS = 3
 OFFSETS_KEPT = 1000
-BINS_PER_OCTAVE = 50  # an interval's bin is 1.4 % wide
+_BATCH = 4096
+
+Decoded = tuple[RawMessage, tuple[Message, ...]]
+Watch = Callable[[Iterator[Decoded]], Iterator[Decoded]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +32,9 @@ class TopicSurvey:
     all runs of ten successive intervals (of all intervals together where there
     are fewer), None below two messages. gaps: intervals longer than three
     times the median one. clock_offset_s: median of header stamp minus log time
-    over the first thousand messages, None without header. clock_jump_s: how far
+    over the first thousand messages read, None without header. clock_jump_s: how far
     apart the largest and the smallest of these differences lie, over all
-    messages of types that quadlog reads; static transforms may be of any age.
+    messages read of types that quadlog reads; static transforms may be of any age.
     clock_back_ns, clock_back_to_ns: the farthest that header stamps of one sender's
     ranges go back from message to message, and to when; zero where they never do.
     """
@@ -64,37 +67,72 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """Every topic by name, and every pair of UWB radios that ranged, with first and last log time."""
+    """Every topic by name, and every pair of UWB radios that ranged, with first and last log time.
+
+    messages_read: how many were decoded; clocks and links are known from these alone.
+    """
 
     topics: tuple[TopicSurvey, ...]
     links: dict[str, tuple[Link, ...]]
     messages: int
+    messages_read: int
     start_ns: int | None
     end_ns: int | None
 
 
-def survey(recording: Recording) -> Survey:
-    """Read everything once. Memory does not grow with the recording; decoding failures become its losses."""
-    pulses = {id(channel): _Pulse(channel) for channel in recording.channels}
+def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, watch: Watch | None = None) -> Survey:
+    """Read everything once, except the coordinates of clouds; memory does not grow with the recording.
+
+    pulses: the log times of all messages (`indexed_pulses`), where the recording
+    is an excerpt. watch: passes the messages on, to show how far they are.
+    Decoding failures become losses of the recording.
+    """
+    seen = {id(channel): _Seen(channel) for channel in recording.channels}
     links: dict[str, dict[tuple[int, int], _Reach]] = {}
-    for raw, decoded in recording.everything():
-        pulse = pulses.get(id(raw.channel))
-        if pulse is None:
-            pulse = pulses[id(raw.channel)] = _Pulse(raw.channel)
-        pulse.take(raw.log_time_ns, raw.payload, decoded)
+    passing = recording.everything()
+    for raw, decoded in passing if watch is None else watch(passing):
+        channel = seen.get(id(raw.channel))
+        if channel is None:
+            channel = seen[id(raw.channel)] = _Seen(raw.channel)
+        channel.take(raw, decoded)
         for message in decoded:
             if isinstance(message, UwbRanges):
                 _take_ranges(links.setdefault(raw.channel.topic, {}), message)
-    topics = tuple(sorted((each.survey() for each in pulses.values()), key=lambda each: (each.name, each.type)))
-    starts = [each.first_ns for each in topics if each.first_ns is not None]
-    ends = [each.last_ns for each in topics if each.last_ns is not None]
+    read = {each.channel: each.pulse() for each in seen.values()}
+    whole = read if pulses is None else pulses
+    topics = sorted(
+        (each.stamps.survey(each.channel, whole[each.channel]) for each in seen.values()),
+        key=lambda each: (each.name, each.type),
+    )
     return Survey(
-        topics,
+        tuple(topics),
         {topic: tuple(_link(*pair, reach) for pair, reach in sorted(links[topic].items())) for topic in sorted(links)},
         sum(each.messages for each in topics),
-        min(starts, default=None),
-        max(ends, default=None),
+        sum(each.messages for each in read.values()),
+        min((each.first_ns for each in topics if each.first_ns is not None), default=None),
+        max((each.last_ns for each in topics if each.last_ns is not None), default=None),
     )
+
+
+class _Seen:
+    """One channel's messages as they pass; log times are handed on in batches."""
+
+    def __init__(self, channel: Channel) -> None:
+        self.channel, self.stamps = channel, _Stamps(channel)
+        self._pulse, self._batch_ns = Pulse(), array("q")
+
+    def take(self, raw: RawMessage, decoded: tuple[Message, ...]) -> None:
+        """One message more."""
+        self._batch_ns.append(raw.log_time_ns)
+        if len(self._batch_ns) == _BATCH:
+            self.pulse()
+        self.stamps.take(raw.log_time_ns, raw.payload, decoded)
+
+    def pulse(self) -> Pulse:
+        """What the log times so far tell."""
+        self._pulse.take(np.array(self._batch_ns, np.int64))
+        self._batch_ns = array("q")
+        return self._pulse
 
 
 @dataclass
@@ -118,102 +156,61 @@ def _link(tag: int, anchor: int, reach: _Reach) -> Link:
     return Link(tag, anchor, reach.messages, reach.low_m if known else None, reach.high_m if known else None)
 
 
-@dataclass
-class _Pulse:
-    """The times of one channel as they pass: counters, a window of the last few, and a histogram of intervals."""
+class _Stamps:
+    """Header stamps of one channel against log times, as messages pass."""
 
-    channel: Channel
-    messages: int = 0
-    first_ns: int | None = None
-    last_ns: int | None = None
-    hz_min: float = math.inf
-    hz_max: float = 0.0
-    longest_ns: int = 0
-    previous_ns: int | None = None
-    recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_INTERVALS + 1))
-    intervals: Counter[int] = field(default_factory=Counter)
-    offsets_ns: array[int] = field(default_factory=lambda: array("q"))
-    offset_ends_ns: tuple[int, int] | None = None
-    sender_ns: dict[int | None, int] = field(default_factory=dict)
-    back_ns: int = 0
-    back_to_ns: int = 0
-    read_stamp: Callable[[Payload], int | None] | None = None
-
-    def __post_init__(self) -> None:
-        self.read_stamp = stamp_reader(self.channel)
+    def __init__(self, channel: Channel) -> None:
+        self.offsets_ns: array[int] = array("q")
+        self.back_ns = self.back_to_ns = 0
+        self._ends_ns: tuple[int, int] | None = None
+        self._sender_ns: dict[int | None, int] = {}
+        self._read_stamp = stamp_reader(channel)
 
     def take(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
         """One message more."""
-        self.messages += 1
-        self.first_ns = t_ns if self.first_ns is None else min(self.first_ns, t_ns)
-        self.last_ns = t_ns if self.last_ns is None else max(self.last_ns, t_ns)
-        if self.previous_ns is not None and t_ns > self.previous_ns:
-            self._take_interval(t_ns - self.previous_ns)
-        self.previous_ns = t_ns
-        self.recent_ns.append(t_ns)
-        span_ns = t_ns - self.recent_ns[0]
-        if len(self.recent_ns) == RATE_INTERVALS + 1 and span_ns > 0:
-            hz = RATE_INTERVALS * 1e9 / span_ns
-            self.hz_min, self.hz_max = min(self.hz_min, hz), max(self.hz_max, hz)
-        self._take_stamp(t_ns, payload, decoded)
+        self._take_offset(t_ns, payload, decoded)
         for message in decoded:
             if isinstance(message, UwbRanges) and message.stamp_ns:
                 self._take_sender(message.tag, message.stamp_ns)
 
     def _take_sender(self, tag: int | None, stamp_ns: int) -> None:
         # Tag by tag: those that share a topic may be late by different amounts.
-        back_ns = self.sender_ns.get(tag, stamp_ns) - stamp_ns
+        back_ns = self._sender_ns.get(tag, stamp_ns) - stamp_ns
         if back_ns > self.back_ns:
             self.back_ns, self.back_to_ns = back_ns, stamp_ns
-        self.sender_ns[tag] = stamp_ns
+        self._sender_ns[tag] = stamp_ns
 
-    def _take_interval(self, interval_ns: int) -> None:
-        self.longest_ns = max(self.longest_ns, interval_ns)
-        self.intervals[int(math.log2(interval_ns) * BINS_PER_OCTAVE)] += 1
-
-    def _take_stamp(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
+    def _take_offset(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
         full = len(self.offsets_ns) >= OFFSETS_KEPT
         stamp_ns = None
         if decoded:
             stamp_ns = decoded[0].stamp_ns
-        elif self.read_stamp and not full:
-            stamp_ns = self.read_stamp(payload)
+        elif self._read_stamp and not full:
+            stamp_ns = self._read_stamp(payload)
         if not stamp_ns:
             return
         offset_ns = stamp_ns - t_ns
         if not full:
             self.offsets_ns.append(offset_ns)
         if not (decoded and isinstance(decoded[0], Transforms) and decoded[0].static):
-            low_ns, high_ns = self.offset_ends_ns or (offset_ns, offset_ns)
-            self.offset_ends_ns = min(low_ns, offset_ns), max(high_ns, offset_ns)
+            low_ns, high_ns = self._ends_ns or (offset_ns, offset_ns)
+            self._ends_ns = min(low_ns, offset_ns), max(high_ns, offset_ns)
 
-    def survey(self) -> TopicSurvey:
-        """The sum of it."""
-        hz_min, hz_max = self.hz_min, self.hz_max
-        if hz_max == 0.0 and self.first_ns is not None and self.last_ns is not None and self.last_ns > self.first_ns:
-            hz_min = hz_max = (self.messages - 1) * 1e9 / (self.last_ns - self.first_ns)
+    def survey(self, channel: Channel, pulse: Pulse) -> TopicSurvey:
+        """The channel with its log times."""
+        hz_min, hz_max = pulse.rates_hz() or (None, None)
         return TopicSurvey(
-            self.channel.topic,
-            self.channel.type_name,
-            self.messages,
-            self.first_ns,
-            self.last_ns,
-            hz_min if hz_max else None,
-            hz_max or None,
-            self._gaps(),
-            self.longest_ns * 1e-9 if self.longest_ns else None,
+            channel.topic,
+            channel.type_name,
+            pulse.messages,
+            pulse.first_ns,
+            pulse.last_ns,
+            hz_min,
+            hz_max,
+            pulse.gaps(),
+            pulse.longest_ns * 1e-9 if pulse.longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
-            (self.offset_ends_ns[1] - self.offset_ends_ns[0]) * 1e-9 if self.offset_ends_ns else None,
+            None if self._ends_ns is None else (self._ends_ns[1] - self._ends_ns[0]) * 1e-9,
             self.back_ns,
             self.back_to_ns,
         )
-
-    def _gaps(self) -> int:
-        """Intervals of more than three medians, to the width of a bin."""
-        below, half = 0, sum(self.intervals.values()) / 2
-        for interval, count in sorted(self.intervals.items()):
-            below += count
-            if below >= half:
-                limit = interval + math.log2(GAP_MEDIANS) * BINS_PER_OCTAVE
-                return sum(count for each, count in self.intervals.items() if each > limit)
-        return 0

@@ -21,7 +21,7 @@ from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.metrics.planner_comparison import Comparison
 from quadlog.results.comparison_tables import REPLANS, SCENARIOS, write_planners
 from quadlog.results.comparison_text import format_rows
-from quadlog.results.files import write_whole
+from quadlog.results.files import uninterrupted, write_whole
 from quadlog.results.markdown import escape_markdown
 from quadlog.results.plots.comparison import draw_cells, draw_ratios
 from quadlog.results.plots.comparison_paths import PathScene, draw_paths
@@ -34,7 +34,7 @@ TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
 class ComparisonFiles:
-    """Takes one source after the other; its tables and plots appear when the `with` block ends without an error.
+    """Takes one source after the other; all files appear together with `finish`, or none when the block fails before.
 
     What an earlier comparison left is replaced with `force` only, and not before. Entering raises AlreadyExists and
     CannotWrite.
@@ -67,9 +67,15 @@ class ComparisonFiles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.__exit__(kind, error, trace)  # goes on only without an error
-        for name, png in self._plots.items():
-            write_whole(self._folder / "plots" / name, png)
+        self._stack.__exit__(kind, error, trace)
+
+    def finish(self, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]) -> None:
+        """Let every file appear, the page last. A signal that ends the process waits for it. Raises CannotWrite."""
+        with uninterrupted():
+            self._stack.close()
+            for name, png in self._plots.items():
+                write_whole(self._folder / "plots" / name, png)
+            _write_comparison(self._folder, rows, findings, about)
 
     def add(
         self,
@@ -106,7 +112,7 @@ class ComparisonFiles:
                 self._folder.rmdir()
 
 
-def write_comparison(
+def _write_comparison(
     folder: Path, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]
 ) -> None:
     """Planners in every format, and the page. Raises CannotWrite."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +12,7 @@ from quadlog.errors import UnknownName
 from quadlog.results.comparison_tables import PLANNERS
 from quadlog.results.latex import latex_document, latex_tables
 from quadlog.results.markdown import escape_markdown, markdown_table
-from quadlog.text import printable
+from quadlog.text import csv_table, printable
 
 Row = Mapping[str, Any]
 """The columns of planners.parquet with plain values; None or NaN where there is none."""
@@ -54,11 +52,9 @@ def json_text(rows: Sequence[Row], _notes: Sequence[str] = ()) -> str:
 
 def csv_text(rows: Sequence[Row], _notes: Sequence[str] = ()) -> str:
     """All columns in full precision, an empty field where there is no value."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(PLANNERS.names)
-    writer.writerows([[row[name] if _exists(row[name]) else "" for name in PLANNERS.names] for row in rows])
-    return text.getvalue().encode("utf-8", "replace").decode()  # a file name may hold what is no text
+    cells = ([row[name] if _exists(row[name]) else "" for name in PLANNERS.names] for row in rows)
+    text = csv_table([PLANNERS.names, *cells])
+    return text.encode("utf-8", "replace").decode()  # a file name may hold what is no text
 
 
 def markdown_text(rows: Sequence[Row], notes: Sequence[str] = ()) -> str:

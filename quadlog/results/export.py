@@ -5,6 +5,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
 from quadlog.results.derived_mcap import write_derived
@@ -13,6 +16,7 @@ from quadlog.results.run_folder import read_run_json
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import write_tum
+from quadlog.text import csv_cell
 
 
 def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Path]:
@@ -47,10 +51,15 @@ def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
     written = [output / f"{name}.csv" for name in names]
     _prepare(written, force)
     for name, path in zip(names, written, strict=True):
-        table = pd.DataFrame(read_table(run, name))
+        table = pd.DataFrame({column: _cells(values) for column, values in read_table(run, name).items()})
         with whole_file(path) as part:
             table.to_csv(part, index=False, lineterminator="\n")
     return written
+
+
+def _cells(values: NDArray[Any]) -> Any:
+    """A column as it stands in a CSV file; see csv_cell."""
+    return [csv_cell(each) for each in values] if values.dtype == object else values
 
 
 def export_rosmap(run: Path, output: Path, force: bool) -> list[Path]:

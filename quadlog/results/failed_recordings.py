@@ -14,10 +14,12 @@ from quadlog.results.tables import has_table, read_table
 def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
     """Where a run would be in one of the folders, had its replay not failed, and why it did.
 
-    A folder that is a run itself, or without a summary of quadlog's, has none.
+    A folder that is a run itself, or without a summary of quadlog's, has none. The summary itself, which a shell's
+    `runs/*` names, stands for its folder.
     """
     failed: dict[Path, str] = {}
-    for folder in folders:
+    for path in folders:
+        folder = path.parent if path.name == "summary.parquet" and path.is_file() else path
         if is_run(folder) or not has_table(folder, "summary"):
             continue
         try:

@@ -8,19 +8,25 @@ import os
 import platform
 import re
 import secrets
+import signal
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from quadlog.errors import CannotWrite
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 """Only writing can fail with these, so they are ours to explain wherever they come from."""
-_PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-f]{8}\.part")
+_PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]{8}\.part")
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
+_LAST = frozenset({"run.json", "README.md"})
+"""Files that are written when all others of their folder are."""
 _watching: list[list[Path]] = []
+_unfinished: set[Path] = set()
+_complete_s: dict[Path, float] = {}
 
 
 @contextmanager
@@ -29,25 +35,28 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     The file written to lies in the same folder, so that the rename is one step
     of the file system. A killed process leaves it behind under a name that
-    `remove_stale_parts` knows; nothing incomplete is ever called `path`. Where two write one file, the last one's is
-    there in the end.
+    `remove_stale_parts` knows, and the next one that writes into the folder
+    removes it; nothing incomplete is ever called `path`. Where two write one file, the last one's is there in the end.
 
     Raises CannotWrite when the disk is full or the folder cannot be written to.
     """
+    part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
+    _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
-        part = _create_part(path.parent)
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
-    try:
+        _begin(part, path)
         yield part
         _publish(part, path)
         for written in _watching:
             written.append(path)
+        if path.name in _LAST:
+            _complete_s[path] = time.monotonic()
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError) and is_full(error):
             raise CannotWrite(path, os.strerror(error.errno or 0)) from error
         raise
+    finally:
+        _unfinished.discard(part)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -65,6 +74,40 @@ def files_written() -> Iterator[list[Path]]:
         yield written
     finally:
         _watching.pop()
+
+
+def complete_folders(since_s: float) -> list[Path]:
+    """The folders whose last file this process has written since that time.monotonic(), and which are still there."""
+    return [path.parent for path, written_s in _complete_s.items() if written_s >= since_s and path.is_file()]
+
+
+def remove_unfinished() -> None:
+    """Remove the files that this process had not finished when it was interrupted, wherever that was."""
+    for part in tuple(_unfinished):
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold back the signals that end a process until the block is done, for files that belong together.
+
+    Only the main thread can do that; in any other the block is run as it is.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number in before:
+            signal.signal(number, lambda number, _: held.append(number))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for each in held:
+            signal.raise_signal(each)
 
 
 def is_full(error: OSError) -> bool:
@@ -94,15 +137,17 @@ def part_prefix(pid: int) -> str:
     return f".quadlog-{host}-{pid}-"
 
 
-def _create_part(folder: Path) -> Path:
-    """A new empty file of our own; O_EXCL, so that nobody's file or link is written through."""
-    while True:
-        part = folder / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
-        try:
-            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        except FileExistsError:
-            continue
-        return part
+def _begin(part: Path, path: Path) -> None:
+    """Make the empty file `part`, in a folder without those of killed processes. Raises CannotWrite.
+
+    O_EXCL, so that nobody's file or link is written through.
+    """
+    try:
+        with suppress(OSError):
+            remove_stale_parts(part.parent)
+        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
 
 
 def _is_left(part: Path) -> bool:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from quadlog.errors import NotARun
 from quadlog.recordings.naming import RUN_MARKS
 
-_BESIDE_RUNS = frozenset({"summary.parquet", "report.html"})  # what `runs/*` names too
 _DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
 
 
-def find_runs(paths: Iterable[Path]) -> list[Path]:
+def find_runs(paths: Sequence[Path]) -> list[Path]:
     """Every path that is a run, and of every other folder the runs in it, by name; each run once.
 
     A folder counts as a run when it holds a run.json or a config.toml of quadlog's, finished or not: whoever reads it
-    says what is wrong with it. Hidden folders are left out.
+    says what is wrong with it. Hidden folders and `files_beside_runs` are left out.
 
     Raises NotARun for a path that is neither.
     """
     found: dict[Path, Path] = {}
+    beside = files_beside_runs(paths)
     for path in paths:
-        if found and path.name in _BESIDE_RUNS and path.is_file():
+        if path in beside:
             continue
         if not path.is_dir():
             raise NotARun(path, "is no folder" if path.exists() else "no such folder")
@@ -33,6 +33,12 @@ def find_runs(paths: Iterable[Path]) -> list[Path]:
         for run in inside:
             found.setdefault(run.resolve(), run)
     return list(found.values())
+
+
+def files_beside_runs(paths: Sequence[Path]) -> list[Path]:
+    """The plain files among the paths that lie beside a folder among them: a shell's `runs/*` names these, too."""
+    folders = {path.parent for path in paths if isinstance(path, Path) and path.is_dir()}
+    return [path for path in paths if isinstance(path, Path) and path.parent in folders and path.is_file()]
 
 
 def is_run(folder: Path) -> bool:

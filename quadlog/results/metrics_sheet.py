@@ -57,7 +57,7 @@ def number(value: float | None) -> str:
     """Four significant digits, whole numbers whole; nothing for None."""
     if value is None:
         return ""
-    if value == round(value) and abs(value) < 1e15:
+    if abs(value) < 1e15 and value == round(value):
         return str(int(value))
     if abs(value) >= 10 ** (_DIGITS - 1):
         return f"{value:.0f}"

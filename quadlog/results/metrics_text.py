@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,6 +13,7 @@ from quadlog.metrics.spread import Spread
 from quadlog.results.latex import WIDEST_PT, latex_document, latex_tables, width_pt
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.results.metrics_sheet import Sheet, make_sheet
+from quadlog.text import csv_table
 
 Spreads = Mapping[str, Spread]
 
@@ -40,18 +39,16 @@ def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
 
     mean, std, p50, p95 are those of the samples behind the value, low and high its 95 % interval.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_CSV)
+    rows: list[Sequence[object]] = [_CSV]
     for run in runs:
         for name, each in run.metrics.items():
             start = [_text(run.path), name, each.value, each.unit, each.n]
             if (of := each.summary) is None:
-                writer.writerow([*start, *[""] * 6])
+                rows.append([*start, *[""] * 6])
             else:
                 low, high = of.interval or ("", "")
-                writer.writerow([*start, of.mean, "" if of.std is None else of.std, of.p50, of.p95, low, high])
-    return text.getvalue()
+                rows.append([*start, of.mean, "" if of.std is None else of.std, of.p50, of.p95, low, high])
+    return csv_table(rows)
 
 
 def table_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:

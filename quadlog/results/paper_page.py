@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 
 from quadlog.results.latex import latex_document, latex_tables
 from quadlog.results.markdown import escape_markdown, markdown_table
 from quadlog.results.paper_rows import PaperRow, PaperTable, Picture, RowGroup
 from quadlog.results.paper_store import picture_file
+from quadlog.text import csv_table
 
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
@@ -19,14 +19,12 @@ MARKS = {True: "yes", False: "✗ no", None: ""}
 
 def csv_text(table: PaperTable) -> str:
     """All rows with six significant digits, an empty field where there is no value."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows: list[Sequence[str]] = [COLUMNS]
     for row in table.rows:
         numbers = (row.paper, row.ours, row.low, row.high, row.difference)
         cells = [format_value(value, 6) for value in numbers]
-        writer.writerow([row.quantity, *cells, format_verdict(row), row.note])
-    return text.getvalue()
+        rows.append([row.quantity, *cells, format_verdict(row), row.note])
+    return csv_table(rows)
 
 
 def latex_text(table: PaperTable) -> str:

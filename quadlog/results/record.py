@@ -37,15 +37,18 @@ class InputRecord:
     last_modified: str | None = None
 
     @property
+    def fingerprint(self) -> tuple[str, str] | None:
+        """Name and value of what tells the content from others; None where a server gives nothing."""
+        known = {"SHA-256": self.sha256, "ETag": self.etag, "Last-Modified": self.last_modified}
+        return next(((name, value) for name, value in known.items() if value is not None), None)
+
+    @property
     def identity(self) -> str:
         """Equal for equal inputs. Where nothing tells, another one each time: such an input is never the same."""
-        if self.sha256 is not None:
-            return self.sha256
-        if self.etag is not None:
-            return f"{self.size_bytes} bytes, ETag {self.etag}"
-        if self.last_modified is not None:
-            return f"{self.size_bytes} bytes, Last-Modified {self.last_modified}"
-        return f"unknown {uuid4().hex}"
+        if self.fingerprint is None:
+            return f"unknown {uuid4().hex}"
+        name, value = self.fingerprint
+        return value if name == "SHA-256" else f"{self.size_bytes} bytes, {name} {value}"
 
     @classmethod
     def identity_in(cls, saved: Any) -> str | None:

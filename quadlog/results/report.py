@@ -93,6 +93,7 @@ def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, A
         chart_data=Markup(to_script_json(charts)),  # noqa: S704
         title=_title(data),
         record=record,
+        left_out=data.left_out(),
         simulated=data.simulated,
         stages=[{"name": name, "done": name in done} for name in (_SIMULATED_STAGES if data.simulated else STAGES)],
         total_s=sum(stage.seconds for stage in record.stages),

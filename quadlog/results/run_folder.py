@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -45,6 +45,20 @@ class RunFolder:
         if force:
             _remove_own_files(path, OWN_FILES)
         return folder
+
+    @classmethod
+    @contextmanager
+    def create_whole(cls, path: Path, force: bool = False) -> Iterator[Self]:
+        """`create` for a run that cannot be resumed: its files are removed again when the block fails."""
+        folder = cls.create(path, force)
+        try:
+            yield folder
+        except BaseException:
+            with suppress(CannotWrite):
+                _remove_own_files(path, OWN_FILES)
+            with suppress(OSError):  # it holds other files
+                path.rmdir()
+            raise
 
     @classmethod
     def claim(cls, path: Path, replace: bool = False, complete: bool = False) -> Self:
@@ -158,22 +172,39 @@ def to_json(content: Any) -> bytes:
 
 
 def _read_record(run: Path) -> dict[str, Any]:
-    return _read_object(run, "run.json", "is no finished run: it has no run.json")
+    missing = "is no finished run: it has no run.json"
+    return _read_object(run, "run.json", missing, parse_int=_int64, parse_float=_finite, parse_constant=_finite)
 
 
-def _read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
+def _read_object(run: Path, name: str, missing: str, **parsers: Any) -> dict[str, Any]:
+    """The object in a JSON file. parsers: as `json.loads` takes them. Raises NotARun."""
     path = run / name
     if not path.is_file():
-        raise NotARun(run, missing)
+        raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")
-        content = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes(), **parsers)
     except (ValueError, OSError, RecursionError) as error:
         raise NotARun(path, f"is damaged: {error}") from error
     if not isinstance(content, dict):
         raise NotARun(path, "is damaged: no JSON object")
     return content
+
+
+def _int64(text: str) -> int:
+    """A whole number of at most 64 bits, as quadlog writes them: a larger one is no float either. Raises ValueError."""
+    if len(text) > 20 or not -(2**63) <= int(text) < 2**64:
+        raise ValueError(f"{text[:20]}... is too large a number")
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    """Raises ValueError for NaN and the infinities, which quadlog never writes."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
 
 
 def _is_sound(metric: Mapping[str, Any]) -> bool:

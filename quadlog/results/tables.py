@@ -22,6 +22,8 @@ from quadlog.results.schemas import ADDED, OPTIONAL, TABLES
 _GROUP_ROWS = 16384
 # 2 GB in memory: thirty hours of control at 50 Hz.
 _MAX_VALUES = 250_000_000
+LARGEST = 1e150
+"""The largest finite number that a table may hold: the square of a larger one is none."""
 
 
 class TableWriter:
@@ -104,10 +106,13 @@ def has_table(run: Path, name: str) -> bool:
     return (run / f"{name}.parquet").is_file()
 
 
-def read_table(run: Path, name: str, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_table(
+    run: Path, name: str, columns: Sequence[str] | None = None, *, largest: float = LARGEST
+) -> dict[str, NDArray[Any]]:
     """The table `name` (`fixes`, `poses`, ...) of a run folder as numpy columns (N,), all or those asked for.
 
     int64, float64 (NaN where there is no value), bool, or str objects.
+    largest: of finite numbers; a larger one counts as damage.
 
     Raises NotARun for a missing, damaged or foreign file, TooLarge for one that
     would not fit in memory, UnknownName for a table or column the contract does not have.
@@ -131,6 +136,9 @@ def read_table(run: Path, name: str, columns: Sequence[str] | None = None) -> di
     except (pa.ArrowException, OSError, ValueError, KeyError, NotImplementedError) as error:
         raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
     found = {column: column_to_numpy(path, column, table.column(column)) for column in table.column_names}
+    for column, values in found.items():
+        if values.dtype.kind == "f" and len(too_large := values[np.isfinite(values) & (np.abs(values) > largest)]):
+            raise NotARun(path, f"is damaged: {column} holds {too_large[0]:.3g}")
     found |= {column: _without_values(schema.field(column).type, table.num_rows) for column in absent}
     return {column: found[column] for column in wanted}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import TooLarge, UnreadableFile
-from quadlog.geometry import quat_from_yaw
+from quadlog.geometry import FARTHEST_M, quat_from_yaw
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.results.files import write_whole
 
@@ -38,8 +38,8 @@ def read_tum(path: Path) -> PoseSeries:
     """The poses of a TUM file; lines that start with # and empty ones are skipped, quaternions are normalised.
 
     Raises UnreadableFile, naming the line, for anything that is not eight
-    finite numbers, a quaternion of length zero, or a time that does not
-    increase; TooLarge for a file with more poses than memory should hold.
+    finite numbers, a quaternion of length zero, a position farther out than
+    FARTHEST_M, or a time that does not increase; TooLarge for a file with more poses than memory should hold.
     """
     t_ns, values = array("q"), array("d")
     for number, line in _lines(path):
@@ -51,6 +51,8 @@ def read_tum(path: Path) -> PoseSeries:
             row, t = [], 0
         if len(row) != 7 or not all(map(math.isfinite, row)) or not any(row[3:]):
             raise UnreadableFile(path, "is not 't x y z qx qy qz qw' with a quaternion of some length", number)
+        if max(map(abs, row[:3])) > FARTHEST_M:
+            raise UnreadableFile(path, f"has a position beyond {FARTHEST_M:.0e} m", number)
         if t_ns and t <= t_ns[-1]:
             raise UnreadableFile(path, "time does not increase", number)
         if len(t_ns) == _MAX_POSES:

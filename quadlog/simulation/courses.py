@@ -51,6 +51,8 @@ def s_curve() -> Course:
     return Course("s-curve", _pieces(0.0, 0.0, 0.0, [(6.0, 0.0), *bends, (6.0, 0.0)]), 0.5)
 
 
+TROT = "trot-32s"
+"""The experiment of [Foot, section 4], which `quadlog simulate` takes beside the courses: it has no path."""
 COURSES: dict[str, Callable[[], Course]] = {"line": line, "circle": circle, "s-curve": s_curve}
 
 

@@ -22,7 +22,13 @@ Element = ElementTree.Element
 
 MOST_XML_BYTES = 4 << 20
 MOST_MESH_BYTES = 64 << 20
-MOST_BODIES = 200
+# What MuJoCo and quadlog take long for, some of it by the square of how many there are.
+MOST_PARTS: dict[str, tuple[frozenset[str] | None, int]] = {
+    "bodies": (frozenset({"body", "link"}), 200),
+    "geoms": (frozenset({"geom", "collision"}), 1000),
+    "actuators": (frozenset({"motor", "position", "general", "velocity"}), 200),
+    "elements": (None, 5000),
+}
 _MOST_INCLUDES = 20
 _KEPT = {
     "mujoco": {"compiler", "default", "asset", "worldbody", "actuator"},
@@ -73,10 +79,10 @@ def _take_over(path: Path) -> tuple[Element, dict[str, bytes]]:
     if root.tag == "mujoco":
         _include(root, path, [path.resolve()])
         folder = _mesh_folder(root, path)
-        _prune(root)
+        _prune(root, path)
         meshes = _take_meshes(root, path, folder)
     elif root.tag == "robot":
-        _prune(root)
+        _prune(root, path)
         for link in root.iter("link"):
             for collision in link.findall("collision"):
                 if collision.find("geometry/mesh") is not None:
@@ -89,9 +95,6 @@ def _take_over(path: Path) -> tuple[Element, dict[str, bytes]]:
         raise UnreadableFile(path, f"is neither MJCF nor URDF: it begins with <{root.tag}>")
     if any("nan" in value.lower().split() for each in root.iter() for value in each.attrib.values()):
         raise UnreadableFile(path, "has numbers that are none (nan)")
-    bodies = sum(1 for each in root.iter() if each.tag in ("body", "link"))
-    if bodies > MOST_BODIES:
-        raise TooLarge(f"{path}: bodies", bodies, MOST_BODIES)
     return root, meshes
 
 
@@ -156,10 +159,7 @@ def _include(root: Element, path: Path, seen: list[Path]) -> None:
             if file in seen or len(seen) > _MOST_INCLUDES:
                 raise UnreadableFile(path, f"includes {file.name} twice, or more than {_MOST_INCLUDES} files")
             seen.append(file)
-            included = list(_parse(file))
-            parent.remove(child)
-            for offset, each in enumerate(included):
-                parent.insert(place + offset, each)
+            parent[place : place + 1] = list(_parse(file))
             waiting += [parent]
             break
 
@@ -184,8 +184,8 @@ def _mesh_folder(root: Element, path: Path) -> Path:
     return folder
 
 
-def _prune(root: Element) -> None:
-    """Leave what a robot is made of."""
+def _prune(root: Element, path: Path) -> None:
+    """Leave what a robot is made of. Raises TooLarge where there is more of it than any robot needs."""
     waiting = [root]
     while waiting:
         parent = waiting.pop()
@@ -197,6 +197,10 @@ def _prune(root: Element) -> None:
             continue
         parent[:] = [child for child in parent if child.tag in _KEPT[parent.tag] and not _is_odd(child)]
         waiting += list(parent)
+    for name, (tags, most) in MOST_PARTS.items():
+        count = sum(1 for each in root.iter() if tags is None or each.tag in tags)
+        if count > most:
+            raise TooLarge(f"{path}: {name}", count, most)
 
 
 def _is_odd(child: Element) -> bool:

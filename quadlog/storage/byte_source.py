@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
+
+Span = tuple[int, int]
+"""Offset and length."""
 
 
 class ByteSource(Protocol):
@@ -18,6 +21,10 @@ class ByteSource(Protocol):
 
         What lies behind a URL raises StorageFailed and StorageChanged instead: that is no damage of the file.
         """
+        ...
+
+    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
+        """Small stretches that lie far apart: of a remote file no more than these is fetched, several at a time."""
         ...
 
     def close(self) -> None:
@@ -49,3 +56,6 @@ class LocalBytes:
         while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
             data += more
         return data
+
+    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
+        return [self.read(offset, length) for offset, length in spans]

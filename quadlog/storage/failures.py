@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from quadlog.errors import QuadlogError, StorageFailed
-from quadlog.storage.urls import redacted, redacted_text
+from quadlog.storage.urls import redacted, redacted_text, secrets_in
 
 _MOST_WORDS = 200
 _BROKEN_OFF = "the connection to the server breaks off"
@@ -48,11 +49,11 @@ def explained(url: str) -> Iterator[None]:
     except (QuadlogError, FileNotFoundError):
         raise
     except Exception as error:
-        raise StorageFailed(redacted(url), reason_of(error)) from error
+        raise StorageFailed(redacted(url), reason_of(error, url)) from error
 
 
-def reason_of(error: BaseException) -> str:
-    """One phrase for whoever typed the URL: no address with a signature in it, no more than a line."""
+def reason_of(error: BaseException, url: str) -> str:
+    """One phrase for whoever typed the URL: nothing of its secrets in it, no more than a line."""
     status = getattr(error, "status", None)
     names = [cls.__name__ for cls in type(error).__mro__]
     if isinstance(error, PermissionError) or status in (401, 403):
@@ -67,4 +68,6 @@ def reason_of(error: BaseException) -> str:
     # The number of an operating system's error says nothing that its words do not.
     told = (error.strerror if isinstance(error, OSError) else None) or error
     words = " ".join(redacted_text(str(told)).split())
-    return f"{words[:_MOST_WORDS] or type(error).__name__}"
+    if any(re.search(rf"(?<!\w){re.escape(secret)}(?!\w)", words) for secret in secrets_in(url)):
+        words = ""
+    return words[:_MOST_WORDS] or f"the request fails ({type(error).__name__})"

@@ -77,7 +77,7 @@ class RemotePath:
     @property
     def name(self) -> str:
         """The last part of the path, as it stands in the URL."""
-        return self._place.rstrip("/").rpartition("/")[2]
+        return redacted(self._place).rstrip("/").rpartition("/")[2]
 
     @property
     def suffix(self) -> str:
@@ -209,7 +209,7 @@ class RemotePath:
         except FileNotFoundError as error:
             raise CannotWrite(str(self), "no such bucket or folder") from error
         except Exception as error:  # whatever a library raises for a server that refuses
-            raise CannotWrite(str(self), reason_of(error)) from error
+            raise CannotWrite(str(self), reason_of(error, self.url)) from error
 
     def _look(self) -> Entry:
         try:

@@ -10,9 +10,10 @@ from urllib.parse import unquote, urlsplit
 from quadlog.errors import StorageUnknown
 
 _PROTOCOL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
-# Outside HTTP a `?` may stand in a name; what says NAME=VALUE behind one does not.
-_QUERY = re.compile(r"\?[^/?]*=[^/]*$")
-_USER = re.compile(r"(?<=://)[^/]*@")
+# Outside HTTP a `?` may stand in a name; what says NAME=VALUE behind one does not. The value may hold any character.
+_QUERY = re.compile(r"\?[^/?]*=")
+# A password may hold a `/` that nobody escaped; HOST:PORT/PLACE@NAME has none.
+_USER = re.compile(r"(?<=://)(?:[^/]*|[^/:]*:(?!\d+/)[^@]*)@")
 _IN_TEXT = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://[^\s'\"<>]+")
 _WEB = ("http", "https")
 
@@ -34,14 +35,25 @@ def to_path(text: str | Path) -> Path:
         return Path(text)
     protocol = protocol_of(text)
     if protocol in ("file", "local"):
-        parts = urlsplit(text)
-        if parts.netloc not in ("", "localhost"):
-            raise StorageUnknown(redacted(text), "a file:// URL of another machine; mount it, or name its path")
-        return Path(unquote(parts.path))
+        return _local_path(text)
 
     from quadlog.storage.remote_path import RemotePath
 
     return cast(Path, RemotePath(text))
+
+
+def _local_path(url: str) -> Path:
+    """The path that a file:// URL names. Raises StorageUnknown."""
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:  # brackets without an address, or a host name that Unicode would change
+        raise StorageUnknown(redacted(url), f"no URL that quadlog can read: {error}") from error
+    if parts.netloc not in ("", "localhost"):
+        raise StorageUnknown(redacted(url), "a file:// URL of another machine; mount it, or name its path")
+    path = unquote(parts.path)
+    if "\0" in path:
+        raise StorageUnknown(redacted(url), "no path has a NUL in it")
+    return Path(path)
 
 
 def protocol_of(url: str) -> str:
@@ -66,6 +78,13 @@ def redacted(url: str) -> str:
     """The URL as it may be shown and saved: without user and password, and without its query, which may sign it."""
     place, query = split_query(_USER.sub("", url))
     return place + ("?..." if query else "")
+
+
+def secrets_in(url: str) -> list[str]:
+    """The words of a URL that `redacted` leaves out."""
+    user = _USER.search(url)
+    hidden = (user[0].rstrip("@") if user else "") + " " + split_query(url)[1]
+    return [word for word in re.split(r"[\s/:?&=@#]+", hidden) if word]
 
 
 def redacted_text(text: str) -> str:

@@ -28,7 +28,7 @@ def one_line(capsys) -> str:
     """What an error says."""
     captured = capsys.readouterr()
     assert captured.out == ""
-    said = captured.err.removeprefix("\n")  # click ends the line of a ^C
+    said = captured.err
     assert said.count("\n") == 1, said
     assert said.startswith("quadlog: ")
     return said

@@ -71,6 +71,35 @@ def test_what_is_no_run_is_refused_in_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 2
 
 
+def test_what_does_not_exist_is_said_not_to(runs, tmp_path, capsys):
+    none, file = tmp_path / "none", tmp_path / "file"
+    file.write_text("")
+    for path, words in ((none, "no such folder"), (file, "is no folder")):
+        assert run(["export", str(path), "--to", "csv", "-o", str(tmp_path / "out")]) == 1
+        assert run(["diff", str(runs / "follow"), str(path)]) == 1
+        assert run(["report", str(path)]) == 1
+        assert capsys.readouterr().err == f"quadlog: {path}: {words}\n" * 3
+
+
+def test_files_beside_the_runs_are_skipped_wherever_they_stand(runs, tmp_path, capsys):
+    """As `runs/*` of a shell gives them: sorted, the page and the summary between the run folders."""
+    shutil.copytree(runs / "follow", tmp_path / "zebra")
+    for name in ("report.html", "notes.txt"):
+        (tmp_path / name).write_text("")
+    given = [str(path) for path in sorted(tmp_path.iterdir())]
+    bounds = ["--expect", str(tmp_path / "bounds.toml")]
+    for words in (["metrics", *given], ["check", *given, *bounds, "--write"], ["check", *given, *bounds]):
+        assert run(words) == 0, words
+        skipped = f"skipped, not a run folder: {tmp_path / 'notes.txt'}, {tmp_path / 'report.html'}"
+        assert capsys.readouterr().err.splitlines()[0] == skipped
+    assert run(["report", *given]) == 0
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == (f"{tmp_path / 'zebra' / 'report.html'}\n", f"{skipped}\n")
+    for command in ("metrics", "report"):
+        assert run([command, str(tmp_path / "notes.txt")]) == 1
+        assert "notes.txt: is no folder" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
 def test_a_run_that_is_not_finished_is_not_exported(runs, to, tmp_path, capsys):
     half = shutil.copytree(runs / "follow", tmp_path / "half")

@@ -9,6 +9,7 @@ import pytest
 from mcap.writer import Writer
 
 from quadlog.cli.main import run
+from quadlog.recordings.container import EXCERPT
 
 
 @pytest.fixture
@@ -95,3 +96,25 @@ def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path: Path, capsys
         info = json.loads(capsys.readouterr().out)
         assert info["roles"]["odometry"]["topics"] == [topic]
         assert info["ambiguous"] == {}
+
+
+def test_a_sample_is_said_and_full_reads_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Progress goes to stderr alone, and not where that is no terminal."""
+    path = tmp_path / "walk.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=5000)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/chatter", "cdr", schema)
+        for i in range(EXCERPT.messages + 1):
+            writer.add_message(channel, i * 10**7, b"\0\1\0\0\1\0\0\0\0", i * 10**7)
+        writer.finish()
+    assert run(["info", str(path)]) == 0
+    out, err = capsys.readouterr()
+    (line,) = [line for line in out.splitlines() if line.startswith("sampled: ")]
+    assert "--full reads all" in line
+    assert f"{EXCERPT.messages + 1} messages" in out
+    assert run(["info", str(path), "--full"]) == 0
+    out, full_err = capsys.readouterr()
+    assert "sampled" not in out
+    assert err + full_err == ""

@@ -61,6 +61,26 @@ def test_a_closed_pipe_ends_quietly():
     assert done.stdout.startswith("Usage: quadlog")
 
 
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("no room\nfor an array"), OSError(12, "no memory")])
+def test_a_lack_of_memory_is_one_line(error, monkeypatch, capsys):
+    def fail(*_arguments, **_options):
+        raise error
+
+    monkeypatch.setattr(cli, "main", fail)
+    assert run(["info"]) == 1
+    said = capsys.readouterr().err
+    assert (said.startswith("quadlog: "), "memory" in said, said.count("\n")) == (True, True, 1)
+
+
+def test_what_is_no_lack_of_memory_stays_a_traceback(monkeypatch):
+    def fail(*_arguments, **_options):
+        raise ValueError("a bug")
+
+    monkeypatch.setattr(cli, "main", fail)
+    with pytest.raises(ValueError, match="a bug"):
+        run(["info"])
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_who_is_interrupted_is_told_how_to_go_on_where_that_can_be(name, monkeypatch, capsys):
     def interrupted(*_arguments, **_options):

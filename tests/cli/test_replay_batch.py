@@ -42,6 +42,7 @@ def test_failures_are_the_last_lines_with_a_count(tmp_path, two, capsys):
         str(tmp_path / f"{n}.bag") for n in ("broken", "empty")
     ]
     assert str(tmp_path / "runs" / "a") in captured.out
+    assert "broken" not in captured.out
 
 
 def test_a_dry_run_tells_the_time_of_all_once_one_has_run(two, capsys):
@@ -91,12 +92,16 @@ def start(arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-def test_ctrl_c_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, capsys):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, capsys, number):
     process = start([*two, "--jobs", "2", "--until", "map"], start_new_session=True)
     while not list(tmp_path.glob("runs/*/poses.parquet")):  # at least one worker is in the midst of its work
         assert process.poll() is None, process.communicate()
         time.sleep(0)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+    if number is signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does: to the workers, too
+    else:
+        process.send_signal(number)
     _, err = process.communicate()  # ends when the last process that could write has ended
     assert process.returncode == 1
     assert "interrupted with 0 of 2 recordings done" in err

@@ -58,7 +58,15 @@ def test_usage_errors_exit_with_2(path, tmp_path, capsys):
     assert run(["simulate", str(path), "--terrain", "9cm", *output]) == 2
     assert run(["simulate", str(path), "--seeds", "0", *output]) == 2
     assert run(["simulate", str(path), "--set", "simulation.controller=none", *output]) == 2
-    capsys.readouterr()
+    for flag, value, key in (
+        ("--controller", "pmw", "simulation.controller=kinematic"),
+        ("--terrain", "3cm", "simulation.terrain=6cm"),
+        ("--speed", "0.4", "pursuit.speed_mps=0.5"),
+    ):
+        assert run(["simulate", str(path), flag, value, "--set", key, *output]) == 2
+        assert f"{flag} {value} and --set {key} differ" in capsys.readouterr().err
+    assert run(["simulate", "lin", *output]) == 1
+    assert "trot-32s" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
 
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from dask.local import SynchronousExecutor
 
 from quadlog.config import Config
 from quadlog.config_file import load_config
+from quadlog.pipelines import batch
 from quadlog.pipelines.batch_plan import Planned, plan_batch
+from quadlog.pipelines.engine.engine import Engine
+from quadlog.pipelines.engine.telling import Listener, told_to
 from quadlog.pipelines.progress import Silent
 from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome, ReplayRequest, replay
 from quadlog.pipelines.synthesize import make_recording, synthesize
@@ -32,6 +37,18 @@ def fixture_request(run: Path, **options: object) -> ReplayRequest:
 def fixtures() -> Path:
     """Where the committed recording is."""
     return FIXTURES
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs a batch's recordings in this process, where a test can replace functions."""
+
+    @contextmanager
+    def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterator[Engine]:
+        with told_to(listener):
+            yield Engine(SynchronousExecutor(), lambda: 1, lambda: 1, lambda: None)
+
+    monkeypatch.setattr(batch, "open_engine", open_engine)
 
 
 @pytest.fixture(scope="session")

@@ -51,9 +51,10 @@ def test_a_recording_whose_worker_is_killed_is_replayed_again_to_the_same_bytes(
     assert not list((tmp_path / "runs").rglob(".*"))
 
 
-def test_a_recording_that_kills_two_workers_is_named_and_resumed(planned, tmp_path):
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_recording_that_kills_two_workers_is_named_and_resumed(planned, tmp_path, jobs):
     assassin = Assassin("walk.bag", times=2)
-    outcome = replay_batch(planned(tmp_path / "runs"), 2, None, assassin)
+    outcome = replay_batch(planned(tmp_path / "runs"), jobs, None, assassin)
     assert len(assassin.killed) == 2
     assert [run.failed for run in outcome.runs] == [True, True, False, False]
     reason = outcome.runs[1].reason
@@ -64,7 +65,7 @@ def test_a_recording_that_kills_two_workers_is_named_and_resumed(planned, tmp_pa
 
 
 def instead(monkeypatch, raised):
-    """replay, but for recordings of which there is something else to raise; returns the runs begun."""
+    """replay, but for recordings of which there is something else to raise; returns the runs begun. In one process."""
     begun = []
 
     def replay(request, progress):
@@ -82,6 +83,7 @@ NO_ROOM = ImportError("libzstd.so.1: failed to map segment from shared object")
 
 
 @pytest.mark.parametrize("error", [MemoryError("no room"), RuntimeError("can't start new thread"), NO_ROOM], ids=repr)
+@pytest.mark.usefixtures("in_this_process")
 def test_one_that_is_out_of_memory_is_named_with_what_it_took(planned, tmp_path, monkeypatch, capsys, error):
     instead(monkeypatch, {"walk.bag": error})
     outcome = replay_batch(planned(tmp_path / "runs"), 1, None, BatchLines([].append))
@@ -92,6 +94,7 @@ def test_one_that_is_out_of_memory_is_named_with_what_it_took(planned, tmp_path,
 
 
 @pytest.mark.parametrize(("error", "ends"), [(NO_ROOM, False), (ImportError("No module named 'quadlog'"), True)])
+@pytest.mark.usefixtures("in_this_process")
 def test_a_worker_that_cannot_load_quadlog_ends_the_batch_unless_it_lacks_memory(
     planned, tmp_path, monkeypatch, error, ends
 ):
@@ -114,6 +117,7 @@ def test_a_worker_that_cannot_load_quadlog_ends_the_batch_unless_it_lacks_memory
     assert any(line.startswith("stopping: ") for line in lines) == ends
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_bug_is_one_recordings_and_its_traceback_is_shown(planned, tmp_path, monkeypatch, capsys):
     instead(monkeypatch, {"walk.bag": ZeroDivisionError("by 0")})
     outcome = replay_batch(planned(tmp_path / "runs"), 1, None, BatchLines([].append))
@@ -129,6 +133,7 @@ def full_disk():
 
 
 @pytest.mark.parametrize("error", [full_disk(), OSError(errno.EDQUOT, "Disk quota exceeded", "tmp")])
+@pytest.mark.usefixtures("in_this_process")
 def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_path, monkeypatch, error):
     batch, lines = planned(tmp_path / "runs"), []
     largest = sorted(batch, key=lambda each: -each.size_bytes)
@@ -149,6 +154,7 @@ def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_pat
     assert [run.failed for run in again.runs] == [True, False, False, False]
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_interrupt_says_how_many_are_done(planned, tmp_path, monkeypatch):
     batch, lines = planned(tmp_path / "runs"), []
     smallest = min(batch, key=lambda each: each.size_bytes).request.run.name
@@ -174,6 +180,7 @@ def test_ctrl_c_many_times_is_one(planned, tmp_path):
     assert not list((tmp_path / "runs").rglob("*.part"))
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_what_a_stopped_worker_had_not_finished_is_removed(planned, tmp_path, monkeypatch):
     """Its process has gone: that of a worker which a signal met between making a file and knowing of it."""
     gone = subprocess.Popen([sys.executable, "-c", ""])

@@ -2,16 +2,24 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from quadlog.cli.main import run
 from quadlog.config import Config
 from quadlog.errors import QuadlogError
 from quadlog.pipelines.info import describe_recording
+from quadlog.pipelines.progress import Silent
+from quadlog.recordings.container import EXCERPT
+from quadlog.recordings.recording import open_recording
+from quadlog.storage.urls import to_path
 
 T0 = 1_700_000_000 * 10**9
 TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()
@@ -97,6 +105,65 @@ def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
     assert info["losses"] == []
 
 
+def write_poses(path: Path, stamp_ns: int, *others: tuple[str, str]) -> Path:
+    """Twelve poses of a reference and of static tf, all at one time, and a message of each other (topic, type)."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    make = store.types
+    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](0, stamp_ns), "map")
+    at, turn = make["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), make["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    inner = make["geometry_msgs/msg/Transform"](make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0), turn)
+    pose = make["geometry_msgs/msg/Pose"](at, turn)
+    still = make["geometry_msgs/msg/TransformStamped"](header, "lidar", inner)
+    rows = [
+        ("/mocap", make["geometry_msgs/msg/PoseStamped"](header, pose)),
+        ("/tf_static", make["tf2_msgs/msg/TFMessage"]([still])),
+    ]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, message in rows:
+            name = message.__msgtype__
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            for _ in range(12):
+                writer.add_message(channel, 10**8, bytes(store.serialize_cdr(message, name)), 10**8)
+        for topic, name in others:
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            writer.add_message(channel, 10**8, b"", 10**8)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(("stamp_ns", "warned"), [(0, True), (1, False)])
+def test_stamps_of_zero_are_a_warning_but_for_static_transforms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stamp_ns: int, warned: bool
+) -> None:
+    path = str(write_poses(tmp_path / "walk.mcap", stamp_ns))
+    assert run(["info", path]) == 0
+    line = "warning: /mocap: 12 messages have the stamp 0; their log time is used\n"
+    assert capsys.readouterr().err == (line if warned else "")
+
+
+@pytest.mark.parametrize("command", [["info"], ["replay", "--until", "position", "-o"]])
+@pytest.mark.parametrize(
+    ("others", "lost"),
+    [
+        ([("/tf_static", "nav_msgs/msg/Odometry")], "/tf_static: cannot be decoded: the topic carries several types"),
+        ([("/x", "std_msgs/msg/String"), ("/x", "nav_msgs/msg/Odometry")], "/x: cannot be decoded: the topic carries"),
+        ([("/x", "std_msgs/msg/String"), ("/x", "std_msgs/msg/Bool")], None),
+    ],
+)
+def test_a_topic_of_several_types_is_a_loss_whatever_its_role(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str], others: list, lost: str | None
+) -> None:
+    path = str(write_poses(tmp_path / "walk.mcap", 1, *others))
+    runs = [str(tmp_path / "runs")] if "-o" in command else []
+    code = run([*command, *runs, path])
+    err = capsys.readouterr().err
+    assert code == (3 if lost else 0), err
+    assert ("lost: " in err) == bool(lost)
+    assert (lost or "") in err
+
+
 def recordings_of_datasets() -> list[Path]:
     folder = os.environ.get("QUADLOG_DATASETS")
     return [] if not folder else [p for p in sorted(Path(folder).rglob("*")) if p.suffix in (".mcap", ".bag", ".db3")]
@@ -123,3 +190,106 @@ def test_packets_are_named() -> None:
     (topic,) = describe_recording(path, Config())["topics"]
     assert topic["name"] == "/robosense_packets"
     assert "driver packets" in topic["why"]
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """More messages than are read unasked: a pose every 10 ms in chunks of about 50."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    pose = types["geometry_msgs/msg/Pose"](
+        types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    path = tmp_path_factory.mktemp("many") / "walk.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=5000, compression=CompressionType.NONE)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
+        channel = writer.register_channel("/pose", "cdr", schema)
+        for i in range(EXCERPT.messages + 100):
+            t_ns = T0 + i * 10**7
+            stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
+            message = types["geometry_msgs/msg/PoseStamped"](types["std_msgs/msg/Header"](stamp, "map"), pose)
+            writer.add_message(channel, t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
+        writer.finish()
+    return path
+
+
+def test_a_large_recording_is_sampled_and_its_counts_are_whole(many: Path) -> None:
+    info, full = describe_recording(many, Config()), describe_recording(many, Config(), full=True)
+    assert (info["sampled"], full["sampled"]) == (True, False)
+    assert info["messages"] == full["messages"] == full["messages_read"] == EXCERPT.messages + 100
+    assert 0 < info["messages_read"] < EXCERPT.messages / 10
+    of_sample = ("sampled", "messages_read")
+    assert {k: v for k, v in info.items() if k not in of_sample} == {
+        k: v for k, v in full.items() if k not in of_sample
+    }
+
+
+def test_a_damaged_chunk_outside_the_sample_is_found_by_full(many: Path, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.mcap"
+    data = bytearray(many.read_bytes())
+    data[7000] ^= 0xFF  # in the second of some hundred chunks
+    path.write_bytes(data)
+    assert describe_recording(path, Config())["losses"] == []
+    (loss,) = describe_recording(path, Config(), full=True)["losses"]
+    assert (loss["cause"], "1 chunk with" in loss["detail"]) == ("crc", True)
+
+
+def test_damage_inside_the_sample_is_told_and_all_of_it_makes_info_read_on(many: Path, tmp_path: Path) -> None:
+    with open_recording(many) as recording:
+        part = recording.excerpt(EXCERPT)
+        assert part is not None
+        offsets = [many.read_bytes().index(bytes(raw.payload)) for raw, _ in part.everything()]
+    path = tmp_path / "damaged.mcap"
+    data = bytearray(many.read_bytes())
+    data[offsets[-1]] ^= 0xFF
+    path.write_bytes(data)
+    info = describe_recording(path, Config())
+    assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (True, ["crc"])
+    for offset in offsets[:-1]:
+        data[offset] ^= 0xFF
+    path.write_bytes(data)
+    info = describe_recording(path, Config())
+    assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (False, ["crc"])
+    assert any("no message of the sample can be read" in line for line in info["warnings"])
+
+
+def test_without_message_indexes_all_is_read_and_said(many: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bare.mcap"
+    with many.open("rb") as source, path.open("wb") as file:
+        writer = Writer(file, index_types=IndexType.ALL & ~IndexType.MESSAGE)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
+        channel = writer.register_channel("/pose", "cdr", schema)
+        for _, _, message in make_reader(source).iter_messages():
+            writer.add_message(channel, message.log_time, message.data, message.publish_time)
+        writer.finish()
+    steps = Steps()
+    info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
+    assert (info["sampled"], info["messages_read"]) == (False, EXCERPT.messages + 100)
+    (warning,) = [line for line in info["warnings"] if "index" in line]
+    assert "list 0 of" in warning
+    assert "all of the recording was read" in warning
+    assert (steps.total, steps.done) == (100, 100)
+
+
+class Steps(Silent):
+    """How far a progress bar would have come."""
+
+    def __init__(self) -> None:
+        self.total: int | None = None
+        self.done = 0
+
+    def begin(self, stage: str, total: int | None) -> None:
+        self.total = total
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        self.done += 1
+
+
+def test_of_a_remote_recording_the_index_and_the_sample_are_fetched(many: Path, web: Any) -> None:
+    size = (web.folder / many.name).write_bytes(many.read_bytes())
+    info = describe_recording(to_path(f"{web.url}/{many.name}"), Config())
+    assert (info["sampled"], info["messages"]) == (True, EXCERPT.messages + 100)
+    assert web.sent_bytes < 0.9 * size

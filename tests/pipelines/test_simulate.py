@@ -53,6 +53,22 @@ def undrawn(monkeypatch) -> None:
     monkeypatch.setattr(walk_folder, "write_plots", lambda *_: {})
 
 
+def test_an_interrupted_walk_leaves_no_folder_in_the_way(path, tmp_path, monkeypatch):
+    """A walk cannot be resumed, so the same command must work again without --force."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    request = _request(path, tmp_path / "runs", "simulation.controller=kinematic")
+    monkeypatch.setattr(walk_folder, "write_page", interrupted)
+    monkeypatch.setattr(walk_folder, "write_plots", lambda *_: {})
+    with pytest.raises(KeyboardInterrupt):
+        simulate(request, 1, Silent())
+    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
+    monkeypatch.setattr(walk_folder, "write_page", lambda *_: None)
+    assert (_simulate(request).run / "run.json").is_file()
+
+
 @pytest.fixture(scope="module")
 def walked(path, tmp_path_factory) -> SimulatedRun:
     return _simulate(_request(path, tmp_path_factory.mktemp("runs"), "simulation.terrain=3cm", "results.frames=2"))

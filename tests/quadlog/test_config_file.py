@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import tomllib
 
 import pytest
@@ -7,8 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config import Anchor, Config, Tag
-from quadlog.config_file import commented_toml, load_config
-from quadlog.errors import InvalidConfigValue, QuadlogError, TooLarge, UnknownConfigKey, UnknownName, UnreadableConfig
+from quadlog.config_file import Flag, commented_toml, configure, load_config
+from quadlog.errors import (
+    InvalidConfigValue,
+    QuadlogError,
+    TooLarge,
+    UnknownConfigKey,
+    UnknownName,
+    UnreadableConfig,
+    UsageError,
+)
 
 
 def test_precedence_is_defaults_file_environment_set(tmp_path):
@@ -107,7 +116,65 @@ def test_every_key_with_a_description_is_explained():
     text = commented_toml(Config(), {"uwb.anchors": ["seen in the log: 0, 1, 2"]})
     assert "# acceleration_std_mps2: " in text
     assert "# seen in the log: 0, 1, 2" in text
-    assert tomllib.loads(text)["uwb"]["range_std_m"] == 0.1
+    lifted = re.sub(r"^# (?=\w+ = .)", "", text, flags=re.MULTILINE)
+    assert tomllib.loads(lifted)["uwb"]["range_std_m"] == 0.1
+    assert Config.model_validate(tomllib.loads(lifted)) == Config()
+
+
+def test_only_what_was_set_is_no_comment():
+    live = tomllib.loads(commented_toml(_sample()))
+    assert live.pop("lidar") == {"mount": {"pitch_deg": 3.0}}
+    assert set(live.pop("uwb")) == {"anchors", "tags"}
+    assert not any(value != {} for keys in live.values() for value in keys.values())
+
+
+@pytest.mark.parametrize(
+    ("environ", "overrides", "flags", "method", "noted"),
+    [
+        ({}, [], [], "paper", True),
+        ({"QUADLOG_UWB__METHOD": "linear"}, [], [], "linear", False),
+        ({"QUADLOG_UWB__METHOD": "linear"}, ["uwb.method=weighted"], [], "weighted", False),
+        ({"QUADLOG_UWB__METHOD": "linear"}, [], [Flag("--method", "uwb.method", "weighted")], "weighted", False),
+        ({}, ["uwb.method=paper"], [], "paper", False),
+    ],
+)
+def test_a_preset_outranks_the_file_alone_and_says_what_it_replaced(tmp_path, environ, overrides, flags, method, noted):
+    path = tmp_path / "quadlog.toml"
+    path.write_text('[uwb]\nmethod = "huber"\nsmooth = false\ncalibrate = true\nrange_std_m = 0.2\n')
+    config, notes = configure(path, overrides, environ, "paper", flags=flags)
+    assert (config.uwb.method, config.uwb.calibrate, config.uwb.range_std_m) == (method, False, 0.2)
+    replaced = ['uwb.method = "paper" instead of "huber"'] * noted + ["uwb.calibrate = false instead of true"]
+    assert notes == (f"preset paper replaces keys of {path}: {', '.join(replaced)}",)
+
+
+def test_a_preset_without_anything_to_replace_says_nothing(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[uwb]\nsmooth = false\n")
+    assert configure(path, environ={}, preset="paper").notes == configure(environ={}, preset="paper").notes == ()
+    assert configure(path, environ={}).config.uwb.smooth is False
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "override", "same"),
+    [
+        ("planner.name", "astar", "planner.name=astar", True),
+        ("planner.name", "astar", "planner.name=lpa_star", False),
+        ("planner.name", "astar", "planner={name='lpa_star'}", False),
+        ("planner.name", "astar", "planner.memory=true", None),
+        ("pursuit.speed_mps", 0.6, "pursuit.speed_mps=0.60", True),
+        ("pursuit.speed_mps", 0.6, "pursuit.speed_mps=0.5", False),
+    ],
+)
+def test_an_option_and_a_setting_of_one_key_must_agree(key, value, override, same):
+    flags = [Flag("--option", key, value), Flag("--other", "planner.smooth", None)]
+    if same is None:
+        with pytest.raises(UnknownConfigKey):
+            configure(None, [override], {}, flags=flags)
+    elif same:
+        assert configure(None, [override], {}, flags=flags).config == load_config(None, [override], {})
+    else:
+        with pytest.raises(UsageError, match=rf"--option {value} and --set {re.escape(override)} differ"):
+            configure(None, [override], {}, flags=flags)
 
 
 @given(st.text(max_size=40), st.text(max_size=40))

@@ -42,6 +42,7 @@ def test_names_are_found_without_an_import(install):
         ("import no_such_module_anywhere\n", "ModuleNotFoundError: No module named 'no_such_module_anywhere'"),
         ("raise SystemExit('three\\nlines\\nlong')\n", "SystemExit: three lines long"),
         ("this is no python\n", "SyntaxError: "),
+        ("class E(Exception):\n    __str__ = None\nraise E\n", "E: without a readable message"),
         ("other = 1\n", "AttributeError: "),
     ],
 )

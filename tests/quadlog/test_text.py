@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import csv
+import io
+import re
 import shlex
 
 import pytest
@@ -7,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config_file import load_config
-from quadlog.text import printable, set_flag
+from quadlog.text import csv_table, printable, set_flag
 
 NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20)
 
@@ -17,6 +20,16 @@ def test_what_is_shown_is_one_line_that_no_terminal_obeys(text: str) -> None:
     shown = printable(text)
     assert shown.isprintable()
     assert len(shown) == len(text)
+
+
+@given(st.lists(st.tuples(NAMES, NAMES), min_size=1), st.sampled_from("=+-@\t\r"))
+def test_no_cell_of_a_csv_is_a_formula_and_numbers_stay(names: list[tuple[str, str]], first: str) -> None:
+    rows = [(first + name, other, -1.5, "-2e-05", None) for name, other in names]
+    found = list(csv.reader(io.StringIO(csv_table(rows), newline="")))
+    for row, cells in zip(rows, found, strict=True):
+        assert all(cell == str(text) or cell == f"'{text}" for text, cell in zip(row[:2], cells, strict=False))
+        assert cells[2:] == ["-1.5", "-2e-05", ""]
+        assert not any(re.match(r"[=@\t\r]|[+-](?![0-9.e+-]+$)", cell) for cell in cells[:2])
 
 
 def test_printable_text_stays_and_the_rest_is_seen_to_be_missing() -> None:

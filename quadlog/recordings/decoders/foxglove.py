@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,8 +12,8 @@ import numpy as np
 from quadlog.errors import DecodeError
 from quadlog.geometry import apply_transform, transform_from_quat
 from quadlog.messages import Float, PointCloud, Pose
-from quadlog.recordings.decoders.point_fields import Block, Column, check_block, cloud_from_block
-from quadlog.recordings.decoders.pose import normalised, unit_quaternion, vector
+from quadlog.recordings.decoders.point_fields import Block, Column, MakeCloud, check_block, cloud_from_block
+from quadlog.recordings.decoders.pose import normalised, place, unit_quaternion, within_reach
 from quadlog.recordings.decoders.stamps import frame_name
 from quadlog.recordings.payload_reader import Payload
 
@@ -25,12 +24,12 @@ NUMERIC_NAMES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32
 PoseParts = tuple[Float, Float]  # position (3,), quaternion xyzw (4,)
 
 
-def decode_point_cloud(message: Any, topic: str) -> PointCloud:
+def decode_point_cloud(message: Any, topic: str, make_cloud: MakeCloud = cloud_from_block) -> PointCloud:
     """A protobuf foxglove.PointCloud; its pose, the cloud's origin in frame_id, is applied to the points."""
     fields = {each.name: (each.offset, each.type) for each in message.fields}
     pose = _proto_pose(message.pose, topic) if message.HasField("pose") else None
     stamp = _proto_stamp(message.timestamp)
-    return _cloud(topic, stamp, message.frame_id, message.point_stride, fields, message.data, pose)
+    return _cloud(topic, stamp, message.frame_id, message.point_stride, fields, message.data, pose, make_cloud)
 
 
 def decode_pose_in_frame(message: Any, topic: str) -> Pose:
@@ -39,7 +38,7 @@ def decode_pose_in_frame(message: Any, topic: str) -> Pose:
     return Pose(_proto_stamp(message.timestamp), frame_name(message.frame_id), "", position, quaternion)
 
 
-def json_point_cloud_decoder(topic: str) -> Callable[[Payload], PointCloud]:
+def json_point_cloud_decoder(topic: str, make_cloud: MakeCloud = cloud_from_block) -> Callable[[Payload], PointCloud]:
     """A decoder of JSON foxglove.PointCloud payloads (data in base64)."""
 
     def decode(payload: Payload) -> PointCloud:
@@ -51,9 +50,9 @@ def json_point_cloud_decoder(topic: str) -> Callable[[Payload], PointCloud]:
             stride = int(message["point_stride"])
             pose = _json_pose(message["pose"], topic) if message.get("pose") else None
             stamp, frame = _json_stamp(message), str(message["frame_id"])
-        except (KeyError, TypeError, ValueError, binascii.Error) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DecodeError(topic, f"not a foxglove.PointCloud: {error!r}") from error
-        return _cloud(topic, stamp, frame, stride, fields, data, pose)
+        return _cloud(topic, stamp, frame, stride, fields, data, pose, make_cloud)
 
     return decode
 
@@ -66,7 +65,7 @@ def json_pose_decoder(topic: str) -> Callable[[Payload], Pose]:
         try:
             position, quaternion = _json_pose(message["pose"], topic)
             return Pose(_json_stamp(message), frame_name(message["frame_id"]), "", position, quaternion)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DecodeError(topic, f"not a foxglove.PoseInFrame: {error!r}") from error
 
     return decode
@@ -80,6 +79,7 @@ def _cloud(
     fields: Mapping[str, tuple[int, int]],
     data: bytes,
     pose: PoseParts | None,
+    make_cloud: MakeCloud,
 ) -> PointCloud:
     layout = {
         name: Column(offset, np.dtype(NUMERIC_TYPES[kind - 1]))
@@ -92,7 +92,7 @@ def _cloud(
         raise DecodeError(topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
     block = Block(data, 0, 1, len(data) // stride, len(data), stride)
     check_block(topic, block, len(data), layout)
-    cloud = cloud_from_block(topic, block, layout, stamp, frame_name(frame))
+    cloud = make_cloud(topic, block, layout, stamp, frame_name(frame))
     if pose is None or (not pose[0].any() and abs(pose[1][3]) == 1):
         return cloud
     xyz_m = apply_transform(transform_from_quat(*pose), cloud.xyz_m).astype(np.float32)
@@ -105,7 +105,7 @@ def _proto_stamp(timestamp: Any) -> int:
 
 def _proto_pose(pose: Any, topic: str) -> PoseParts:
     at, turn = pose.position, pose.orientation
-    return vector(at), unit_quaternion(turn, topic)
+    return place(at, topic), unit_quaternion(turn, topic)
 
 
 def json_object(payload: Payload, topic: str) -> dict[str, Any]:
@@ -129,8 +129,8 @@ def _json_stamp(message: dict[str, Any]) -> int | None:
 
 def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:
     at, turn = pose["position"], pose["orientation"]
-    position = np.array([float(at[axis]) for axis in "xyz"], np.float64)
-    return position, normalised([float(turn[axis]) for axis in "xyzw"], topic)
+    x, y, z = (float(at[axis]) for axis in "xyz")
+    return np.array(within_reach(x, y, z, topic), np.float64), normalised([float(turn[axis]) for axis in "xyzw"], topic)
 
 
 def _numeric(kind: int | str) -> int:

@@ -9,23 +9,25 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_fields import Block, Column, check_block, cloud_from_block
+from quadlog.recordings.decoders.point_fields import Block, Column, MakeCloud, check_block, cloud_from_block
 from quadlog.recordings.payload_reader import Payload, PayloadReader
 
 POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def livox_decoder(topic: str, encoding: str) -> Callable[[Payload], PointCloud]:
+def livox_decoder(
+    topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
+) -> Callable[[Payload], PointCloud]:
     """A decoder of CustomMsg payloads; ``line`` becomes ring, ``offset_time`` offset_ns."""
 
     def decode(payload: Payload) -> PointCloud:
-        return decode_livox(payload, encoding, topic)
+        return decode_livox(payload, encoding, topic, make_cloud)
 
     return decode
 
 
-def decode_livox(payload: Payload, encoding: str, topic: str) -> PointCloud:
+def decode_livox(payload: Payload, encoding: str, topic: str, make_cloud: MakeCloud = cloud_from_block) -> PointCloud:
     """One CustomMsg; the number of points is checked against the payload before anything is allocated."""
     reader = PayloadReader(payload, encoding, topic)
     header = reader.header()
@@ -49,7 +51,7 @@ def decode_livox(payload: Payload, encoding: str, topic: str) -> PointCloud:
     }
     check_block(topic, block, size, fields)
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
-    cloud = cloud_from_block(topic, block, fields, header.stamp_ns, header.frame_id)
+    cloud = make_cloud(topic, block, fields, header.stamp_ns, header.frame_id)
     return _relative_to_stamp(cloud, timebase_ns)
 
 

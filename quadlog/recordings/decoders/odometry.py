@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from quadlog.messages import Float, Odometry
-from quadlog.recordings.columns import Columns, stamps_ns, unit_rows
-from quadlog.recordings.decoders.pose import unit_quaternion, vector
+from quadlog.recordings.columns import Columns, reachable_rows, stamps_ns, unit_rows
+from quadlog.recordings.decoders.pose import place, unit_quaternion, vector
 from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
 from quadlog.recordings.payload_layout import TEXT, each_of, header_of
 
@@ -29,7 +29,7 @@ def decode_odometry(message: Any, topic: str) -> Odometry:
         stamp_ns(message),
         frame_id(message),
         frame_name(message.child_frame_id),
-        vector(pose.position),
+        place(pose.position, topic),
         unit_quaternion(pose.orientation, topic),
         vector(twist.linear),
         vector(twist.angular),
@@ -41,4 +41,4 @@ def odometry_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Co
     quat_xyzw, sound = unit_rows(numbers[:, 5:9])
     values = np.concatenate([numbers[:, 2:5], quat_xyzw, numbers[:, 9:]], axis=1)
     frame, child = (frame_name(text) for text in texts)
-    return [Columns(Odometry, stamps_ns(numbers[:, :2]), values, frame, child)], sound
+    return [Columns(Odometry, stamps_ns(numbers[:, :2]), values, frame, child)], sound & reachable_rows(values[:, :3])

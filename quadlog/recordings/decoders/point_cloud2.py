@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_fields import Block, Column, check_block, cloud_from_block
+from quadlog.recordings.decoders.point_fields import Block, Column, MakeCloud, check_block, cloud_from_block
 from quadlog.recordings.payload_reader import Payload, PayloadReader
 
 # sensor_msgs/PointField datatypes 1 to 8.
@@ -19,16 +19,18 @@ MOST_FIELDS = 256
 Layout = dict[str, tuple[int, int]]  # name -> (offset, datatype)
 
 
-def point_cloud2_decoder(topic: str, encoding: str) -> Callable[[Payload], PointCloud]:
+def point_cloud2_decoder(
+    topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
+) -> Callable[[Payload], PointCloud]:
     """A decoder of payloads encoded as ``ros1`` or ``cdr``; it raises DecodeError for one that is not whole."""
-    return _PointCloud2Decoder(topic, encoding)
+    return _PointCloud2Decoder(topic, encoding, make_cloud)
 
 
 class _PointCloud2Decoder:
     """Remembers the last field list, byte for byte: the next message nearly always has the same one."""
 
-    def __init__(self, topic: str, encoding: str) -> None:
-        self.topic, self.encoding = topic, encoding
+    def __init__(self, topic: str, encoding: str, make_cloud: MakeCloud) -> None:
+        self.topic, self.encoding, self.make_cloud = topic, encoding, make_cloud
         self.known: tuple[int, int, bytes, Layout] | None = None
 
     def __call__(self, payload: Payload) -> PointCloud:
@@ -48,7 +50,7 @@ class _PointCloud2Decoder:
             name: Column(offset, np.dtype(order + DATATYPES[kind - 1])) for name, (offset, kind) in fields.items()
         }
         check_block(self.topic, block, size, layout)
-        return cloud_from_block(self.topic, block, layout, header.stamp_ns, header.frame_id)
+        return self.make_cloud(self.topic, block, layout, header.stamp_ns, header.frame_id)
 
     def _fields(self, reader: PayloadReader) -> Layout:
         begin = reader.at

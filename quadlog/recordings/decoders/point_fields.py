@@ -6,7 +6,7 @@ coordinates out of the payload in one strided read, without a Python loop.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -76,13 +76,9 @@ def cloud_from_block(
     topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
 ) -> PointCloud:
     """The PointCloud of a checked block; ring and offset_ns only where a field gives plausible ones."""
-    count = block.rows * block.columns
-    if count == 0:
-        return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
-    missing = [name for name in "xyz" if name not in fields]
-    if missing:
-        listed = ", ".join(fields) or "none"
-        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
+    cloud = checked_cloud(topic, block, fields, stamp_ns, frame_id)
+    if block.rows * block.columns == 0:
+        return cloud
     ring_name = next((name for name in fields if name in RING_FIELDS), None)
     time_name = next((name for name in fields if name in TIME_FIELDS), None)
     return PointCloud(
@@ -92,6 +88,20 @@ def cloud_from_block(
         _rings(block.column(fields[ring_name])) if ring_name else None,
         times=point_times(block.column(fields[time_name]), stamp_ns) if time_name else None,
     )
+
+
+def checked_cloud(
+    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
+) -> PointCloud:
+    """The same without points: for a look at stamps. Raises DecodeError where cloud_from_block would."""
+    missing = [name for name in "xyz" if name not in fields]
+    if block.rows * block.columns and missing:
+        listed = ", ".join(fields) or "none"
+        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
+    return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
+
+
+MakeCloud = Callable[[str, Block, Mapping[str, Column], int | None, str], PointCloud]
 
 
 def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:

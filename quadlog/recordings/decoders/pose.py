@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from quadlog.errors import DecodeError
+from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Float, Pose
-from quadlog.recordings.columns import Columns, stamps_ns, unit_rows
+from quadlog.recordings.columns import Columns, reachable_rows, stamps_ns, unit_rows
 from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
 from quadlog.recordings.payload_layout import TEXT, each_of, header_of
 
@@ -52,16 +53,30 @@ def pose_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Column
     quat_xyzw, sound = unit_rows(numbers[:, 5:])
     values = np.concatenate([numbers[:, 2:5], quat_xyzw], axis=1)
     frames = [frame_name(text) for text in texts]
-    return [Columns(Pose, stamps_ns(numbers[:, :2]), values, *frames)], sound
+    return [Columns(Pose, stamps_ns(numbers[:, :2]), values, *frames)], sound & reachable_rows(values[:, :3])
 
 
 def _pose(message: Any, child: str, position: Any, orientation: Any, topic: str) -> Pose:
-    return Pose(stamp_ns(message), frame_id(message), child, vector(position), unit_quaternion(orientation, topic))
+    position_m, quat_xyzw = place(position, topic), unit_quaternion(orientation, topic)
+    return Pose(stamp_ns(message), frame_id(message), child, position_m, quat_xyzw)
 
 
 def vector(xyz: Any) -> Float:
-    """(3,) float64 of a Point or Vector3."""
+    """(3,) float64 of a Vector3: a rate, a velocity, an acceleration."""
     return np.array([xyz.x, xyz.y, xyz.z], np.float64)
+
+
+def place(xyz: Any, topic: str) -> Float:
+    """(3,) float64 of a position with fields x, y, z; see within_reach."""
+    return np.array(within_reach(xyz.x, xyz.y, xyz.z, topic), np.float64)
+
+
+def within_reach(x: float, y: float, z: float, topic: str) -> tuple[float, float, float]:
+    """The same position in metres. Raises DecodeError for one that is not finite or farther out than FARTHEST_M."""
+    # NaN fails every comparison.
+    if -FARTHEST_M <= x <= FARTHEST_M and -FARTHEST_M <= y <= FARTHEST_M and -FARTHEST_M <= z <= FARTHEST_M:
+        return x, y, z
+    raise DecodeError(topic, f"its position is not finite, or beyond {FARTHEST_M:.0e} m")
 
 
 def unit_quaternion(xyzw: Any, topic: str) -> Float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
@@ -19,12 +21,15 @@ from quadlog.results.record import RunRecord
 from quadlog.results.run_folder import read_metrics, read_run_json
 from quadlog.results.run_start import TIMED
 from quadlog.results.samples import CloudSample, GroundMap, read_cloud_samples, read_ground
+from quadlog.results.schemas import TABLES
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import read_tum
 
 Table = dict[str, NDArray[Any]]
 
 LATE_STD = 3.0
+LARGEST_DRAWN = 1e12
+"""Larger finite numbers are not drawn: no quantity of a run comes near, whatever its unit."""
 
 
 class RunData:
@@ -37,13 +42,27 @@ class RunData:
         self.path = path
         self.record = _read_record(path) if record is None else record
         self._tables: dict[str, Table | None] = {}
+        self._left_out: dict[str, int] = {}
 
     def table(self, name: str) -> Table | None:
-        """The columns (N,) of NAME.parquet, or None when the file is missing or has no row."""
+        """The columns (N,) of NAME.parquet, or None when the file is missing or has no row.
+
+        Rows with a value that cannot be drawn are left out; see left_out.
+        """
         if name not in self._tables:
-            table = read_table(self.path, name) if has_table(self.path, name) else None
-            self._tables[name] = table if table and len(next(iter(table.values()))) else None
+            table = read_table(self.path, name, largest=math.inf) if has_table(self.path, name) else None
+            kept = None if table is None else _drawable(table)
+            if kept is not None and table is not None and not kept.all():
+                self._left_out[name] = int(np.count_nonzero(~kept))
+                table = {column: values[kept] for column, values in table.items()}
+            self._tables[name] = table if kept is not None and kept.any() else None
         return self._tables[name]
+
+    def left_out(self) -> dict[str, int]:
+        """How many rows of each table are not drawn, because a value is beyond LARGEST_DRAWN."""
+        for name in TABLES:
+            self.table(name)
+        return {name: self._left_out[name] for name in TABLES if name in self._left_out}
 
     @cached_property
     def maps(self) -> MapSequence | None:
@@ -125,6 +144,15 @@ class RunData:
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) as seconds since the start of the run."""
         return seconds_since(t_ns, self.start_ns)
+
+
+def _drawable(table: Table) -> NDArray[np.bool_]:
+    """Which rows (N,) can be drawn: those without a number that matplotlib's arithmetic cannot take."""
+    kept = np.ones(len(next(iter(table.values()))), dtype=bool)
+    for values in table.values():
+        if values.dtype.kind == "f":
+            kept &= ~((np.abs(values) > LARGEST_DRAWN) & np.isfinite(values))
+    return kept
 
 
 def _read_record(path: Path) -> RunRecord:

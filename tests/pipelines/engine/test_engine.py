@@ -4,14 +4,14 @@ from collections import deque
 from concurrent.futures import Future
 
 import pytest
+from dask.local import SynchronousExecutor
 
 from quadlog.pipelines.engine import engine as engine_module
 from quadlog.pipelines.engine.engine import Engine, open_engine
-from quadlog.pipelines.engine.here import Here
-from quadlog.pipelines.engine.telling import tell, worker_name
+from quadlog.pipelines.engine.telling import tell, told_to, worker_name
 
 
-@pytest.mark.parametrize("place", ["here", "processes", "cluster"])
+@pytest.mark.parametrize("place", ["one process", "processes", "cluster"])
 def test_every_engine_does_each_task_once_and_hears_what_is_told(tasks, request, place):
     heard, said, todo = [], [], deque([[n] for n in range(9)])
     scheduler = request.getfixturevalue("cluster").scheduler_address if place == "cluster" else None
@@ -26,7 +26,7 @@ def test_every_engine_does_each_task_once_and_hears_what_is_told(tasks, request,
 def test_no_more_tasks_are_given_out_than_there_is_room_for():
     given, most = [], []
 
-    class Watched(Here):
+    class Watched(SynchronousExecutor):
         def submit(self, fn, /, *args, **kwargs):
             most.append(len(given) - len(taken))
             given.append(args)
@@ -46,7 +46,7 @@ def test_that_all_workers_have_gone_is_said_once_and_so_is_that_one_has_come(mon
     monkeypatch.setattr(engine_module, "LOOK_AGAIN_S", 0.0)
     rooms, given = iter([0, 0, 2, 1, 0, 0, 0, 1]), Future()
 
-    class Slow(Here):
+    class Slow(SynchronousExecutor):
         def submit(self, fn, /, *args, **kwargs):
             return given
 
@@ -77,20 +77,11 @@ def test_a_cluster_without_workers_is_waited_for_aloud(empty_cluster):
         assert said[0].startswith(f"no workers: waiting until one connects to {cluster.scheduler_address}; ")
 
 
-def test_an_error_here_is_the_futures_and_an_interrupt_is_not():
-    def interrupt():
-        raise KeyboardInterrupt
-
-    here = Here()
-    assert type(here.submit(int, "x").exception()) is ValueError
-    with pytest.raises(KeyboardInterrupt):
-        here.submit(interrupt)
-
-
 def test_what_nobody_listens_to_is_lost():
     tell("into the void")
     heard = []
-    Here(heard.append).submit(tell, "a word")
+    with told_to(heard.append):
+        tell("a word")
     tell("too late")
     assert heard == ["a word"]
     assert worker_name().rpartition(":")[2].isdigit()

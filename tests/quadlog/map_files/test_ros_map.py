@@ -130,24 +130,32 @@ def test_what_may_be_left_out_and_where_the_picture_may_lie(
         ("image: map.pgm", "image: gone.pgm", r"gone\.pgm: No such file"),
         ("image: map.pgm", "image: .", r"is no regular file"),
         ("image: map.pgm", "image: /dev/zero", r"/dev/zero: is no regular file"),
-        ("image: map.pgm", "image: 7", r"image is no file name"),
+        ("image: map.pgm", "image:", r"image is no text"),
         ("image: map.pgm", 'image: "a\\0b"', r"is damaged"),
-        ("resolution: 0.1", "resolution: .nan", "impossible"),
-        ("resolution: 0.1", "resolution: fine", "no map_server file: ValueError"),
-        ("resolution: 0.1", "resolution: 1" + "0" * 400, "no map_server file: OverflowError"),
-        ("resolution: 0.1", "", "KeyError 'resolution'"),
+        ("resolution: 0.1", "resolution: .nan", "resolution is no number: '.nan'"),
+        ("resolution: 0.1", "resolution: fine", "no map_server file: resolution is no number: 'fine'"),
+        *(
+            ("resolution: 0.1", f"resolution: {value}", "resolution is .* it must be between 0.001 and 1000")
+            for value in ("1e-300", "1e300", "inf", "-1", "0", "1" + "0" * 400)
+        ),
+        ("[-1.0, ", "[1e300, ", "origin must be"),
+        ("resolution: 0.1", "", "resolution is no text"),
         ("2.0, 0.0]", "2.0, 0.5]", "rotated"),
-        ("2.0, 0.0]", "2.0]", "no map_server file: ValueError"),
+        ("2.0, 0.0]", "2.0]", "origin must be"),
         ("mode: trinary", "mode: fine", "mode is 'fine'; choose one of: raw, scale, trinary"),
-        ("mode: trinary", "mode: [raw]", "mode is no word"),
+        ("mode: trinary", "mode: [raw]", "mode is no text"),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "thresholds are not"),
-        ("free_thresh: 0.196", "free_thresh: .nan", "thresholds are not"),
-        ("image: map.pgm", "image: [unclosed", r"map\.yaml, line 2: is no YAML"),
-        ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", r"map\.yaml, line 1: is no YAML"),
-        ("negate: 0", "negate: !!int x", r"map\.yaml: is no YAML: ValueError"),
-        ("negate: 0", "negate: !!int ''", r"map\.yaml: is no YAML: IndexError"),
+        ("free_thresh: 0.196", "free_thresh: .nan", "free_thresh is no number"),
+        ("image: map.pgm", "image: [unclosed", r"map\.yaml, line 2: no map_server file: is no YAML"),
+        ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", r"map\.yaml, line 1: .* has the tag"),
+        ("negate: 0", "negate: !!int x", r"map\.yaml, line 5: .* has the tag"),
+        ("negate: 0", "negate: maybe", "negate is 'maybe'; choose one of"),
+        ("negate: 0", "negate: &a 0", r"map\.yaml, line 5: .* has an alias or anchor"),
+        ("negate: 0", "<<: {negate: 0}", r"map\.yaml, line 5: .* has a merge key"),
+        ("negate: 0", "mode: raw", r"map\.yaml, line 5: .* has the key mode twice"),
+        ("mode: trinary", "mode: " + "a" * 50_000, "mode is 'a{50}... "),
         ("image: map.pgm", "image: map.yaml", r"map\.yaml: is no PGM, PNG or BMP"),
-        (ABOUT, "- just a list\n", "is no map_server file"),
+        (ABOUT, "- just a list\n", "the document is no mapping"),
     ],
 )
 def test_a_wrong_description_is_refused(folder: Path, old: str, new: str, match: str) -> None:
@@ -155,17 +163,6 @@ def test_a_wrong_description_is_refused(folder: Path, old: str, new: str, match:
     (folder / "map.yaml").write_text(ABOUT.replace(old, new))
     with pytest.raises(UnreadableFile, match=match):
         read_rosmap(folder / "map.yaml")
-
-
-def test_lists_of_lists_of_lists_are_not_written_out(folder: Path) -> None:
-    levels = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
-    levels += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 12)]
-    for key in ("image", "mode", "resolution", "negate", "free_thresh"):
-        path = describe(folder, **{key: "*a11"})
-        path.write_text("\n".join([*levels, path.read_text()]))
-        with pytest.raises(UnreadableFile, match=r"map\.yaml: ") as caught:
-            read_rosmap(path)
-        assert len(str(caught.value)) < 500
 
 
 def test_a_huge_description_is_refused(folder: Path) -> None:

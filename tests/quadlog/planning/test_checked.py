@@ -18,6 +18,13 @@ from quadlog.plugins import PLANNERS as GROUP
 from quadlog.plugins import Plugin
 
 PLUGIN = Plugin(GROUP, "odd", "quadlog-odd", "1.0", None)  # type: ignore[arg-type]
+
+
+class Unreadable(Exception):
+    def __str__(self):
+        raise ValueError
+
+
 FREE = np.zeros((6, 8), dtype=bool)
 
 
@@ -88,6 +95,7 @@ def test_cells_of_any_integers_become_int32():
         (lambda plan: plan._replace(cells=plan.cells.ravel()), "gives no Plan: its cells are int32 (16,)"),
         (lambda plan: plan._replace(cells=[["a", "b"]]), "gives no Plan"),
         (lambda plan: plan._replace(cost="dear"), "gives no Plan"),
+        (lambda plan: plan._replace(cost=1j), "gives no Plan"),
         (lambda plan: plan._replace(expanded=1.5), "gives no Plan"),
         (lambda plan: plan._replace(touched=-1), "gives no Plan: a count is negative"),
         (lambda plan: plan._replace(cells=plan.cells[:0]), "does not lead from start to goal"),
@@ -132,6 +140,15 @@ def test_an_exception_is_one_line_that_keeps_its_cause():
     with pytest.raises(PluginUnusable, match=r"could not plan: KeyError: 'no\\nsuch cell'") as raised:
         answering(fail).plan(FREE, (0, 0), (1, 1))
     assert isinstance(raised.value.__cause__, KeyError)
+
+
+@pytest.mark.parametrize("kind", [SystemExit, Unreadable])
+def test_a_planner_neither_ends_quadlog_nor_hides_why_it_failed(kind):
+    def fail(_):
+        raise kind(0)
+
+    with pytest.raises(PluginUnusable, match=f"could not plan: {kind.__name__}: "):
+        answering(fail).plan(FREE, (0, 0), (1, 1))
 
 
 GOOD = """

@@ -127,6 +127,28 @@ def test_what_breaks_a_record_of_a_plain_bag_is_seen(tmp_path, recordings):
         assert set(recordings.causes(container)) == {"count"}
 
 
+@pytest.mark.parametrize(
+    "last_chunk_info",
+    [
+        pytest.param((0, 1, 2, 0, 1), id="no connections"),
+        pytest.param((1, 1, 2, 0, 1), id="one connection too few"),
+        pytest.param((2, 1, 0, 0, 0), id="no messages"),
+        pytest.param((2, 1, 2, 1, 1), id="one connection twice"),
+    ],
+)
+def test_an_index_that_hides_messages_is_not_believed(tmp_path, recordings, last_chunk_info):
+    messages = recordings.some()
+    path = recordings.bag(tmp_path / "a.bag", messages)
+    data = path.read_bytes()
+    place = data.rindex(b"count=") + len(b"count=")
+    assert struct.unpack("<IIIIII", data[place:]) == (2, 16, 1, 2, 0, 1)
+    pairs, *connections = last_chunk_info
+    path.write_bytes(data[:place] + struct.pack("<IIIIII", pairs, 16, *connections))
+    with open_bag(path) as container:
+        assert recordings.read(container) == messages
+        assert recordings.causes(container) == ["index"]
+
+
 def test_publishers_of_one_topic_are_one_channel_and_two_types_are_two(tmp_path):
     path = tmp_path / "a.bag"
     with BagWriter(path) as writer:

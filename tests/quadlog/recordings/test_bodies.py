@@ -11,7 +11,7 @@ import pytest
 
 from quadlog.recordings.bodies import Bodies, FirstBodies
 from quadlog.recordings.mcap_reader import McapFormat, open_mcap
-from quadlog.recordings.pieces import Piece
+from quadlog.recordings.pieces import Body, Entries, Piece
 
 
 class CountingForm:
@@ -20,12 +20,12 @@ class CountingForm:
     def __init__(self) -> None:
         self.loads: Counter[int] = Counter()
 
-    def load(self, piece: Piece) -> memoryview:
+    def load(self, piece: Piece, at_most: int | None = None) -> Body:
         self.loads[piece.offset] += 1
-        return memoryview(bytes([piece.offset]) * 100)
+        return Body(memoryview(bytes([piece.offset]) * 100), 100)
 
-    def entries(self, body: memoryview) -> list[Any]:
-        return []
+    def entries(self, body: Body) -> Entries:
+        raise NotImplementedError
 
     def counts(self, piece: Piece) -> None:
         return None
@@ -38,7 +38,7 @@ def one_pass(form: CountingForm, first: FirstBodies, wanted: list[Piece]) -> Non
     bodies = Bodies(form, PIECES, first)
     for piece in wanted:
         for _ in range(3):
-            assert bytes(bodies.get(piece)) == bytes([piece.offset]) * 100
+            assert bytes(bodies.get(piece).data) == bytes([piece.offset]) * 100
         bodies.drop(piece)
     bodies.close()
 
@@ -73,9 +73,9 @@ def test_first_messages_of_all_topics_cost_one_reading(
     loads: Counter[int] = Counter()
     load = McapFormat.load
 
-    def counting(form: McapFormat, piece: Piece) -> memoryview:
+    def counting(form: McapFormat, piece: Piece, at_most: int | None = None) -> Body | None:
         loads[piece.offset] += 1
-        return load(form, piece)
+        return load(form, piece, at_most)
 
     monkeypatch.setattr(McapFormat, "load", counting)
     with open_mcap(recordings.mcap(tmp_path / "a.mcap", recordings.some())) as container:

@@ -45,7 +45,7 @@ STORES = {kind: store_of(kind) for kind in KINDS}
 COLUMN_TYPES = [*IN_COLUMNS, TAGFRAME, STAMPED_TAGFRAME]
 CASES = [(kind, name) for kind in KINDS for name in COLUMN_TYPES if name in STORES[kind].fielddefs]
 
-numbers = st.floats() | st.sampled_from([0.0, -1.0, 0.5])
+numbers = st.floats() | st.floats(-1e3, 1e3) | st.sampled_from([0.0, -1.0, 0.5])
 names = st.text(st.characters(codec="utf-8"), max_size=9) | st.sampled_from(["map", "/odom", "base_link", ""])
 ranges_of = {"int32": (-(2**31), 2**31 - 1), "uint32": (0, 2**32 - 1), "uint8": (0, 255)} | {
     "int16": (-(2**15), 2**15 - 1),

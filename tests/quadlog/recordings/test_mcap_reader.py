@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import bz2
 import io
 import json
 import struct
 from pathlib import Path
 
+import lz4.frame
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
@@ -272,6 +275,42 @@ def test_every_chunk_damaged_is_nothing_readable(tmp_path, recordings, flip):
         flip(path, chunk.chunk_start_offset + chunk.chunk_length - 8)
     with open_mcap(path) as container, pytest.raises(NothingReadable, match="checksum"):
         list(container.messages())
+
+
+def chunk_record(body, compression, packed):
+    """One MCAP chunk with no times, no checksum and this content."""
+    content = struct.pack("<QQQII", 0, 0, len(body), 0, len(compression)) + compression.encode()
+    content += struct.pack("<Q", len(packed)) + packed
+    return struct.pack("<BQ", 6, len(content)) + content
+
+
+def message_record(payload=b"", channel=1, t_ns=0):
+    content = struct.pack("<HIQQ", channel, 0, t_ns, t_ns) + payload
+    return struct.pack("<BQ", 5, len(content)) + content
+
+
+def definitions(topic="/a"):
+    texts = b"".join(struct.pack("<I", len(text)) + text for text in (topic.encode(), b"ros1", b""))
+    return struct.pack("<BQHH", 4, 4 + len(texts), 1, 0) + texts
+
+
+def write_chunks(path, *chunks):
+    """An MCAP file of these records without a summary, whose data section ends as it should."""
+    path.write_bytes(b"".join([b"\x89MCAP0\r\n", definitions(), *chunks, struct.pack("<BQI", 15, 4, 0)]))
+    return path
+
+
+PACKERS = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_a_chunk_of_several_frames_is_read_to_its_end_and_what_follows_them_is_damage(tmp_path, compression):
+    bodies = [message_record(b"one", t_ns=1), b"", message_record(b"two", t_ns=2)]
+    packed = b"".join(map(PACKERS[compression], bodies))
+    whole, longer = (chunk_record(b"".join(bodies), compression, each) for each in (packed, packed + b"junk"))
+    with open_mcap(write_chunks(tmp_path / "a.mcap", whole, longer)) as container:
+        assert [bytes(message.payload) for message in container.messages()] == [b"one", b"two"]
+        assert {loss.cause for loss in container.losses} == {"truncated", "damaged"}
 
 
 def test_a_declared_size_beyond_the_limit_is_refused_before_it_is_allocated(tmp_path, recordings):

@@ -15,8 +15,10 @@ from aiohttp import web as http
 
 from quadlog.errors import NotARecording, RecordingNotFound, StorageChanged, StorageFailed
 from quadlog.recordings.open_container import open_container
+from quadlog.recordings.pulse import indexed_pulses
 from quadlog.recordings.recording import open_recording
 from quadlog.storage import web_object
+from quadlog.storage.remote_bytes import BLOCK_BYTES
 from quadlog.storage.urls import to_path
 
 
@@ -162,3 +164,18 @@ def test_what_is_no_recording_is_told_as_on_this_machine(web: Any, bucket: Any) 
     ):
         with pytest.raises(error):
             open_container(to_path(url))
+
+
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
+def test_log_times_cost_no_more_than_the_index(recordings: Any, web: Any, name: str) -> None:
+    """Not even the blocks around the message indexes, which would be most of the file."""
+    path = build_large(recordings, web.folder / name)
+    with open_container(path) as local, open_container(to_path(f"{web.url}/{name}")) as remote:
+        here, there = (
+            {channel.topic: (pulse.messages, pulse.rates_hz()) for channel, pulse in indexed_pulses(each).items()}
+            for each in (local, remote)
+        )
+    assert here == there
+    listed_bytes = 20_000 * 16
+    assert web.sent_bytes < listed_bytes + 3 * BLOCK_BYTES
+    assert web.sent_bytes < path.stat().st_size / 2

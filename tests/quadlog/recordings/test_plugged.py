@@ -186,6 +186,9 @@ def test_every_kind_passes_with_its_types():
         (Pose(1, "map", "", XYZ[:2], QUAT), Pose, r"position_m of shape \(2,\), not \(3,\)"),
         (Pose(1, "map", "", XYZ, None), Pose, "quat_xyzw"),
         (Pose(1, "map", "", XYZ, QUAT * np.nan), Pose, "quaternion is not finite"),
+        (Pose(1, "map", "", [0, 1e300, 0], QUAT), Pose, "position is not finite, or beyond"),
+        (Odometry(1, "map", "", XYZ * np.nan, QUAT, XYZ, XYZ), Odometry, "position is not finite"),
+        (Transforms(1, (Pose(1, "map", "", XYZ + np.inf, QUAT),), False), Transforms, "position is not finite"),
         (Pose(1, "map", "", ["a", "b", "c"], QUAT), Pose, "ValueError"),
         (UwbRanges(1, 0, [1, 2], [1.0]), UwbRanges, r"range_m of shape \(1,\), not \(2,\)"),
         (UwbRanges(1, 0, 1, 1.0), UwbRanges, r"anchor of shape \(\), not \(0,\)"),
@@ -203,6 +206,14 @@ def test_an_answer_of_another_kind_or_shape_is_not_decoded(message, gives, said)
     with pytest.raises(DecodeError, match=said) as raised:
         decoded(message, gives)
     assert "DecodeError" not in str(raised.value)
+
+
+def test_a_decoder_cannot_end_quadlog():
+    def leave(message, topic):
+        raise SystemExit(0)
+
+    with pytest.raises(DecodeError, match="SystemExit: 0"):
+        interpreter(MessageDecoder(Pose, leave))(None, "/a")
 
 
 def test_what_gives_nothing_iterable_is_not_decoded():

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import resource
+import tempfile
+
 import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 
-from quadlog.errors import RecordingNotFound
+from quadlog.errors import CannotWrite, RecordingNotFound
 from quadlog.recordings.open_container import open_container
 
 METADATA = """rosbag2_bagfile_information:
@@ -104,9 +107,22 @@ def test_a_wrong_message_count_is_not_ignored(folder, recordings):
         "a: [",
         "rosbag2_bagfile_information: 3",
         "rosbag2_bagfile_information: {message_count: many}",
-        "[" * 500,
-        "[" * 9999,
+        "rosbag2_bagfile_information: {message_count: .inf}",
+        "rosbag2_bagfile_information: {message_count: inf}",
+        "rosbag2_bagfile_information: {message_count: 1e300}",
+        "rosbag2_bagfile_information: {message_count: " + "9" * 100_000 + "}",
+        "rosbag2_bagfile_information: {relative_file_paths: [[a]]}",
+        "rosbag2_bagfile_information: {compression_format: " + "a" * 100_000 + "}",
+        "rosbag2_bagfile_information: {topics_with_message_count: [{topic_metadata: {name: {}}}]}",
+        "rosbag2_bagfile_information: {topics_with_message_count: [{topic_metadata: {name: " + "a" * 10**6 + "}}]}",
+        "a: &a {}\n" + "b: {<<: [*a, *a, *a, *a]}\n" * 30,
+        '!!python/object/apply:os.system ["touch owned"]',
+        "a: &a [x,x,x,x,x,x,x,x,x]\n"
+        + "".join(f"{c}: &{c} [{','.join(['*' + p] * 9)}]\n" for p, c in zip("abcdefg", "bcdefgh", strict=True)),
+        *(each * (10**6 // len(each)) for each in ("[", "{", "- ", "? ", "[a, ", "a: [", "---\n", "a: b\n")),
+        "[" * 1000 + "a," * 499_000,
     ],
+    ids=lambda text: repr(text[:40]),
 )
 def test_broken_metadata_is_a_warning(folder, recordings, text):
     (folder / "metadata.yaml").write_text(text)
@@ -114,17 +130,27 @@ def test_broken_metadata_is_a_warning(folder, recordings, text):
         assert recordings.read(container) == recordings.some()
         assert container.losses == []
         assert "metadata.yaml is broken" in container.warnings[0]
+        assert len(container.warnings[0]) < 500
 
 
-def test_yaml_that_makes_objects_or_grows_is_not_obeyed(folder, recordings):
-    bomb = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
-        f"{c}: &{c} [{','.join(['*' + p] * 9)}]\n" for p, c in zip("abcdefg", "bcdefgh", strict=True)
+def test_metadata_of_many_topics_is_read(folder, recordings):
+    write_metadata(folder)
+    profiles = "".join(
+        f"\n          - {{history: 3, depth: {n}, deadline: {{sec: 9223372036, nsec: 854775807}}}}" for n in range(5)
     )
-    for text in ('!!python/object/apply:os.system ["touch owned"]', bomb):
-        (folder / "metadata.yaml").write_text(text)
-        with open_container(folder) as container:
-            assert recordings.read(container) == recordings.some()
-            assert "metadata.yaml is broken" in container.warnings[0]
+    entry = """
+    - topic_metadata:
+        name: /of_another_part_{number}
+        type: std_msgs/msg/String
+        serialization_format: cdr
+        offered_qos_profiles:{profiles}
+      message_count: 0"""
+    text = (folder / "metadata.yaml").read_text()
+    more = "".join(entry.format(number=number, profiles=profiles) for number in range(1000))
+    (folder / "metadata.yaml").write_text(text.replace("\n  compression_format", more + "\n  compression_format"))
+    with open_container(folder) as container:
+        assert recordings.read(container) == recordings.some()
+        assert (container.losses, container.warnings) == ([], [])
 
 
 def test_paths_that_lead_out_of_the_folder_are_not_followed(folder, recordings):
@@ -180,13 +206,62 @@ def test_what_rosbags_writes_is_read(tmp_path, recordings, plugin, mode):
         assert sorted(path.name for path in folder.iterdir()) == before
 
 
-def test_a_compressed_file_is_read_alone_and_damage_to_it_is_named(tmp_path, recordings):
-    path = recordings.mcap(tmp_path / "a.mcap", recordings.some())
-    packed = tmp_path / "b.mcap.zstd"
-    packed.write_bytes(zstandard.compress(path.read_bytes()))
+SKIPPABLE_FRAME = b"\x50\x2a\x4d\x18\x04\0\0\0size"
+
+
+def in_frames(data, count=3):
+    """As pzstd compresses: several frames, with one that decoders skip before each."""
+    size = -(-len(data) // count)
+    parts = (data[begin : begin + size] for begin in range(0, len(data), size))
+    return b"".join(SKIPPABLE_FRAME + zstandard.compress(part) for part in parts)
+
+
+@pytest.mark.parametrize("compress", [zstandard.compress, in_frames])
+@pytest.mark.parametrize("build", ["mcap", "bag", "db3"])
+def test_a_compressed_file_is_read_alone(tmp_path, recordings, compress, build):
+    packed = tmp_path / f"b.{build}.zstd"
+    packed.write_bytes(compress(getattr(recordings, build)(tmp_path / "a", recordings.some()).read_bytes()))
     with open_container(packed) as container:
         assert recordings.read(container) == recordings.some()
-        assert container.path == packed
+        assert (container.path, container.losses, container.warnings) == (packed, [], [])
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:-300], lambda data: data[:-300] + bytes(300)])
+def test_a_compressed_file_is_read_until_its_damage(tmp_path, recordings, damage):
+    path = recordings.mcap(tmp_path / "a.mcap", recordings.some())
+    packed = tmp_path / "b.mcap.zstd"
+    packed.write_bytes(damage(in_frames(path.read_bytes())))
+    with open_container(packed) as container:
+        got = recordings.read(container)
+        assert 0 < len(got) < 60
+        assert got == recordings.some()[: len(got)]
+        assert set(recordings.causes(container)) == {"truncated"}
+        assert "compressed data is damaged" in container.warnings[0]
+
+
+def test_decompressing_without_room_names_the_file_and_the_folder(tmp_path, recordings):
+    packed = tmp_path / "b.mcap.zst"
+    packed.write_bytes(zstandard.compress(recordings.mcap(tmp_path / "a.mcap", recordings.some()).read_bytes()))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(CannotWrite, match=rf"{packed}: .*{tempfile.gettempdir()}.*TMPDIR"):
+            open_container(packed)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_messages_of_several_frames_are_whole(tmp_path, recordings):
+    messages = recordings.some()
+    (tmp_path / "bag").mkdir()
+    recordings.mcap(tmp_path / "bag" / "bag_0.mcap", [(topic, t_ns, in_frames(data)) for topic, t_ns, data in messages])
+    write_metadata(tmp_path / "bag", ["bag_0.mcap"])
+    text = (tmp_path / "bag" / "metadata.yaml").read_text()
+    text = text.replace('format: ""', "format: zstd").replace('mode: ""', "mode: MESSAGE")
+    (tmp_path / "bag" / "metadata.yaml").write_text(text)
+    with open_container(tmp_path / "bag") as container:
+        assert recordings.read(container) == messages
+        assert (container.losses, container.warnings) == ([], [])
 
 
 def test_a_folder_without_files_or_with_separate_recordings_is_not_one(folder, tmp_path):

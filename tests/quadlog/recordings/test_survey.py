@@ -2,14 +2,29 @@ from __future__ import annotations
 
 import math
 import os
+import re
+import struct
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import IndexType
 
-from quadlog.recordings.container import Channel
+from quadlog.errors import QuadlogError
+from quadlog.recordings.bounded import Damaged
+from quadlog.recordings.container import Budget, Channel
+from quadlog.recordings.pulse import indexed_pulses
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import survey
+from quadlog.storage.byte_source import LocalBytes
 
 MS = 10**6
 T0 = 1_700_000_000_000 * MS
@@ -95,3 +110,179 @@ def test_a_real_bag() -> None:
         "/jackal_velocity_controller/odom": 3060,
     }
     assert all(each.hz_min is not None and 40 < each.hz_min < 60 for each in seen.topics)
+
+
+def seen_of(path: Path, budget: Budget | None) -> tuple[list[Any], list[str]]:
+    """What every message's log time tells, and the warnings: read whole, or from the index beside an excerpt."""
+    with open_recording(path) as recording:
+        part = recording if budget is None else recording.excerpt(budget) or recording
+        pulses = None if budget is None else indexed_pulses(recording.container)
+        seen = survey(part, pulses)
+        topics = [replace(each, clock_offset_s=None, clock_jump_s=None, clock_back_ns=0) for each in seen.topics]
+        topics = [replace(each, clock_back_to_ns=0) for each in topics]
+        return [sorted(topics, key=str), seen.messages, seen.start_ns, seen.end_ns], recording.warnings
+
+
+MESSAGES = st.lists(
+    st.tuples(st.sampled_from(["/a", "/b", "/c"]), st.integers(0, 9), st.integers(0, 200)), min_size=1, max_size=60
+)
+
+
+@pytest.mark.parametrize("form", ["mcap", "mcap-loose", "bag", "bag-lz4", "db3", "db3-unindexed", "split"])
+@settings(deadline=None, max_examples=40)
+@given(steps=MESSAGES, start_s=st.sampled_from([0, 100, 1_700_000_000]))
+def test_the_index_tells_what_reading_everything_does(
+    recordings: Any, form: str, steps: list[tuple[str, int, int]], start_s: int
+) -> None:
+    """Late messages, equal times, clocks that go back, and chunks that overlap."""
+    messages, t_ms = [], start_s * 1000
+    for topic, forward, length in steps:
+        t_ms = max(0, t_ms + (forward - 2) * 400)
+        messages.append((topic, t_ms * MS, bytes(length)))
+    with TemporaryDirectory() as name:
+        path = build(recordings, form, Path(name) / "walk", messages)
+        whole = seen_of(path, None)
+        assert seen_of(path, Budget(2, 100, 5)) == whole
+    times_ns = [t_ns for _, t_ns, _ in messages]
+    if form.startswith("db3"):
+        goes_back = any(late > each + 1000 * MS for i, each in enumerate(times_ns) for late in times_ns[:i])
+        assert any("goes back" in line for line in whole[1]) == goes_back
+
+
+def build(recordings: Any, form: str, stem: Path, messages: list[Any]) -> Path:
+    kind, _, option = form.partition("-")
+    if kind == "split":
+        stem.mkdir()
+        half = len(messages) // 2 or 1
+        for number, part in enumerate((messages[:half], messages[half:])):
+            recordings.mcap(stem / f"walk_{number}.mcap", part)
+        return stem
+    path = stem.with_suffix(f".{kind}")
+    if kind == "bag":
+        return recordings.bag(path, messages, option)
+    if kind == "db3":
+        return recordings.db3(path, messages, index=not option)
+    return recordings.mcap(path, messages, use_chunking=not option)
+
+
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
+def test_no_more_is_read_than_the_index_and_the_excerpt(
+    recordings: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    noise = Random(1)
+    messages = [(topic, t_ns, noise.randbytes(6000)) for topic, t_ns, _ in recordings.some(400)]
+    path = build(recordings, name[5:], tmp_path / "walk", messages)
+    size, read_bytes, read = path.stat().st_size, 0, LocalBytes.read
+
+    def count(file: LocalBytes, offset: int, length: int) -> bytes:
+        nonlocal read_bytes
+        data = read(file, offset, length)
+        read_bytes += len(data)
+        return data
+
+    monkeypatch.setattr(LocalBytes, "read", count)
+    with open_recording(path) as recording:
+        pulses = indexed_pulses(recording.container)
+        index_bytes = read_bytes
+        part = recording.excerpt(Budget(8, size // 10, 100))
+        assert part is not None
+        seen = survey(part, pulses)
+    assert index_bytes < size / 5
+    assert 0 < seen.messages_read <= 60
+    assert read_bytes - index_bytes <= size / 8
+    assert seen.messages == 400
+
+
+def test_an_excerpt_is_spread_and_holds_every_topic_the_index_knows(recordings: Any, tmp_path: Path) -> None:
+    messages = recordings.some(400)
+    messages[77] = ("/rare", *messages[77][1:])
+    with open_recording(recordings.mcap(tmp_path / "walk.mcap", messages)) as recording:
+        assert recording.excerpt(Budget(400, 1 << 20, 400)) is None
+        part = recording.excerpt(Budget(8, 1 << 20, 100))
+        assert part is not None
+        read = recordings.read(part.container)
+    assert {topic for topic, _, _ in read} == {"/a", "/b", "/rare"}
+    times_ns = [t_ns for _, t_ns, _ in read]
+    assert (times_ns[0], times_ns[-1]) == (messages[0][1], messages[-1][1])
+    assert max(late - early for early, late in pairwise(times_ns)) < (times_ns[-1] - times_ns[0]) / 6
+
+
+def test_an_index_that_disagrees_with_the_file_is_not_believed(recordings: Any, tmp_path: Path) -> None:
+    path = recordings.mcap(tmp_path / "walk.mcap", recordings.some(80), index_types=IndexType.ALL & ~IndexType.MESSAGE)
+    with open_recording(path) as recording, pytest.raises(Damaged, match="list 0 of 80 messages"):
+        indexed_pulses(recording.container)
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_an_index_that_names_a_channel_twice_in_a_chunk_is_not_believed(
+    recordings: Any, tmp_path: Path, form: str
+) -> None:
+    path = build(recordings, form, tmp_path / "walk", recordings.some(80))
+    number_behind = re.compile(rb"(op=\x04.{16}conn=|\x07.\x00{7})[\x00-\x02]\x00", re.DOTALL)
+    path.write_bytes(number_behind.sub(lambda found: found[1] + b"\1\0", path.read_bytes()))
+    with open_recording(path) as recording, pytest.raises(Damaged, match="twice"):
+        indexed_pulses(recording.container)
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_messages_at_time_zero_are_told_by_the_index(recordings: Any, tmp_path: Path, form: str) -> None:
+    messages = [
+        (topic, 0 if i in (100, 300) else t_ns, data) for i, (topic, t_ns, data) in enumerate(recordings.some(400))
+    ]
+    path = build(recordings, form, tmp_path / "walk", messages)
+    whole = seen_of(path, None)
+    assert any("2 messages logged at time 0" in line for line in whole[1])
+    assert seen_of(path, Budget(1, 100, 5)) == whole
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_chunks_whose_times_the_index_has_wrong_are_told_by_message_indexes(
+    recordings: Any, tmp_path: Path, form: str
+) -> None:
+    messages = recordings.some(400)
+    if form == "mcap":
+        path = recordings.mcap(tmp_path / "walk.mcap", messages, enable_crcs=False)
+        data = bytearray(path.read_bytes())
+        with path.open("rb") as file:
+            chunk = make_reader(file).get_summary().chunk_indexes[30]  # type: ignore[union-attr]
+        ends = data.rindex(struct.pack("<QQ", chunk.message_start_time, chunk.message_end_time)) + 8
+        struct.pack_into("<Q", data, ends, chunk.message_end_time - 1)
+    else:
+        path = recordings.bag(tmp_path / "walk.bag", messages)
+        data = bytearray(path.read_bytes())
+        ends = [found.end() for found in re.finditer(b"end_time=", data)][30]
+        seconds, _ = struct.unpack_from("<II", data, ends)
+        struct.pack_into("<II", data, ends, seconds - 1, 0)
+    path.write_bytes(data)
+    whole = seen_of(path, None)
+    assert any("wrong times for 1 chunk" in line for line in whole[1])
+    assert seen_of(path, Budget(1, 100, 5)) == whole
+
+
+def test_clouds_are_checked_without_their_points(log: Any) -> None:
+    """Their stamps count, and those that cannot be decoded are a loss, as if they had been decoded."""
+    for i in range(3):
+        log.add("/points", T0 + i, log.ros.cloud(T0 + i - 5 * MS, np.ones((4, 3))))
+    raw = log.container.raw[2]
+    log.container.raw[2] = type(raw)(raw.channel, raw.log_time_ns, bytes(raw.payload)[:-20])
+    recording = Recording(log.container)
+    decoded = [messages for _, messages in recording.everything()]
+    assert [[len(each.xyz_m) for each in messages] for messages in decoded] == [[0], [0], []]
+    assert survey(recording).topics[0].clock_offset_s == pytest.approx(-0.005)
+    assert [(loss.cause, loss.count) for loss in recording.losses] == [("decode", 1)]
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+def test_real_recordings_by_their_index() -> None:
+    """Those that are sound and have a whole index: the same as reading everything."""
+    folder = Path(os.environ["QUADLOG_DATASETS"])
+    paths = [path for path in sorted(folder.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")]
+    by_index = 0
+    for path in paths:
+        try:
+            indexed = seen_of(path, Budget(2, 1, 8))
+        except (Damaged, QuadlogError):
+            continue
+        assert indexed == seen_of(path, None), path
+        by_index += 1
+    assert by_index > 50

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import signal
+from pathlib import Path
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -7,11 +10,13 @@ import pytest
 from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.metrics.planner_comparison import compare_planners
 from quadlog.results import comparison_folder
-from quadlog.results.comparison_folder import ComparisonFiles, write_comparison
+from quadlog.results.comparison_folder import ComparisonFiles
 from quadlog.results.comparison_tables import REPLANS, SCENARIOS
+from quadlog.results.files import complete_folders
 from quadlog.results.plots.comparison_paths import PathScene
 
 NAMES = ("astar", "ia_star")
+WRITTEN = ("README.md", "planners.csv", "planners.parquet")
 
 
 def answers(source: str = "walk", replans: int = 3, episodes: int = 1) -> dict[str, np.ndarray]:
@@ -61,7 +66,7 @@ def test_plots_of_every_source_in_its_order(tmp_path):
         for number in range(11):
             add(files, answers(f"walk {number}"), SCENE if number == 10 else None)
         assert not (tmp_path / "plots").exists()  # nothing before all is whole
-    write_comparison(tmp_path, [], ["All is | well."], ["<b>about</b>"])
+        files.finish([], ["All is | well."], ["<b>about</b>"])
     page = (tmp_path / "README.md").read_text()
     shown = [line for line in page.splitlines() if line.startswith("![")]
     assert shown[:3] == [
@@ -81,6 +86,7 @@ def test_plots_of_every_source_in_its_order(tmp_path):
 def test_a_single_replan_has_no_plot_over_replans(tmp_path):
     with ComparisonFiles(tmp_path, force=False, has_queries=False) as files:
         add(files, answers(replans=1, episodes=3))
+        files.finish([], [], [])
     assert [path.name for path in (tmp_path / "plots").iterdir()] == ["source-1-ratios.png"]
 
 
@@ -99,10 +105,16 @@ def test_what_is_there_is_replaced_by_force_alone(tmp_path, name):
         _interrupted(ComparisonFiles(tmp_path, force=True, has_queries=False))
     assert earlier.read_text() == "earlier"
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted({"plots", earlier.relative_to(tmp_path).parts[0]})
-    with ComparisonFiles(tmp_path, force=True, has_queries=False) as files:
-        add(files, answers())
-    assert not earlier.exists()
+    _finished(tmp_path, force=True)
+    assert earlier.name in WRITTEN or not earlier.exists()
+    assert not earlier.exists() or earlier.read_bytes() != b"earlier"
     assert (tmp_path / "plots" / "source-of-truth.png").read_text() == "mine"
+
+
+def _finished(folder: Path, force: bool = False) -> None:
+    with ComparisonFiles(folder, force, has_queries=False) as files:
+        add(files, answers())
+        files.finish([], [], [])
 
 
 def _interrupted(comparison: ComparisonFiles) -> None:
@@ -114,11 +126,8 @@ def _interrupted(comparison: ComparisonFiles) -> None:
 def test_room_that_cannot_be_made_leaves_no_table(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "plots").write_text("in the way")
-    with (
-        pytest.raises(CannotWrite, match="cannot be written"),
-        ComparisonFiles(tmp_path / "out", force=True, has_queries=False) as files,
-    ):
-        add(files, answers())
+    with pytest.raises(CannotWrite, match="cannot be written"):
+        _finished(tmp_path / "out", force=True)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["plots"]
 
 
@@ -131,3 +140,29 @@ def test_a_new_folder_vanishes_with_an_error_an_old_one_stays(tmp_path):
             raise RuntimeError
         assert folder.exists() == (name == "old")
     assert list((tmp_path / "old").iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_files_appear_comes_when_all_are_there(tmp_path, monkeypatch, number):
+    """The last chance to stop a comparison is before its first file appears."""
+
+    def raises(number: int, _: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(number, raises)
+    render, writes = comparison_folder.write_whole, []
+
+    def write(path, content):
+        writes.append(path)
+        signal.raise_signal(number)
+        render(path, content)
+
+    monkeypatch.setattr(comparison_folder, "write_whole", write)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _finished(tmp_path / "out")
+    finally:
+        signal.signal(number, before)
+    assert len(writes) > 3
+    assert all(path.is_file() for path in writes)
+    assert complete_folders(0.0)[-1] == tmp_path / "out"

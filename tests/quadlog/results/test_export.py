@@ -10,6 +10,7 @@ from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
 from quadlog.map_files.ros_map import read_rosmap
 from quadlog.results.export import EXPORTERS, export_run
 from quadlog.results.schemas import TABLES
+from quadlog.results.tables import read_table, write_table
 
 
 def test_the_formats_are_the_contracts() -> None:
@@ -29,6 +30,14 @@ def test_a_walk_along_a_course_has_its_trajectory(tiny_run: Path, tmp_path: Path
     (tiny_run / "trajectory.tum").write_text("0.000000000 1.0 2.0 0.0 0.0 0.0 0.0 1.0\n")
     export_run(tiny_run, "tum", tmp_path / "out")
     assert (tmp_path / "out").read_bytes() == (tiny_run / "trajectory.tum").read_bytes()
+
+
+def test_names_in_a_csv_are_no_formulas(tiny_run: Path, tmp_path: Path) -> None:
+    poses = read_table(tiny_run, "poses")
+    poses["source"][:] = '=HYPERLINK("http://x")'
+    write_table(tiny_run / "poses.parquet", TABLES["poses"], poses)
+    export_run(tiny_run, "csv", tmp_path / "csv")
+    assert set(pd.read_csv(tmp_path / "csv" / "poses.csv")["source"]) == {'\'=HYPERLINK("http://x")'}
 
 
 def test_csv_keeps_every_digit(tiny_run: Path, tmp_path: Path) -> None:

@@ -32,11 +32,14 @@ def test_runs_are_looked_for_three_folders_deep(tmp_path: Path) -> None:
     assert find_runs([tmp_path]) == [deep]
 
 
-def test_what_a_shell_adds_beside_the_runs_is_left_out(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "a")
-    for name in ("report.html", "summary.parquet"):
+def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "m")
+    for name in ("a.txt", "report.html", "summary.parquet"):
         (tmp_path / name).write_text("")
     assert find_runs(sorted(tmp_path.iterdir())) == [run]
+    (tmp_path / "no run").mkdir()
+    with pytest.raises(NotARun, match="no run"):
+        find_runs(sorted(tmp_path.iterdir()))
 
 
 def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:

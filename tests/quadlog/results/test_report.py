@@ -3,6 +3,7 @@ import dataclasses
 import itertools
 import json
 import re
+import warnings
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,11 +14,11 @@ import pytest
 
 from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.plots.figures import PLOTS
-from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.report import write_page, write_plots, write_report
 from quadlog.results.run_folder import RunFolder
 from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.tables import has_table, read_table, write_table
 from quadlog.stages import STAGES
 
 HOSTILE = "/</script><script>alert(1)</script>\"><img src=x onerror=alert(2)>'{{ 7 * 7 }}&amp;"
@@ -91,6 +92,45 @@ def test_the_page_holds_everything_a_reader_looks_for(reported: Path, tiny_recor
         f"numpy {tiny_record.packages['numpy']}",
     ):
         assert words in page.text, words
+
+
+@pytest.mark.parametrize(
+    ("of", "said"),
+    [
+        ({"etag": '"5d-3"', "last_modified": "May"}, 'ETag of the input: "5d-3"'),
+        ({"last_modified": "May"}, "Last-Modified of the input: May"),
+        ({}, "Nothing identifies the input's content"),
+    ],
+)
+def test_an_input_behind_a_url_is_told_by_what_its_server_tells(
+    tmp_path: Path, tiny_record: RunRecord, of: dict[str, str], said: str
+) -> None:
+    run = _bare(tmp_path / "run", dataclasses.replace(tiny_record, input=InputRecord("s3://lab/walk.mcap", 1, **of)))
+    write_report(run)
+    assert said in Page(run / "report.html").text
+
+
+@pytest.mark.parametrize("value", [1e13, 1e39, -1e300])
+def test_numbers_that_cannot_be_drawn_are_left_out_and_told(tiny_run: Path, value: float) -> None:
+    """With no warning of numpy or matplotlib: pytest makes errors of them."""
+    told = []
+    for name in TABLES:
+        if has_table(tiny_run, name):
+            columns = read_table(tiny_run, name)
+            for each in columns.values():
+                if each.dtype.kind == "f":
+                    each[-1] = value
+            write_table(tiny_run / f"{name}.parquet", TABLES[name], columns)
+            told += [name] if any(each.dtype.kind == "f" for each in columns.values()) else []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_report(tiny_run)
+    page = Page(tiny_run / "report.html").text
+    assert [name for name in told if f"1 of the rows of {name}.parquet" not in page] == [], page[:3000]
+    for name in told:
+        if abs(value) == 1e300:
+            with pytest.raises(NotARun, match=rf"{name}\.parquet: is damaged: \w+ holds -1e\+300"):
+                read_table(tiny_run, name)
 
 
 def test_every_picture_is_inside_and_beside_the_page(reported: Path) -> None:

@@ -98,6 +98,25 @@ def test_how_a_run_was_made_is_listed_and_is_no_difference(tiny_run: Path, other
     }
 
 
+@pytest.mark.parametrize(
+    ("one", "two", "told"),
+    [
+        ({"etag": "a"}, {"etag": "b"}, ["etag"]),
+        ({"etag": "a", "last_modified": "May"}, {"etag": "a", "last_modified": "June"}, []),
+        ({"last_modified": "May"}, {"last_modified": "June"}, ["last_modified"]),
+        ({"etag": "a"}, {"sha256": "a"}, ["etag", "sha256"]),
+    ],
+)
+def test_inputs_behind_urls_are_told_apart(
+    tiny_run: Path, other: Path, one: dict[str, str], two: dict[str, str], told: list[str]
+) -> None:
+    for run, fingerprint in ((tiny_run, one), (other, two)):
+        edit_json(
+            run / "run.json", lambda record, of=fingerprint: record.update(input={"path": "x", "size_bytes": 1} | of)
+        )
+    assert [each.key for each in diff_runs(tiny_run, other, EXACT).origins["input"]] == told
+
+
 def test_what_was_read_belongs_to_ingest(tiny_run: Path, other: Path) -> None:
     edit_json(other / "run.json", lambda record: record["topics"][0].update(messages=39, why="a whim"))
     first = first_difference(diff_runs(tiny_run, other, EXACT))

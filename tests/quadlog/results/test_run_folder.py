@@ -179,6 +179,22 @@ def test_a_run_from_before_formats_were_counted_is_read(tiny_run: Path) -> None:
     assert read_run_json(tiny_run) == record
 
 
+@pytest.mark.parametrize(
+    "number", ["1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", "Infinity", "NaN"]
+)
+@pytest.mark.parametrize("keys", [("input", "size_bytes"), ("recorded_s",), ("config", "grid", "cell_m")])
+def test_a_number_out_of_range_damages_a_record(tiny_run: Path, number: str, keys: tuple[str, ...]) -> None:
+    record = json.loads((tiny_run / "run.json").read_bytes())
+    inner = record
+    for key in keys[:-1]:
+        inner = inner.setdefault(key, {})
+    inner[keys[-1]] = "NUMBER"
+    (tiny_run / "run.json").write_text(json.dumps(record).replace('"NUMBER"', number))
+    with pytest.raises(NotARun, match=r"run\.json: is damaged: .*(too large a number|no finite number)") as raised:
+        read_run_json(tiny_run)
+    assert len(str(raised.value)) < 400
+
+
 def test_sound_metrics_are_had_beside_damaged_ones(tiny_run: Path) -> None:
     odd = '{"value": %s, "n": %s, "unit": %s}'
     bad = [("NaN", 1, '"m"'), ("1" * 400, 1, '"m"'), ("true", 1, '""'), (1, -1, '""'), (1, 1.5, '""'), (1, 1, "3")]

@@ -100,6 +100,9 @@ def test_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "t").write_text(LINE + LINE)
     with pytest.raises(UnreadableFile, match="line 2: time does not increase"):
         read_tum(tmp_path / "t")
+    (tmp_path / "t").write_text(LINE + "2 0 -1e300 0 0 0 0 1\n")
+    with pytest.raises(UnreadableFile, match="line 2: has a position beyond 1e\\+08 m"):
+        read_tum(tmp_path / "t")
     (tmp_path / "t").write_bytes(bytes(range(256)) * 100)
     with pytest.raises(UnreadableFile):
         read_tum(tmp_path / "t")

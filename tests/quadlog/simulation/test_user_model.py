@@ -243,15 +243,40 @@ def test_an_included_file_and_a_mesh_beside_it_are_taken(tmp_path: Path):
 
 def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = write(tmp_path, mjcf(ROBOT))
-    for name, most in [("MOST_XML_BYTES", 1000), ("MOST_BODIES", 5)]:
-        with monkeypatch.context() as patch:
-            patch.setattr(model_files, name, most)
-            with pytest.raises(TooLarge):
-                model_files.read_model(path)
+    with monkeypatch.context() as patch:
+        patch.setattr(model_files, "MOST_XML_BYTES", 1000)
+        with pytest.raises(TooLarge):
+            model_files.read_model(path)
     write(tmp_path, "v 0 0 0\n" * 100, "a.obj")
     monkeypatch.setattr(model_files, "MOST_MESH_BYTES", 100)
     with pytest.raises(TooLarge):
         model_files.read_model(write(tmp_path, '<mujoco><asset><mesh file="a.obj"/></asset></mujoco>'))
+
+
+@pytest.mark.parametrize(
+    ("before", "part", "many", "named"),
+    [
+        ("</worldbody>", '<geom size="1"/>', 200_000, "geoms: 200017 exceeds the limit of 1000"),
+        ("</worldbody>", "<body/>", 1000, "bodies"),
+        ("</worldbody>", '<site size="1"/>', 100_000, "elements"),
+        ("</actuator>", '<motor joint="left_fore_knee"/>', 1000, "actuators"),
+        ("<worldbody>", '<asset><mesh vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>', 50_000, "elements"),
+    ],
+)
+def test_more_parts_than_a_robot_has_are_refused_before_mujoco_sees_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, part: str, many: int, named: str
+):
+    monkeypatch.setattr(mujoco, "MjSpec", None)
+    text = mjcf(ROBOT)
+    assert text.count(before) == 1
+    with pytest.raises(TooLarge, match=named):
+        model_files.read_model(write(tmp_path, text.replace(before, part * many + before)))
+
+
+def test_an_urdf_of_many_shapes_is_refused(tmp_path: Path):
+    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    with pytest.raises(TooLarge, match="geoms"):
+        model_files.read_model(write(tmp_path, urdf(ROBOT).replace("</link>", shape * 100 + "</link>"), "r.urdf"))
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path: Path):

@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.errors import StorageUnknown
+from quadlog.errors import StorageFailed, StorageUnknown
 from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import is_url, redacted, redacted_text, to_path
 
@@ -16,10 +17,11 @@ SECRET = st.text(LETTERS, min_size=6, max_size=20).map("Q{}Q".format)
 PLACES = st.sampled_from(["https://host/a/walk.mcap", "http://host:80/walk", "s3://lab/season/walk.mcap", "sftp://h/x"])
 
 
-@given(PLACES, SECRET, SECRET)
-def test_what_is_shown_of_a_url_has_neither_its_query_nor_its_user(place: str, query: str, user: str) -> None:
+@given(PLACES, SECRET, SECRET, st.sampled_from(["", "/Q", "+/Q="]))
+def test_what_is_shown_of_a_url_has_neither_its_query_nor_its_user(place: str, query: str, user: str, end: str) -> None:
+    """Keys and signatures are base64, so they hold slashes that users do not escape."""
     protocol, _, rest = place.partition("://")
-    url = f"{protocol}://{user}:{user}@{rest}?X-Signature={query}"
+    url = f"{protocol}://{user}:{user}{end}@{rest}?v=1&X-Signature={query}{end}&w=/{query}"
     path = to_path(url)
     shown = [redacted(url), str(path), repr(path), f"{path}: gone", redacted_text(f"quadlog replay {url} -o runs")]
     assert all(query not in each and user not in each for each in shown)
@@ -27,6 +29,29 @@ def test_what_is_shown_of_a_url_has_neither_its_query_nor_its_user(place: str, q
     assert path.name == place.rpartition("/")[2]
     assert isinstance(path, RemotePath)
     assert path.url == url
+
+
+@pytest.mark.parametrize(
+    ("url", "shown", "name"),
+    [
+        ("s3://key:se/cret@bucket", "s3://bucket", "bucket"),
+        ("s3://key:secret@bucket", "s3://bucket", "bucket"),
+        ("abfs://c/a.mcap?sv=1&sig=ab/cd=", "abfs://c/a.mcap?...", "a.mcap"),
+        ("s3://lab/person@home/a?b.mcap", "s3://lab/person@home/a?b.mcap", "a?b.mcap"),
+        ("http://host:80/person@home/x", "http://host:80/person@home/x", "x"),
+    ],
+)
+def test_what_is_left_of_a_url(url: str, shown: str, name: str) -> None:
+    assert (redacted(url), RemotePath(url).name) == (shown, name)
+
+
+@pytest.mark.parametrize(
+    "url", ["s3://KEYKEY:se/cret@bucket", "s3://KEYKEY:secret@bucket/a.mcap", "http://KEYKEY:se/cret@h/a"]
+)
+def test_a_library_that_quotes_a_secret_is_not_quoted(url: str) -> None:
+    with pytest.raises(StorageFailed) as raised:
+        RemotePath(url).exists()
+    assert not {"KEYKEY", "se", "cret", "secret"} & set(re.findall(r"\w+", str(raised.value)))
 
 
 @given(st.text())
@@ -53,7 +78,10 @@ def test_what_lies_on_this_machine_is_a_path(text: str, path: Path) -> None:
     assert to_path(text) == path
 
 
-@pytest.mark.parametrize("text", ["file://other/data/x", "://x", "s3://", "1a://b", "a b://c"])
+BAD_FILES = ["file://other/x", "file://[x", "file://\u2100/x", "file:///a%00b"]
+
+
+@pytest.mark.parametrize("text", [*BAD_FILES, "://x", "s3://", "1a://b", "a b://c"])
 def test_what_is_no_url_is_told(text: str) -> None:
     with pytest.raises(StorageUnknown):
         to_path(text)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,10 @@ def test_broken_protobuf_is_one_decode_error(recorded: dict[str, tuple[Channel, 
         decoder_for(Channel("/points", "foxglove.PointCloud", "protobuf", "protobuf", b"\xff\xff"))
 
 
+def json_pose(x_m: float) -> dict[str, Any]:
+    return {"position": {"x": x_m, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 2}}
+
+
 def json_cloud(**changed: Any) -> bytes:
     message = {
         "timestamp": {"sec": T_NS // 10**9, "nsec": T_NS % 10**9},
@@ -125,6 +130,9 @@ def test_json_point_cloud() -> None:
         json_cloud(fields=[]),
         json_cloud(fields=[{"name": "x", "offset": 10**9, "type": 7}]),
         json_cloud(fields=None),
+        json_cloud(pose=json_pose(1e300)),
+        json_cloud(pose=json_pose(10**400)),
+        json_cloud(timestamp={"sec": float("inf"), "nsec": 0}),
     ],
 )
 def test_broken_json_is_one_decode_error(payload: bytes) -> None:
@@ -133,9 +141,19 @@ def test_broken_json_is_one_decode_error(payload: bytes) -> None:
 
 
 def test_json_pose() -> None:
-    pose = {"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 2}}
-    payload = json.dumps({"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "map", "pose": pose}).encode()
     channel = Channel("/pose", "foxglove.PoseInFrame", "json", "jsonschema", b"")
-    (decoded,) = decoder_for(channel)(payload)  # type: ignore[misc]
+    decode = decoder_for(channel)
+    message = {"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "map"}
+    (decoded,) = decode(json.dumps(message | {"pose": json_pose(1)}).encode())  # type: ignore[misc]
     assert (decoded.stamp_ns, decoded.position_m.tolist()) == (1_000_000_005, [1, 2, 3])
     assert decoded.quat_xyzw.tolist() == [0, 0, 0, 1]
+    for x_m in (float("nan"), 1e300, 10**400):
+        with pytest.raises(DecodeError):
+            decode(json.dumps(message | {"pose": json_pose(x_m)}).encode())  # type: ignore[misc]
+
+
+def test_a_protobuf_pose_far_out_is_not_decoded(recorded: dict[str, tuple[Channel, bytes]]) -> None:
+    channel, payload = recorded["/pose"]
+    assert payload.count(struct.pack("<d", 10.0)) == 1
+    with pytest.raises(DecodeError, match="position is not finite, or beyond"):
+        decoder_for(channel)(payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))  # type: ignore[misc]

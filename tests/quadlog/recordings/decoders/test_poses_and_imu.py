@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quadlog.errors import DecodeError
+from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Imu, Odometry, Pose, Transforms
 from quadlog.recordings.decoding import decoder_for
 
@@ -80,6 +81,33 @@ def test_odometry(ros: Any) -> None:
     assert odometry.position_m.tolist() == [1, 2, 3]
     assert odometry.linear_mps.tolist() == [0.5, 0.1, 0]
     assert odometry.angular_radps.tolist() == [0, 0, 0.2]
+
+
+def at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
+    """One message of every type that holds a position, with xyz as that position."""
+    pose, no_covariance = ros.pose(xyz, TURN), np.zeros(36)
+    with_covariance = ros.type("geometry_msgs/msg/PoseWithCovariance")(pose, no_covariance)
+    still = ros.type("geometry_msgs/msg/Twist")(ros.vector(0.0, 0.0, 0.0), ros.vector(0.0, 0.0, 0.0))
+    twist = ros.type("geometry_msgs/msg/TwistWithCovariance")(still, no_covariance)
+    sound, moved = (ros.transform(T_NS, "map", "base", each, TURN) for each in ((0.0, 0.0, 0.0), xyz))
+    return [
+        ros.type("geometry_msgs/msg/PoseStamped")(ros.header(T_NS), pose),
+        ros.type("geometry_msgs/msg/PoseWithCovarianceStamped")(ros.header(T_NS), with_covariance),
+        ros.type("nav_msgs/msg/Odometry")(ros.header(T_NS), "base", with_covariance, twist),
+        moved,
+        *([ros.tf(sound, moved)] if ros.encoding == "cdr" else []),
+    ]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1.01 * FARTHEST_M])
+def test_a_position_that_cannot_be_is_not_decoded(ros: Any, value: float) -> None:
+    for place in range(3):
+        xyz = tuple(value if i == place else 0.0 for i in range(3))
+        for message in at(ros, xyz):
+            with pytest.raises(DecodeError, match="position is not finite, or beyond"):
+                decode(ros, message)
+    for message in at(ros, (FARTHEST_M, -FARTHEST_M, 0.0)):
+        decode(ros, message)
 
 
 @pytest.mark.parametrize(

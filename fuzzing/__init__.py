@@ -1,0 +1,1 @@
+"""Damaged and hostile inputs against everything quadlog reads: `make fuzz`."""

@@ -1,0 +1,1 @@
+"""What is fuzzed, one function per target; see TARGETS in table.py."""

@@ -1,0 +1,231 @@
+"""Containers, their damage, split folders, definitions and payloads."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from zlib import crc32
+
+from fuzzing import seeds
+from fuzzing.edits import edited
+from fuzzing.oracles import command, expect, replaced
+from quadlog.errors import ExitCode
+from quadlog.recordings.container import Channel
+from quadlog.recordings.decoding import FOXGLOVE_JSON, FOXGLOVE_PROTOBUF, decoder_for
+from quadlog.recordings.open_container import open_container
+
+READ = (ExitCode.DONE, ExitCode.WITH_LOSS, ExitCode.FAILED)
+_MOST_MESSAGES = 1_000_000
+
+
+def containers(folder: Path, data: bytes) -> None:
+    """Any bytes: read raw, then through `info`, which decodes all that it knows."""
+    path = folder / "case"
+    path.write_bytes(data)
+    with open_container(path) as container:
+        for _ in islice(container.messages(), _MOST_MESSAGES):
+            pass
+    if crc32(data) % 16 == 0:  # a hundred times as slow
+        _, out = command("info", path, "--json", allowed=READ)
+        json.loads(out or "{}")
+
+
+def container_seeds() -> list[bytes]:
+    """One of each kind."""
+    return list(seeds.recordings().values())
+
+
+def damage(folder: Path, data: bytes) -> None:
+    """A known recording after edits: nothing is found that was not in it, and what is missing is a loss."""
+    name, sound = list(seeds.recordings().items())[(data or b"\0")[0] % len(seeds.recordings())]
+    whole = edited(sound, data[1:])
+    path = folder / "case"
+    path.write_bytes(whole)
+    with open_container(path) as container:
+        found = [each.log_time_ns for each in container.messages()]
+        expect(len(found) <= seeds.MESSAGES, f"{name}: {len(found)} messages of {seeds.MESSAGES}")
+        missing = len(found) < seeds.MESSAGES
+        expect(not missing or bool(container.losses), f"{name}: {len(found)} of {seeds.MESSAGES} messages, no loss")
+    if missing and crc32(data) % 8 == 0:
+        code, _ = command("info", path, "--json", allowed=READ)
+        expect(code is not ExitCode.DONE, f"{name}: info exits with 0 for {len(found)} of {seeds.MESSAGES} messages")
+
+
+def damage_seeds() -> list[bytes]:
+    """Each kind with nothing done to it, and with its end cut off."""
+    kinds = range(len(seeds.recordings()))
+    return [bytes([kind]) for kind in kinds] + [bytes([kind, 7, 0, 0xA0, 0x0F, 0, 0]) for kind in kinds]
+
+
+def split(folder: Path, data: bytes) -> None:
+    """A folder of two sound parts beside any metadata.yaml, which is a help and never a condition."""
+    whole = _split_folder(folder)
+    with replaced(whole / "metadata.yaml", data):
+        code, out = command("info", whole, "--json", allowed=READ)
+        told = json.loads(out)["messages"] if out else 0
+        expect(told <= seeds.MESSAGES, f"{told} of {seeds.MESSAGES} messages")
+        expect(code is not ExitCode.DONE or told == seeds.MESSAGES, f"exit 0 with {told} of {seeds.MESSAGES} messages")
+
+
+def split_seeds() -> list[bytes]:
+    """What the recorder wrote, in blocks and with an older version's fields."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        text = seeds.write_split(Path(folder)).encode()
+    return [text, text.replace(b"version: 5", b"version: 1"), b""]
+
+
+SPLIT_TOKENS = (
+    b".inf",
+    b"1e300",
+    b"&a ",
+    b"*a",
+    b"<<: ",
+    b"!!int ",
+    b"!!binary ",
+    b"? ",
+    b"- ",
+    b"[",
+    b"{",
+    b"zstd",
+    b"FILE",
+)
+
+
+def _split_folder(folder: Path) -> Path:
+    whole = folder / "walk"
+    if not whole.exists():
+        whole.mkdir()
+        seeds.write_split(whole)
+    return whole
+
+
+_TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "sensor_msgs/msg/Imu",
+    "tf2_msgs/msg/TFMessage",
+    "nlink_parser/msg/LinktrackTagframe0",
+    "sensor_msgs/msg/Range",
+)
+_DEFINED = (("ros1", "ros1msg"), ("cdr", "ros2msg"), ("cdr", "ros2idl"))
+
+
+def definitions(folder: Path, data: bytes) -> None:
+    """Any text as a type's definition, and a payload of it: bytes type, encoding, length of the payload."""
+    if len(data) < 3:
+        return
+    encoding, schema = _DEFINED[data[1] % len(_DEFINED)]
+    payload, text = data[3 : 3 + data[2]], data[3 + data[2] :]
+    decode = decoder_for(Channel("/t", _TYPES[data[0] % len(_TYPES)], encoding, schema, text))
+    if decode is not None:
+        decode(payload)
+
+
+def definition_seeds() -> list[bytes]:
+    """The real definitions of both generations with a real payload, and one in IDL."""
+    idl = (
+        b"module geometry_msgs { module msg {\n  struct PoseStamped {\n    sequence<double> a;\n    string<5> b;\n"
+        b'    double c[3];\n    @verbatim (language="comment", text="x")\n    octet d;\n  };\n};};\n'
+    )
+    found = [bytes([0, 2, 8]) + bytes(8) + idl]
+    for ros in (1, 2):
+        for each in seeds.encoded(ros):
+            if each.type_name in _TYPES and len(each.payload) < 256:
+                head = bytes([_TYPES.index(each.type_name), ros - 1, len(each.payload)])
+                found.append(head + each.payload + each.definition.text.encode())
+    return found
+
+
+DEFINITION_TOKENS = (
+    *(
+        b"float64",
+        b"string",
+        b"uint8[]",
+        b"[4096]",
+        b"[<=3]",
+        b"string<=9",
+        b"wstring",
+        b"time",
+        b"duration",
+        b"Header",
+    ),
+    *(
+        b"\n" + b"=" * 80 + b"\nMSG: ",
+        b"geometry_msgs/Pose",
+        b"int32 A=1\n",
+        b"sequence<",
+        b"struct ",
+        b"module ",
+        b"typedef ",
+    ),
+    *(b"const ", b"enum ", b"union ", b"@default (value=1)", b"#include", b"IDL: ", b"[4294967295]", b"int8 x -3\n"),
+)
+
+
+@cache
+def _channels() -> tuple[Channel, ...]:
+    found = [
+        Channel(
+            each.topic,
+            each.type_name,
+            *(("ros1", "ros1msg"), ("cdr", "ros2msg"))[ros - 1],
+            each.definition.text.encode(),
+        )
+        for ros in (1, 2)
+        for each in seeds.encoded(ros)
+    ]
+    bare = ("gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange", "livox_ros_driver2/msg/CustomMsg")
+    bare += ("nlink_parser/msg/LinktrackNodeframe2", "nlink_parser/msg/LinktrackAnchorframe0", "sensor_msgs/msg/Range")
+    found += [Channel("/uwb_3", name, encoding, "", b"") for name in bare for encoding in ("ros1", "cdr")]
+    found += [Channel("/j", name, "json", "jsonschema", b"{}") for name in FOXGLOVE_JSON]
+    return (
+        *found,
+        *(Channel("/p", name, "protobuf", "protobuf", _protobuf_schema(name)) for name in FOXGLOVE_PROTOBUF),
+    )
+
+
+def _protobuf_schema(name: str) -> bytes:
+    from foxglove import schemas
+
+    return bytes(getattr(schemas, name.rpartition(".")[2]).get_schema().data)
+
+
+@cache
+def _decoders() -> list:  # type: ignore[type-arg]
+    return [decoder_for(channel) for channel in _channels()]
+
+
+def payloads(folder: Path, data: bytes) -> None:
+    """Any bytes as a message of the channel that the first one chooses."""
+    decode = _decoders()[(data or b"\0")[0] % len(_decoders())]
+    for message in decode(data[1:]):
+        expect(message is not None, "a decoder gives nothing")
+
+
+def payload_seeds() -> list[bytes]:
+    """A real payload where there is one, and nothing elsewhere."""
+    kinds = [each.payload for ros in (1, 2) for each in seeds.encoded(ros)]
+    kinds += [b""] * (len(_channels()) - len(kinds))
+    pose = b'{"timestamp":{"sec":1,"nsec":2},"frame_id":"a","pose":{"position":{"x":1},"orientation":{"w":1}}}'
+    cloud = (
+        b'{"timestamp":{"sec":1,"nsec":2},"frame_id":"a","point_stride":12,"data":"AAAAAAAAAAAAAAAA",'
+        b'"fields":[{"name":"x","offset":0,"type":7},{"name":"y","offset":4,"type":7},{"name":"z","offset":8,"type":7}]}'
+    )
+    extra = [bytes([i]) + text for i, each in enumerate(_channels()) if each.topic == "/j" for text in (pose, cloud)]
+    return [bytes([i]) + payload for i, payload in enumerate(kinds)] + extra
+
+
+PAYLOAD_TOKENS = (
+    b"1e400",
+    b"NaN",
+    b"null",
+    b"[]",
+    b"{}",
+    b'"x":',
+    b"\xff\xff\xff\x7f",
+    b"\0\0\xc0\x7f",
+    b"\0\0\0\0\0\0\xf8\x7f",
+)

@@ -1,0 +1,213 @@
+"""Run folders: any file of one replaced, and any value of a table, by what nobody would have written."""
+
+from __future__ import annotations
+
+import io
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fuzzing.oracles import command, expect, replaced
+from quadlog.errors import ExitCode, QuadlogError
+from quadlog.results.derived_mcap import write_derived
+from quadlog.results.loaded_run import load_run
+from quadlog.results.maps import MapsWriter, load_maps
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.rosmap import write_rosmap
+from quadlog.results.run_folder import RunFolder
+from quadlog.results.samples import (
+    CloudSample,
+    GroundMap,
+    read_cloud_samples,
+    read_ground,
+    write_cloud_samples,
+    write_ground,
+)
+from quadlog.results.schemas import TABLES
+from quadlog.results.stage_marks import FileMark, StageMark, read_marks, write_marks
+from quadlog.results.tables import write_table
+from quadlog.results.tum import write_tum
+
+_ROWS = 12
+_START_NS = 1_700_000_000 * 10**9
+_READ = (ExitCode.DONE, ExitCode.FAILED, ExitCode.CHECK_FAILED, ExitCode.WITH_LOSS)
+_HOSTILE: tuple[float, ...] = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, -0.0, 2.0**63, -(2.0**53), 1.0)
+_TEXTS = ("", "<script>alert(1)</script>", "=1+1", "a" * 5000, "\x1b[2J", "\n|`${x}", "\u202e", "ia_star")
+_WHOLES = (0, -1, 1, 2**63 - 1, -(2**63), 2**53 + 1, _START_NS)
+
+
+def write_run(folder: Path) -> None:
+    """A finished run with every table of the contract, and every other file that is read again."""
+    run = RunFolder.create(folder)
+    config: dict[str, Any] = {"uwb": {"anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]}, "planner": {"name": "ia_star"}}
+    run.write_config(config)
+    for name, schema in TABLES.items():
+        if name != "summary":
+            write_table(folder / f"{name}.parquet", schema, {field.name: _sound(field) for field in schema})
+    t_ns = _START_NS + np.arange(_ROWS) * 10**8
+    zero = np.zeros(_ROWS)
+    write_tum(folder / "trajectory.tum", t_ns, zero, zero, zero)
+    with MapsWriter(folder / "maps.npz", 0.1, (20, 20)) as maps:
+        for t in t_ns.tolist():
+            maps.append(t, np.zeros(2), np.eye(20, dtype=bool))
+    write_rosmap(folder, np.zeros((20, 20), np.int8), np.zeros(2), 0.1)
+    cloud = np.ones((9, 3), np.float32)
+    sample = CloudSample(int(t_ns[0]), cloud, np.zeros(9, np.uint8), 0.0, 0.0, 0.0)
+    write_cloud_samples(folder, [sample], ["ground", "obstacle"])
+    write_ground(folder, GroundMap(np.zeros(2), 0.2, np.zeros((8, 8)), np.ones((8, 8), np.int64)))
+    write_marks(
+        folder, [StageMark(stage="position", key="ab", files=[FileMark(name="a", size_bytes=1, sha256="c")], known={})]
+    )
+    run.write_metrics({name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
+    record = RunRecord(
+        *("1.0.0", ["quadlog", "replay", "walk.mcap"], config, {"seed": 0, "until": "report"}),
+        *(InputRecord("walk.mcap", 1234, "ab" * 32), 0, 4.0),
+        topics=[TopicRecord("lidar", "/points", "sensor_msgs/msg/PointCloud2", 40, "the only one")],
+        losses=[LossRecord("crc", "one chunk is damaged", "/points", 5)],
+        stages=[StageRecord("ingest", 0.5, 120.0)],
+        host={"name": "host"},
+        packages={"numpy": "2"},
+    )
+    write_derived(folder, record=record)
+    run.write_run_json(record)
+
+
+def _sound(field: pa.Field) -> Any:
+    if field.name == "t_ns":
+        return _START_NS + np.arange(_ROWS) * 10**8
+    if field.type == pa.string():
+        return np.array(["ia_star" if field.name == "planner" else "uwb"] * _ROWS, object)
+    kinds = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}
+    return (np.arange(_ROWS) % 4 + (0.25 if field.type == pa.float64() else 0)).astype(kinds[field.type])
+
+
+@cache
+def _folders(folder: Path) -> tuple[Path, Path, tuple[str, ...]]:
+    """A sound run, one whose files are replaced, and the names of these; every command has run once by then."""
+    sound, case = folder / "sound", folder / "case"
+    for each in (sound, case):
+        write_run(each)
+    names = tuple(sorted(each.name for each in case.iterdir()))
+    (folder / "bounds.toml").write_text("[default]\neta_m = { max = 1.0 }\n")
+    for arguments in [*_commands(sound, case, folder), ("report", case)]:
+        command(*arguments, allowed=_READ)
+    return sound, case, names
+
+
+def run_files(folder: Path, data: bytes) -> None:
+    """Any bytes as the file of a run that the first one chooses."""
+    sound, case, names = _folders(folder)
+    name = names[(data or b"\0")[0] % len(names)]
+    with replaced(case / name, data[1:]):
+        _read_all(case)
+        _use(sound, case, folder, data)
+
+
+def run_file_seeds() -> list[bytes]:
+    """Every file as it is."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        write_run(Path(folder) / "run")
+        contents = [path.read_bytes() for path in sorted((Path(folder) / "run").iterdir())]
+    return [bytes([i]) + content for i, content in enumerate(contents) if len(content) < 60_000]
+
+
+RUN_TOKENS = (
+    b"null",
+    b"NaN",
+    b"Infinity",
+    b"1e400",
+    b"9" * 5000,
+    b"-1",
+    b"[]",
+    b"{}",
+    b'"run_format": 2',
+    b"1" + b"0" * 400,
+)
+
+
+def run_values(folder: Path, data: bytes) -> None:
+    """Hostile values in a table: which one, then column, row and value, three bytes each."""
+    sound, case, _ = _folders(folder)
+    tables = [name for name in TABLES if name != "summary"]
+    name = tables[(data or b"\0")[0] % len(tables)]
+    columns = {field.name: np.array(_sound(field)) for field in TABLES[name]}
+    for start in range(1, min(len(data), 40) - 2, 3):
+        column, row, value = data[start : start + 3]
+        key = list(columns)[column % len(columns)]
+        rows = slice(None) if row >= 200 else row % _ROWS
+        columns[key][rows] = _hostile(columns[key].dtype, value)
+    content = io.BytesIO()
+    schema = TABLES[name]
+    arrays = [pa.array(columns[field.name], field.type, from_pandas=False) for field in schema]
+    pq.write_table(pa.table(arrays, schema=pa.schema([field.with_nullable(True) for field in schema])), content)
+    with replaced(case / f"{name}.parquet", content.getvalue()):
+        _use(sound, case, folder, data)
+        if crc32(data) % 32 == 0:  # seconds each
+            command("report", case, allowed=_READ)
+            page = (case / "report.html").read_text()
+            expect("<script>alert" not in page, "a value of a table is a script of the page")
+
+
+def _hostile(dtype: np.dtype, value: int) -> Any:
+    if dtype.kind == "O":
+        return _TEXTS[value % len(_TEXTS)]
+    if dtype.kind == "f":
+        return _HOSTILE[value % len(_HOSTILE)]
+    return _WHOLES[value % len(_WHOLES)] if dtype.kind == "i" else bool(value % 2)
+
+
+def run_value_seeds() -> list[bytes]:
+    """A few values in each table."""
+    return [
+        bytes([table, column, 255, value, 1]) for table in range(len(TABLES) - 1) for column, value in ((1, 0), (2, 3))
+    ]
+
+
+def _read_all(run: Path) -> None:
+    """Every reader on its own, so that one file's damage does not hide the others'."""
+    readers = [
+        lambda: [tuple(each) for each in load_maps(run)],
+        lambda: read_cloud_samples(run),
+        lambda: read_ground(run),
+    ]
+    readers += [
+        lambda: read_marks(run),
+        lambda: load_run(run).metrics,
+        lambda: dict(load_run(run).tables),
+        lambda: load_run(run).config,
+    ]
+    for reader in readers:
+        try:
+            reader()
+        except QuadlogError as error:
+            expect("\n" not in str(error), f"a message of several lines: {error}")
+
+
+def _use(sound: Path, case: Path, folder: Path, data: bytes) -> None:
+    """One of the things that users do with runs, by the data, and what it prints."""
+    commands = _commands(sound, case, folder)
+    chosen = commands[crc32(data) // 32 % len(commands)]
+    _, out = command(*chosen, allowed=_READ)
+    if "json" in chosen:
+        json.loads(out or "[]")
+
+
+def _commands(sound: Path, case: Path, folder: Path) -> list[tuple[str | Path, ...]]:
+    export = [("export", case, "--force", "--to", to, "-o", folder / to) for to in ("tum", "mcap", "csv", "rosmap")]
+    return [
+        ("metrics", case, "--format", "json"),
+        ("metrics", case, sound),
+        ("metrics", case, "--reference", sound / "trajectory.tum"),
+        ("metrics", case, "--explain", "eta_m"),
+        ("diff", sound, case),
+        ("check", case, "--expect", folder / "bounds.toml"),
+        *export,
+    ]
