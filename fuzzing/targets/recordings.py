@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections import deque
+from contextlib import suppress
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -11,20 +13,27 @@ from zlib import crc32
 from fuzzing import seeds
 from fuzzing.edits import edited
 from fuzzing.oracles import command, expect, replaced
-from quadlog.errors import ExitCode
-from quadlog.recordings.container import Channel
+from quadlog.errors import ExitCode, NothingReadable
+from quadlog.recordings.bounded import Damaged
+from quadlog.recordings.container import Budget, Channel
 from quadlog.recordings.decoding import FOXGLOVE_JSON, FOXGLOVE_PROTOBUF, decoder_for
 from quadlog.recordings.open_container import open_container
+from quadlog.recordings.pulse import indexed_pulses
 
 READ = (ExitCode.DONE, ExitCode.WITH_LOSS, ExitCode.FAILED)
 _MOST_MESSAGES = 1_000_000
 
 
 def containers(folder: Path, data: bytes) -> None:
-    """Any bytes: read raw, then through `info`, which decodes all that it knows."""
+    """Any bytes: read raw, by index, in part, then through `info`, which decodes all that it knows."""
     path = folder / "case"
     path.write_bytes(data)
     with open_container(path) as container:
+        with suppress(Damaged):  # no usable index
+            indexed_pulses(container)
+        part = container.excerpt(Budget(places=2, stored_bytes=500, messages=8))
+        with suppress(NothingReadable):  # elsewhere there may be more
+            deque(() if part is None else islice(part.messages(), _MOST_MESSAGES), maxlen=0)
         for _ in islice(container.messages(), _MOST_MESSAGES):
             pass
     if crc32(data) % 16 == 0:  # a hundred times as slow
