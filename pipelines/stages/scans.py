@@ -200,10 +200,9 @@ def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
 
 def _sweep(cloud: PointCloud) -> tuple[int, int]:
     """Times of the first and the last point, relative to the stamp; 0 where they cannot be."""
-    offset_ns = cloud.offset_ns
-    if offset_ns is None or len(offset_ns) == 0:
+    if cloud.times is None or len(cloud.times) == 0:
         return 0, 0
-    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
+    first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
     return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
 
 
@@ -219,6 +218,6 @@ def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> Sc
 def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:
     points, slot = returns.points(), np.zeros(returns.n_raw, np.uint8)
     if returns.slots.skewed is None:
-        sweep_slots(cloud.offset_ns, slot)
+        sweep_slots(cloud.times, slot)
     valid = points.label != PointClass.INVALID
     return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + returns.slots.middle_ns)

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.messages import Float, Int
+from quadlog.messages import Float, Int, PointTimes
 
 MAX_OFFSET_NS = 1_000_000_000
 """No scan takes longer, and no stamp is farther from its points."""
@@ -47,17 +46,16 @@ class Slots:
     skewed: Skewed | None
 
 
-def sweep_span(offset_ns: Int | None, n_points: int) -> tuple[int, int] | Skewed:
-    """The times of the first and the last point relative to the stamp, or why these tell nothing.
+def sweep_span(times: PointTimes | None, n_points: int) -> tuple[int, int] | Skewed:
+    """The times of the first and the last of N points relative to the stamp, or why these tell nothing.
 
-    offset_ns: (N,) times of the points relative to the stamp, in any order. They may
-    start, end or lie about 0; none farther from it than the scan lasts.
+    The times may start, end or lie about 0; none farther from it than the scan lasts.
     """
-    if offset_ns is None or n_points == 0:
+    if times is None or n_points == 0:
         return Skewed.NO_TIMES
-    if offset_ns.shape != (n_points,):
+    if times.value.shape != (n_points,):
         return Skewed.ABSURD_TIMES
-    first_ns, last_ns = int(offset_ns.min()), int(offset_ns.max())
+    first_ns, last_ns = times.first_ns, times.last_ns
     lasts_ns = last_ns - first_ns
     if lasts_ns == 0:
         return Skewed.NO_TIMES
@@ -66,26 +64,21 @@ def sweep_span(offset_ns: Int | None, n_points: int) -> tuple[int, int] | Skewed
     return first_ns, last_ns
 
 
-def sweep_slots(offset_ns: Int | None, slot: NDArray[np.uint8]) -> Slots:
-    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times.
-
-    offset_ns: (N,) as `sweep_span` takes it.
-    """
-    span_ns = sweep_span(offset_ns, len(slot))
-    if isinstance(span_ns, Skewed) or offset_ns is None:
+def sweep_slots(times: PointTimes | None, slot: NDArray[np.uint8]) -> Slots:
+    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times."""
+    span_ns = sweep_span(times, len(slot))
+    if isinstance(span_ns, Skewed) or times is None:
         slot[:] = 0
         return Slots(np.zeros(1, np.int64), span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES)
     first_ns, last_ns = span_ns
     lasts_ns = last_ns - first_ns
     middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS, dtype=np.int64) + 1) * lasts_ns // (2 * MOST_TIME_SLOTS)
-    _fill_slots(offset_ns, first_ns, np.float32(MOST_TIME_SLOTS * 0.99999 / lasts_ns), slot)
+    # From the first one on, so that no digit is lost of seconds since 1970.
+    low, high = times.value.min(), times.value.max()
+    since = (times.value - low).astype(np.float32, copy=False)
+    since *= np.float32(MOST_TIME_SLOTS * 0.99999) / np.float32(high - low)
+    np.copyto(slot, since, casting="unsafe")
     return Slots(middle_ns, None)
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_slots(offset_ns: Int, first_ns: int, per_ns: float, slot: NDArray[np.uint8]) -> None:
-    for i in range(len(slot)):
-        slot[i] = np.uint8(np.float32(offset_ns[i] - first_ns) * per_ns)
 
 
 def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:

@@ -60,7 +60,7 @@ class ScanClassifier:
                 np.copyto(self._xyz_m[axis, :n], cloud.xyz_m[:, axis], casting="same_kind")
         if cloud.ring is not None and len(cloud.ring) == n:
             self._ring[:n] = cloud.ring
-        return sweep_slots(cloud.offset_ns if self._uses_times else None, self._slot[:n])
+        return sweep_slots(cloud.times if self._uses_times else None, self._slot[:n])
 
     def _by_paper(self, cloud: PointCloud, transform: Float, slots: Slots) -> ClassifiedReturns:
         assert self._paper is not None

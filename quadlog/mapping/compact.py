@@ -29,6 +29,8 @@ UInt8 = NDArray[np.uint8]
 THIN_M = 0.025
 """Edge of the cells of base in which obstacle points count as one: a quarter of a map's usual cell."""
 MOST_COUNT = 255
+# Points of one cell that were measured farther apart than this lie in different places of map.
+_SAME_TIME_SLOTS = 2
 _UNITS = 32000
 # How far the lidar lies from the middle of the window: its mount, half a cell, and what it moves while it sweeps.
 _LIDAR_OFF_M = 1.0
@@ -60,7 +62,7 @@ class CompactSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompactScan:
-    """One scan, ready to be placed in map; lengths are in units of unit_m, heights in mm.
+    """One scan, ready to be placed in map; x and y are in units of unit_m, rounded down, and heights in mm.
 
     slot_ns: (K,) absolute instants of the middles of the time slots. lidar_base_m: (3,) x, y in base and height above
     the ground. obstacle: (N, 3) x, y and height above the ground of the highest of obstacle_count (N,) points that were
@@ -177,18 +179,8 @@ class ScanCompactor:
         self._ground_count, self._sums = np.zeros(room, np.uint16), np.zeros((room, 4), np.float32)
 
 
-_X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH, _PER_THIN, _PER_CELL, _PER_UNIT = (
-    0,
-    1,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    9,
-    10,
-)
+_X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH = 0, 1, 3, 4, 5, 6, 7
+_PER_THIN, _PER_CELL, _PER_UNIT = 8, 9, 10
 _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 
@@ -234,13 +226,13 @@ def _keep_obstacles(
             cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), np.float32(32767)))
             at = np.uint32((cell ^ (cell >> np.int32(15)) * np.int32(73)) & mask)
             item = np.uint32(table[0, at])
-            if table[1, at] == cell:
+            if table[1, at] == cell and abs(np.int64(obstacle_slot[item]) - slots[c]) <= _SAME_TIME_SLOTS:
                 obstacle[item, 2] = max(obstacle[item, 2], millimetres)
                 count[item] += count[item] < MOST_COUNT
                 continue
             table[0, at], table[1, at], item = kept, cell, np.uint32(kept)
-            obstacle[item, 0] = np.int16((dxs[c] + x0) * per_unit)
-            obstacle[item, 1] = np.int16((dys[c] + y0) * per_unit)
+            obstacle[item, 0] = np.int16(np.floor((dxs[c] + x0) * per_unit))
+            obstacle[item, 1] = np.int16(np.floor((dys[c] + y0) * per_unit))
             obstacle[item, 2], count[item], obstacle_slot[item] = millimetres, 1, slots[c]
             kept += 1
     return kept
@@ -310,8 +302,8 @@ def _average_ground(
     per_unit, most = limits[_PER_UNIT], np.float32(32767)
     for item in range(kept):
         share = np.float32(1) / sums[item, 3]
-        ground[item, 0] = np.int16(np.rint(sums[item, 0] * share * per_unit))
-        ground[item, 1] = np.int16(np.rint(sums[item, 1] * share * per_unit))
+        ground[item, 0] = np.int16(np.floor(sums[item, 0] * share * per_unit))
+        ground[item, 1] = np.int16(np.floor(sums[item, 1] * share * per_unit))
         ground[item, 2] = np.int16(np.rint(min(max(sums[item, 2] * share * np.float32(1000), -most), most)))
         count[item] = np.uint16(sums[item, 3])
     return kept

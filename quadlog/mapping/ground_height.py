@@ -88,7 +88,7 @@ def _cells_of_ground(
         moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
         moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
     for i in range(len(ground)):
-        at, x, y = slot[i], np.float64(ground[i, 0]), np.float64(ground[i, 1])
+        at, x, y = slot[i], ground[i, 0] + 0.5, ground[i, 1] + 0.5
         col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)
         row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / cell_m)
         cells[i, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))

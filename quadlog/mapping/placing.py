@@ -90,7 +90,7 @@ def _raise_tops(
         moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
     per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
     for i in range(len(obstacle)):
-        at, x, y = slot[i], np.float64(obstacle[i, 0]), np.float64(obstacle[i, 1])
+        at, x, y = slot[i], obstacle[i, 0] + 0.5, obstacle[i, 1] + 0.5
         map_x_m = moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y
         map_y_m = moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y
         dx, dy = map_x_m - place[3], map_y_m - place[4]

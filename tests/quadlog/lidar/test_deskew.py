@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots
+from quadlog.messages import PointTimes
 
 T_NS = 1_767_225_600_123_456_789
 SWEEP_NS = 100_000_000
@@ -18,7 +19,7 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
     offsets = [first_ns, first_ns + lasts_ns, *(first_ns + random.randrange(lasts_ns + 1) for _ in range(n))]
     random.shuffle(offsets)
     slot = np.full(len(offsets), 255, np.uint8)
-    slots = sweep_slots(np.array(offsets, dtype=np.int64), slot)
+    slots = sweep_slots(PointTimes.of_offsets(np.array(offsets, dtype=np.int64)), slot)
     assert slots.skewed is None
     assert len(slots.middle_ns) == MOST_TIME_SLOTS
     apart_ns = np.abs(slots.middle_ns[slot] - np.array(offsets))
@@ -41,14 +42,16 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
     ],
 )
 def test_times_that_tell_nothing_are_refused(offset_ns, why):
-    offsets = None if offset_ns is None else np.array(offset_ns, dtype=np.int64)
+    offsets = None if offset_ns is None else PointTimes.of_offsets(np.array(offset_ns, dtype=np.int64))
     slot = np.ones(4, np.uint8)
     slots = sweep_slots(offsets, slot)
     assert (slots.skewed, slots.middle_ns.tolist(), slot.tolist()) == (why, [0], [0] * 4)
 
 
 def test_an_empty_scan_has_no_times():
-    assert sweep_slots(np.empty(0, dtype=np.int64), np.empty(0, np.uint8)).skewed is Skewed.NO_TIMES
+    assert (
+        sweep_slots(PointTimes.of_offsets(np.empty(0, dtype=np.int64)), np.empty(0, np.uint8)).skewed is Skewed.NO_TIMES
+    )
 
 
 def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:

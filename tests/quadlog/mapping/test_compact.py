@@ -38,10 +38,9 @@ def test_points_lie_where_the_pose_of_their_time_puts_them(compacted, placed, se
     slot = slot[: len(xy_m)]
     t_s = (np.arange(32) + 0.5) * 0.1 / 32
     poses = np.column_stack([3 + speed * t_s, -2 * t_s, yaw_rad + turn * t_s])
-    true_m = np.array([
-        apply_transform(transform_from_rpy(np.append(poses[s, :2], 0), 0, 0, poses[s, 2]), np.append(at, 0)[None])[0, :2]
-        for s, at in zip(slot, xy_m, strict=True)
-    ])  # fmt: skip
+    base_to_map = [transform_from_rpy(np.array([x, y, 0]), 0, 0, yaw) for x, y, yaw in poses]
+    places = [apply_transform(base_to_map[s], np.array([[*at, 0]])) for s, at in zip(slot, xy_m, strict=True)]
+    true_m = np.concatenate(places)[:, :2]
     compact = compacted(np.column_stack([xy_m, np.ones(len(xy_m))]), slot=slot, middle_ns=t_s * 1e9)
     found = hit(placed(compact, poses, WINDOW).top_mm)
     # A millimetre of rounding may put a point that lies on an edge into the next cell.
