@@ -80,7 +80,9 @@ class ColumnDecoder:
         sizes = list(map(len, payloads))
         for size in sorted(set(sizes)):
             rows = np.flatnonzero(np.array(sizes) == size)
-            together = b"".join(payloads) if len(rows) == len(payloads) else b"".join(payloads[i] for i in rows)
+            together = (
+                b"".join(payloads) if len(rows) == len(payloads) else b"".join(payloads[i] for i in rows.tolist())
+            )
             yield from self._decode_alike(rows, np.frombuffer(together, np.uint8).reshape(len(rows), size))
 
     def _decode_alike(self, rows: Int, payloads: np.ndarray) -> Iterator[tuple[Int, list[Columns]]]:
