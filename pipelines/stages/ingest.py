@@ -16,7 +16,7 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.opening import imu_in_base, lidar_in_base, open_configured
 from quadlog.pipelines.progress import Progress, StageClock
-from quadlog.pipelines.stages.one_pass import CloudsRead, read_all, read_small
+from quadlog.pipelines.stages.one_pass import read_all, read_small
 from quadlog.pipelines.stages.scans import Scanner, ScanSettings
 from quadlog.pipelines.stages.spill import Spill
 from quadlog.pipelines.stages.tilt import Tilt
@@ -105,7 +105,7 @@ def _read(
         wanted.take_static(recording)
         mount = _mount(recording, roles, wanted.tree, config)
     scanner: Scanner | None = None
-    read = CloudsRead(0, 0)
+    first_cloud_ns: int | None = None
     if clouds is None:
         with clock.stage("ingest"):
             read_small(recording, wanted, window)
@@ -116,12 +116,12 @@ def _read(
             settings = ScanSettings.of_config(config, maps=clouds == "map")
             scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)))
             progress.begin("ingest", _expected(recording, lidar, window))
-        read = read_all(recording, wanted, lidar, window, scanner, tilt, clock, progress)
+        first_cloud_ns = read_all(recording, wanted, lidar, window, scanner, tilt, clock, progress)
     with clock.stage("ingest"):
         streams = wanted.streams()
         if streams.imu is not None:
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
-        first_ns, last_ns = _seen(recording, roles, streams, window, read)
+        first_ns, last_ns = _seen(recording, roles, streams, window, first_cloud_ns)
         described = describe()
     return Walk(
         config=config,
@@ -216,9 +216,9 @@ def _first_ns(recording: Recording, topics: list[str]) -> int:
 
 
 def _seen(
-    recording: Recording, roles: Roles, streams: Streams, window: tuple[int | None, int | None], read: CloudsRead
+    recording: Recording, roles: Roles, streams: Streams, window: tuple[int | None, int | None], cloud_ns: int | None
 ) -> tuple[int, int]:
-    """First and last instant of the small topics, or the first cloud's where there are none.
+    """First and last instant of the small topics, or the first cloud's, cloud_ns, where there are none.
 
     Raises EmptyWindow when --start and --duration leave nothing, NothingReadable when there never was anything.
     """
@@ -226,8 +226,8 @@ def _seen(
     filled = [each.t_ns for each in series if each is not None and len(each)]
     if filled:
         return min(int(t_ns[0]) for t_ns in filled), max(int(t_ns[-1]) for t_ns in filled)
-    if read.count:
-        return read.start_ns, read.start_ns
+    if cloud_ns is not None:
+        return cloud_ns, cloud_ns
     lidar = _unless_ambiguous(roles, "lidar")
     clouds = recording.messages([lidar], *window) if lidar else iter(())
     first = next((each.t_ns for each in clouds if isinstance(each.message, PointCloud)), None)

@@ -6,24 +6,17 @@ What must be known before the first cloud, static transforms above all, is fetch
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 
 from quadlog.messages import PointCloud
 from quadlog.pipelines.progress import Progress, StageClock
 from quadlog.pipelines.stages.scans import Scanner, end_of_sweep_ns
 from quadlog.pipelines.stages.tilt import Tilt
+from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import Gatherer
 
 MOST_WAITING = 8
 """Clouds that wait at most: those logged long before their stamps are classified with the tilt known then."""
-
-
-class CloudsRead(NamedTuple):
-    """How many clouds there were, and the instant of the first one that was read."""
-
-    count: int
-    start_ns: int
 
 
 def read_small(recording: Recording, wanted: Gatherer, window: tuple[int | None, int | None]) -> None:
@@ -41,9 +34,12 @@ def read_all(
     tilt: Tilt,
     clock: StageClock,
     progress: Progress,
-) -> CloudsRead:
-    """The small topics, and every cloud of a lidar, which waits until the body's tilt is known up to its last point."""
-    count = start_ns = 0
+) -> int | None:
+    """The small topics, and every cloud of a lidar, which waits until the body's tilt is known up to its last point.
+
+    Returns the instant of the first cloud, None where there was none.
+    """
+    start_ns: int | None = None
     waiting: deque[tuple[int, PointCloud]] = deque()
     with clock.laps("ingest", "filter") as lap:
         for gathered in recording.gathered([*wanted.moving, lidar], tilt.topics(wanted.moving_tf), *window):
@@ -51,13 +47,12 @@ def read_all(
                 wanted.take(gathered, recording.stamp)
                 tilt.take(gathered)
                 continue
-            if not isinstance(gathered.content, PointCloud):
+            if not isinstance(gathered, One) or not isinstance(gathered.message, PointCloud):
                 continue
             lap("ingest")
-            t_ns = int(gathered.t_ns)
-            start_ns = start_ns if count else t_ns
-            count += 1
-            waiting.append((t_ns, gathered.content))
+            t_ns = gathered.t_ns
+            start_ns = t_ns if start_ns is None else start_ns
+            waiting.append((t_ns, gathered.message))
             while len(waiting) > MOST_WAITING or (waiting and tilt.reaches(end_of_sweep_ns(*waiting[0]))):
                 scanner.take(*waiting.popleft())
             progress.advance((t_ns - start_ns) * 1e-9)
@@ -65,4 +60,4 @@ def read_all(
         for each in waiting:
             scanner.take(*each)
         lap("filter")
-    return CloudsRead(count, start_ns)
+    return start_ns

@@ -80,10 +80,11 @@ class ScanRow(NamedTuple):
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """What `append_to` wrote."""
-        *numbers, nx, ny, nz, d_m, found, skewed, slots = _ROW.unpack_from(data)
+        t_ns, ms, raw, valid, outlier, ground, obstacle, nx, ny, nz, d_m, found, skewed, slots = _ROW.unpack_from(data)
+        counts = raw, valid, outlier, ground, obstacle
         slot_ns = np.frombuffer(data, np.int64, slots, _ROW.size)
         rest = data[_ROW.size + 8 * slots :]
-        return cls(*numbers, (nx, ny, nz), d_m, found, _SKEWED[skewed], slot_ns, rest)
+        return cls(t_ns, ms, *counts, (nx, ny, nz), d_m, found, _SKEWED[skewed], slot_ns, rest)
 
 
 class WholeScan(NamedTuple):
@@ -208,11 +209,11 @@ def _sweep(cloud: PointCloud) -> tuple[int, int]:
 
 def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> ScanRow:
     ground = returns.ground
-    normal = (np.nan, np.nan, np.nan) if ground is None else tuple(float(each) for each in ground.normal)
+    nx, ny, nz = (np.nan, np.nan, np.nan) if ground is None else ground.normal.tolist()
     counts = returns.n_raw, returns.n_valid, returns.n_outlier, returns.n_ground, returns.n_obstacle
     d_m = np.nan if ground is None else ground.d_m
     slot_ns = t_ns + returns.slots.middle_ns
-    return ScanRow(t_ns, ms, *counts, normal, d_m, ground is not None, returns.slots.skewed, slot_ns, compact)
+    return ScanRow(t_ns, ms, *counts, (nx, ny, nz), d_m, ground is not None, returns.slots.skewed, slot_ns, compact)
 
 
 def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:

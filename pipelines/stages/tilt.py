@@ -10,8 +10,7 @@ from quadlog.config import Config
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.messages import Float, Imu, Int, Odometry, Pose
 from quadlog.pipelines.opening import imu_mount
-from quadlog.recordings.columns import Columns
-from quadlog.recordings.gathering import Gathered
+from quadlog.recordings.gathering import Gathered, One
 from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
@@ -116,12 +115,11 @@ class _Recent:
 
 def _orientations(gathered: Gathered) -> tuple[Int, Float]:
     """Times (N,) and quaternions (N, 4), without those that have none."""
-    content, t_ns = gathered.content, np.atleast_1d(np.asarray(gathered.t_ns, np.int64))
-    if isinstance(content, Columns):
-        quat_xyzw = content.values[:, 3:7]
-    elif isinstance(content, (Imu, Odometry, Pose)) and content.quat_xyzw is not None:
-        quat_xyzw = content.quat_xyzw[None]
-    else:
-        return np.empty(0, np.int64), np.empty((0, 4))
+    if isinstance(gathered, One):
+        message = gathered.message
+        if not isinstance(message, (Imu, Odometry, Pose)) or message.quat_xyzw is None:
+            return np.empty(0, np.int64), np.empty((0, 4))
+        return np.array([gathered.t_ns], np.int64), message.quat_xyzw[None]
+    t_ns, quat_xyzw = gathered.t_ns, gathered.columns.values[:, 3:7]
     known = np.isfinite(quat_xyzw[:, 0])
     return (t_ns, quat_xyzw) if known.all() else (t_ns[known], quat_xyzw[known])

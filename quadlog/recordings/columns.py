@@ -70,10 +70,12 @@ class ColumnDecoder:
 
     def decode(self, payloads: Sequence[bytes]) -> Iterator[tuple[Int, list[Columns]]]:
         """Rows (N,) of the payloads, and their columns of that length; rows that are left out do not follow."""
-        sizes = np.array([len(each) for each in payloads])
-        for size in np.unique(sizes).tolist():
-            rows = np.flatnonzero(sizes == size)
-            together = b"".join(payloads) if len(rows) == len(payloads) else b"".join(payloads[i] for i in rows)
+        sizes = list(map(len, payloads))
+        for size in sorted(set(sizes)):
+            rows = np.flatnonzero(np.array(sizes) == size)
+            together = (
+                b"".join(payloads) if len(rows) == len(payloads) else b"".join(payloads[i] for i in rows.tolist())
+            )
             yield from self._decode_alike(rows, np.frombuffer(together, np.uint8).reshape(len(rows), size))
 
     def _decode_alike(self, rows: Int, payloads: np.ndarray) -> Iterator[tuple[Int, list[Columns]]]:

@@ -20,16 +20,28 @@ MOST_TRIES = 8
 """So many broken payloads in a row say that no layout will be found."""
 
 
-class Gathered(NamedTuple):
-    """One message at an instant, or columns of N messages of a topic at instants (N,), on the chosen clock.
+class One(NamedTuple):
+    """A message at an instant on the chosen clock.
 
-    order: numbers, or (N,), that grow with log time: columns may come later than single messages of their topic.
+    order: a number that grows with log time, since columns may come later than single messages of their topic.
     """
 
-    order: int | Int
-    t_ns: int | Int
+    order: int
+    t_ns: int
     topic: str
-    content: Message | Columns
+    message: Message
+
+
+class Many(NamedTuple):
+    """Columns of N messages of a topic, at instants (N,) on the chosen clock; order (N,) as in One."""
+
+    order: Int
+    t_ns: Int
+    topic: str
+    columns: Columns
+
+
+Gathered = One | Many
 
 
 class Within(NamedTuple):
@@ -109,7 +121,7 @@ def timed_columns(
     log_time_ns: Int,
     within: Within,
     zeros: dict[str, int],
-) -> Iterator[Gathered]:
+) -> Iterator[Many]:
     """Columns with their times, those of transforms each with its own; stray stamps are left out. Raises ClocksDiffer.
 
     A message is within when its first time is.
@@ -126,6 +138,6 @@ def timed_columns(
             t_ns = np.where(each.stamp_ns == 0, first_ns, t_ns)
         rows = kept & held
         if rows.all():
-            yield Gathered(order, t_ns, topic, each)
+            yield Many(order, t_ns, topic, each)
         elif rows.any():
-            yield Gathered(order[rows], t_ns[rows], topic, each._replace(stamp_ns=None, values=each.values[rows]))
+            yield Many(order[rows], t_ns[rows], topic, each._replace(stamp_ns=None, values=each.values[rows]))

@@ -14,7 +14,7 @@ from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoding import Decoder, decoder_for, is_decodable
-from quadlog.recordings.gathering import Gathered, Waiting, Within, timed_columns
+from quadlog.recordings.gathering import Gathered, One, Waiting, Within, timed_columns
 from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
@@ -159,9 +159,9 @@ class Recording:
             for each in urgent:
                 yield from self._columns(each, within, failed, zeros)
             yield from self._singly(order, raw, within, failed, zeros)
-        for each in waiting.values():
-            if each is not None:
-                yield from self._columns(each, within, failed, zeros)
+        for left in waiting.values():
+            if left is not None:
+                yield from self._columns(left, within, failed, zeros)
 
     def _columns(
         self, waiting: Waiting, within: Within, failed: dict[str, int], zeros: dict[str, int]
@@ -187,7 +187,7 @@ class Recording:
         for message in self._decode_or_count(raw, failed):
             timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
             if timed is not None and within.holds(timed.t_ns):
-                yield Gathered(order, timed.t_ns, timed.topic, timed.message)
+                yield One(order, timed.t_ns, timed.topic, timed.message)
 
     def _check_known(self, topics: Collection[str]) -> None:
         known = {channel.topic for channel in self.channels}

@@ -23,7 +23,7 @@ from quadlog.messages import (
 )
 from quadlog.recordings.columns import Columns
 from quadlog.recordings.decoders.tf import is_static
-from quadlog.recordings.gathering import Gathered
+from quadlog.recordings.gathering import Gathered, Many
 from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.repeated_stamps import backward_steps, repeated_rows
@@ -169,10 +169,11 @@ class Gatherer:
 
     def take(self, gathered: Gathered, stamp: str) -> None:
         """File what was read."""
+        if isinstance(gathered, Many):
+            self._take_columns(*gathered)
+            return
         order, t_ns, topic, content = gathered
-        if isinstance(content, Columns):
-            self._take_columns(order, t_ns, topic, content)
-        elif isinstance(content, Imu):
+        if isinstance(content, Imu):
             self._imu.name(order, content.frame_id)
             quaternion = _NO_QUATERNION if content.quat_xyzw is None else content.quat_xyzw.tolist()
             self._imu.add(order, t_ns, [*content.angular_radps.tolist(), *quaternion])

@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings
 from quadlog.pipelines.stages.spill import Spill
 from quadlog.pipelines.stages.tilt import Tilt
 from quadlog.recordings.columns import Columns
-from quadlog.recordings.gathering import Gathered
+from quadlog.recordings.gathering import Many
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
@@ -54,7 +54,7 @@ class Seen:
         for topic, kind, quat_xyzw in ((IMU, Imu, imu), (ODOMETRY, Pose, odometry)):
             if quat_xyzw is not None:
                 values = np.concatenate([np.zeros((len(quat_xyzw), 3)), quat_xyzw], axis=1)
-                self.tilt.take(Gathered(np.arange(len(values)), at(len(values)), topic, Columns(kind, None, values)))
+                self.tilt.take(Many(np.arange(len(values)), at(len(values)), topic, Columns(kind, None, values)))
         self.spill = Spill(folder)
         scans = ScanSettings.of_config(self.config, maps=True)
         self.scanner = Scanner(scans, 0, self.mount, self.tilt, self.spill)
