@@ -29,7 +29,7 @@ class GroundProfile:
     def __init__(self, rows: int, columns: int) -> None:
         sectors = -(-columns // SECTOR_COLUMNS)
         self.height_m = np.zeros((sectors, STEPS), np.float32)
-        self._sums, self._sector_slope = np.zeros((3, sectors, rows), np.float32), np.zeros(sectors, np.float32)
+        self._sums = np.zeros((3, sectors, rows), np.float32)
         azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
         self._outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)])
         from_middle = np.arange(columns) - SECTOR_COLUMNS // 2
@@ -38,19 +38,22 @@ class GroundProfile:
         self.second = ((sector + 1) % sectors * STEPS).astype(np.int32)
         self.across = ((from_middle - sector * SECTOR_COLUMNS + 0.5) / SECTOR_COLUMNS).astype(np.float32)
 
-    def fit(self, ground: Marks, distance_m: Float32, z_m: Float32, floor_m: float, outward_slope: Float32) -> None:
+    def fit(
+        self,
+        ground: Marks,
+        distance_m: Float32,
+        z_m: Float32,
+        floor_m: float,
+        plane: Float,
+        transform_lidar_to_level: Float,
+    ) -> None:
         """Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed
-        from the sectors beside it where it has too little; beyond the last, outward_slope (sectors,) goes on.
+        from the sectors beside it where it has too little; beyond the last, plane goes on.
 
-        ground, distance_m, z_m: (rows, columns).
+        ground, distance_m, z_m: (rows, columns). plane: (3,) a, b, c of z = a x + b y + c.
         """
-        _profile(ground, distance_m, z_m, np.float32(floor_m), outward_slope, self._sums, self.height_m)
-
-    def outward_slopes(self, plane: Float, transform_lidar_to_level: Float) -> Float32:
-        """How much a plane (3,) a, b, c rises per metre in the middle of each sector: (sectors,)."""
-        outward = self._outward @ transform_lidar_to_level[:2, :2].T
-        rise: Float32 = (outward @ plane[:2] / np.sqrt((outward * outward).sum(axis=1))).astype(np.float32)
-        return rise
+        outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
+        _profile(ground, distance_m, z_m, np.float32(floor_m), *outward, self._sums, self.height_m)
 
     def height_at(self, column: int, distance_m: float) -> float:
         """The ground's height at a distance in a column, between its sector's middle and the next."""
@@ -64,17 +67,14 @@ def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar
     ground: (rows, columns); dx_m, dy_m from the lidar at lidar_xy_m (2,) of base, and z_m: of the same cells.
     A slight pull towards level through base's origin keeps it defined when there are few points or all in a line.
     """
-    squares, mixed = np.diag([1.0, 1.0, 1e-3]), np.zeros(3)
-    _add_up(ground, dx_m, dy_m, z_m, np.asarray(lidar_xy_m, dtype=np.float64), squares, mixed)
-    plane: Float = np.linalg.solve(squares, mixed)
+    plane: Float = np.zeros(3)
+    _fit_plane(ground, dx_m, dy_m, z_m, np.asarray(lidar_xy_m, dtype=np.float64), plane)
     return plane
 
 
 @njit(cache=True, error_model="numpy")
-def _add_up(
-    ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, squares: Float, mixed: Float
-) -> None:
-    """The normal equations of the plane, added to squares (3, 3) and mixed (3,)."""
+def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, plane: Float) -> None:
+    """The normal equations of the plane, solved by Cramer's rule."""
     n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     rows, columns = ground.shape
     x0, y0 = lidar_m[0], lidar_m[1]
@@ -85,13 +85,14 @@ def _add_up(
                 x, y, z = np.float64(dx_m[i]) + x0, np.float64(dy_m[i]) + y0, np.float64(z_m[i])
                 n, sx, sy, sz = n + 1, sx + x, sy + y, sz + z
                 xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
-    squares[0, 0] += xx
-    squares[1, 1] += yy
-    squares[2, 2] += n
-    squares[0, 1] = squares[1, 0] = xy
-    squares[0, 2] = squares[2, 0] = sx
-    squares[1, 2] = squares[2, 1] = sy
-    mixed[0], mixed[1], mixed[2] = xz, yz, sz
+    # Pulled towards level through the origin.
+    xx, yy, n = xx + 1.0, yy + 1.0, n + 1e-3
+    a0, a1, a2 = yy * n - sy * sy, sx * sy - xy * n, xy * sy - yy * sx
+    size = xx * a0 + xy * a1 + sx * a2
+    b1, b2 = xx * n - sx * sx, xy * sx - xx * sy
+    plane[0] = (a0 * xz + a1 * yz + a2 * sz) / size
+    plane[1] = (a1 * xz + b1 * yz + b2 * sz) / size
+    plane[2] = (a2 * xz + b2 * yz + (xx * yy - xy * xy) * sz) / size
 
 
 # Sums of a sector's sixteen returns may be taken in any order.
@@ -101,12 +102,15 @@ def _profile(
     distance_m: Float32,
     z_m: Float32,
     floor_m: float,
-    outward_slope: Float32,
+    outward: Float,
+    turn: Float,
+    plane: Float,
     sums: Float32,
     height_m: Float32,
 ) -> None:
+    """outward: (sectors, 2) directions of the sectors in the lidar's frame; turn: (2, 2) from there to base."""
     rows, columns = ground.shape
-    sectors = len(outward_slope)
+    sectors = len(outward)
     none = np.float32(0)
     for row in range(rows):
         for s in range(sectors):
@@ -144,7 +148,10 @@ def _profile(
             end = min(int(far * _PER_STEP) + 1, STEPS)
             _draw_line(heights[step:end], step, (high - z0) / (far - at), z0, at)
             step, at, z0 = max(end, step), far, high
-        _draw_line(heights[step:], step, outward_slope[s], z0, at)
+        x = turn[0, 0] * outward[s, 0] + turn[0, 1] * outward[s, 1]
+        y = turn[1, 0] * outward[s, 0] + turn[1, 1] * outward[s, 1]
+        rise = (x * plane[0] + y * plane[1]) / np.sqrt(x * x + y * y)
+        _draw_line(heights[step:], step, np.float32(rise), z0, at)
 
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)

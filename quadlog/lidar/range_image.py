@@ -222,7 +222,7 @@ class RangeImageClassifier:
         smoothed = isolated.distance_m, isolated.z_m
         walk.walk(isolated.good, *smoothed, image.range_m[0], beams.descending, floor_m)
         plane = level_plane(walk.ground, image.dx_m, image.dy_m, image.z_m, transform[:2, 3])
-        profile.fit(walk.ground, *smoothed, floor_m, profile.outward_slopes(plane, transform))
+        profile.fit(walk.ground, *smoothed, floor_m, plane, transform)
         label_returns(image, isolated, walk, profile, counts)
         return plane
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from quadlog.lidar.classify import ClassifiedScan
 from quadlog.lidar.deskew import Slots, sweep_slots
-from quadlog.lidar.ground import Ground, height_above_ground
+from quadlog.lidar.ground import Ground, is_level
 from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.points import PointClass
 from quadlog.lidar.range_image import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
@@ -33,7 +33,7 @@ class ScanClassifier:
 
         transform_lidar_to_level: (4, 4) to base made upright, or (2, 4, 4) at the first and the last point's time.
         """
-        transforms = np.asarray(transform_lidar_to_level, dtype=np.float64).reshape(-1, 4, 4)
+        transforms = transform_lidar_to_level.reshape(-1, 4, 4)
         slots = self._load(cloud)
         n = len(cloud.xyz_m)
         if self._images is None:
@@ -42,9 +42,10 @@ class ScanClassifier:
         x_m, y_m, z_m = self._xyz_m
         xyz_m = x_m[:n], y_m[:n], z_m[:n]
         last = max(len(slots.middle_ns) - 1, 1)
-        moving = np.stack([transforms[0], (transforms[-1] - transforms[0]) / last])
+        moving = np.empty((2, 4, 4))
+        moving[0], moving[1] = transforms[0], (transforms[-1] - transforms[0]) / last
         # Heights are measured, and the plane lies, about where the lidar is on average.
-        moving[0, :3, 3], moving[1, :3, 3] = transforms[:, :3, 3].mean(axis=0), 0.0
+        moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
         found = self._images.classify(xyz_m, ring, self._slot[:n], moving)
         return _as_returns(found, xyz_m, moving[0], slots)
 
@@ -81,9 +82,12 @@ def _as_returns(found: ImageClasses, xyz_m: XyzM, transform: Float, slots: Slots
 
 def _above_ground(transform: Float, ground: Ground | None) -> Float:
     """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
-    place_m: Float = transform[:3, 3].copy()
-    place_m[2] = float(height_above_ground(place_m[None], ground)[0])
-    return place_m
+    x_m, y_m, z_m = transform[:3, 3].tolist()
+    if is_level(ground):
+        assert ground is not None
+        nx, ny, nz = ground.normal.tolist()
+        z_m = (nx * x_m + ny * y_m + nz * z_m + ground.d_m) / nz
+    return np.array([x_m, y_m, z_m])
 
 
 def _points(found: ImageClasses, n_points: int, arrays: tuple[Float32, ...], transform: Float) -> ClassifiedScan:

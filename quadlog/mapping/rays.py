@@ -213,7 +213,7 @@ class RayPlacer:
 
     def __init__(self) -> None:
         self._profile_mm = np.zeros((MOST_SECTORS + 1, 0), np.int16)
-        self._sector = np.zeros(_DIRECTIONS, np.int32)
+        self._sector, self._outward = np.zeros(_DIRECTIONS, np.int32), np.zeros((2, 0))
         self._dx, self._cells = np.zeros(0, np.float32), np.zeros((2, 0), np.int32)
 
     def place(
@@ -236,10 +236,13 @@ class RayPlacer:
         if self._profile_mm.shape[1] != steps or len(self._dx) != cols:
             self._profile_mm = np.zeros((MOST_SECTORS + 1, steps), np.int16)
             self._dx, self._cells = np.zeros(cols, np.float32), np.zeros((2, cols), np.int32)
+        if self._outward.shape[1] != len(rays.count):
+            middle_rad = (np.arange(len(rays.count)) + 0.5) * (2 * np.pi / len(rays.count))
+            self._outward = np.stack([np.cos(middle_rad), np.sin(middle_rad)])
         corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
         _place(
             rays.count, rays.slot, rays.reach, rays.slope, unit_m, lidar_base_m, slot_pose_base_in_map, corner,
-            self._sector, self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
+            self._outward, self._sector, self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
         )  # fmt: skip
 
 
@@ -253,6 +256,7 @@ def _place(
     lidar_base_m: Float,
     poses: Float,
     corner: Float,
+    outward: Float,
     sector: NDArray[np.int32],
     profile_mm: NDArray[np.int16],
     dx: Float32,
@@ -262,16 +266,17 @@ def _place(
 ) -> None:
     """corner: the window's first column and row on the lattice, and the edge of a cell."""
     n, cell_m = len(poses), corner[2]
-    moved_m = np.empty((3, n))
+    moved_m = np.empty((5, n))
     for k in range(n):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         moved_m[0, k] = poses[k, 0] + cos * lidar_base_m[0] - sin * lidar_base_m[1]
         moved_m[1, k] = poses[k, 1] + sin * lidar_base_m[0] + cos * lidar_base_m[1]
         moved_m[2, k] = poses[k, 2] / (2.0 * math.pi)
+        moved_m[3, k], moved_m[4, k] = cos, sin
     start_x_m, start_y_m = moved_m[0].mean(), moved_m[1].mean()
     moved_m[0] -= start_x_m
     moved_m[1] -= start_y_m
-    _draw_profiles(count, slot, reach, slope, unit_m, lidar_base_m[2], moved_m, cell_m, sector, profile_mm)
+    _draw_profiles(count, slot, reach, slope, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
     col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
     _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
 
@@ -285,6 +290,7 @@ def _draw_profiles(
     unit_m: float,
     lidar_m: float,
     moved: Float,
+    outward: Float,
     cell_m: float,
     sector: NDArray[np.int32],
     profile_mm: NDArray[np.int16],
@@ -292,7 +298,8 @@ def _draw_profiles(
     """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
     the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
 
-    moved: (3, K) x, y in metres and yaw in turns, by which the lidar was elsewhere at each time slot.
+    moved: (5, K) x, y in metres by which the lidar was elsewhere at each time slot, its yaw in turns, and the cosine
+    and sine of that. outward: (2, sectors) directions of the sectors in base.
     """
     sectors, steps = len(count), profile_mm.shape[1]
     sector[:], profile_mm[sectors, :] = sectors, NO_RAY
@@ -309,8 +316,9 @@ def _draw_profiles(
         begin, end = math.ceil(first * _DIRECTIONS - 0.5), math.ceil((first + wide) * _DIRECTIONS - 0.5)
         for d in range(np.int64(begin), np.int64(end)):
             sector[d & (_DIRECTIONS - 1)] = s
-        middle_rad = 2.0 * math.pi * (first + 0.5 / sectors)
-        shift_m = math.cos(middle_rad) * moved[0, at] + math.sin(middle_rad) * moved[1, at]
+        x = moved[3, at] * outward[0, s] - moved[4, at] * outward[1, s]
+        y = moved[4, at] * outward[0, s] + moved[3, at] * outward[1, s]
+        shift_m = x * moved[0, at] + y * moved[1, at]
         done, heights = np.int64(0), profile_mm[s]
         for _ in range(count[s]):
             until_m = np.int64(reach[ray]) * unit_m + shift_m - _SHORT_CELLS * cell_m
