@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -63,6 +64,7 @@ class Recording:
         self._first_lags: dict[str, list[int]] = {}
         self._decoders: dict[int, tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
+        self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
 
@@ -99,7 +101,18 @@ class Recording:
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
-        return list(dict.fromkeys(channel.type_name for channel in self.channels if channel.topic == topic))
+        return list(dict.fromkeys(channel.type_name for channel in self.channels_of(topic)))
+
+    def channels_of(self, topic: str) -> tuple[Channel, ...]:
+        """The channels of a topic; none for one that the recording does not have."""
+        return self._channels_of.get(topic, ())
+
+    @cached_property
+    def _channels_of(self) -> dict[str, tuple[Channel, ...]]:
+        found: dict[str, list[Channel]] = {}
+        for channel in self.channels:
+            found.setdefault(channel.topic, []).append(channel)
+        return {topic: tuple(channels) for topic, channels in found.items()}
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -114,10 +127,9 @@ class Recording:
         before cannot be compared.
         """
         topics = [topics] if isinstance(topics, str) else list(topics)
-        known = {channel.topic for channel in self.channels}
         for topic in topics:
-            if topic not in known:
-                raise UnknownTopic(None, topic, sorted(known))
+            if not self.channels_of(topic):
+                raise UnknownTopic(None, topic, sorted(self._channels_of))
         return self._within(topics, start_ns, end_ns)
 
     def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
@@ -174,9 +186,16 @@ class Recording:
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
-        for channel in self.channels:
-            if channel.topic == topic and is_decodable(channel):
+        for channel in self.channels_of(topic):
+            # Compiling a definition takes a millisecond, and thousands of topics may share one.
+            kind = channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema
+            if not is_decodable(channel):
+                continue
+            if kind not in self._why_undecodable:
                 self._decoder(channel)
+                self._why_undecodable[kind] = self._undecodable.get(topic)
+            elif (why := self._why_undecodable[kind]) is not None:
+                self._undecodable[topic] = why
         return self._undecodable.get(topic)
 
     def ends_of(self, topic: str) -> Ends | None:
@@ -197,13 +216,14 @@ class Recording:
 
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""
-        useful = {channel.topic for channel in self.channels if is_decodable(channel)}
         sound = []
         for topic in dict.fromkeys(topics):
             types = self.types_of(topic)
-            if topic in useful and len(types) > 1:
+            if not any(is_decodable(channel) for channel in self.channels_of(topic)):
+                continue
+            if len(types) > 1:
                 self._undecodable[topic] = f"the topic carries several types ({', '.join(types)})"
-            elif topic in useful:
+            else:
                 sound.append(topic)
         return sound
 

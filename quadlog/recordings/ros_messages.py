@@ -37,6 +37,8 @@ class Definitions:
 
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
+        # Compiling takes a millisecond, and thousands of topics may share a definition.
+        self._ways: dict[tuple[Any, ...], list[tuple[Callable[[], Deserialise], Interpret]]] = {}
 
     def decoder(self, channel: Channel, interpret: Interpret, plain: Plain = ()) -> Callable[[Payload], Any]:
         """A function from payload to what interpret makes of (message object, topic), or plain of its bare values.
@@ -45,15 +47,19 @@ class Definitions:
         """
         if channel.message_encoding not in ("ros1", "cdr"):
             raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
+        kind = channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret
         try:
-            found = [_way(types, channel, interpret, plain) for types in self._candidates(channel)]
+            found = self._ways.get(kind)
+            if found is None:
+                found = [_way(types, channel, interpret, plain) for types in self._candidates(channel)]
+                self._ways[kind] = found
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
             raise DecodeError(
                 channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
             )
-        return _FirstFitting(channel, found)
+        return _FirstFitting(channel, [(make(), meaning) for make, meaning in found])
 
     def _candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
@@ -125,15 +131,17 @@ class _FirstFitting:
             raise DecodeError(self.channel.topic, reason) from error
 
 
-def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> tuple[Deserialise, Interpret]:
-    """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags."""
+def _way(
+    types: Types, channel: Channel, interpret: Interpret, plain: Plain
+) -> tuple[Callable[[], Deserialise], Interpret]:
+    """What makes a reader for payloads of a definition: by hand where it is a plain one, or else with rosbags."""
     for wanted, interpret_values in plain:
         fields = plain_fields(types, channel.type_name, wanted)
         if fields is not None:
-            return PlainReader(fields, channel.message_encoding), interpret_values
+            return partial(PlainReader, fields, channel.message_encoding), interpret_values
     store = _typestore(types, channel)
     deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return partial(deserialise, typename=channel.type_name), interpret
+    return partial(partial, deserialise, typename=channel.type_name), interpret
 
 
 def _typestore(types: Types, channel: Channel) -> Typestore:
