@@ -44,6 +44,9 @@ class RemoteBytes:
         begin = offset - first * BLOCK_BYTES
         return data[begin : begin + end - offset]
 
+    def release(self) -> None:
+        """See ByteSource: what was fetched is kept."""
+
     def close(self) -> None:
         """Give the room back."""
         self._kept.close()
