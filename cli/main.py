@@ -19,6 +19,8 @@ COMMANDS = (
     *("metrics", "report", "export", "diff", "check", "synthesize", "tables"),
 )
 
+_MAX_MESSAGE = 8000
+
 
 class LazyGroup(click.Group):
     """A group whose commands live one per file and are imported when named, so that help stays instant."""
@@ -72,7 +74,7 @@ def run(arguments: list[str]) -> int:
         error.show()
         return error.exit_code
     except QuadlogError as error:
-        click.echo(f"quadlog: {printable(error)}", err=True)
+        click.echo(f"quadlog: {printable(clipped(error, _MAX_MESSAGE))}", err=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
         goes_on = ", and --resume goes on" if arguments[:1] == ["replay"] else ""

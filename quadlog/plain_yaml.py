@@ -37,7 +37,8 @@ def parse_yaml(content: bytes) -> Plain:
             try:
                 builder.take(event)
             except NotPlainYaml as error:
-                raise NotPlainYaml(error.reason, event.start_mark.line + 1) from None
+                line = event.start_mark.line + 1 if event.start_mark else None
+                raise NotPlainYaml(error.reason, line) from None
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise NotPlainYaml(f"is no YAML: {clipped(error.problem or error.context)}", line) from None

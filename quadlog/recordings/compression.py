@@ -37,7 +37,7 @@ def decompress(compression: str, data: memoryview, size: int) -> memoryview:
     if size > (limit := largest_size(len(data))):
         raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
     if compression in ("", "none"):
-        body: bytes | memoryview = data
+        body: bytes | bytearray | memoryview = data
     else:
         try:
             body = _INFLATE[compression](data, size)

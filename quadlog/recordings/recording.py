@@ -17,6 +17,7 @@ from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
 from quadlog.storage.urls import to_path
+from quadlog.text import some_of
 
 
 def open_recording(
@@ -222,7 +223,7 @@ class Recording:
             if not any(is_decodable(channel) for channel in self.channels_of(topic)):
                 continue
             if len(types) > 1:
-                self._undecodable[topic] = f"the topic carries several types ({', '.join(types)})"
+                self._undecodable[topic] = f"the topic carries several types ({some_of(types)})"
             else:
                 sound.append(topic)
         return sound

@@ -20,7 +20,7 @@ from quadlog.recordings.candidates import (
 )
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.words import several
-from quadlog.text import MAX_LISTED, set_flag
+from quadlog.text import MAX_LISTED, set_flag, some_of
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
 POSITION_WORDS = ("auto", "uwb", "odometry", "tf", "fixed")
@@ -169,7 +169,7 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
     for topic in sorted({channel.topic for channel in recording.channels}):
         types = recording.types_of(topic)
         counts = [channel.count for channel in recording.channels_of(topic)]
-        why: str | None = f"carries several types ({', '.join(types)})"
+        why: str | None = f"carries several types ({some_of(types)})"
         if len(types) == 1:
             why = refusal(types[0])
         if why is None and all(count == 0 for count in counts):
@@ -211,7 +211,7 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
     if not types:
         raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
     if len(types) > 1:
-        raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(types)})")
+        raise UnknownTopic(role, topic, choices, f"carries several types ({some_of(types)})")
     if not _fits(role, types[0]):
         raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 
