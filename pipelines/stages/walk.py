@@ -152,7 +152,7 @@ class Walk:
 
     def expected_messages(self, topic: str) -> int | None:
         """How many messages the index promises on a topic; None for part of a recording, or without an index."""
-        counts = [channel.count for channel in self.recording.channels if channel.topic == topic]
+        counts = [channel.count for channel in self.recording.channels_of(topic)]
         known = [count for count in counts if count is not None]
         return sum(known) if len(known) == len(counts) and self.start_ns is None and self.end_ns is None else None
 

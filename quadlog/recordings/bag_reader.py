@@ -40,7 +40,7 @@ def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
     except BaseException:
         file.close()
         raise
-    return ChunkedReader(path, contents, BagFormat(file, file.size), file.close)
+    return ChunkedReader(path, contents, BagFormat(file, file.size), file)
 
 
 class BagFormat:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from quadlog.recordings.piece_losses import (
 )
 from quadlog.recordings.pieces import Body, Contents, Entries, Listed, LostPiece, Piece, PieceFormat, start_of
 from quadlog.recordings.words import several
+from quadlog.storage.byte_source import ByteSource
 
 # Messages whose times and places are Python objects at once.
 _BLOCK = 1024
@@ -41,12 +42,12 @@ class ChunkedReader:
     Counts that the file declares are compared once all of a topic was read.
     """
 
-    def __init__(self, path: Path, contents: Contents, form: PieceFormat, close: Callable[[], None]) -> None:
+    def __init__(self, path: Path, contents: Contents, form: PieceFormat, file: ByteSource) -> None:
         self.path = path
         self.losses: list[Loss] = []
         self.warnings: list[str] = []
         self.span_ns = contents.span_ns
-        self.close = close
+        self.release, self.close = file.release, file.close
         self._contents, self._form = contents, form
         self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False

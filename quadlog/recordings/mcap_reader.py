@@ -42,7 +42,7 @@ def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
     except BaseException:
         file.close()
         raise
-    return ChunkedReader(path, contents, McapFormat(file), file.close)
+    return ChunkedReader(path, contents, McapFormat(file), file)
 
 
 class McapFormat:

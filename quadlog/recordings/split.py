@@ -48,7 +48,9 @@ def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitRea
     errors: list[QuadlogError] = []
     for path in files:
         try:
-            parts.append(open_file(path))
+            part = open_file(path)
+            part.release()
+            parts.append(part)
         except QuadlogError as error:
             errors.append(error)
             losses.append(Loss("missing-split", str(error)))
@@ -166,7 +168,16 @@ class SplitReader:
         return excerpt
 
     def is_divisible(self) -> bool:
-        return all(part.is_divisible() for part in self._parts)
+        for part in self._parts:
+            divisible = part.is_divisible()
+            part.release()
+            if not divisible:
+                return False
+        return True
+
+    def release(self) -> None:
+        for part in self._parts:
+            part.release()
 
     def close(self) -> None:
         for part in self._parts:
@@ -193,6 +204,8 @@ class SplitReader:
             loss = Loss("missing-split", str(error))
             if loss not in self._own_losses:
                 self._own_losses.append(loss)
+        finally:
+            part.release()
 
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:

@@ -46,7 +46,8 @@ class SqliteReader:
         self.losses += tables.losses
         self.warnings: list[str] = [*database.warnings, *tables.warnings]
         self.close = database.close
-        self._connection, self._tables = database.connection, tables
+        self._database, self._tables = database, tables
+        self._passes = 0
         self._is_copy = database.folder is not None
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
@@ -72,6 +73,15 @@ class SqliteReader:
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """See Container. Messages that are not CDR are left out: opening already reported them."""
+        self._passes += 1
+        try:
+            yield from self._messages(topics, start_ns, end_ns)
+        finally:
+            self._passes -= 1
+
+    def _messages(
+        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[RawMessage]:
         wanted = {
             number: channel
             for number, channel in self._tables.channel_of.items()
@@ -150,6 +160,15 @@ class SqliteReader:
         except sqlite3.Error:
             return 0, 0, 0
         return first or 0, last or 0, pages * page_bytes
+
+    def release(self) -> None:
+        """See Container."""
+        if self._passes == 0:
+            self._database.release()
+
+    @property
+    def _connection(self) -> sqlite3.Connection:
+        return self._database.connection
 
     def is_divisible(self) -> bool:
         """See Container: rows whose order differs from that of their times show it over more than one window."""

@@ -101,6 +101,9 @@ class UnpackedFile:
     def is_divisible(self) -> bool:
         return False
 
+    def release(self) -> None:
+        self._inner.release()
+
     def close(self) -> None:
         self._inner.close()
         self._folder.cleanup()
