@@ -20,6 +20,8 @@ COMMANDS = (
     *("metrics", "report", "export", "diff", "check", "synthesize", "tables"),
 )
 
+_MAX_MESSAGE = 8000
+
 
 class LazyGroup(click.Group):
     """A group whose commands live one per file and are imported when named, so that help stays instant."""
@@ -86,7 +88,7 @@ def run(arguments: list[str]) -> int:
         click.echo(f"quadlog: {printable(_interrupted_words(error, arguments, started_s))}", err=True)
         return ExitCode.FAILED
     except QuadlogError as error:
-        click.echo(f"quadlog: {printable(error)}", err=True)
+        click.echo(f"quadlog: {printable(clipped(error, _MAX_MESSAGE))}", err=True)
         return error.exit_code
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from time import monotonic
 
-from fuzzing.worker import FOUND, Journal, fuzz, replay
+from fuzzing.worker import FOUND, Journal, fuzz, replay, test
 
 FOLDER = Path(".fuzz")
 _MEASURED = ("quadlog/recordings", "quadlog/storage")
@@ -29,12 +29,13 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600, help="Time for all targets together.")
     parser.add_argument("--seed", type=int, default=0, help="The same seed tries the same inputs.")
     parser.add_argument("--hypothesis", action="store_true", help="Mutate blindly also where atheris is installed.")
-    parser.add_argument("--examples", type=int, default=0, help="With replay: so many mutations besides.")
     asked = parser.parse_args()
     guided = not asked.hypothesis and importlib.util.find_spec("atheris") is not None
     if asked.targets[:1] == ["replay"]:
         name, *paths = asked.targets[1:]
-        return replay(name, _files(paths), asked.examples)
+        return replay(name, _files(paths))
+    if asked.targets[:1] == ["test"]:
+        return test(asked.targets[2:], Path(asked.targets[1]))
     if asked.targets[:1] == ["one"]:
         return fuzz(asked.targets[1], asked.seconds, asked.seed, FOLDER / asked.targets[1], guided)
     from fuzzing.targets.table import TARGETS  # not before: atheris instruments what `one` imports

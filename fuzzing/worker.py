@@ -9,10 +9,10 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from time import monotonic
-from types import TracebackType
 
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # the others reserve address space by the gigabyte
 os.environ["MUJOCO_GL"] = "disable"
@@ -51,19 +51,28 @@ class Journal:
         return int.from_bytes(told[:8], "little"), told[cls.HEAD : cls.HEAD + length]
 
 
-def replay(name: str, paths: Iterable[Path], examples: int) -> int:
-    """Run the cases in files, then examples of hypothesis; 0 when all hold, and FOUND at the first that does not."""
-    from fuzzing.oracles import limit_process
-
+def replay(name: str, paths: Iterable[Path]) -> int:
+    """Run the cases in files; 0 when all hold, and FOUND at the first that does not."""
     run = _prepared(name)
-    limit_process()
     for path in paths:
         try:
             run(path.read_bytes(), 1)
         except BaseException:
-            print(f"{path}:\n{_shortened(sys.exc_info()[2])}", file=sys.stderr)
+            print(f"{path}:\n{_shortened()}", file=sys.stderr)
             return FOUND
-    return 0 if not examples else _by_hypothesis(name, run, 0, None, examples, None)
+    return 0
+
+
+def test(names: Sequence[str], corpus: Path) -> int:
+    """Every case that broke something once, and a few mutations, of several targets; as replay."""
+    from fuzzing.targets.table import TARGETS
+
+    for name in names or TARGETS:
+        kept = sorted((corpus / name).iterdir()) if (corpus / name).is_dir() else []
+        found = replay(name, kept) or _by_hypothesis(name, _prepared(name), 0, None, TARGETS[name].examples, None)
+        if found:
+            return found
+    return 0
 
 
 def fuzz(name: str, seconds: float, seed: int, folder: Path, guided: bool) -> int:
@@ -73,9 +82,10 @@ def fuzz(name: str, seconds: float, seed: int, folder: Path, guided: bool) -> in
     return (_by_atheris if guided else _by_hypothesis_for)(name, seconds, seed, corpus, Journal(folder / "journal"))
 
 
+@cache
 def _prepared(name: str) -> Callable[[bytes, int], None]:
     """The target's case behind the oracles, after every seed ran once: what is imported or compiled then is no cost."""
-    from fuzzing.oracles import check
+    from fuzzing.oracles import check, limit_process
     from fuzzing.targets.table import TARGETS
 
     target = TARGETS[name]
@@ -89,19 +99,17 @@ def _prepared(name: str) -> Callable[[bytes, int], None]:
 
     for seed in target.seeds():
         check(case, seed, most_cpu_s=60)
+    limit_process()
     return run
 
 
 def _by_atheris(name: str, seconds: float, seed: int, corpus: Path, journal: Journal) -> int:
     import atheris
 
-    from fuzzing.oracles import limit_process
-
     with atheris.instrument_imports(include=["quadlog"], exclude=_not_guiding()):
         from fuzzing.targets.table import TARGETS
 
         run = _prepared(name)
-    limit_process()
     seeds = corpus.parent / "seeds"
     seeds.mkdir()
     for number, content in enumerate(TARGETS[name].seeds()):
@@ -141,10 +149,7 @@ def _not_guiding() -> list[str]:
 
 
 def _by_hypothesis_for(name: str, seconds: float, seed: int, corpus: Path, journal: Journal) -> int:
-    from fuzzing.oracles import limit_process
-
     run = _prepared(name)
-    limit_process()
     end = monotonic() + seconds
     while monotonic() < end:
         found = _by_hypothesis(name, run, seed, journal, 200, corpus, end)
@@ -191,8 +196,7 @@ def _by_hypothesis(
         except BaseException:
             _tell()
             if journal is None:
-                print(f"the case: {data!r}"[:2000], file=sys.stderr)
-            sys.stderr.flush()
+                print(f"{name}: {data!r}"[:2000], file=sys.stderr, flush=True)
             os._exit(FOUND)
 
     example()
@@ -201,10 +205,10 @@ def _by_hypothesis(
 
 def _tell() -> None:
     signal.setitimer(signal.ITIMER_PROF, 0)
-    print(_shortened(sys.exc_info()[2]), file=sys.stderr, flush=True)
+    print(_shortened(), file=sys.stderr, flush=True)
 
 
-def _shortened(trace: TracebackType | None) -> str:
+def _shortened() -> str:
+    """The traceback of what is handled now, without its middle where it is long."""
     lines = traceback.format_exc().splitlines()
-    del trace
     return "\n".join(line[:300] for line in (lines if len(lines) < 40 else [*lines[:4], "  ...", *lines[-30:]]))

@@ -12,7 +12,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
-from quadlog.text import set_flag
+from quadlog.text import MAX_LISTED, set_flag, some_of
 
 
 class ExitCode(IntEnum):
@@ -119,7 +119,9 @@ class AmbiguousTopic(QuadlogError):
         singles = all(len(topics) == 1 for topics in self.choices)
         several = "topics" if singles else "groups of topics"
         what = f"{len(self.choices)} {several}" if len(self.choices) != 1 else "one topic"
-        flags = "  or  ".join(set_flag(f"topics.{role}", topics) for topics in self.choices)
+        flags = "  or  ".join(set_flag(f"topics.{role}", topics) for topics in self.choices[:MAX_LISTED])
+        if len(self.choices) > MAX_LISTED:
+            flags += f"  or  one of {len(self.choices) - MAX_LISTED} more"
         super().__init__(f"{what} could be the {role}; choose with  {flags}")
 
 
@@ -130,7 +132,7 @@ class UnknownTopic(QuadlogError):
         self, role: str | None, topic: str, choices: Iterable[str], why: str = "is not in the recording"
     ) -> None:
         self.role, self.topic, self.choices = role, topic, list(choices)
-        listed = ", ".join(self.choices) or "none"
+        listed = some_of(self.choices) or "none"
         where = f"topics.{role}: " if role else ""
         super().__init__(f"{where}{topic} {why}; the recording has: {listed}")
 

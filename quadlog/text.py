@@ -23,6 +23,15 @@ def clipped(text: object, most: int = 200) -> str:
     return words if len(words) <= most else f"{words[:most]}... ({len(words) - most} more characters)"
 
 
+MAX_LISTED = 20
+
+
+def some_of(names: Sequence[str]) -> str:
+    """The names, or the first of them and how many more there are."""
+    more = [f"and {len(names) - MAX_LISTED} more"] if len(names) > MAX_LISTED else []
+    return ", ".join([*(clipped(name) for name in names[:MAX_LISTED]), *more])
+
+
 def set_flag(key: str, values: Sequence[str]) -> str:
     """`--set key=value` to paste into a shell: one value as it is, several as a TOML list.
 

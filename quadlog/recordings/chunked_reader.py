@@ -47,7 +47,7 @@ class ChunkedReader:
         self.losses: list[Loss] = []
         self.warnings: list[str] = []
         self.span_ns = contents.span_ns
-        self.close = file.close
+        self.release, self.close = file.release, file.close
         self._contents, self._form = contents, form
         self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False

@@ -55,7 +55,10 @@ class Clock:
         if self.stamp == "log" or (isinstance(message, Transforms) and message.static):
             return
         stamped = message.transforms if isinstance(message, Transforms) else (message,)
-        if count := sum(each.stamp_ns == 0 for each in stamped):
+        self._count_zeros(topic, sum(each.stamp_ns == 0 for each in stamped), zeros)
+
+    def _count_zeros(self, topic: str, count: int, zeros: dict[str, int]) -> None:
+        if count:
             zeros[topic] = zeros.get(topic, 0) + count
             self.zero_stamps[topic] = max(zeros[topic], self.zero_stamps.get(topic, 0))
 
@@ -99,13 +102,13 @@ class Clock:
     ) -> tuple[Int, NDArray[np.bool_]]:
         """The same of many messages (N,) of a topic at once, and which are not to be dropped; stamp_ns: None without.
 
-        Raises ClocksDiffer.
+        Stamps of 0 are counted too: see count_zero_stamps. Raises ClocksDiffer.
         """
         kept = np.ones(len(log_time_ns), dtype=np.bool_)
         if self.stamp == "log" or len(log_time_ns) == 0:
             return log_time_ns, kept
         if stamp_ns is None:
-            self.time_ns(topic, None, int(log_time_ns[0]), zeros)
+            self.time_ns(topic, None, int(log_time_ns[0]))
             return log_time_ns, kept
         usual = np.zeros(len(log_time_ns), dtype=np.bool_)
         if self.low is not None and self.high is not None:
@@ -113,9 +116,10 @@ class Clock:
             usual = (stamp_ns > 0) & (offset_ns >= self.low[0]) & (offset_ns <= self.high[0])
         if usual.all():
             return stamp_ns, kept
+        self._count_zeros(topic, int(np.count_nonzero(stamp_ns == 0)), zeros)
         t_ns = stamp_ns.copy()
         for row in np.flatnonzero(~usual).tolist():
-            own_ns = self.time_ns(topic, int(stamp_ns[row]), int(log_time_ns[row]), zeros)
+            own_ns = self.time_ns(topic, int(stamp_ns[row]), int(log_time_ns[row]))
             t_ns[row], kept[row] = own_ns or 0, own_ns is not None
         return t_ns, kept
 

@@ -133,6 +133,10 @@ class Container(Protocol):
         """
         ...
 
+    def release(self) -> None:
+        """Give file descriptors back until something is read again: a recording may have thousands of files."""
+        ...
+
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
         ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import lru_cache
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.container import Channel
@@ -32,12 +33,19 @@ def stamp_reader(channel: Channel) -> Callable[[Payload], int | None] | None:
 
 def starts_with_header(channel: Channel) -> bool:
     """Whether the message's first field is a std_msgs/Header, by the embedded definition or the standard one."""
-    text = channel.schema[:FRONT_BYTES].decode("utf-8", "replace")
+    return _starts_with_header(
+        channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema[:FRONT_BYTES]
+    )
+
+
+@lru_cache(maxsize=64)
+def _starts_with_header(type_name: str, message_encoding: str, schema_encoding: str, front: bytes) -> bool:
+    text = front.decode("utf-8", "replace")
     if not text.strip("\0 \n"):
-        fields = standard_types(channel.message_encoding, channel.type_name).get(channel.type_name, ([], []))[1]
+        fields = standard_types(message_encoding, type_name).get(type_name, ([], []))[1]
         return bool(fields) and fields[0][1][1] == HEADER_TYPE
-    if channel.schema_encoding == "ros2idl":
-        name = channel.type_name.rpartition("/")[2]
+    if schema_encoding == "ros2idl":
+        name = type_name.rpartition("/")[2]
         bodies = [body for struct, body in IDL_STRUCT.findall(text) if struct == name]
         return bool(bodies) and re.sub(r"@\w+\s*(\([^()]*\))?", "", bodies[0]).strip().startswith(
             "std_msgs::msg::Header"

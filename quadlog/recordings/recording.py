@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -21,6 +22,7 @@ from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
 from quadlog.storage.urls import to_path
+from quadlog.text import some_of
 
 
 def open_recording(
@@ -68,6 +70,7 @@ class Recording:
         self._first_lags: dict[str, list[int]] = {}
         self._decoders: dict[tuple[int, bool], tuple[Channel, Decoder | None]] = {}
         self._undecodable: dict[str, str] = {}
+        self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
 
@@ -105,10 +108,21 @@ class Recording:
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
-        mine = [channel for channel in self.channels if channel.topic == topic]
+        mine = self.channels_of(topic)
         # A writer may have announced a type and then sent no message of it.
         sent = [channel for channel in mine if channel.count != 0] or mine
         return list(dict.fromkeys(channel.type_name for channel in sent))
+
+    def channels_of(self, topic: str) -> tuple[Channel, ...]:
+        """The channels of a topic; none for one that the recording does not have."""
+        return self._channels_of.get(topic, ())
+
+    @cached_property
+    def _channels_of(self) -> dict[str, tuple[Channel, ...]]:
+        found: dict[str, list[Channel]] = {}
+        for channel in self.channels:
+            found.setdefault(channel.topic, []).append(channel)
+        return {topic: tuple(channels) for topic, channels in found.items()}
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -190,16 +204,15 @@ class Recording:
     def _singly(
         self, order: int, raw: RawMessage, within: Within, failed: dict[str, int], zeros: dict[str, int]
     ) -> Iterator[Gathered]:
-        for message in self._decode_or_count(raw, failed):
-            timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message, zeros)
+        for message in self._decode_or_count(raw, failed, zeros):
+            timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
             if timed is not None and within.holds(timed.t_ns):
                 yield One(order, timed.t_ns, timed.topic, timed.message)
 
     def _check_known(self, topics: Collection[str]) -> None:
-        known = {channel.topic for channel in self.channels}
         for topic in topics:
-            if topic not in known:
-                raise UnknownTopic(None, topic, sorted(known))
+            if not self.channels_of(topic):
+                raise UnknownTopic(None, topic, sorted(self._channels_of))
 
     def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
         self._learn_clocks(self._sound_topics(topics))
@@ -271,9 +284,16 @@ class Recording:
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
-        for channel in self.channels:
-            if channel.topic == topic and is_decodable(channel):
+        for channel in self.channels_of(topic):
+            # Compiling a definition takes a millisecond, and thousands of topics may share one.
+            kind = channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema
+            if not is_decodable(channel):
+                continue
+            if kind not in self._why_undecodable:
                 self._decoder(channel)
+                self._why_undecodable[kind] = self._undecodable.get(topic)
+            elif (why := self._why_undecodable[kind]) is not None:
+                self._undecodable[topic] = why
         return self._undecodable.get(topic)
 
     def ends_of(self, topic: str) -> Ends | None:
@@ -294,15 +314,18 @@ class Recording:
 
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""
-        useful = {channel.topic for channel in self.channels if is_decodable(channel)}
-        return [topic for topic in dict.fromkeys(topics) if topic in useful and len(self.types_of(topic)) == 1]
+        return [
+            topic
+            for topic in dict.fromkeys(topics)
+            if any(is_decodable(channel) for channel in self.channels_of(topic)) and len(self.types_of(topic)) == 1
+        ]
 
     def _mixed(self) -> dict[str, str]:
         """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
         kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
         useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and is_decodable(each)}
         types = {topic: self.types_of(topic) for topic in sorted(useful)}
-        several = {topic: ", ".join(names) for topic, names in types.items() if len(names) > 1}
+        several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
     def _look(self, raws: Iterator[RawMessage]) -> Iterator[Seen]:

@@ -20,7 +20,7 @@ from quadlog.recordings.candidates import (
 )
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.words import several
-from quadlog.text import set_flag
+from quadlog.text import MAX_LISTED, set_flag, some_of
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
 POSITION_WORDS = ("auto", "uwb", "odometry", "tf", "fixed")
@@ -58,6 +58,19 @@ class Roles:
     unused: Mapping[str, str] = field(default_factory=dict)
     near: Mapping[str, str] = field(default_factory=dict)
     targets: tuple[str, ...] = ()
+    _role_of: dict[str, Role] = field(init=False, repr=False, compare=False, default_factory=dict)
+    _choice_of: dict[str, tuple[str, tuple[str, ...]]] = field(
+        init=False, repr=False, compare=False, default_factory=dict
+    )
+
+    def __post_init__(self) -> None:
+        for role in self.found.values():
+            for topic in role.topics:
+                self._role_of.setdefault(topic, role)
+        for name, choices in self.ambiguous.items():
+            for topics in choices:
+                for topic in topics:
+                    self._choice_of.setdefault(topic, (name, topics))
 
     def topics(self, role: str) -> tuple[str, ...]:
         """The topics of a role, none where nobody plays it. Raises AmbiguousTopic where a choice is needed."""
@@ -71,13 +84,12 @@ class Roles:
 
     def of_topic(self, topic: str) -> tuple[str | None, str]:
         """The role a topic plays, and why it does or does not."""
-        for role in self.found.values():
-            if topic in role.topics:
-                return role.name, role.why
-        for name, choices in self.ambiguous.items():
-            for topics in choices:
-                if topic in topics:
-                    return None, f"one of {len(choices)} that could be the {name}: {set_flag(f'topics.{name}', topics)}"
+        if topic in self._role_of:
+            return self._role_of[topic].name, self._role_of[topic].why
+        if topic in self._choice_of:
+            name, topics = self._choice_of[topic]
+            count = len(self.ambiguous[name])
+            return None, f"one of {count} that could be the {name}: {set_flag(f'topics.{name}', topics)}"
         if topic in self.targets:
             return None, f"could be the target: {set_flag('topics.target', [topic])}"
         return None, self.unused.get(topic, "")
@@ -92,7 +104,8 @@ class Roles:
     def why_none(self, role: str) -> str:
         """What to tell a user who needs a role that nobody plays."""
         looked_fit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
-        return f"no topic is fit to be the {role}" + "".join(f"; {each}" for each in looked_fit)
+        more = [f"and {len(looked_fit) - MAX_LISTED} more"] if len(looked_fit) > MAX_LISTED else []
+        return "; ".join([f"no topic is fit to be the {role}", *looked_fit[:MAX_LISTED], *more])
 
 
 def detect_roles(recording: Recording, topics: Topics) -> Roles:
@@ -155,8 +168,8 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
     unused: dict[str, str] = {}
     for topic in sorted({channel.topic for channel in recording.channels}):
         types = recording.types_of(topic)
-        counts = [channel.count for channel in recording.channels if channel.topic == topic]
-        why: str | None = f"carries several types ({', '.join(types)})"
+        counts = [channel.count for channel in recording.channels_of(topic)]
+        why: str | None = f"carries several types ({some_of(types)})"
         if len(types) == 1:
             why = refusal(types[0])
         if why is None and all(count == 0 for count in counts):
@@ -198,7 +211,7 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
     if not types:
         raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
     if len(types) > 1:
-        raise UnknownTopic(role, topic, choices, f"carries several types ({', '.join(types)})")
+        raise UnknownTopic(role, topic, choices, f"carries several types ({some_of(types)})")
     if not _fits(role, types[0]):
         raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 

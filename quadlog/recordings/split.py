@@ -48,7 +48,9 @@ def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitRea
     errors: list[QuadlogError] = []
     for path in files:
         try:
-            parts.append(open_file(path))
+            part = open_file(path)
+            part.release()
+            parts.append(part)
         except QuadlogError as error:
             errors.append(error)
             losses.append(Loss("missing-split", str(error)))
@@ -165,6 +167,10 @@ class SplitReader:
         excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
         return excerpt
 
+    def release(self) -> None:
+        for part in self._parts:
+            part.release()
+
     def close(self) -> None:
         for part in self._parts:
             part.close()
@@ -190,6 +196,8 @@ class SplitReader:
             loss = Loss("missing-split", str(error))
             if loss not in self._own_losses:
                 self._own_losses.append(loss)
+        finally:
+            part.release()
 
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:

@@ -13,7 +13,6 @@ import os
 import shutil
 import sqlite3
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
@@ -24,17 +23,43 @@ MAGIC = b"SQLite format 3\0"
 _PENDING = ("-wal", "-journal")
 
 
-@dataclass
 class OpenDatabase:
-    """A connection, the folder of its copy if there is one, and what a user should know about it."""
+    """A database that is connected to while it is needed.
 
-    connection: sqlite3.Connection
-    folder: tempfile.TemporaryDirectory | None
-    warnings: list[str]
-    missing_bytes: int
+    folder is that of its copy, if there is one; warnings what a user should know about it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        parameters: str,
+        folder: tempfile.TemporaryDirectory | None,
+        warnings: list[str],
+        missing_bytes: int,
+    ) -> None:
+        self.folder, self.warnings, self.missing_bytes = folder, warnings, missing_bytes
+        self._path, self._parameters = path, parameters
+        self._connection: sqlite3.Connection | None = _connect(path, parameters)
+        self._is_closed = False
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """Made again when it was released. Raises NotARecording when that fails."""
+        if self._connection is None:
+            if self._is_closed:
+                raise ValueError("a closed database is read")
+            self._connection = _connect(self._path, self._parameters)
+        return self._connection
+
+    def release(self) -> None:
+        """Give the file descriptor back; nothing may be reading."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
     def close(self) -> None:
-        self.connection.close()
+        self.release()
+        self._is_closed = True
         if self.folder is not None:
             self.folder.cleanup()
 
@@ -49,7 +74,7 @@ def open_database(path: Path) -> OpenDatabase:
     torn = missing_bytes > 0 and path.stat().st_size % page_bytes != 0
     if not pending and not torn:
         # Immutable: no locks, no -shm, and nobody else's changes, because there are none.
-        return OpenDatabase(_connect(path, "mode=ro&immutable=1"), None, [], missing_bytes)
+        return OpenDatabase(path, "mode=ro&immutable=1", None, [], missing_bytes)
     folder = _copy(path, pending)
     copy = Path(folder.name) / "copy.db3"
     warnings = []
@@ -60,7 +85,7 @@ def open_database(path: Path) -> OpenDatabase:
         # SQLite would fill the torn page with zeros and give those out as data.
         os.truncate(copy, copy.stat().st_size // page_bytes * page_bytes)
     try:
-        return OpenDatabase(_connect(copy, "mode=rw"), folder, warnings, 0 if pending else missing_bytes)
+        return OpenDatabase(copy, "mode=rw", folder, warnings, 0 if pending else missing_bytes)
     except BaseException:
         folder.cleanup()
         raise

@@ -46,7 +46,8 @@ class SqliteReader:
         self.losses += tables.losses
         self.warnings: list[str] = [*database.warnings, *tables.warnings]
         self.close = database.close
-        self._connection, self._tables = database.connection, tables
+        self._database, self._tables = database, tables
+        self._passes = 0
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
@@ -71,6 +72,15 @@ class SqliteReader:
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """See Container. Messages that are not CDR are left out: opening already reported them."""
+        self._passes += 1
+        try:
+            yield from self._messages(topics, start_ns, end_ns)
+        finally:
+            self._passes -= 1
+
+    def _messages(
+        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[RawMessage]:
         wanted = {
             number: channel
             for number, channel in self._tables.channel_of.items()
@@ -149,6 +159,15 @@ class SqliteReader:
         except sqlite3.Error:
             return 0, 0, 0
         return first or 0, last or 0, pages * page_bytes
+
+    def release(self) -> None:
+        """See Container."""
+        if self._passes == 0:
+            self._database.release()
+
+    @property
+    def _connection(self) -> sqlite3.Connection:
+        return self._database.connection
 
     def _keys(self, numbers: list[int], start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, int]]:
         """Topic and row id of each message in order of log time; in file order behind a damage of the time index."""

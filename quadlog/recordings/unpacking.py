@@ -98,6 +98,9 @@ class UnpackedFile:
     def excerpt(self, budget: Budget) -> Container | None:
         return self._inner.excerpt(budget)
 
+    def release(self) -> None:
+        self._inner.release()
+
     def close(self) -> None:
         self._inner.close()
         self._folder.cleanup()

@@ -6,12 +6,13 @@ import re
 from collections.abc import Sequence
 
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~$&#])")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _LIST_ITEM = re.compile(r"^(\d*)([-+.)])(?=[\s-]|$)")  # what a paragraph must not begin with
 
 
 def escape_markdown(text: str) -> str:
-    """The text in one line, every character meant as it stands."""
-    line = _SPECIAL.sub(r"\\\1", " ".join(text.split()))
+    """The text in one line, every character meant as it stands; control characters are replaced."""
+    line = _SPECIAL.sub(r"\\\1", _CONTROL.sub("\N{REPLACEMENT CHARACTER}", " ".join(text.split())))
     return _LIST_ITEM.sub(r"\1\\\2", line)
 
 

@@ -53,6 +53,9 @@ class RemoteBytes:
         with ThreadPoolExecutor(_AT_A_TIME) as threads:
             return list(threads.map(lambda span: self._remote.fetch(*span) if span[0] < span[1] else b"", ends))
 
+    def release(self) -> None:
+        """See ByteSource: what was fetched is kept."""
+
     def close(self) -> None:
         """Give the room back."""
         self._kept.close()

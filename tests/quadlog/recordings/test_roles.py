@@ -9,6 +9,7 @@ import pytest
 
 from quadlog.config import Topics
 from quadlog.errors import AmbiguousTopic, UnknownTopic
+from quadlog.recordings import ros_messages
 from quadlog.recordings.container import Channel
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.roles import Roles, detect_roles
@@ -234,3 +235,26 @@ def test_empty_topics_play_no_role(log: Any) -> None:
 def test_real_recordings(file: str, role: str, topic: str) -> None:
     with open_recording(Path(os.environ["QUADLOG_DATASETS"]) / file) as recording:
         assert detect_roles(recording, Topics()).topic(role) == topic
+
+
+def test_many_topics_are_looked_through_once_and_few_are_listed(log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(300):
+        log.add(f"/odom_{number:03}", T0, log.ros.odometry(T0, 0.0))
+    looks, channels = [], type(log.container).channels
+    monkeypatch.setattr(type(log.container), "channels", property(lambda self: looks.append(1) or channels.fget(self)))
+    compiled, way = [], ros_messages._way
+    monkeypatch.setattr(ros_messages, "_way", lambda *each: compiled.append(1) or way(*each))
+    recording = Recording(log.container)
+    roles = detect_roles(recording, Topics())
+    for _ in recording.everything():
+        pass
+    assert roles.of_topic("/odom_299") == (
+        None,
+        "one of 300 that could be the odometry: --set topics.odometry=/odom_299",
+    )
+    assert (len(looks) < 20, len(compiled) < 3) == (True, True)
+    with pytest.raises(
+        AmbiguousTopic, match=r"300 topics .*topics\.odometry=/odom_019  or  one of 280 more$"
+    ) as raised:
+        roles.topic("odometry")
+    assert len(raised.value.choices) == 300

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import resource
 import tempfile
+from pathlib import Path
 
 import pytest
 import zstandard
@@ -284,3 +285,23 @@ def test_a_serialization_that_only_metadata_names_is_said(edge_cases, recordings
     with open_container(edge_cases / "rosbag2" / "wrong_serialization") as container:
         assert all("'wrong_format'" in warning for warning in container.warnings)
         assert len(container.warnings) == 2
+
+
+@pytest.mark.parametrize("build", ["mcap", "bag", "db3"])
+def test_a_recording_of_many_files_holds_few_of_them_open(tmp_path, recordings, build):
+    (tmp_path / "bag").mkdir()
+    messages = recordings.some(40)
+    for number, message in enumerate(messages):
+        getattr(recordings, build)(tmp_path / "bag" / f"bag_{number}.{build}", [message])
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(list(Path("/proc/self/fd").iterdir())) + 10, before[1]))
+    try:
+        with open_container(tmp_path / "bag") as container:
+            for _ in range(2):  # what is let go of is there again
+                begun = container.messages()
+                assert recordings.read_one(next(begun)) == messages[0]
+                assert recordings.read(container) == messages
+                assert [recordings.read_one(message) for message in begun] == messages[1:]
+            assert container.losses == []
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)

@@ -43,3 +43,10 @@ def test_a_table_has_the_cells_that_went_in(rows):
 
 def test_dollars_are_escaped_for_readers_that_typeset_mathematics():
     assert escape_markdown("$x$") == r"\$x\$"
+
+
+def test_what_a_terminal_would_obey_is_replaced():
+    assert (
+        escape_markdown("a\x1b[31m\x9b2J\x00b")
+        == "a\N{REPLACEMENT CHARACTER}\\[31m\N{REPLACEMENT CHARACTER}2J\N{REPLACEMENT CHARACTER}b"
+    )
