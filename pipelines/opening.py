@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.config import Config
 from quadlog.messages import Float, ImuSeries, PointCloud
@@ -41,6 +40,8 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
     mount = None if base is None else tree.static_transform(imu.frame_id, base)
     if base is None or mount is None or np.array_equal(mount[:3, :3], np.eye(3)):
         return imu
+    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
+
     imu_to_base = Rotation.from_matrix(mount[:3, :3])
     quat_xyzw = imu.quat_xyzw
     if quat_xyzw is not None:

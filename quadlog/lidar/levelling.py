@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from quadlog.geometry import rotation_from_quat
 from quadlog.messages import Float, Int
 
 MAX_AGE_NS = 200_000_000
@@ -50,9 +50,9 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
     that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
-    up = np.empty((0, 3))
+    up: Float = np.empty((0, 3))
     if real.any():
-        up = Rotation.from_quat(quat_xyzw[real]).as_matrix()[:, 2, :]
+        up = rotation_from_quat(quat_xyzw[real])[:, 2, :]
     if rotation_sensor_to_base is not None:
         up = up @ rotation_sensor_to_base.T
     return UpSeries(t_ns[real], up)
