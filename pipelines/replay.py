@@ -20,6 +20,7 @@ from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import reused_words, stages_until
 
 if TYPE_CHECKING:
+    from quadlog.pipelines.stages.first_compilation import Compilation
     from quadlog.pipelines.stages.walk import Walk
 
 GOES_ON = "--resume goes on"
@@ -119,18 +120,23 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     from quadlog.pipelines.stages.ingest import open_walk
     from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
     from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
-    from quadlog.pipelines.stages.warm_up import warm_up
+    from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
         progress.say(reused_words(stages_of(earlier), request.options.until))
     todo = stages_until(request.options.until)
     clock = StageClock()
-    progress.begin("start-up", None)
-    with _telling_how_to_go_on("the cache of compiled code"):
-        startup_s = warm_up([stage for stage in todo if stage not in stages_of(earlier)], request.config, progress.say)
-    with open_walk(request, clock, progress, described) as walk, _telling_how_to_go_on(request.run):
+    missing = [stage for stage in todo if stage not in stages_of(earlier)]
+    with (
+        open_walk(request, clock, progress, described) as walk,
+        compilation(missing, walk) as compiled,
+        _telling_how_to_go_on(request.run),
+    ):
         stages = MarkedStages(walk, request, earlier)
+        progress.begin("start-up", None)
+        # Positions come last, for another process compiles them meanwhile.
+        _compile(compiled, "filter", "map", "position")
         if "position" in todo:
             stages.do(POSITION, _locate)
         if "map" in todo:
@@ -138,14 +144,14 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         elif "filter" in todo:
             stages.do(FILTER, partial(_filter, request))
         if "plan" in todo:
-            stages.do(PLAN, _replan)
+            stages.do(PLAN, partial(_replan, compiled))
         if "control" in todo:
-            stages.do(CONTROL, _resimulate)
+            stages.do(CONTROL, partial(_resimulate, compiled))
         with clock.stage("report"):
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import finish_walk
 
-        metrics = finish_walk(walk, request, startup_s)
+        metrics = finish_walk(walk, request, compiled.seconds)
         losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
@@ -201,16 +207,25 @@ def _filter(request: ReplayRequest, walk: Walk) -> None:
     filter_scans(walk, request)
 
 
-def _replan(walk: Walk) -> None:
+def _replan(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.plan import replan_walk
 
+    if walk.target is not None:
+        _compile(compiled, "plan")
     replan_walk(walk)
 
 
-def _resimulate(walk: Walk) -> None:
+def _resimulate(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.control import resimulate_walk
 
+    if walk.target is not None:
+        _compile(compiled, "control")
     resimulate_walk(walk)
+
+
+def _compile(compiled: Compilation, *stages: str) -> None:
+    with _telling_how_to_go_on("the cache of compiled code"):
+        compiled.before(*stages)
 
 
 def _code(losses: str) -> ExitCode:
