@@ -49,7 +49,7 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
     mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
     if mount is None or base is None:
         return imu
-    from scipy.spatial.transform import Rotation  # half a second of imports, which `quadlog info` does without
+    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
 
     imu_to_base = Rotation.from_matrix(mount)
     quat_xyzw = imu.quat_xyzw

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +20,7 @@ from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import reused_words, stages_until
 
 if TYPE_CHECKING:
+    from quadlog.pipelines.stages.first_compilation import Compilation
     from quadlog.pipelines.stages.ingest import Clouds
     from quadlog.pipelines.stages.walk import Walk
 
@@ -119,34 +121,36 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     from quadlog.pipelines.stages.ingest import open_walk
     from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
     from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
-    from quadlog.pipelines.stages.warm_up import warm_up
+    from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
         progress.say(reused_words(stages_of(earlier), request.options.until))
     todo = stages_until(request.options.until)
     clock = StageClock()
-    progress.begin("start-up", None)
-    with _telling_how_to_go_on("the cache of compiled code"):
-        startup_s = warm_up([stage for stage in todo if stage not in stages_of(earlier)], request.config, progress.say)
+    missing = [stage for stage in todo if stage not in stages_of(earlier)]
     clouds = _clouds(todo, stages_of(earlier))
-    with open_walk(request, clock, progress, described, clouds) as walk, _telling_how_to_go_on(request.run):
+    with (
+        compilation(missing, request.config, progress.say) as compiled,
+        open_walk(request, clock, progress, described, clouds, partial(_compile, compiled, "filter", "map")) as walk,
+        _telling_how_to_go_on(request.run),
+    ):
         stages = MarkedStages(walk, request, earlier)
         if "position" in todo:
-            stages.do(POSITION, _locate)
+            stages.do(POSITION, partial(_locate, compiled))
         if "map" in todo:
             stages.do(MAP, _filter_and_map)
         elif "filter" in todo:
             stages.do(FILTER, _filter)
         if "plan" in todo:
-            stages.do(PLAN, _replan)
+            stages.do(PLAN, partial(_replan, compiled))
         if "control" in todo:
-            stages.do(CONTROL, _resimulate)
+            stages.do(CONTROL, partial(_resimulate, compiled))
         with clock.stage("report"):
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import finish_walk
 
-        metrics = finish_walk(walk, request, startup_s)
+        metrics = finish_walk(walk, request, compiled.seconds)
         losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
@@ -191,9 +195,11 @@ def _clouds(todo: Sequence[str], reused: Sequence[str]) -> Clouds:
     return "filter" if "filter" in todo and "filter" not in reused else None
 
 
-def _locate(walk: Walk) -> None:
+def _locate(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.position import locate_walk
 
+    if walk.streams.ranges is not None:
+        _compile(compiled, "position")
     locate_walk(walk)
 
 
@@ -209,16 +215,25 @@ def _filter(walk: Walk) -> None:
     filter_scans(walk)
 
 
-def _replan(walk: Walk) -> None:
+def _replan(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.plan import replan_walk
 
+    if walk.target is not None:
+        _compile(compiled, "plan")
     replan_walk(walk)
 
 
-def _resimulate(walk: Walk) -> None:
+def _resimulate(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.control import resimulate_walk
 
+    if walk.target is not None:
+        _compile(compiled, "control")
     resimulate_walk(walk)
+
+
+def _compile(compiled: Compilation, *stages: str) -> None:
+    with _telling_how_to_go_on("the cache of compiled code"):
+        compiled.before(*stages)
 
 
 def _code(losses: str) -> ExitCode:

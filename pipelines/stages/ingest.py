@@ -45,10 +45,12 @@ def open_walk(
     progress: Progress,
     described: InputRecord | None = None,
     clouds: Clouds = None,
+    before_clouds: Callable[[], None] = lambda: None,
 ) -> Iterator[Walk]:
     """The recording opened and read, in one pass; its run folder is taken before, and given back if that fails.
 
     described: the input, where it is known already. clouds: whether they are classified, and kept for maps, too.
+    before_clouds: called before the first of them is read, where they are.
     """
     from quadlog.pipelines.replay import Existing
 
@@ -63,7 +65,7 @@ def open_walk(
                 needed_lidar(roles)
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
-            walk = _read(request, recording, describe, roles, run, clouds, stack, clock, progress)
+            walk = _read(request, recording, describe, roles, run, clouds, before_clouds, stack, clock, progress)
             _tell_ambiguities(walk)
             walk.say_what_is_new()
             try:
@@ -92,6 +94,7 @@ def _read(
     roles: Roles,
     run: RunFolder,
     clouds: Clouds,
+    before_clouds: Callable[[], None],
     stack: ExitStack,
     clock: StageClock,
     progress: Progress,
@@ -111,6 +114,8 @@ def _read(
             read_small(recording, wanted, window)
     else:
         lidar = needed_lidar(roles)
+        progress.begin("start-up", None)
+        before_clouds()
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
             settings = ScanSettings.of_config(config, maps=clouds == "map")

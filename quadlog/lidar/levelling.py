@@ -49,7 +49,7 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
     that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
-    up = np.empty((0, 3))
+    up: Float = np.empty((0, 3))
     if real.any():
         x, y, z, w = (quat_xyzw if real.all() else quat_xyzw[real]).T
         # The last row of the rotation matrix, times the quaternion's squared length.
