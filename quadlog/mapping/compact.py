@@ -34,7 +34,7 @@ _SAME_TIME_SLOTS = 2
 _UNITS = 32000
 # How far the lidar lies from the middle of the window: its mount, half a cell, and what it moves while it sweeps.
 _LIDAR_OFF_M = 1.0
-_HEADER = struct.Struct("<qd4d??BxHIII")
+_HEADER = struct.Struct("<qd4d??BxHIII6x")
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
 
 
@@ -108,7 +108,7 @@ class CompactScan:
             nonlocal at
             array = np.frombuffer(data, dtype, math.prod(shape), at).reshape(shape)
             at += array.nbytes
-            return array
+            return array if array.flags.aligned else _fixed(array.copy())
 
         slot_ns, obstacle = take(np.int64, slots), take(np.int16, n, 3)
         reach, slope = take(np.uint16, n_rays), take(np.int16, n_rays)
@@ -117,6 +117,12 @@ class CompactScan:
         rays = Rays(take(np.uint8, sectors), take(np.uint8, sectors), reach, slope)
         head = t_ns, slot_ns, unit_m, reach_m, np.array(place_m), level, nothing
         return cls(*head, obstacle, obstacle_count, obstacle_slot, rays, ground, ground_count, take(np.uint8, g))
+
+
+def _fixed(array: NDArray) -> NDArray:
+    """The array, read-only: for one kind of arrays what is compiled for it is compiled once."""
+    array.flags.writeable = False
+    return array
 
 
 class ScanCompactor:
@@ -163,13 +169,13 @@ class ScanCompactor:
             lidar_base_m=place,
             level=is_level(returns.ground),
             shows_nothing=returns.shows_nothing,
-            obstacle=self._obstacle[:n_obstacles],
-            obstacle_count=self._obstacle_count[:n_obstacles],
-            obstacle_slot=self._obstacle_slot[:n_obstacles],
-            rays=rays,
-            ground=self._ground[:n_ground],
-            ground_count=self._ground_count[:n_ground],
-            ground_slot=self._ground_slot[:n_ground],
+            obstacle=_fixed(self._obstacle[:n_obstacles]),
+            obstacle_count=_fixed(self._obstacle_count[:n_obstacles]),
+            obstacle_slot=_fixed(self._obstacle_slot[:n_obstacles]),
+            rays=Rays(*(_fixed(each[:]) for each in (rays.count, rays.slot, rays.reach, rays.slope))),
+            ground=_fixed(self._ground[:n_ground]),
+            ground_count=_fixed(self._ground_count[:n_ground]),
+            ground_slot=_fixed(self._ground_slot[:n_ground]),
         )
 
     def _grow(self, room: int, width: int) -> None:
