@@ -6,9 +6,9 @@ Constants were chosen on seed 100 of quadlog.simulation.labelled_scans, and are 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner
 from quadlog.messages import Float32
 
 Marks = NDArray[np.int8]
@@ -25,7 +25,7 @@ _ZERO: int = np.int64(0)  # type: ignore[assignment]
 _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def drop_pieces(
     kind: Marks,
     good: Marks,
@@ -85,7 +85,7 @@ def drop_pieces(
             _drop(column, begin, size, n, kind, good, distance_m, z_m, row, gap_m, rise_m, ground)
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _drop(
     column: NDArray[np.int32],
     begin: int,

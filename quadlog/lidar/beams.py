@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.lidar.polar import Polar
 from quadlog.messages import Float, Float32, Int
 
@@ -119,7 +119,7 @@ def phase_and_strangers(
     return phase, strangers / n
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sample(
     x_m: Float32,
     y_m: Float32,
@@ -199,7 +199,7 @@ def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
     return statistics
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gather(
     range_m: Float32,
     sine: Float32,

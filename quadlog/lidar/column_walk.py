@@ -13,9 +13,9 @@ Constants were chosen on seed 100 of quadlog.simulation.labelled_scans, and are 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.beam_pieces import drop_pieces
 from quadlog.messages import Float32
 
@@ -73,7 +73,7 @@ class ColumnWalk:
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _walk(
     good: Marks,
     distance_m: Float32,
@@ -128,7 +128,7 @@ def _walk(
 
 
 # The following have no branches, and few arrays each, so that they become vector instructions.
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _off_the_ground(
     distance_m: Float32,
     z_m: Float32,
@@ -147,7 +147,7 @@ def _off_the_ground(
         off_m[c] = rise_m[c] - slope[c] * gap_m[c]
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _mark_rises(
     there: Marks, distance_above_m: Float32, z_above_m: Float32, distance_m: Float32, z_m: Float32, rises: Marks
 ) -> None:
@@ -157,7 +157,7 @@ def _mark_rises(
         rises[c] |= there[c] if steep & (rise > _WALL_RISE_M) else _NO
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _mark_walls(here: Marks, rises: Marks, walkable: Marks, off_m: Float32, gap_m: Float32, wall: Marks) -> None:
     for c in range(len(wall)):
         near = abs(off_m[c]) < _WALL_FOOT_REACH_M + _NEAR_PER_M * gap_m[c]
@@ -165,7 +165,7 @@ def _mark_walls(here: Marks, rises: Marks, walkable: Marks, off_m: Float32, gap_
         wall[c] = here[c] & rises[c] if near | above else _NO
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: Marks) -> bool:
     for c in range(len(kind)):
         at_foot = (wall[c] == _NO) | (off_m[c] <= _WALL_FOOT_M)
@@ -176,7 +176,7 @@ def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: M
     return any_possible != _NO
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _step_out(
     kind: Marks,
     ground: Marks,
@@ -204,7 +204,7 @@ def _step_out(
         last_m[c] = distance_m[c] if counts else last_m[c]
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _vote(
     wide: Marks, kind: Marks, distance_m: Float32, wall: Marks, off_m: Float32, votes: Marks, ground: Marks
 ) -> None:
@@ -238,7 +238,7 @@ def _vote(
         ground[c] = 2 * agreeing > voters
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _spread(
     kind: Marks, distance_m: Float32, z_m: Float32, wall: Marks, ground: Marks, undecided: Marks, link: Marks
 ) -> None:
@@ -268,7 +268,7 @@ def _spread(
             ground[c] = _YES
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _link(distance_m: Float32, z_m: Float32, undecided: Marks, ground: Marks, step: int, link: Marks) -> None:
     """Which undecided returns, that are not ground, lie level and next to the one before, at c - step."""
     columns = len(link)

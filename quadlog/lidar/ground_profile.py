@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.messages import Float, Float32
 
 Marks = NDArray[np.int8]
@@ -53,7 +54,7 @@ class GroundProfile:
         ground, distance_m, z_m: (rows, columns). plane: (3,) a, b, c of z = a x + b y + c.
         """
         outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
-        _profile(ground, distance_m, z_m, np.float32(floor_m), *outward, self._sums, self.height_m)
+        _profile(ground, distance_m, z_m, float(floor_m), *outward, self._sums, self.height_m)
 
     def height_at(self, column: int, distance_m: float) -> float:
         """The ground's height at a distance in a column, between its sector's middle and the next."""
@@ -72,7 +73,7 @@ def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar
     return plane
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, plane: Float) -> None:
     """The normal equations of the plane, solved by Cramer's rule."""
     n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -131,7 +132,7 @@ def _profile(
                     high += z[c] if is_ground[c] != 0 else none
             sums[0, s, row], sums[1, s, row], sums[2, s, row] = count, far, high
     for s in range(sectors):
-        at, step, z0, heights = none, 0, floor_m, height_m[s]
+        at, step, z0, heights = none, 0, np.float32(floor_m), height_m[s]
         for row in range(rows):
             count_here, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
             for k in range(1, _SECTORS_BESIDE + 1):
@@ -154,14 +155,14 @@ def _profile(
         _draw_line(heights[step:], step, np.float32(rise), z0, at)
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: float) -> None:
     first_m = np.float32(step) * _STEP - at_m
     for k in range(len(height_m)):
         height_m[k] = z_m + rise * (first_m + np.float32(k) * _STEP)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def profile_height(
     heights_m: Float32,
     first: NDArray[np.int32],

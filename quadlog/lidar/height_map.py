@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.image import Image
 from quadlog.lidar.points import PointClass
 from quadlog.messages import Float, Float32, Int
@@ -67,7 +67,7 @@ def _plane(cells: Float, floor_m: float) -> Float:
     return plane
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _grow(
     dx_m: Float32,
     dy_m: Float32,
@@ -114,7 +114,7 @@ def _grow(
             known[a, b] = True
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _extrapolate(
     cells: Float, known: NDArray[np.bool_], a: int, b: int, x: float, y: float
 ) -> tuple[float, float, float, float, float]:
@@ -144,7 +144,7 @@ def _extrapolate(
     return mz - slope_x * mx - slope_y * my, slope_x, slope_y, nearest_m, nearest_z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _measure(
     dx_m: Float32,
     dy_m: Float32,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.beams import ELEVATION_BINS, Beams
 from quadlog.messages import Float32
 
@@ -72,7 +72,7 @@ class Image:
         self.n_valid, self.n_others, self.n_without_row = found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _lay(
     n: int,
     x_m: Float32,
@@ -154,14 +154,14 @@ def _lay(
             n_without += row_begins < 0
     if n_others > 0:
         next_range_m[:] = nothing
-    for at in range(n_others):
-        if other_cell[at] >= 0:
-            k = np.uint32(other_cell[at])
-            next_range_m[k] = max(next_range_m[k], other_range_m[at])
+    for i in range(n_others):
+        if other_cell[i] >= 0:
+            k = np.uint32(other_cell[i])
+            next_range_m[k] = max(next_range_m[k], other_range_m[i])
     return n_valid, n_others, n_without
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _directions(
     size: int,
     x_m: Float32,
@@ -203,7 +203,7 @@ def _directions(
         column[j] = c - last if c >= last else c
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _turned(
     size: int,
     x_m: Float32,

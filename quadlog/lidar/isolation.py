@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.image import Image
 from quadlog.messages import Float32
 
@@ -22,7 +22,7 @@ _SAME_SURFACE_M = np.float32(0.08)
 _FAR_OFF_M = np.float32(-1e6)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def supported(range_m: Float32, columns: int, layers: int, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
@@ -76,7 +76,7 @@ class Isolated:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _isolate(
     range_m: Float32,
     dx_m: Float32,

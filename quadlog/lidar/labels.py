@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.lidar.column_walk import ColumnWalk
 from quadlog.lidar.ground_profile import GroundProfile, profile_height
 from quadlog.lidar.image import Image
@@ -59,7 +59,7 @@ def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:
     counts[_OUTLIER:] += np.bincount(label, minlength=len(counts))[_OUTLIER:]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _judge_others(
     n_others: int,
     other_range_m: Float32,
@@ -75,7 +75,7 @@ def _judge_others(
         label[cells + other] = _OBSTACLE if real else _OUTLIER
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _label_cells(
     good: Marks,
     ground: Marks,
@@ -118,7 +118,7 @@ def _label_cells(
     counts[_OUTLIER] += n_outlier
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _label_others(
     n_others: int,
     other_range_m: Float32,

@@ -38,6 +38,8 @@ SCANS_BETWEEN_LOOKS = 50
 _CHANGED_SHARE = 0.03
 
 XyzM = tuple[Float32, Float32, Float32]
+Laid = tuple[XyzM, NDArray[np.uint16], NDArray[np.uint8], Beams, Float32, tuple[float, float], float]
+"""What `Image.lay` was given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +98,13 @@ class ImageClasses:
     ground: Ground | None
     route: Route
     beams: Beams
-    laid: tuple
+    laid: Laid
 
     def point_numbers(self) -> NDArray[np.int32]:
         """(rows * columns + n_others,) number of the point in every cell, -1 for none, and of every other return."""
         image = self.image
         point = np.full(image.rows * image.columns + image.room, -1, np.int32)
-        Image(image.rows, image.columns, image.room).lay(*self.laid, point=point)
+        Image(image.rows, image.columns, image.room).lay(*self.laid, point)
         return point[: image.rows * image.columns + image.n_others]
 
 
@@ -149,7 +151,7 @@ class RangeImageClassifier:
 
     def _lay_beams(
         self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
-    ) -> tuple[_Space, Route, Beams, tuple] | None:
+    ) -> tuple[_Space, Route, Beams, Laid] | None:
         """The scan in an image of its beams; None where it shows none."""
         known, upright, n = self._known, bool(transforms[0, 2, 2] > 0), len(xyz_m[0])
         has_rings = ring is not None and len(ring) == n
@@ -168,7 +170,7 @@ class RangeImageClassifier:
 
     def _look_for_beams(
         self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
-    ) -> tuple[_Space, Route, Beams, tuple] | None:
+    ) -> tuple[_Space, Route, Beams, Laid] | None:
         self._known, upright, n = None, bool(transforms[0, 2, 2] > 0), len(xyz_m[0])
         polar = to_polar(xyz_m, self._settings.ranges_m)
         route: Route = "rings"
@@ -186,7 +188,7 @@ class RangeImageClassifier:
         self._known = _Known(beams, route, upright, n, ring is not None, SCANS_BETWEEN_LOOKS, *shares)
         return space, route, beams, laid
 
-    def _lay_bins(self, xyz_m: XyzM, slot: NDArray[np.uint8], transform: Float) -> tuple[_Space, Route, Beams, tuple]:
+    def _lay_bins(self, xyz_m: XyzM, slot: NDArray[np.uint8], transform: Float) -> tuple[_Space, Route, Beams, Laid]:
         """The scan in an image by directions along base's axes from the lidar's place."""
         turn = transform[:3, :3].astype(np.float32)
         with np.errstate(all="ignore"):

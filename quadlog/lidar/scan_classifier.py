@@ -12,7 +12,7 @@ from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.points import PointClass
 from quadlog.lidar.range_image import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
 from quadlog.lidar.returns import ClassifiedReturns
-from quadlog.messages import Float, Float32, PointCloud
+from quadlog.messages import Float, PointCloud
 
 
 class ScanClassifier:
@@ -73,11 +73,22 @@ class ScanClassifier:
 def _as_returns(found: ImageClasses, xyz_m: XyzM, transform: Float, slots: Slots) -> ClassifiedReturns:
     image = found.image
     n = image.rows * image.columns + image.n_others
-    arrays = image.dx_m[:n], image.dy_m[:n], image.z_m[:n], image.height_m[:n], image.label[:n], image.slot[:n]
-    shape = image.rows, image.columns
-    place_m = _above_ground(transform, found.ground)
-    how = found.counts, found.ground, found.route, place_m, slots
-    return ClassifiedReturns(*arrays, *shape, *how, lambda: _points(found, len(xyz_m[0]), arrays, transform))
+    return ClassifiedReturns(
+        dx_m=image.dx_m[:n],
+        dy_m=image.dy_m[:n],
+        z_m=image.z_m[:n],
+        height_m=image.height_m[:n],
+        label=image.label[:n],
+        slot=image.slot[:n],
+        rows=image.rows,
+        columns=image.columns,
+        counts=found.counts,
+        ground=found.ground,
+        route=found.route,
+        lidar_base_m=_above_ground(transform, found.ground),
+        slots=slots,
+        points=lambda: _points(found, len(xyz_m[0]), transform),
+    )
 
 
 def _above_ground(transform: Float, ground: Ground | None) -> Float:
@@ -90,17 +101,20 @@ def _above_ground(transform: Float, ground: Ground | None) -> Float:
     return np.array([x_m, y_m, z_m])
 
 
-def _points(found: ImageClasses, n_points: int, arrays: tuple[Float32, ...], transform: Float) -> ClassifiedScan:
+def _points(found: ImageClasses, n_points: int, transform: Float) -> ClassifiedScan:
     """Every point of the message with its class."""
-    dx_m, dy_m, z_m, height_m, label, _ = arrays
     image, point = found.image, found.point_numbers()
     here = np.flatnonzero(np.concatenate([image.range_m[0] > 0, np.ones(image.n_others, np.bool_)]))
     xyz_m = np.full((3, n_points), np.nan, np.float32)
     heights_m, labels = np.full(n_points, np.nan, np.float32), np.zeros(n_points, np.uint8)
     at = point[here]
     lidar_x_m, lidar_y_m = transform[:2, 3].astype(np.float32)
-    xyz_m[0, at], xyz_m[1, at], xyz_m[2, at] = dx_m[here] + lidar_x_m, dy_m[here] + lidar_y_m, z_m[here]
-    heights_m[at], labels[at] = height_m[here], label[here]
+    xyz_m[0, at], xyz_m[1, at], xyz_m[2, at] = (
+        image.dx_m[here] + lidar_x_m,
+        image.dy_m[here] + lidar_y_m,
+        image.z_m[here],
+    )
+    heights_m[at], labels[at] = image.height_m[here], image.label[here]
     ground = found.ground
     if ground is not None:
         inliers: NDArray[np.bool_] = labels == PointClass.GROUND

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.rays import NO_RAY
@@ -53,7 +53,7 @@ class AccumulatedMap:
         return cells, window
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _count(
     top_mm: NDArray[np.int16],
     lowest_ray_mm: NDArray[np.int16],

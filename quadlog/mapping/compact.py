@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.ground import is_level
 from quadlog.lidar.points import PointClass
 from quadlog.lidar.returns import ClassifiedReturns
@@ -106,7 +106,7 @@ class CompactScan:
 
         def take(dtype: type, *shape: int) -> NDArray:
             nonlocal at
-            array = np.frombuffer(data, dtype, math.prod(shape), at).reshape(shape)
+            array: NDArray = np.frombuffer(data, dtype, math.prod(shape), at).reshape(shape)
             at += array.nbytes
             return array if array.flags.aligned else _fixed(array.copy())
 
@@ -187,10 +187,12 @@ class ScanCompactor:
 
 _X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH = 0, 1, 3, 4, 5, 6, 7
 _PER_THIN, _PER_CELL, _PER_UNIT = 8, 9, 10
+# So that sums of heights stay within 16 bits.
+_HIGHEST_MM = np.float32(32000)
 _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _keep_obstacles(
     n: int,
     width: int,
@@ -214,29 +216,30 @@ def _keep_obstacles(
     table: (2, power of two), which item was kept last of the cells that share a place in it; of two such cells that
     take turns some points are kept twice, which changes no map.
     """
-    kept, mask = np.int64(0), np.int32(table.shape[1] - 1)
+    kept, mask = 0, np.int32(table.shape[1] - 1)
     x0, y0, per_unit = limits[_X], limits[_Y], limits[_PER_UNIT]
     table[:] = _NOWHERE
     for begin in range(0, n, width):
         size = min(width, n - begin)
         dxs, dys, heights, slots = dx_m[begin:], dy_m[begin:], height_m[begin:], slot[begin:]
         _thin_cells(size, dxs, dys, heights, label[begin:], limits, key)
-        n_columns, before = np.int64(0), _NOWHERE
+        n_columns, before = 0, _NOWHERE
         for c in range(size):
             # Written whatever they are: a branch that is often guessed wrongly takes longer.
             column[n_columns] = c
             n_columns += (key[c] != _NOWHERE) & ((key[c] != before) | counts)
             before = key[c] if key[c] != _NOWHERE else before
         for j in range(n_columns):
-            c = np.uint32(column[j])
-            cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), np.float32(32767)))
+            c = column[j]
+            cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), _HIGHEST_MM))
             at = np.uint32((cell ^ (cell >> np.int32(15)) * np.int32(73)) & mask)
             item = np.uint32(table[0, at])
             if table[1, at] == cell and abs(np.int64(obstacle_slot[item]) - slots[c]) <= _SAME_TIME_SLOTS:
                 obstacle[item, 2] = max(obstacle[item, 2], millimetres)
                 count[item] += count[item] < MOST_COUNT
                 continue
-            table[0, at], table[1, at], item = kept, cell, np.uint32(kept)
+            item = np.uint32(kept)
+            table[0, at], table[1, at] = kept, cell
             obstacle[item, 0] = np.int16(np.floor((dxs[c] + x0) * per_unit))
             obstacle[item, 1] = np.int16(np.floor((dys[c] + y0) * per_unit))
             obstacle[item, 2], count[item], obstacle_slot[item] = millimetres, 1, slots[c]
@@ -244,7 +247,7 @@ def _keep_obstacles(
     return kept
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _thin_cells(
     size: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, limits: Float32, key: NDArray[np.int32]
 ) -> None:
@@ -262,7 +265,7 @@ def _thin_cells(
         key[c] = cell if blocks else _NOWHERE
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _average_ground(
     n: int,
     dx_m: Float32,
@@ -278,11 +281,11 @@ def _average_ground(
     ground_slot: UInt8,
 ) -> int:
     """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: (room, 4) x, y, z and count."""
-    kept, mask = np.int64(0), np.int32(table.shape[1] - 1)
+    kept, mask = 0, np.int32(table.shape[1] - 1)
     x0, y0, per_cell = limits[_X], limits[_Y], limits[_PER_CELL]
     farthest = limits[_REACH] * limits[_REACH]
     table[:] = _NOWHERE
-    before, item = _NOWHERE, np.int64(0)
+    before, item = _NOWHERE, 0
     for i in range(n):
         if label[i] != _GROUND:
             continue
@@ -294,7 +297,7 @@ def _average_ground(
         cell = np.int32(x * per_cell + _MIDDLE) * _ROW + np.int32(y * per_cell + _MIDDLE)
         if cell != before:
             at = np.uint32((cell ^ (cell >> np.int32(15)) * np.int32(73)) & mask)
-            item, before = np.int64(table[0, at]), cell
+            item, before = int(table[0, at]), cell
             if table[1, at] != cell or sums[item, 3] >= np.float32(65535):
                 item = kept
                 table[0, at], table[1, at] = item, cell

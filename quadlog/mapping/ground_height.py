@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.mapping.compact import CompactScan
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
 from quadlog.mapping.window import FARTHEST_CELL, Window
@@ -71,7 +71,7 @@ class GroundHeight:
         return HeightMap(window.origin_m, window.cell_m, height_m, count)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cells_of_ground(
     ground: NDArray[np.int16],
     slot: NDArray[np.uint8],
@@ -97,7 +97,7 @@ def _cells_of_ground(
         bounds[1], bounds[3] = min(bounds[1], cells[i, 1]), max(bounds[3], cells[i, 1])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _add(
     ground: NDArray[np.int16],
     points: NDArray[np.uint16],

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.mapping.lattice import Layers
 from quadlog.mapping.occupancy import Grid
 from quadlog.mapping.placing import NO_TOP, PlacedScan
@@ -101,7 +101,7 @@ class LogOddsMemory:
         return occupied
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _remember(
     top_mm: Int16,
     lowest_ray_mm: Int16,
@@ -127,15 +127,20 @@ def _remember(
             hit = top > NO_TOP
             over = hit & (lasting >= settled) & (top > np.int16(lasting_top + _STACKED_MM))
             # What rays cross above the hit is not there any more.
-            left = min(lasting_top, ray) if lasting > none else top
+            lower = lasting_top if lasting_top < ray else ray
+            left = lower if lasting > none else top
             seen_under = ray <= np.int16(lasting_top + _SAME_HEIGHT_MM)
             less = np.int16(lasting - passed_ms) if seen_under & (lasting > none) & (not hit) else lasting
-            lasting_top = max(left, top) if hit & (not over) else lasting_top
-            lasting = min(np.int16(lasting + _HIT_MS), clear_ms) if hit & (not over) else less
+            kept_top = left if left > top else top
+            lasting_top = kept_top if hit & (not over) else lasting_top
+            more = np.int16(lasting + _HIT_MS) if lasting < clear_ms - _HIT_MS else clear_ms
+            lasting = more if hit & (not over) else less
             seen_through = (upper > none) & (ray <= np.int16(upper_top + _SAME_HEIGHT_MM))
             less = np.int16(upper - passed_ms) if seen_through else upper
-            upper_top = (max(upper_top, top) if upper > none else top) if over else upper_top
-            upper = min(np.int16(upper + _HIT_MS), clear_ms) if over else less
+            highest = upper_top if (upper > none) & (upper_top > top) else top
+            upper_top = highest if over else upper_top
+            more = np.int16(upper + _HIT_MS) if upper < clear_ms - _HIT_MS else clear_ms
+            upper = more if over else less
             lasts, rests = lasting > none, upper > none
             low[col] = lasting if lasts else (upper if rests else none)
             low_top[col] = lasting_top if lasts else (upper_top if rests else none)

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.mapping.compact import CompactScan
 from quadlog.mapping.rays import RayPlacer
 from quadlog.mapping.window import Window
@@ -64,7 +64,7 @@ class ScanPlacer:
         return self._placed
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _raise_tops(
     obstacle: NDArray[np.int16],
     points: NDArray[np.uint8],
@@ -103,7 +103,7 @@ def _raise_tops(
             if counts:
                 count[at_row, at_col] += points[i]
     if counts:
-        for at_row in range(rows):
-            for at_col in range(cols):
-                if count[at_row, at_col] < min_points:
-                    top_mm[at_row, at_col] = NO_TOP
+        for r in range(rows):
+            for c in range(cols):
+                if count[r, c] < min_points:
+                    top_mm[r, c] = NO_TOP

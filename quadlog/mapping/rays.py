@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.points import PointClass
 from quadlog.lidar.returns import ClassifiedReturns
 from quadlog.mapping.window import Window
@@ -32,7 +32,7 @@ _DIRECTIONS = 4096
 # A ray stops so much before its end, in cells: the cell in which it ends is not crossed, nor one it only touches.
 _SHORT_CELLS = 0.75
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
-_INF, _NONE, _ONE = np.float32(np.inf), np.float32(0), np.float32(1)
+_INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def _sectors(returns: ClassifiedReturns) -> tuple[int, int]:
     return min(max(n_ended // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS), 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gather(
     n: int,
     width: int,
@@ -139,10 +139,11 @@ def _gather(
             slope[k] = max(rise[c], slope[k])
             bin_slot[k] = slots[together * c]
     lidar_m, per_unit, most_m, highest_m = limits[2], limits[5], limits[6], limits[7]
-    n_rays = np.int64(0)
+    n_rays = 0
     for s in range(sectors):
         farthest, found = _NONE, 0
-        for k in range(s * BINS, (s + 1) * BINS):
+        for place_k in range(s * BINS, (s + 1) * BINS):
+            k = np.uint32(place_k)
             far = reach_m[k]
             if far == _INF or far <= farthest:
                 continue
@@ -156,13 +157,13 @@ def _gather(
     return n_rays
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _turn(x: float, y: float) -> float:
+@inner
+def _turn(x: np.float32, y: np.float32) -> np.float32:
     """The azimuth of (x, y) in turns, [0, 1], by a polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
     size_x, size_y = abs(x), abs(y)
     steep = size_y > size_x
     larger, smaller = size_y if steep else size_x, size_x if steep else size_y
-    q = smaller / max(larger, np.float32(1e-30))
+    q = smaller / (larger if larger > _TINY else _TINY)
     s = q * q
     part = np.float32(-0.05111625) + s * (np.float32(0.02327801) + s * np.float32(-0.00620448))
     part = q * (np.float32(0.15902978) + s * part)
@@ -171,7 +172,7 @@ def _turn(x: float, y: float) -> float:
     return _ONE - part if y < _NONE else part
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _bins(
     size: int,
     dx_m: Float32,
@@ -246,7 +247,7 @@ class RayPlacer:
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _place(
     count: NDArray[np.uint8],
     slot: NDArray[np.uint8],
@@ -281,7 +282,7 @@ def _place(
     _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _draw_profiles(
     count: NDArray[np.uint8],
     slot: NDArray[np.uint8],
@@ -330,7 +331,7 @@ def _draw_profiles(
         _draw_line(heights, done, steps, np.float32(NO_RAY), _NONE)
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: float, step_mm: float) -> None:
     for k in range(np.uint32(begin), np.uint32(end)):
         height = first_mm + np.float32(k) * step_mm
@@ -338,7 +339,7 @@ def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: fl
         heights_mm[k] = np.int16(max(height, np.float32(-NO_RAY)))
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _look_up(
     start_col: float,
     start_row: float,
