@@ -56,7 +56,7 @@ def unit_rows(quat_xyzw: Float) -> tuple[Float, np.ndarray]:
 
 def reachable_rows(position_m: Float) -> np.ndarray:
     """(N,) which positions (N, 3) are finite and no farther out than FARTHEST_M."""
-    reachable: np.ndarray = (np.abs(position_m) <= FARTHEST_M).all(axis=1)
+    reachable: np.ndarray = np.all(np.abs(position_m) <= FARTHEST_M, axis=1)
     return reachable
 
 
