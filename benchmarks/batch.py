@@ -17,7 +17,6 @@ from benchmarks.startup import QUADLOG
 
 EQUAL, EQUAL_S = 8, 60
 SHORT, SHORT_S = 1000, 2
-LONG_S = 60
 # A sweep of fewer rays makes a recording small, so that the engine has most to do beside it.
 AZIMUTH_STEPS = 90
 TIMINGS = ("ms", "us")
@@ -39,22 +38,7 @@ def measure(folder: Path) -> Iterator[Figure]:
     yield Figure("the same on a Dask cluster of 2 workers / 2 jobs", cluster_s / two_s, "x")
     differing = _differing(equal / "one", equal / "two") + _differing(equal / "one", equal / "dask")
     yield Figure("files that differ between --jobs 1, --jobs 2 and Dask", len(differing), "files", 0)
-    yield from _long(_recordings(folder / "long", 1, LONG_S, ()))
     yield from _engine(_recordings(folder / "short", SHORT, SHORT_S, ("--azimuth-steps", str(AZIMUTH_STEPS))))
-
-
-def _long(long: Path) -> Iterator[Figure]:
-    """One recording by two processes against one, with the method that has most to classify."""
-    seconds = []
-    for jobs in ("1", "2"):
-        _replay(long, jobs, "--jobs", jobs, "--until", "map", "--set", "lidar.method=paper")
-        stages = json.loads((long / jobs / "0" / "run.json").read_text())["stages"]
-        seconds.append(sum(each["seconds"] for each in stages if each["name"] in ("filter", "map")))
-    floor = f"{seconds[0]:.1f} s and {seconds[1]:.1f} s in filter and map"
-    yield Figure(
-        f"a recording of {LONG_S} s as in the paper, 2 processes against 1", seconds[0] / seconds[1], "x", floor=floor
-    )
-    yield Figure("files of it that differ", len(_differing(long / "1", long / "2")), "files", 0)
 
 
 def _engine(short: Path) -> Iterator[Figure]:

@@ -1,4 +1,4 @@
-"""Start-up: processor time of whole processes, in turn with a bare interpreter."""
+"""Start-up: of the command line alone, of a replay to its first scan, and of the very first one, which compiles."""
 
 from __future__ import annotations
 
@@ -6,29 +6,65 @@ import os
 import statistics
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.figures import Figure
+from quadlog.pipelines.engine.cores import cores
 
-ROUNDS = 15
+ROUNDS, REPLAYS = 15, 3
+FIXTURES = Path(__file__).parents[1] / "fixtures"
 QUADLOG = str(Path(sys.executable).with_name("quadlog"))
 
 
-def measure(_: Path) -> Iterator[Figure]:
-    """`quadlog --help` against `python -c pass`, medians of pairs."""
+def measure(folder: Path) -> Iterator[Figure]:
+    """`quadlog --help` against `python -c pass`, medians of pairs; then replays of the committed recording."""
     pairs = [(cpu_ms([QUADLOG, "--help"]), cpu_ms([sys.executable, "-c", "pass"])) for _ in range(ROUNDS)]
     click_ms = statistics.median(cpu_ms([sys.executable, "-c", "import click"]) for _ in range(ROUNDS))
     bare_ms = statistics.median(bare for _, bare in pairs)
     extra_ms = statistics.median(help_ms - bare for help_ms, bare in pairs)
     floor = f"floor: importing click alone is {click_ms - bare_ms:.0f} ms above"
     yield Figure("quadlog --help, above python -c pass", extra_ms, "ms cpu", 60, floor=floor)
+    yield _first_start(folder)
+    yield _first_scan(folder)
+
+
+def _first_start(folder: Path) -> Figure:
+    """With an empty cache of compiled code, then with a full one."""
+    (first_s, first_cpu_s), *later = [_replay(folder) for _ in range(REPLAYS + 1)]
+    later_s, later_cpu_s = (statistics.median(each) for each in zip(*later, strict=True))
+    compiling_s = first_cpu_s - later_cpu_s
+    floor = f"floor: {compiling_s:.1f} s of compiling, over {cores()} cores {compiling_s / cores():.1f} s"
+    return Figure("first start of make demo, above a later one", first_s - later_s, "s", 8, floor=floor)
+
+
+def _first_scan(folder: Path) -> Figure:
+    """The whole process, for a window that holds one scan or two."""
+    seconds = [_replay(folder, "--until", "filter", "--duration", "0.15")[0] for _ in range(REPLAYS + 1)]
+    imports = "import numba, numpy, pyarrow.parquet, pydantic"
+    floor_s = statistics.median(cpu_ms([sys.executable, "-c", imports]) for _ in range(REPLAYS)) * 1e-3
+    floor = f"floor: importing numba, numpy, pyarrow and pydantic, {floor_s:.2f} s"
+    return Figure("later start, to the first scan", statistics.median(seconds[1:]), "s", 1.5, floor=floor)
+
+
+def _replay(folder: Path, *options: str) -> tuple[float, float]:
+    """Wall and processor seconds of a replay that keeps its compiled code below the folder."""
+    environ = os.environ | {"NUMBA_CACHE_DIR": str(folder / "compiled")}
+    command = [QUADLOG, "replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml")]
+    before, started = os.times(), time.perf_counter()
+    out = ["-o", str(folder / "started"), "--force", *options]
+    subprocess.run(command + out, env=environ, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    return time.perf_counter() - started, _cpu_s(before)
 
 
 def cpu_ms(command: list[str]) -> float:
     """Processor time of a whole process, its children included."""
     before = os.times()
     subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+    return _cpu_s(before) * 1e3
+
+
+def _cpu_s(before: os.times_result) -> float:
     after = os.times()
-    used_s = after.children_user - before.children_user + after.children_system - before.children_system
-    return used_s * 1e3
+    return after.children_user - before.children_user + after.children_system - before.children_system

@@ -42,7 +42,7 @@ PRESETS = ("paper",)
 )
 @click.option("--controller", type=click.Choice(CONTROLLERS), help="As --set simulation.controller=NAME.")
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Recordings at a time, or processes of one; default: cores.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Recordings replayed at a time; default: one per core.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to replay on, as in tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Keep finished runs, complete the others.")
 @click.option("--force", is_flag=True, help="Replace existing runs.")
@@ -105,7 +105,7 @@ def command(
         return 0
     if len(batch) == 1 and scheduler is None:
         with open_progress() as progress:
-            outcome = replay_alone(batch[0], jobs or cores(), progress)
+            outcome = replay_alone(batch[0], progress)
     else:
         with open_batch_progress() as batch_progress:
             outcome = replay_batch(batch, jobs or cores(), scheduler, batch_progress)

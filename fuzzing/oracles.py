@@ -14,7 +14,6 @@ from types import FrameType
 
 from quadlog.errors import ExitCode, QuadlogError
 
-MOST_CPU_S = 2.0
 MOST_GROWTH_BYTES = 500 << 20
 _ADDRESS_SPACE_BYTES = 3 << 30
 _PAGE_BYTES = resource.getpagesize()
@@ -24,7 +23,7 @@ class Finding(BaseException):
     """An input that broke an oracle. No Exception, so that no handler of quadlog's takes it for damage."""
 
 
-def check(case: Callable[[bytes], None], data: bytes, most_cpu_s: float = MOST_CPU_S) -> None:
+def check(case: Callable[[bytes], None], data: bytes, most_cpu_s: float) -> None:
     """Run one case; raises Finding, or whatever the case let through that is no QuadlogError.
 
     Time is the process's CPU time, so that a busy machine finds nothing; memory is how far the peak lies above what

@@ -95,7 +95,7 @@ def _prepared(name: str) -> Callable[[bytes, int], None]:
         target.case(folder, data)
 
     def run(data: bytes, slower: int) -> None:
-        check(case, data, most_cpu_s=2.0 * slower)
+        check(case, data, most_cpu_s=target.most_cpu_s * slower)
 
     for seed in target.seeds():
         check(case, seed, most_cpu_s=60)

@@ -53,11 +53,11 @@ class BatchOutcome:
         return lines if left <= 0 else [*lines, f"  and {left} more, which summary.parquet lists with their reasons"]
 
 
-def replay_alone(planned: Planned, jobs: int, progress: Progress) -> BatchOutcome:
-    """Replay a single recording in this process, which others help with the scans of a long one. Raises its error."""
+def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
+    """Replay a single recording in this process. Raises its error."""
     cost: dict[str, Any] = {}
     with measured(cost, planned.request.run, planned.size_bytes):
-        outcome = replay_anywhere(replace(planned.request, processes=jobs), progress)
+        outcome = replay_anywhere(planned.request, progress)
     outcome = replace(outcome, cost=cost)
     summarise({planned.request.run.parent}, [outcome], progress)
     return BatchOutcome((outcome,))

@@ -37,15 +37,21 @@ def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, 
     return tree.static_transform(clouds[0].frame_id, base) if clouds else None
 
 
+def imu_mount(frame_id: str, tree: TransformTree, base_frame: str = "") -> Float | None:
+    """(3, 3) rotation from an IMU's frame to base through static tf; None where it is not told, or is no rotation."""
+    base = tree.base_frame(base_frame)
+    mount = None if base is None else tree.static_transform(frame_id, base)
+    return None if mount is None or np.array_equal(mount[:3, :3], np.eye(3)) else mount[:3, :3]
+
+
 def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
     """The same turned into base's axes, where static tf tells how the IMU is mounted; else as it came."""
-    base = tree.base_frame(base_frame)
-    mount = None if base is None else tree.static_transform(imu.frame_id, base)
-    if base is None or mount is None or np.array_equal(mount[:3, :3], np.eye(3)):
+    mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
+    if mount is None or base is None:
         return imu
-    from scipy.spatial.transform import Rotation  # half a second of imports, which `quadlog info` does without
+    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
 
-    imu_to_base = Rotation.from_matrix(mount[:3, :3])
+    imu_to_base = Rotation.from_matrix(mount)
     quat_xyzw = imu.quat_xyzw
     if quat_xyzw is not None:
         real = np.abs(quat_xyzw).max(axis=1) > 0

@@ -5,12 +5,10 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Protocol, TypeVar
-
-Item = TypeVar("Item")
+from typing import Protocol
 
 # Linux's own; rusage would count what a process had been before it became Python, a copy of the one that started it.
 _STATUS, _FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
@@ -56,8 +54,8 @@ class Kept(Silent):
 class StageClock:
     """Seconds spent in each stage and the process's peak memory when it ended.
 
-    Stages may interleave: a scan is filtered, then mapped, then the next one
-    is filtered; each stage gets its own share of the time.
+    Stages may interleave: a scan is read, then filtered, then the next one is
+    read; each stage gets its own share of the time.
     """
 
     def __init__(self) -> None:
@@ -74,16 +72,27 @@ class StageClock:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
             self.peak_memory_mb[name] = peak_memory_mb()
 
-    def drawn(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
-        """The items, with the time it takes to produce each counted towards a stage."""
-        iterator = iter(items)
-        while True:
-            with self.stage(name):
-                try:
-                    item = next(iterator)
-                except StopIteration:
-                    return
-            yield item
+    @contextmanager
+    def laps(self, *names: str) -> Iterator[Callable[[str], None]]:
+        """Split the time of the block between stages: the function given here is told which stage has just worked.
+
+        What is left at the end counts towards the first stage. Memory is looked at once, so that laps may be short.
+        """
+        last = time.perf_counter()
+
+        def lap(name: str) -> None:
+            nonlocal last
+            now = time.perf_counter()
+            self.seconds[name] = self.seconds.get(name, 0.0) + now - last
+            last = now
+
+        try:
+            yield lap
+        finally:
+            lap(names[0])
+            for name in names:
+                self.seconds.setdefault(name, 0.0)
+                self.peak_memory_mb[name] = peak_memory_mb()
 
 
 def peak_memory_mb() -> float:

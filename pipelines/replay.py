@@ -20,6 +20,8 @@ from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.stages import reused_words, stages_until
 
 if TYPE_CHECKING:
+    from quadlog.pipelines.stages.first_compilation import Compilation
+    from quadlog.pipelines.stages.ingest import Clouds
     from quadlog.pipelines.stages.walk import Walk
 
 GOES_ON = "--resume goes on"
@@ -58,10 +60,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to.
-
-    processes: how many share its scans, which changes no result. notes: lines for run.json on how the config was made.
-    """
+    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made."""
 
     recording: Path
     run: Path
@@ -69,7 +68,6 @@ class ReplayRequest:
     options: ReplayOptions = ReplayOptions()
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
-    processes: int = 1
     notes: tuple[str, ...] = ()
 
 
@@ -123,33 +121,36 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     from quadlog.pipelines.stages.ingest import open_walk
     from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
     from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
-    from quadlog.pipelines.stages.warm_up import warm_up
+    from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
         progress.say(reused_words(stages_of(earlier), request.options.until))
     todo = stages_until(request.options.until)
     clock = StageClock()
-    progress.begin("start-up", None)
-    with _telling_how_to_go_on("the cache of compiled code"):
-        startup_s = warm_up([stage for stage in todo if stage not in stages_of(earlier)], request.config, progress.say)
-    with open_walk(request, clock, progress, described) as walk, _telling_how_to_go_on(request.run):
+    missing = [stage for stage in todo if stage not in stages_of(earlier)]
+    clouds = _clouds(todo, stages_of(earlier))
+    with (
+        compilation(missing, request.config, progress.say) as compiled,
+        open_walk(request, clock, progress, described, clouds, partial(_compile, compiled, "filter", "map")) as walk,
+        _telling_how_to_go_on(request.run),
+    ):
         stages = MarkedStages(walk, request, earlier)
         if "position" in todo:
-            stages.do(POSITION, _locate)
+            stages.do(POSITION, partial(_locate, compiled))
         if "map" in todo:
-            stages.do(MAP, partial(_filter_and_map, request))
+            stages.do(MAP, _filter_and_map)
         elif "filter" in todo:
-            stages.do(FILTER, partial(_filter, request))
+            stages.do(FILTER, _filter)
         if "plan" in todo:
-            stages.do(PLAN, _replan)
+            stages.do(PLAN, partial(_replan, compiled))
         if "control" in todo:
-            stages.do(CONTROL, _resimulate)
+            stages.do(CONTROL, partial(_resimulate, compiled))
         with clock.stage("report"):
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import finish_walk
 
-        metrics = finish_walk(walk, request, startup_s)
+        metrics = finish_walk(walk, request, compiled.seconds)
         losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
@@ -187,34 +188,52 @@ def _telling_how_to_go_on(written: Path | str) -> Iterator[None]:
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
 
 
-def _locate(walk: Walk) -> None:
+def _clouds(todo: Sequence[str], reused: Sequence[str]) -> Clouds:
+    """What the clouds are read for, when some of the stages to do have been done before."""
+    if "map" in todo:
+        return None if "map" in reused else "map"
+    return "filter" if "filter" in todo and "filter" not in reused else None
+
+
+def _locate(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.position import locate_walk
 
+    if walk.streams.ranges is not None:
+        _compile(compiled, "position")
     locate_walk(walk)
 
 
-def _filter_and_map(request: ReplayRequest, walk: Walk) -> None:
+def _filter_and_map(walk: Walk) -> None:
     from quadlog.pipelines.stages.perceive import filter_and_map
 
-    filter_and_map(walk, request)
+    filter_and_map(walk)
 
 
-def _filter(request: ReplayRequest, walk: Walk) -> None:
+def _filter(walk: Walk) -> None:
     from quadlog.pipelines.stages.perceive import filter_scans
 
-    filter_scans(walk, request)
+    filter_scans(walk)
 
 
-def _replan(walk: Walk) -> None:
+def _replan(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.plan import replan_walk
 
+    if walk.target is not None:
+        _compile(compiled, "plan")
     replan_walk(walk)
 
 
-def _resimulate(walk: Walk) -> None:
+def _resimulate(compiled: Compilation, walk: Walk) -> None:
     from quadlog.pipelines.stages.control import resimulate_walk
 
+    if walk.target is not None:
+        _compile(compiled, "control")
     resimulate_walk(walk)
+
+
+def _compile(compiled: Compilation, *stages: str) -> None:
+    with _telling_how_to_go_on("the cache of compiled code"):
+        compiled.before(*stages)
 
 
 def _code(losses: str) -> ExitCode:

@@ -16,7 +16,7 @@ from quadlog.pipelines.replay import ReplayOutcome
 from quadlog.pipelines.simulate import SimulatedRun
 from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
 from quadlog.pipelines.simulation.trot_folder import TrotDescription, fill_trot_folder, verdict
-from quadlog.pipelines.stages.first_compilation import compiled_elsewhere
+from quadlog.pipelines.stages.first_compilation import SAID, on_first_compilation
 from quadlog.pipelines.summary import summarise
 from quadlog.results.files import is_part
 from quadlog.results.run_folder import RunFolder
@@ -69,7 +69,7 @@ def _refuse_existing(run: Path) -> None:
 def _warm_up(request: TrotRequest, progress: Progress) -> float:
     """Load and compile, here once for all workers, by what joints are sent to; returns the seconds it took."""
     started = time.perf_counter()
-    with compiled_elsewhere(None, progress.say):
+    with on_first_compilation(lambda: progress.say(SAID)):
         plan_trot(request.config.simulation, "3d-curve", request.seeds[0])
     return time.perf_counter() - started
 

@@ -15,22 +15,38 @@ Earth-centred coordinates reach 6.4e6 m, UTM 1e7 m and Web Mercator 2e7 m.
 
 def transform_from_rpy(translation_m: Float, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float:
     """(4, 4) transform that rotates by R_z(yaw) R_y(pitch) R_x(roll) and then translates by (3,) metres."""
-    from scipy.spatial.transform import Rotation  # slow to import, and pictures need none of it
-
+    cr, cp, cy = np.cos([roll_rad, pitch_rad, yaw_rad])
+    sr, sp, sy = np.sin([roll_rad, pitch_rad, yaw_rad])
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]).as_matrix()
+    transform[0, :3] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    transform[1, :3] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    transform[2, :3] = -sp, cp * sr, cp * cr
     transform[:3, 3] = translation_m
     return transform
 
 
 def transform_from_quat(position_m: Float, quat_xyzw: Float) -> Float:
     """(4, 4) transform of a pose: position (3,) in metres, quaternion (4,) as x, y, z, w."""
-    from scipy.spatial.transform import Rotation  # slow to import, and pictures need none of it
-
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_quat(quat_xyzw).as_matrix()
+    transform[:3, :3] = rotation_from_quat(quat_xyzw)
     transform[:3, 3] = position_m
     return transform
+
+
+def rotation_from_quat(quat_xyzw: Float) -> Float:
+    """(..., 3, 3) rotations of quaternions (..., 4) as x, y, z, w, of any length but zero.
+
+    scipy's, without its half a second of imports before the first scan.
+    """
+    quat = np.asarray(quat_xyzw, dtype=np.float64)
+    x, y, z, w = np.moveaxis(quat / np.linalg.norm(quat, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), y * y - x * x - z * z + w * w, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), z * z - x * x - y * y + w * w],
+    ]
+    rotations: Float = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return rotations
 
 
 def invert_transform(transform: Float) -> Float:

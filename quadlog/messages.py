@@ -8,7 +8,7 @@ chose. Whole topics of small messages are gathered into column series.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,72 @@ Int = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
+class PointTimes:
+    """When the points of a cloud were measured, as the sensor says it.
+
+    That is (value - zero) * scale - shift_ns, in nanoseconds, after the stamp. value: (N,) finite numbers. first_ns,
+    last_ns: the least and the greatest of the times.
+    """
+
+    value: NDArray[Any]
+    first_ns: int
+    last_ns: int
+    zero: float = 0.0
+    scale: float = 1.0
+    shift_ns: float = 0.0
+
+    @classmethod
+    def of_offsets(cls, offset_ns: Int) -> Self:
+        """Times that are given in nanoseconds after the stamp already."""
+        values = np.asarray(offset_ns)
+        low, high = (int(values.min()), int(values.max())) if values.size else (0, 0)
+        return cls(values, low, high)
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @property
+    def offset_ns(self) -> Int:
+        """(N,) int64 relative to the stamp."""
+        if self.value.dtype.kind != "f":
+            return self.value.astype(np.int64) - round(self.shift_ns)
+        offsets: Int = np.rint((self.value.astype(np.float64) - self.zero) * self.scale - self.shift_ns)
+        return offsets.astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, init=False)
 class PointCloud:
     """One lidar message, as it came: nothing filtered, nothing moved.
 
-    xyz_m: (N, 3) float32 in frame_id, non-finite points included, best with each coordinate side by side in memory.
-    ring: (N,) uint16 beam index, or None where the sensor gives none.
-    offset_ns: (N,) int64 time of each point relative to stamp_ns, or None.
+    xyz_m: (N, 3) float32 in frame_id, non-finite points included; often a view of the message's payload.
+    ring: (N,) uint16 beam index, or None where the sensor gives none; may be a view as well.
+    times: of each point, or None. They can also be given as offset_ns, (N,) int64 relative to stamp_ns.
     """
 
     stamp_ns: int | None
     frame_id: str
     xyz_m: NDArray[np.float32]
-    ring: NDArray[np.uint16] | None = None
-    offset_ns: Int | None = None
+    ring: NDArray[np.uint16] | None
+    times: PointTimes | None
+
+    def __init__(
+        self,
+        stamp_ns: int | None,
+        frame_id: str,
+        xyz_m: NDArray[np.float32],
+        ring: NDArray[np.uint16] | None = None,
+        offset_ns: Int | None = None,
+        times: PointTimes | None = None,
+    ) -> None:
+        given = times if offset_ns is None else PointTimes.of_offsets(offset_ns)
+        values = {"stamp_ns": stamp_ns, "frame_id": frame_id, "xyz_m": xyz_m, "ring": ring, "times": given}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def offset_ns(self) -> Int | None:
+        """(N,) int64 time of each point relative to stamp_ns, or None."""
+        return None if self.times is None else self.times.offset_ns
 
 
 @dataclass(frozen=True, slots=True)

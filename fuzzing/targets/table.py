@@ -13,13 +13,14 @@ from fuzzing.targets import models, recordings, runs, texts, web
 class Target:
     """case: what is done with one input, in a folder of its own; seeds: sound inputs; tokens: words of the format.
 
-    examples: how many mutations the tests try.
+    examples: how many mutations the tests try; most_cpu_s: what one input may take.
     """
 
     case: Callable[[Path, bytes], None]
     seeds: Callable[[], list[bytes]]
     tokens: Sequence[bytes] = ()
     examples: int = 100
+    most_cpu_s: float = 2.0
 
 
 TARGETS = {
@@ -35,5 +36,6 @@ TARGETS = {
     "lines": Target(texts.lines, texts.line_seeds, texts.LINE_TOKENS),
     "models": Target(models.models, models.model_seeds, models.MODEL_TOKENS),
     "run-files": Target(runs.run_files, runs.run_file_seeds, runs.RUN_TOKENS, 20),
-    "run-values": Target(runs.run_values, runs.run_value_seeds, examples=10),
+    "run-values": Target(runs.run_values, runs.run_value_seeds, examples=40),
+    "pages": Target(runs.pages, runs.page_seeds, examples=2, most_cpu_s=20.0),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from zlib import crc32
 
 from fuzzing.oracles import command, expect
 from quadlog.config import Config
@@ -74,7 +75,7 @@ def maps(folder: Path, data: bytes) -> None:
     (folder / "map.yaml").write_bytes(MAP_YAML)
     (folder / ("map.pgm" if data[:1] == b"\1" else "map.yaml")).write_bytes(data[1:])
     found = read_rosmap(folder / "map.yaml")
-    if found.cells.size < 10_000:
+    if found.cells.size < 10_000 and crc32(data) % 8 == 0:
         ends = ["--start-cell", "0,0", "--goal-cell", "1,1", "--planner", "dijkstra"]
         command("compare-planners", folder / "map.yaml", *ends, allowed=_ANY)
 

@@ -17,7 +17,7 @@ from quadlog.pipelines.simulation.settings import (
     robot_model,
     walker_settings,
 )
-from quadlog.pipelines.stages.first_compilation import compiled_elsewhere
+from quadlog.pipelines.stages.first_compilation import SAID, on_first_compilation
 from quadlog.simulation.course_walk import CourseWalk, walk_course
 from quadlog.simulation.courses import Course
 from quadlog.simulation.ground import Ground
@@ -96,6 +96,6 @@ def warm_up(course: Course, config: Config, ground: Ground, say: Callable[[str],
     say: told in one line when there is anything to compile.
     """
     started = time.perf_counter()
-    with compiled_elsewhere(None, say):
+    with on_first_compilation(lambda: say(SAID)):
         walk_once(course, config, ground, 0, most_s=0.1)
     return time.perf_counter() - started

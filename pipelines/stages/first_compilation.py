@@ -6,11 +6,15 @@ another one; what that one compiled is found in the cache afterwards.
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from threading import Event, Thread
+from types import TracebackType
+from typing import IO, Any, Self
 
 from numba.core import event
 
@@ -37,32 +41,99 @@ class _OnFirst(event.Listener):
 
 
 @contextmanager
-def compiled_elsewhere(command: list[str] | None, say: Callable[[str], None]) -> Iterator[None]:
-    """While the body runs; if it has anything to compile, that is said, and a command is run on another core.
+def on_first_compilation(call: Callable[[], None]) -> Iterator[None]:
+    """Calls a function at once when the body has to compile anything, and only the first time."""
+    with event.install_listener("numba:compile", _OnFirst(call)):
+        yield
 
-    Once the body is done, so is the command, if there is one. Its failure is no failure: what
-    it has not compiled is compiled here when it is needed.
+
+class Compilation:
+    """Parts of the code, each compiled by running it once, before it is needed (`before`).
+
+    parts: a function each, by name. elsewhere: the command for another process that compiles the parts it is given by
+    name, in that order, and prints each one's name when it is done. That process starts when the first thing turns out
+    to be missing in the cache, gets those of `shared` that have not begun, and is stopped with the context. Its failure
+    is no failure: what it has not compiled is compiled here when it is needed. say: told once when anything is missing.
     """
-    running: list[subprocess.Popen[bytes]] = []
 
-    def begin() -> None:
-        say(SAID)
-        if command is not None and cores() > 1:
-            nothing = subprocess.DEVNULL
-            started = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)  # noqa: S603 (constants)
-            running.append(started)
+    def __init__(
+        self,
+        parts: Mapping[str, Callable[[], object]],
+        shared: Sequence[str],
+        elsewhere: Sequence[str],
+        say: Callable[[str], None],
+    ) -> None:
+        self.seconds = 0.0
+        self._parts, self._shared, self._elsewhere, self._say = parts, shared, elsewhere, say
+        self._begun: set[str] = set()
+        self._done_elsewhere: dict[str, Event] = {}
+        self._context = ExitStack()
 
+    def __enter__(self) -> Self:
+        self._context.enter_context(on_first_compilation(self._start))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._context.close()
+
+    def before(self, *names: str) -> None:
+        """Compile those of the named parts that there are, or wait for them; `seconds` adds up how long that took."""
+        started = time.perf_counter()
+        for name in names:
+            if name in self._parts and name not in self._begun:
+                self._begun.add(name)
+                if name in self._done_elsewhere:
+                    self._done_elsewhere[name].wait(LONGEST_S)
+                with _uncollected():
+                    self._parts[name]()
+        self.seconds += time.perf_counter() - started
+
+    def _start(self) -> None:
+        self._say(SAID)
+        names = [name for name in self._shared if name in self._parts and name not in self._begun]
+        if not names or cores() < 2:
+            return
+        process = subprocess.Popen(  # noqa: S603 (constants)
+            [*self._elsewhere, *names],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self._done_elsewhere = {name: Event() for name in names}
+        reading = Thread(target=_follow, args=(process.stdout, self._done_elsewhere), daemon=True)
+        reading.start()
+        self._context.callback(_stop, process, reading)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the garbage collector: compiling builds millions of objects, and looking through them takes a tenth."""
+    enabled = gc.isenabled()
+    gc.disable()
     try:
-        with event.install_listener("numba:compile", _OnFirst(begin)):
-            yield
-        for each in running:
-            each.wait(LONGEST_S)
-    except subprocess.TimeoutExpired:
-        pass
+        yield
     finally:
-        for each in running:
-            each.kill()
-            each.wait()
+        if enabled:
+            gc.enable()
+
+
+def _follow(lines: IO[str], done: Mapping[str, Event]) -> None:
+    """Marks each name that is printed as done, and all of them at the end, for nothing more will come."""
+    with lines:
+        for line in lines:
+            if line.strip() in done:
+                done[line.strip()].set()
+    for each in done.values():
+        each.set()
+
+
+def _stop(process: subprocess.Popen[str], reading: Thread) -> None:
+    process.kill()
+    process.wait()
+    reading.join()
 
 
 def python(*arguments: str) -> list[str]:

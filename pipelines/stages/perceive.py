@@ -1,91 +1,80 @@
-"""Stages `filter` and `map`: every scan is classified, then laid on the grid around the robot, one at a time.
+"""Stages `filter` and `map`: what the pass over the recording has kept of every scan is written, and laid on the grid.
 
-They share one pass over the recording, so that no more than one scan is ever
-held; each is timed on its own.
+Scans were classified when they were read. Now that positions are known, each is placed where it was measured.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from itertools import islice
 
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan
-from quadlog.lidar.ground import height_above_ground, is_level
+from quadlog.lidar.classify import FEWEST_RETURNS
+from quadlog.lidar.deskew import Skewed
+from quadlog.lidar.ground import is_level
 from quadlog.lidar.points import PointClass
 from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.compact import CompactScan
 from quadlog.mapping.ground_height import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
-from quadlog.mapping.occupancy import obstacle_tops
-from quadlog.mapping.rays import lowest_rays
+from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.window import window_around
 from quadlog.messages import Float
-from quadlog.pipelines.stages.sampling import EvenSample
-from quadlog.pipelines.stages.scan_source import Scans, use_scans
+from quadlog.pipelines.stages.scan_poses import ScanPoses, deskewed
+from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
 from quadlog.pipelines.stages.walk import Walk
-from quadlog.pipelines.stages.windows import Scan
 from quadlog.results.maps import MapsWriter
 from quadlog.results.rosmap import write_rosmap
 from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
 from quadlog.results.schemas import TABLES
 from quadlog.results.tables import TableWriter
 
-if TYPE_CHECKING:
-    from quadlog.pipelines.replay import ReplayRequest
+AT_ONCE = 64
+"""Scans whose poses are looked up together."""
 
 
-def filter_scans(walk: Walk, request: ReplayRequest) -> None:
-    """Stage `filter` alone: scans.parquet and the cloud samples; needs no pose."""
-    _warn_of_mount(walk)
-    use_scans(walk, request, _filter_only)
+def filter_scans(walk: Walk) -> None:
+    """Stage `filter` alone: scans.parquet and the cloud samples."""
+    with walk.clock.laps("filter"):
+        scanner = _begin(walk)
+        poses = ScanPoses(walk)
+        for _ in _filtered(walk, scanner, poses):
+            pass
+        _end(walk, scanner, poses)
 
 
-def filter_and_map(walk: Walk, request: ReplayRequest) -> None:
+def filter_and_map(walk: Walk) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
-    _warn_of_mount(walk)
-    use_scans(walk, request, _filter_and_map)
-
-
-def _warn_of_mount(walk: Walk) -> None:
-    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
-        walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
-
-
-def _filter_only(walk: Walk, scans: Scans) -> None:
-    for _ in _filtered(walk, scans):
-        pass
-
-
-def _filter_and_map(walk: Walk, scans: Scans) -> None:
     grid = walk.config.grid
-    built = _Built(
-        make_memory(walk.config), AccumulatedMap(grid.cell_m), GroundHeight(walk.config.results.ground_cell_m)
-    )
     shape = (grid.size_cells, grid.size_cells)
-    with ExitStack() as stack:
-        with walk.clock.stage("map"):
-            maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
-        for scan in _filtered(walk, scans):
-            with walk.clock.stage("map"):
-                _map_scan(walk, scan, maps, built)
-    with walk.clock.stage("map"):
-        _write_built(walk, built)
+    with walk.clock.laps("filter", "map") as lap, ExitStack() as stack:
+        scanner = _begin(walk)
+        poses, mapper = ScanPoses(walk), _Mapper(walk.config)
+        maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
+        for row, pose, slot_pose in _filtered(walk, scanner, poses):
+            lap("filter")
+            _map_scan(walk, row, pose, slot_pose, maps, mapper)
+            lap("map")
+        _end(walk, scanner, poses)
+        lap("filter")
+        _write_maps(walk, mapper)
+        stack.close()
+        lap("map")
 
 
-@dataclass(frozen=True, slots=True)
-class _Built:
-    """What grows over the whole run."""
+class _Mapper:
+    """What grows over the whole run, and what places a scan in it."""
 
-    memory: Memory
-    whole: AccumulatedMap
-    ground: GroundHeight
+    def __init__(self, config: Config) -> None:
+        self.placer = ScanPlacer(config.grid.min_points, config.grid.target_radius_m)
+        self.memory = make_memory(config)
+        self.whole = AccumulatedMap(config.grid.cell_m)
+        self.ground = GroundHeight(config.results.ground_cell_m)
 
 
 def make_memory(config: Config) -> Memory:
@@ -102,33 +91,59 @@ def make_memory(config: Config) -> Memory:
     return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
 
 
-def _filtered(walk: Walk, scans: Scans) -> Iterator[Scan]:
-    """Keep a row of scan after scan; the clouds themselves are gone with the next one."""
-    samples: EvenSample[CloudSample] = EvenSample(walk.config.results.cloud_samples)
-    walk.progress.begin("filter", walk.expected_messages(walk.lidar_topic()))
+def _begin(walk: Walk) -> Scanner:
+    """What the pass over the recording has kept."""
+    assert walk.scanner is not None
+    walk.use("lidar")
+    walk.progress.begin("filter", len(walk.scanner.spill))
+    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
+        walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
+    return walk.scanner
+
+
+def _filtered(walk: Walk, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, Float, Float]]:
+    """Every scan, whose row is kept, with the poses (3,) at its stamp and (K, 3) at its time slots."""
+    scans = map(ScanRow.from_bytes, scanner.spill)
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
-        for scan in walk.clock.drawn("filter", scans.read()):
-            with walk.clock.stage("filter"):
-                walk.first_ns, walk.last_ns = min(walk.first_ns, scan.t_ns), max(walk.last_ns, scan.t_ns)
-                table.add_row(_row(scan))
-                _count_scan(walk, scan.points)
-                samples.offer(partial(_sample, scan))
-            yield scan
-            walk.progress.advance((scan.t_ns - walk.first_ns) * 1e-9)
-    with walk.clock.stage("filter"):
-        write_cloud_samples(walk.run.path, samples.kept(), [each.name.lower() for each in PointClass])
-    scans.tally.tell(walk)
+        while rows := list(islice(scans, AT_ONCE)):
+            for row, (pose, slot_pose) in zip(rows, poses.of(rows), strict=True):
+                walk.first_ns, walk.last_ns = min(walk.first_ns, row.t_ns), max(walk.last_ns, row.t_ns)
+                table.add_row(_columns(row))
+                _count_scan(walk, row)
+                yield row, pose, slot_pose
+                walk.progress.advance((row.t_ns - walk.first_ns) * 1e-9)
+
+
+def _end(walk: Walk, scanner: Scanner, poses: ScanPoses) -> None:
+    samples = [_sample(each, *poses.at(each.t_ns, each.slot_ns)) for each in scanner.samples.kept()]
+    write_cloud_samples(walk.run.path, samples, [each.name.lower() for each in PointClass])
+    _tell_routes(walk, scanner, poses.skewed)
     _tell_of_scans(walk)
 
 
-def _count_scan(walk: Walk, points: ClassifiedScan) -> None:
+def _count_scan(walk: Walk, row: ScanRow) -> None:
     walk.count("scans")
-    if points.shows_nothing:
+    if row.shows_nothing:
         walk.count("scans_without_points")
-    elif points.ground is None:
+    elif not row.ground_found:
         walk.count("scans_without_ground")
-    elif not is_level(points.ground):
+    elif not is_level(row.ground):
         walk.count("scans_with_steep_ground")
+
+
+def _tell_routes(walk: Walk, scanner: Scanner, skewed: Counter[Skewed]) -> None:
+    """How scans were looked at, and how many were taken as they came although they should not have been."""
+    routes, tilted = scanner.tally.routes, scanner.tally.tilted
+    n = routes.total()
+    for route, count in routes.most_common():
+        walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
+    for reason, count in skewed.items():
+        walk.count("scans_not_deskewed", count)
+        if reason is not Skewed.NO_TIMES and walk.config.lidar.deskew:
+            walk.warn(f"{count} of {n} scans keep the robot's motion: {reason.value}")
+    for why_not, count in tilted.items():
+        walk.count("scans_not_levelled", count)
+        walk.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
 
 
 def _tell_of_scans(walk: Walk) -> None:
@@ -146,84 +161,51 @@ def _tell_of_scans(walk: Walk) -> None:
             walk.warn(f"{count} of {n} scans: {text}" + (f" ({walk.lidar_topic()}: {why})" if count == n else ""))
 
 
-def _map_scan(walk: Walk, scan: Scan, maps: MapsWriter, built: _Built) -> None:
-    if scan.points.shows_nothing:
+def _map_scan(walk: Walk, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: _Mapper) -> None:
+    if row.shows_nothing:
         return
-    if scan.pose_base_in_map is None:
+    if not np.isfinite(pose).all():
         walk.count("scans_without_pose")
         return
-    grid, pose = walk.config.grid, scan.pose_base_in_map
-    settings = _obstacle_settings(walk.config)
-    window = window_around(pose[:2], grid.cell_m, grid.size_cells)
-    blocking = obstacle_points(scan.points, pose, walk.target_at(scan.t_ns), settings)
-    top_m = obstacle_tops(blocking, window, grid.min_points)
-    lowest_ray_m = lowest_rays(_sensor(walk, scan.points), *ray_ends(scan.points, settings), pose, window)
-    maps.append(scan.t_ns, window.origin_m, built.memory.add(scan.t_ns, window, top_m, lowest_ray_m))
+    grid = walk.config.grid
+    scan, window = CompactScan.from_bytes(row.compact), window_around(pose[:2], grid.cell_m, grid.size_cells)
+    placed = mapper.placer.place(scan, slot_pose, walk.target_at(row.t_ns), window)
+    maps.append(row.t_ns, window.origin_m, mapper.memory.add(row.t_ns, window, placed))
     # What a ray passes above the robot's back may still be in its way.
-    built.whole.add(window, np.isfinite(top_m), lowest_ray_m < walk.config.robot.height_m)
+    mapper.whole.add(window, placed, round(walk.config.robot.height_m * 1000))
     # A wall that was taken for the ground says nothing about where the floor is.
-    if is_level(scan.points.ground):
-        built.ground.add(scan.points.xyz_base_m, scan.points.label, pose)
+    if scan.level:
+        mapper.ground.add(scan, slot_pose)
 
 
-def _sensor(walk: Walk, points: ClassifiedScan) -> Float:
-    """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
-    place_m = walk.transform_lidar_to_base[:3, 3].copy()
-    place_m[2] = float(height_above_ground(place_m[None], points.ground)[0])
-    return place_m
-
-
-def _write_built(walk: Walk, built: _Built) -> None:
-    whole = built.whole.to_cells()
+def _write_maps(walk: Walk, mapper: _Mapper) -> None:
+    whole = mapper.whole.to_cells()
     if whole is not None:
         cells, window = whole
         write_rosmap(walk.run.path, cells, window.origin_m, window.cell_m)
-    ground = built.ground.to_map()
+    ground = mapper.ground.to_map()
     if ground is not None:
         write_ground(
             walk.run.path, GroundMap(ground.origin_m, ground.cell_m, ground.height_m, ground.count.astype(np.int64))
         )
-    for name, skipped in (("map.pgm", built.whole.skipped), ("ground.npz", built.ground.skipped)):
+    for name, skipped in (("map.pgm", mapper.whole.skipped), ("ground.npz", mapper.ground.skipped)):
         if skipped:
             walk.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
-    if built.memory.skipped:
-        walk.warn(f"{built.memory.skipped} maps hold one scan alone: the run covers more than memory may grow to")
+    if mapper.memory.skipped:
+        walk.warn(f"{mapper.memory.skipped} maps hold one scan alone: the run covers more than memory may grow to")
     lost = walk.counts.get("scans_without_pose", 0)
     if lost:
         walk.warn(f"{lost} scans are not in the map: no pose within {walk.config.lidar.pose_gap_s} s of them")
 
 
-def _row(scan: Scan) -> dict[str, float | int | bool]:
-    points, ground = scan.points, scan.points.ground
-    normal = (np.nan, np.nan, np.nan) if ground is None else ground.normal
-    return {
-        "t_ns": scan.t_ns,
-        "n_raw": points.n_raw,
-        "n_valid": points.n_valid,
-        "n_outlier": points.n_outlier,
-        "n_ground": points.n_ground,
-        "n_obstacle": points.n_obstacle,
-        "ground_nx": float(normal[0]),
-        "ground_ny": float(normal[1]),
-        "ground_nz": float(normal[2]),
-        "ground_d_m": np.nan if ground is None else ground.d_m,
-        "ground_found": ground is not None,
-        "ms": scan.ms,
-    }
+def _columns(row: ScanRow) -> dict[str, float | int | bool]:
+    normal_x, normal_y, normal_z = row.normal
+    names = ("t_ns", "n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle", "ground_found", "ms")
+    values: dict[str, float | int | bool] = {name: getattr(row, name) for name in names}
+    return values | {"ground_nx": normal_x, "ground_ny": normal_y, "ground_nz": normal_z, "ground_d_m": row.d_m}
 
 
-def _sample(scan: Scan) -> CloudSample:
-    x_m, y_m, yaw_rad = (np.nan, np.nan, np.nan) if scan.pose_base_in_map is None else scan.pose_base_in_map
-    valid = scan.points.label != PointClass.INVALID
-    xyz_m = scan.points.xyz_base_m[valid].astype(np.float32)
-    return CloudSample(scan.t_ns, xyz_m, scan.points.label[valid], float(x_m), float(y_m), float(yaw_rad))
-
-
-def _obstacle_settings(config: Config) -> ObstacleSettings:
-    return ObstacleSettings(
-        min_height_m=config.grid.min_height_m,
-        max_height_m=config.grid.max_height_m,
-        target_radius_m=config.grid.target_radius_m,
-        body_length_m=config.robot.length_m,
-        body_width_m=config.robot.width_m,
-    )
+def _sample(scan: WholeScan, pose: Float, slot_pose: Float) -> CloudSample:
+    x_m, y_m, yaw_rad = (float(each) for each in pose)
+    xyz_m = scan.xyz_m if np.isnan(pose).any() else deskewed(scan.xyz_m, scan.slot, pose, slot_pose)
+    return CloudSample(scan.t_ns, xyz_m, scan.label, x_m, y_m, yaw_rad)

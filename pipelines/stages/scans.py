@@ -1,24 +1,34 @@
-"""From a cloud as it came to the class of every point: undo the robot's motion and tilt, then classify."""
+"""From a cloud to what is kept of it until positions are known: its row, and what a map needs."""
 
 from __future__ import annotations
 
+import math
+import struct
+import time
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Self
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.config import Config
-from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
-from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
-from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
-from quadlog.pipelines.stages.heading import frozen
-from quadlog.pipelines.stages.tracks import RobotTrack
-from quadlog.pipelines.stages.walk import Walk
+from quadlog.lidar.classify import FEWEST_RETURNS
+from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_slots
+from quadlog.lidar.ground import Ground
+from quadlog.lidar.levelling import NotLevelled
+from quadlog.lidar.paper import PaperSettings
+from quadlog.lidar.points import PointClass
+from quadlog.lidar.range_image import RangeImageSettings
+from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.scan_classifier import ScanClassifier
+from quadlog.mapping.compact import CompactSettings, ScanCompactor, reach_of
+from quadlog.mapping.obstacles import ObstacleSettings
+from quadlog.messages import Float, Int, PointCloud
+from quadlog.pipelines.stages.sampling import EvenSample
+from quadlog.pipelines.stages.spill import Spill
+from quadlog.pipelines.stages.tilt import Tilt
 
 ROUTE_WORDS = {
     "rings": "by the beams their points name",
@@ -26,124 +36,129 @@ ROUTE_WORDS = {
     "height_map": "as clouds without beams, on a map of the lowest points",
     "paper": "as in [Following]",
 }
+ABOVE_M = 0.1
+"""Rays are kept so far above what matters."""
+_SKEWED = (None, *Skewed)
+_ROW = struct.Struct("<qd5q4d?BB")
 
 
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What must be known beside a cloud to classify it; another process can be told it too.
+class ScanRow(NamedTuple):
+    """A scan in numbers: what `scans.parquet` has of it, and when its time slots (K,) are; ms: to classify it.
 
-    transform_lidar_to_base: (4, 4). up: how the body was tilted, None where nothing tells or it is not to count.
+    skewed: why its points have no times, None where they have. compact: what a map needs of it.
     """
 
-    config: Config
-    seed: int
-    transform_lidar_to_base: Float
-    robot: RobotTrack | None
-    up: UpSeries | None
+    t_ns: int
+    ms: float
+    n_raw: int
+    n_valid: int
+    n_outlier: int
+    n_ground: int
+    n_obstacle: int
+    normal: tuple[float, float, float]
+    d_m: float
+    ground_found: bool
+    skewed: Skewed | None
+    slot_ns: Int
+    compact: bytes
+
+    @property
+    def shows_nothing(self) -> bool:
+        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
+        return self.n_ground + self.n_obstacle < FEWEST_RETURNS
+
+    @property
+    def ground(self) -> Ground | None:
+        """The plane, without its inliers."""
+        return Ground(np.array(self.normal), self.d_m, np.empty(0, np.bool_)) if self.ground_found else None
+
+    def append_to(self, spill: Spill) -> None:
+        """Write it down."""
+        codes = self.ground_found, _SKEWED.index(self.skewed), len(self.slot_ns)
+        spill.append(_ROW.pack(*self[:7], *self.normal, self.d_m, *codes), self.slot_ns.tobytes(), self.compact)
 
     @classmethod
-    def of_walk(cls, walk: Walk) -> Self:
-        """Those of a walk whose positions are known as far as they will be."""
-        up = _up_series(walk) if walk.config.lidar.level else None
-        return cls(walk.config, walk.seed, walk.transform_lidar_to_base, walk.robot, up)
+    def from_bytes(cls, data: bytes) -> Self:
+        """What `append_to` wrote."""
+        t_ns, ms, raw, valid, outlier, ground, obstacle, nx, ny, nz, d_m, found, skewed, slots = _ROW.unpack_from(data)
+        counts = raw, valid, outlier, ground, obstacle
+        slot_ns = np.frombuffer(data, np.int64, slots, _ROW.size)
+        rest = data[_ROW.size + 8 * slots :]
+        return cls(t_ns, ms, *counts, (nx, ny, nz), d_m, found, _SKEWED[skewed], slot_ns, rest)
+
+
+class WholeScan(NamedTuple):
+    """Every valid point of a scan that is kept for pictures: xyz_m (N, 3) in base, label and time slot (N,)."""
+
+    t_ns: int
+    xyz_m: NDArray[np.float32]
+    label: NDArray[np.uint8]
+    slot: NDArray[np.uint8]
+    slot_ns: Int
 
 
 @dataclass(frozen=True, slots=True)
 class ScanTally:
-    """How scans were looked at, and how many were taken as they came although they should not have been."""
+    """How scans were looked at, and how many were not levelled although they should have been."""
 
     routes: Counter[str] = field(default_factory=Counter)
-    skewed: Counter[Skewed] = field(default_factory=Counter)
     tilted: Counter[NotLevelled] = field(default_factory=Counter)
 
-    def add(self, later: ScanTally) -> None:
-        """Count the scans of a later stretch of the recording too."""
-        self.routes.update(later.routes)
-        self.skewed.update(later.skewed)
-        self.tilted.update(later.tilted)
 
-    def tell(self, walk: Walk) -> None:
-        """A line for each."""
-        n = self.routes.total()
-        for route, count in self.routes.most_common():
-            walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
-        for skewed, count in self.skewed.items():
-            walk.counts["scans_not_deskewed"] = walk.counts.get("scans_not_deskewed", 0) + count
-            if skewed is not Skewed.NO_TIMES and walk.config.lidar.deskew:
-                walk.warn(f"{count} of {n} scans keep the robot's motion: {skewed.value}")
-        for tilted, count in self.tilted.items():
-            walk.counts["scans_not_levelled"] = walk.counts.get("scans_not_levelled", 0) + count
-            walk.warn(f"{count} of {n} scans keep the robot's tilt: {tilted.value}")
+@dataclass(frozen=True, slots=True)
+class ScanSettings:
+    """What of the configuration decides what is kept of a scan; compact: None where no maps are wanted of it."""
+
+    classifier: RangeImageSettings | PaperSettings
+    compact: CompactSettings | None
+    deskew: bool
+    samples: int
+
+    @classmethod
+    def of_config(cls, config: Config, *, maps: bool) -> Self:
+        """The sections lidar, ground and, for maps, grid, as the algorithms take them."""
+        compact = _compact_settings(config) if maps else None
+        return cls(_classifier_settings(config), compact, config.lidar.deskew, config.results.cloud_samples)
 
 
 class Scanner:
-    """Classifies clouds one by one; `tally` counts what could not be done to them."""
+    """Classifies clouds one by one, and keeps in the spill what is needed of them later."""
 
-    def __init__(self, around: Surroundings) -> None:
-        self.tally = ScanTally()
-        self._around = around
-        self._classify = classifier(around.config, around.seed)
+    def __init__(
+        self, settings: ScanSettings, seed: int, transform_lidar_to_base: Float, tilt: Tilt, spill: Spill
+    ) -> None:
+        self.tally, self.spill = ScanTally(), spill
+        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples)
+        self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
+        self._compactor: ScanCompactor | None = None
+        if settings.compact is not None:
+            # Windows lie about base, and what is kept about the lidar.
+            reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
+            self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
+        self._tilt, self._transform_lidar_to_base = tilt, transform_lidar_to_base
 
-    def classify(self, t_ns: int, cloud: PointCloud) -> tuple[ClassifiedScan, Float | None]:
-        """A cloud's points in base, as they were at t_ns, base being upright; and base's pose (3,) in map, if known."""
-        instants_ns: Int | Skewed = Skewed.NO_TIMES
-        if self._around.config.lidar.deskew and self._moves:
-            instants_ns = sweep_instants(t_ns, cloud.offset_ns, len(cloud.xyz_m))
-        wanted_ns = np.array([t_ns], dtype=np.int64) if isinstance(instants_ns, Skewed) else instants_ns
-        poses = self._poses(wanted_ns)
-        rotation_base_to_level = self._rotations(wanted_ns)
-        xyz_m: Float | Skewed = (
-            instants_ns
-            if isinstance(instants_ns, Skewed)
-            else self._deskewed(cloud, instants_ns, poses, rotation_base_to_level)
-        )
-        transform_lidar_to_level = self._around.transform_lidar_to_base.copy()
-        transform_lidar_to_level[:3] = rotation_base_to_level[0] @ transform_lidar_to_level[:3]
-        moved_m = cloud.xyz_m if isinstance(xyz_m, Skewed) else xyz_m
-        scan = self._classify(moved_m, cloud.ring, transform_lidar_to_level)
-        if not scan.shows_nothing:
-            self.tally.routes[scan.route] += 1
-            if isinstance(xyz_m, Skewed):
-                self.tally.skewed[xyz_m] += 1
-        return scan, poses[0] if np.isfinite(poses[0]).all() else None
-
-    @property
-    def _moves(self) -> bool:
-        return self._around.robot is not None and self._around.robot.source != "fixed"
-
-    def _rotations(self, instants_ns: Int) -> Float:
-        if self._around.up is None:
-            return np.tile(np.eye(3), (len(instants_ns), 1, 1))
-        rotations, why_not = level_rotations(instants_ns, self._around.up)
-        if why_not is not None:
-            self.tally.tilted[why_not] += 1
-        return rotations
-
-    def _poses(self, instants_ns: Int) -> Float:
-        """(M, 3) of base in map at instants (M,), NaN where there is none near."""
-        if self._around.robot is None:
-            return np.full((len(instants_ns), 3), np.nan)
-        return self._around.robot.poses_at(instants_ns, self._around.config.lidar.pose_gap_s)
-
-    def _deskewed(
-        self, cloud: PointCloud, instants_ns: Int, poses: Float, rotation_base_to_level: Float
-    ) -> Float | Skewed:
-        assert cloud.offset_ns is not None
-        return deskew(
-            cloud.xyz_m,
-            cloud.offset_ns,
-            instants_ns,
-            poses,
-            rotation_base_to_level,
-            self._around.transform_lidar_to_base,
-        )
+    def take(self, t_ns: int, cloud: PointCloud) -> None:
+        """The next cloud."""
+        started = time.perf_counter()
+        first_ns, last_ns = _sweep(cloud)
+        rotations, not_levelled = self._tilt.rotations(np.array([t_ns + first_ns, t_ns + last_ns], dtype=np.int64))
+        transforms = np.tile(self._transform_lidar_to_base, (2, 1, 1))
+        transforms[:, :3] = rotations @ transforms[:, :3]
+        returns = self._classifier.classify(cloud, transforms)
+        compact = b"" if self._compactor is None else self._compactor.compact(returns, t_ns).to_bytes()
+        row = _row(t_ns, (time.perf_counter() - started) * 1e3, returns, compact)
+        row.append_to(self.spill)
+        if not_levelled is not None:
+            self.tally.tilted[not_levelled] += 1
+        if not row.shows_nothing:
+            self.tally.routes[returns.route] += 1
+        self.samples.offer(partial(_whole, t_ns, cloud, returns))
 
 
-def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None, Float], ClassifiedScan]:
-    """The configured method: points (N, 3), their rings or None, and the transform to base -> classified scan."""
+def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
     lidar, ground = config.lidar, config.ground
     if lidar.method == "paper":
-        paper = PaperSettings(
+        return PaperSettings(
             min_range_m=lidar.min_range_m,
             max_range_m=lidar.max_range_m,
             field_of_view_deg=lidar.field_of_view_deg or 180.0,
@@ -154,27 +169,56 @@ def classifier(config: Config, seed: int) -> Callable[[Float, np.ndarray | None,
             ground_inlier_share=ground.inlier_share,
             ground_min_points=ground.min_points,
         )
-        return lambda xyz_m, _, transform: classify_scan_paper(xyz_m, transform, paper, seed)
-    settings = RangeImageSettings(
+    return RangeImageSettings(
         min_range_m=lidar.min_range_m,
         max_range_m=lidar.max_range_m,
         field_of_view_deg=lidar.field_of_view_deg or 360.0,
         ground_min_points=ground.min_points,
     )
-    return lambda xyz_m, ring, transform: classify_scan_range_image(xyz_m, ring, transform, settings)
 
 
-def _up_series(walk: Walk) -> UpSeries | None:
-    """What says how the body is tilted: the IMU, else the odometry, else moving tf; None where none of them knows."""
-    poses: ImuSeries | PoseSeries | None = walk.streams.odometry
-    imu = walk.streams.imu
-    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
-        poses = imu
-    elif poses is None:
-        topics, tree = walk.config.topics, walk.streams.tf
-        base = tree.base_frame(topics.base_frame)
-        poses = None if base is None else tree.pose_series(base, topics.map_frame)
-    if poses is None or poses.quat_xyzw is None:
-        return None
-    series = up_in_base(poses.t_ns, poses.quat_xyzw)
-    return series if len(series) else None
+def _compact_settings(config: Config) -> CompactSettings:
+    grid, robot = config.grid, config.robot
+    blocking = ObstacleSettings(
+        min_height_m=grid.min_height_m,
+        max_height_m=grid.max_height_m,
+        body_length_m=robot.length_m,
+        body_width_m=robot.width_m,
+    )
+    return CompactSettings(
+        blocking,
+        reach_m=reach_of(grid.cell_m, grid.size_cells),
+        highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
+        ground_cell_m=config.results.ground_cell_m,
+        counts=grid.min_points > 1,
+    )
+
+
+def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
+    """When the last point of a cloud with this stamp was measured."""
+    return t_ns + _sweep(cloud)[1]
+
+
+def _sweep(cloud: PointCloud) -> tuple[int, int]:
+    """Times of the first and the last point, relative to the stamp; 0 where they cannot be."""
+    if cloud.times is None or len(cloud.times) == 0:
+        return 0, 0
+    first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
+    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
+
+
+def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> ScanRow:
+    ground = returns.ground
+    nx, ny, nz = (np.nan, np.nan, np.nan) if ground is None else ground.normal.tolist()
+    counts = returns.n_raw, returns.n_valid, returns.n_outlier, returns.n_ground, returns.n_obstacle
+    d_m = np.nan if ground is None else ground.d_m
+    slot_ns = t_ns + returns.slots.middle_ns
+    return ScanRow(t_ns, ms, *counts, (nx, ny, nz), d_m, ground is not None, returns.slots.skewed, slot_ns, compact)
+
+
+def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:
+    points, slot = returns.points(), np.zeros(returns.n_raw, np.uint8)
+    if returns.slots.skewed is None:
+        sweep_slots(cloud.times, slot)
+    valid = points.label != PointClass.INVALID
+    return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + returns.slots.middle_ns)

@@ -33,7 +33,7 @@ POSITION = Unit(
 )
 _FILTER_READS = ("lidar", "ground", "results.cloud_samples")
 FILTER = Unit(("filter",), _FILTER_READS, STAGE_FILES["filter"])
-# Clouds are not kept, so who wants maps filters again.
+# What is kept of clouds is gone with the process: other maps read the recording again.
 MAP = Unit(
     ("filter", "map"),
     (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,9 +9,10 @@ import numpy as np
 
 from quadlog.config import Config
 from quadlog.errors import CannotWrite, MissingInput
-from quadlog.messages import Float, PointCloud
+from quadlog.messages import Float
 from quadlog.metrics.effort import Effort
 from quadlog.pipelines.progress import Progress, StageClock
+from quadlog.pipelines.stages.scans import Scanner
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.recordings.container import Loss
 from quadlog.recordings.recording import Recording
@@ -50,7 +50,8 @@ class Walk:
     """One replay under way; stages read what earlier ones put here and add their own.
 
     start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
-    first_ns, last_ns: what was really seen of it. used: role -> topics that were really used for it.
+    first_ns, last_ns: what was really seen of it. scanner: what is kept of its clouds, None where
+    they are not read. used: role -> topics that were really used for it.
     body: of the re-simulated robot, None without one; what metrics need beyond the tables.
     keep: files of stages whose results are there already, as reused says; left: of all stages so far; read_before: what
     reading the clouds had found, where they are not read again.
@@ -70,6 +71,7 @@ class Walk:
     end_ns: int | None
     first_ns: int
     last_ns: int
+    scanner: Scanner | None = None
     robot: RobotTrack | None = None
     target: TargetTrack | None = None
     used: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -149,20 +151,6 @@ class Walk:
     def lidar_topic(self) -> str:
         """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
         return needed_lidar(self.roles)
-
-    def expected_messages(self, topic: str) -> int | None:
-        """How many messages the index promises on a topic; None for part of a recording, or without an index."""
-        counts = [channel.count for channel in self.recording.channels_of(topic)]
-        known = [count for count in counts if count is not None]
-        return sum(known) if len(known) == len(counts) and self.start_ns is None and self.end_ns is None else None
-
-    def clouds(self) -> Iterator[tuple[int, PointCloud]]:
-        """Every cloud of the lidar in the window, one at a time."""
-        self.use("lidar")
-        for t_ns, _, message in self.recording.messages([self.lidar_topic()], self.start_ns, self.end_ns):
-            if isinstance(message, PointCloud):
-                self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
-                yield t_ns, message
 
     def robot_pose_at(self, t_ns: int) -> Float | None:
         """The pose (3,) x_m, y_m, yaw_rad of base in map at an instant, None where no pose is near enough."""

@@ -1,56 +1,46 @@
-"""Imports and compilation, done before the clock of the stages starts and timed apart from them."""
+"""Imports and compilation, done before the clock of each stage starts and timed apart from them."""
 
 from __future__ import annotations
 
+import gc
 import sys
-import time
 from collections.abc import Callable, Collection
+from functools import partial
 
 import numpy as np
 
 from quadlog.config import Config
-from quadlog.lidar.classify import ClassifiedScan
-from quadlog.lidar.deskew import Skewed, deskew, sweep_instants
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.compact import CompactScan, ScanCompactor
 from quadlog.mapping.ground_height import GroundHeight
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points, ray_ends
-from quadlog.mapping.occupancy import obstacle_tops
-from quadlog.mapping.rays import lowest_rays
+from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.window import window_around
-from quadlog.messages import RangeSeries
-from quadlog.pipelines.stages.first_compilation import compiled_elsewhere, python
+from quadlog.messages import PointCloud, RangeSeries
+from quadlog.pipelines.stages.first_compilation import Compilation, python
 from quadlog.pipelines.stages.perceive import make_memory
-from quadlog.pipelines.stages.scans import classifier
+from quadlog.pipelines.stages.scans import ScanSettings
+from quadlog.pipelines.stages.uwb import wants_uwb
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
-USUAL_PLANNER = "ia_star"
 
+def compilation(stages: Collection[str], config: Config, say: Callable[[str], None]) -> Compilation:
+    """What the given stages need of compiled code, a part each; nothing that this configuration does not use.
 
-def warm_up(stages: Collection[str], config: Config, say: Callable[[str], None]) -> float:
-    """Load and compile what the given stages need by running them on toys; returns the seconds it took.
-
-    say: told in one line when there is anything to compile.
+    Positions and the robot with a body take about as long as all the rest: another process compiles those.
     """
-    started = time.perf_counter()
-    others = [name for name in ALIKE if name in stages and (name != "control" or config.simulation.has_body)]
-    # Scans take about as long to compile as all the rest.
-    elsewhere = python("-m", __name__, *others) if "filter" in stages else None
-    with compiled_elsewhere(elsewhere, say):
-        if "filter" in stages:
-            _classify_toy_scan(config)
-        else:
-            _run(others)
-    if "filter" in stages:
-        _run(others)
-    if "plan" in stages and config.planner.name != USUAL_PLANNER:
-        _walk_toy_map(config.planner.name)
-    return time.perf_counter() - started
-
-
-def _run(names: Collection[str]) -> None:
-    for name in names:
-        ALIKE[name]()
+    parts: dict[str, Callable[[], object]] = {
+        "filter": partial(_classify_toy_scan, config),
+        "map": partial(_map_toy_scan, config),
+        "plan": partial(_walk_toy_map, config.planner.name),
+    }
+    if wants_uwb(config):
+        parts["position"] = _locate_toy_tag
+    if config.simulation.has_body:
+        parts["control"] = partial(_walk_toy_robot, config.simulation.controller)
+    parts = {name: part for name, part in parts.items() if name in stages}
+    elsewhere = python("-m", __name__, config.simulation.controller)
+    return Compilation(parts, ("position", "control"), elsewhere, say)
 
 
 def _locate_toy_tag() -> None:
@@ -65,8 +55,8 @@ def _locate_toy_tag() -> None:
     locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings(smooth=False))
 
 
-def _classify_toy_scan(config: Config) -> None:
-    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, and one deskewed."""
+def _classify_toy_scan(config: Config) -> CompactScan:
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, made compact."""
     ring = np.tile(np.arange(16, dtype=np.uint16), 90)
     azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
     direction = np.column_stack(
@@ -77,32 +67,27 @@ def _classify_toy_scan(config: Config) -> None:
         ]
     )
     range_m = np.minimum(0.4 / np.maximum(-direction[:, 2], 1e-3), 6.0)
-    xyz_m = (direction * range_m[:, None]).astype(np.float32)
+    xyz_m = np.asfortranarray(direction * range_m[:, None], np.float32)
     mount = np.eye(4)
     mount[2, 3] = 0.4
-    offset_ns = np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16)
-    instants_ns = sweep_instants(0, offset_ns, len(xyz_m))
-    assert not isinstance(instants_ns, Skewed)
-    poses = np.column_stack([instants_ns * 1e-9, np.zeros((len(instants_ns), 2))])
-    moved_m = deskew(xyz_m, offset_ns, instants_ns, poses, np.tile(np.eye(3), (len(instants_ns), 1, 1)), mount)
-    assert not isinstance(moved_m, Skewed)
-    classifier(config, 0)(moved_m, ring, mount)
+    cloud = PointCloud(0, "lidar", xyz_m, ring, np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16))
+    settings = ScanSettings.of_config(config, maps=True)
+    assert settings.compact is not None
+    returns = ScanClassifier(settings.classifier, 0).classify(cloud, np.stack([mount, mount]))
+    return CompactScan.from_bytes(ScanCompactor(settings.compact).compact(returns, 0).to_bytes())
 
 
-def _map_toy_scan() -> None:
-    """One scan of two points laid on every map there is."""
-    window = window_around(np.zeros(2), 0.1, 11)
-    xyz_m, label = np.ones((2, 3), np.float32), np.array([PointClass.GROUND, PointClass.OBSTACLE], np.uint8)
-    scan = ClassifiedScan(xyz_m, label, None, np.ones(2, np.float32), "rings")
-    pose, settings = np.zeros(3), ObstacleSettings()
-    top_m = obstacle_tops(obstacle_points(scan, pose, None, settings), window, 1)
-    lowest_ray_m = lowest_rays(np.array([0, 0, 0.4]), *ray_ends(scan, settings), pose, window)
-    make_memory(Config()).add(0, window, top_m, lowest_ray_m)
-    AccumulatedMap(0.1).add(window, np.isfinite(top_m), np.isfinite(lowest_ray_m))
-    GroundHeight(0.1).add(xyz_m, label, pose)
+def _map_toy_scan(config: Config) -> None:
+    """One scan laid on every map there is."""
+    scan, window = _classify_toy_scan(config), window_around(np.zeros(2), 0.1, 11)
+    poses = np.zeros((len(scan.slot_ns), 3))
+    placed = ScanPlacer(1, 0.5).place(scan, poses, None, window)
+    make_memory(config).add(0, window, placed)
+    AccumulatedMap(0.1).add(window, placed, 500)
+    GroundHeight(0.1).add(scan, poses)
 
 
-def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:
+def _walk_toy_map(planner: str) -> None:
     """Two replans and a few ticks about an obstacle, from inside its dilation to a goal outside the window."""
     from quadlog.following.lookahead import FixedLookahead
     from quadlog.planning.registry import make_planner
@@ -127,7 +112,7 @@ def _walk_toy_map(planner: str = USUAL_PLANNER) -> None:
     )
 
 
-def _walk_toy_robot() -> None:
+def _walk_toy_robot(controller: str) -> None:
     """A tenth of a second of a robot with a body."""
     from quadlog.locomotion.robot import ROBOTS
     from quadlog.locomotion.walker import WalkerSettings
@@ -135,17 +120,22 @@ def _walk_toy_robot() -> None:
     from quadlog.simulation.quadruped_model import quadruped_model
     from quadlog.simulation.walking_robot import WalkingRobot
 
-    model = quadruped_model(ROBOTS["tracking"], flat())
-    for whole_body in (True, False):
-        settings = WalkerSettings(whole_body=whole_body)
-        WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
+    model, settings = quadruped_model(ROBOTS["tracking"], flat()), WalkerSettings(whole_body=controller != "fpm")
+    WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
 
 
-ALIKE = {"position": _locate_toy_tag, "map": _map_toy_scan, "plan": _walk_toy_map, "control": _walk_toy_robot}
-"""What is compiled alike whatever the configuration says, but for a map's memory, which has one kernel.
+def main(controller: str, *names: str) -> None:
+    """Compile parts in this process, and print the name of each when it is done."""
+    # What compiling leaves behind is not worth looking through, time and again, in a process that ends soon.
+    gc.disable()
+    for name in names:
+        if name == "position":
+            _locate_toy_tag()
+        elif name == "control":
+            _walk_toy_robot(controller)
+        sys.stdout.write(f"{name}\n")
+        sys.stdout.flush()
 
-A robot without a body needs nothing compiled for `control`.
-"""
 
 if __name__ == "__main__":
-    _run(sys.argv[1:])
+    main(*sys.argv[1:])

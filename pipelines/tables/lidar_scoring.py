@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from quadlog.geometry import apply_transform
 from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.deskew import Slots
 from quadlog.lidar.ground import is_level
 from quadlog.lidar.paper import PaperSettings, classify_scan_paper
 from quadlog.lidar.points import in_field_of_view, valid_points
 from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
-from quadlog.mapping.obstacles import ObstacleSettings, obstacle_points
-from quadlog.mapping.occupancy import Grid, obstacle_tops
+from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.mapping.compact import CompactSettings, ScanCompactor
+from quadlog.mapping.obstacles import ObstacleSettings
+from quadlog.mapping.occupancy import Grid
+from quadlog.mapping.placing import NO_TOP, ScanPlacer
 from quadlog.mapping.window import Window
 from quadlog.messages import Float
 from quadlog.metrics.perception import Detection, detect, ground_detection, outlier_detection
@@ -119,11 +123,18 @@ def true_cells(scan: LabelledScan) -> Grid:
 
 def found_cells(made: ClassifiedScan) -> Grid:
     """The cells of FRONT that this scan alone would occupy in the map."""
-    return _occupied(obstacle_points(made, np.zeros(3), None, BLOCKING))
+    slots = Slots(np.zeros(1, np.int64), None)
+    returns = ClassifiedReturns.of_points(made, np.zeros(3), np.zeros(len(made.label), np.uint8), slots)
+    compact = ScanCompactor(CompactSettings(BLOCKING)).compact(returns, 0)
+    return ScanPlacer(1, 0.0).place(compact, np.zeros((1, 3)), None, FRONT).top_mm > NO_TOP
 
 
 def _occupied(points_m: Float) -> Grid:
-    return np.isfinite(obstacle_tops(points_m, FRONT, min_points=1))
+    cells = FRONT.cell_of(points_m[:, :2])
+    occupied = np.zeros(FRONT.shape, np.bool_)
+    col, row = cells[FRONT.contains(cells)].T
+    occupied[row, col] = True
+    return occupied
 
 
 def _score(scan: LabelledScan, made: ClassifiedScan) -> tuple[Detection, Detection, Detection, bool]:

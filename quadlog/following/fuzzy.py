@@ -14,8 +14,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inlined, kernel
 from quadlog.errors import UnknownName
 from quadlog.messages import Float, Int
 
@@ -158,7 +158,7 @@ def fuzzy_table(tables: str, centroid: Centroid) -> FuzzyTable:
     return FuzzyTable(rule_tables(tables), centroid)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def look_up(values: Float, e: float, ec: float) -> tuple[float, float]:
     """Bilinear in values (n, n, 2) over [-LIMIT, LIMIT] squared, for other compiled code too."""
     if np.isnan(e) or np.isnan(ec):
@@ -175,7 +175,7 @@ def look_up(values: Float, e: float, ec: float) -> tuple[float, float]:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _infer_all(e: Float, ec: Float, rules: Int, continuous: bool, deltas: Float) -> None:
     heights = np.zeros(7)
     for n in range(len(e)):
@@ -200,7 +200,7 @@ def _infer_all(e: Float, ec: Float, rules: Int, continuous: bool, deltas: Float)
                 deltas[n, output] = moment / total
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def _area_centre(heights: Float) -> float:
     """Centre of the area under the sets clipped at heights (7,).
 
@@ -219,7 +219,7 @@ def _area_centre(heights: Float) -> float:
     return moment / total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _below_falling(height: float, end: float) -> tuple[float, float]:
     """Area and first moment of min(height, 1 - t) over t from 0 to end."""
     flat = min(1 - height, end)

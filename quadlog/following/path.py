@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import kernel
 from quadlog.messages import Float
 
 
@@ -87,7 +87,7 @@ def _steps(path: Float) -> tuple[Float, Float]:
     return path[1:, 0] - path[:-1, 0], path[1:, 1] - path[:-1, 1]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _nearest(
     path: Float, first: int, low: float, last: int, high: float, x: float, y: float
 ) -> tuple[int, float, float, float]:
@@ -112,7 +112,7 @@ def _nearest(
     return best, best_fraction, best_x, best_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _ahead(
     path: Float, segment: int, near_x: float, near_y: float, x: float, y: float, lookahead: float, reach: float
 ) -> tuple[float, float, float]:

@@ -6,9 +6,9 @@ Constants were chosen on seed 100 of quadlog.simulation.labelled_scans, and are 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner
 from quadlog.messages import Float32
 
 Marks = NDArray[np.int8]
@@ -22,10 +22,10 @@ _NOTHING, _PIECE, _NONE, _TURN = np.int8(0), np.int8(3), np.float32(0), np.float
 # A number of a type, which a plain 0 is not: with that, everything would be compiled twice.
 _ZERO: int = np.int64(0)  # type: ignore[assignment]
 # What the range does from one return to the next: to something farther, to something nearer, or nothing is near.
-_JOINED, _RISES, _DROPS = np.int32(0), np.int32(1), np.int32(2)
+_JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def drop_pieces(
     kind: Marks,
     good: Marks,
@@ -36,59 +36,56 @@ def drop_pieces(
     off_m: Float32,
     gap_m: Float32,
     rise_m: Float32,
-    seen: NDArray[np.int32],
+    column: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    ranges_m: Float32,
+    edge: Marks,
     ground: Marks,
 ) -> None:
     """No short piece of a beam is ground that stands out of it, with something farther, or nothing, at an end.
 
     kind, ground, range_m, off_m, gap_m, rise_m: (columns,) of the beam in `row`, the last three from the column's
-    last ground; good, distance_m, z_m: (rows, columns). seen: (2, columns), room to work in. What is dropped is
-    taken from ground and marked in kind.
+    last ground; good, distance_m, z_m: (rows, columns). column, edges, ranges_m, edge: (columns + 1,), room to work
+    in. What is dropped is taken from ground and marked in kind.
     """
-    column, edge = seen[0], seen[1]
     n = _ZERO
     for c in range(len(kind)):
-        if kind[c] != _NOTHING:
-            column[n] = c
-            n += 1
-    first = _mark_edges(column, n, range_m, edge)
-    if first < 0:
+        # Written whatever they are: a branch that is often guessed wrongly takes longer.
+        column[n], ranges_m[n] = c, range_m[c]
+        n += kind[c] != _NOTHING
+    if n == 0:
         return
-    # Pieces run from behind one edge to the next one, once round.
-    before, begin, done = edge[first], first + 1, _ZERO
-    while done < n:
-        begin = begin if begin < n else begin - n
-        size, off, gap, wide, after = _ZERO, _NONE, _NONE, _NONE, _JOINED
-        while after == _JOINED:
-            j = begin + size if begin + size < n else begin + size - n
-            c, after, size = column[j], edge[j], size + 1
-            off, gap, wide = off + off_m[c], gap + gap_m[c], wide + range_m[c]
-        free = (before & _DROPS) != 0 or (after & _RISES) != 0
-        stands = off > size * _PIECE_RISE_M + _PIECE_RISE_PER_M * gap
-        if free and stands and wide * _TURN < _PIECE_WIDTH_M * len(kind):
-            _drop(column, begin, size, n, kind, good, distance_m, z_m, row, gap_m, rise_m, ground)
-        before, begin, done = after, begin + size, done + size
-
-
-@njit(cache=True, error_model="numpy")
-def _mark_edges(column: NDArray[np.int32], n: int, range_m: Float32, edge: NDArray[np.int32]) -> int:
-    """What lies between each of n returns and the next one round the beam; the first that are not joined, or -1."""
-    first = -1
+    column[n], ranges_m[n] = column[0] + len(kind), ranges_m[0]
     for j in range(n):
-        other = j + 1 if j + 1 < n else 0
-        apart = column[other] - column[j] + (len(range_m) if other <= j else 0)
-        here, there = range_m[column[j]], range_m[column[other]]
-        edge[j] = _JOINED
-        if apart > _PIECE_GAP:
-            edge[j] = _RISES | _DROPS
-        elif abs(there - here) > _JUMP_M + _JUMP_PER_M * min(here, there):
-            edge[j] = _RISES if there > here else _DROPS
-        if first < 0 and edge[j] != _JOINED:
-            first = j
-    return first
+        here, there = ranges_m[j], ranges_m[j + 1]
+        jump_m = _JUMP_M + _JUMP_PER_M * min(here, there)
+        change = _RISES if there - here > jump_m else (_DROPS if here - there > jump_m else _JOINED)
+        edge[j] = _RISES | _DROPS if column[j + 1] - column[j] > _PIECE_GAP else change
+    n_edges = _ZERO
+    for j in range(n):
+        edges[n_edges] = j
+        n_edges += edge[j] != _JOINED
+    most_wide = _PIECE_WIDTH_M * np.float32(len(kind)) / _TURN
+    # Pieces run from behind one edge to the next one, once round.
+    for i in range(n_edges):
+        first = edges[i]
+        last = edges[i + 1] if i + 1 < n_edges else edges[0] + n
+        if (edge[first] & _DROPS) == 0 and (edge[last if last < n else last - n] & _RISES) == 0:
+            continue
+        off, gap, wide = _NONE, _NONE, _NONE
+        for k in range(first + 1, last + 1):
+            j = k if k < n else k - n
+            c = column[j]
+            off, gap, wide = off + off_m[c], gap + gap_m[c], wide + ranges_m[j]
+            if wide >= most_wide:
+                break
+        size = np.int64(last - first)
+        if wide < most_wide and off > size * _PIECE_RISE_M + _PIECE_RISE_PER_M * gap:
+            begin = np.int64(first + 1 if first + 1 < n else first + 1 - n)
+            _drop(column, begin, size, n, kind, good, distance_m, z_m, row, gap_m, rise_m, ground)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _drop(
     column: NDArray[np.int32],
     begin: int,

@@ -13,9 +13,9 @@ Constants were chosen on seed 100 of quadlog.simulation.labelled_scans, and are 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.beam_pieces import drop_pieces
 from quadlog.messages import Float32
 
@@ -42,55 +42,64 @@ _NONE, _ONE = np.float32(0), np.float32(1)
 _STEP_M, _SLOW_M = np.float32(0.05), np.float32(0.5)
 
 
-def walk_columns(
-    good: NDArray[np.bool_],
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    descending: NDArray[np.bool_],
-    floor_m: float,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which cells (rows, columns) are ground, and which near it have a wall right above them.
-
-    good, distance_m, z_m: as `isolate` returns them; range_m: (rows, columns);
-    floor_m: height of the ground under the lidar. A column's first ground is
-    seen by a beam that descends from the lidar, or not at all.
+class ColumnWalk:
+    """Walks the columns of range images of one shape; ground and wall: (rows, columns) int8, 1 where a cell is ground,
+    and where one near the ground has a wall right above it.
     """
-    ground, wall = np.zeros(good.shape, np.int8), np.zeros(good.shape, np.int8)
-    columns = good.shape[1]
-    floats, marks = np.zeros((6, columns), np.float32), np.zeros((5, columns + 2 * _VOTERS), np.int8)
-    seen = np.zeros((2, columns), np.int32)
-    floats[1] = floor_m
-    _walk(good.view(np.int8), distance_m, z_m, range_m, descending, floats, marks, seen, ground, wall)
-    return ground.view(np.bool_), wall.view(np.bool_)
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.ground, self.wall = np.zeros((2, rows, columns), np.int8)
+        self._floats, self._marks = np.zeros((6, columns), np.float32), np.zeros((7, columns), np.int8)
+        self._wide = np.zeros(columns + 2 * _VOTERS, np.int8)
+        self._numbers, self._ranges_m = np.zeros((2, columns + 1), np.int32), np.zeros(columns + 1, np.float32)
+
+    def walk(
+        self,
+        good: Marks,
+        distance_m: Float32,
+        z_m: Float32,
+        range_m: Float32,
+        descending: NDArray[np.bool_],
+        floor_m: float,
+    ) -> None:
+        """good, distance_m, z_m: (rows, columns) of `Isolated`; range_m: (rows * columns,).
+
+        floor_m: height of the ground under the lidar. descending: (rows,) whether the beam points below the lidar's
+        own horizon: a column's first ground is seen by one that does, or not at all.
+        """
+        _walk(
+            good, distance_m, z_m, range_m.reshape(good.shape), descending, np.float32(floor_m), self._floats,
+            self._marks, self._wide, self._numbers, self._ranges_m, self.ground, self.wall,
+        )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _walk(
     good: Marks,
     distance_m: Float32,
     z_m: Float32,
     range_m: Float32,
     descending: NDArray[np.bool_],
+    floor_m: float,
     floats: Float32,
     marks: Marks,
-    seen: NDArray[np.int32],
+    wide: Marks,
+    numbers: NDArray[np.int32],
+    ranges_m: Float32,
     ground: Marks,
     wall: Marks,
 ) -> None:
     # Of every column: where its last ground is, how steep the ground was there, and what lies between.
     last_m, last_z_m, slope = floats[0], floats[1], floats[2]
     gap_m, rise_m, off_m = floats[3], floats[4], floats[5]
+    hidden, rises, walkable, votes = marks[0], marks[1], marks[2], marks[3]
+    undecided, link, kind = marks[4], marks[5], marks[6]
     rows, columns = good.shape
-    hidden, rises, walkable, votes = marks[0, :columns], marks[1, :columns], marks[2, :columns], marks[3, :columns]
-    # With some of the other end on either side, so that neighbours need no wrapping.
-    wide = marks[4]
-    kind = wide[_VOTERS : _VOTERS + columns]
+    last_m[:], last_z_m[:], slope[:], hidden[:] = _NONE, floor_m, _NONE, _NO
     for row in range(rows):
         distance, z, here = distance_m[row], z_m[row], good[row]
+        ground[row, :], wall[row, :], rises[:] = _NO, _NO, _NO
         _off_the_ground(distance, z, last_m, last_z_m, slope, gap_m, rise_m, off_m)
-        for c in range(columns):
-            rises[c] = _NO
         for above in range(row + 1, min(row + 1 + _WALL_BEAMS, rows)):
             _mark_rises(good[above], distance_m[above], z_m[above], distance, z, rises)
         for c in range(columns):
@@ -104,16 +113,22 @@ def _walk(
                 walkable[c] = walkable[c] if last_m[c] > _NONE else _NO
         _mark_walls(here, rises, walkable, off_m, gap_m, wall[row])
         if _sort_out(here, walkable, wall[row], off_m, kind):
+            for c in range(columns):
+                wide[_VOTERS + c] = kind[c]
             for k in range(_VOTERS):
+                # With some of the other end on either side, so that neighbours need no wrapping.
                 wide[k], wide[_VOTERS + columns + k] = kind[columns - _VOTERS + k], kind[k]
             _vote(wide, kind, distance, wall[row], off_m, votes, ground[row])
-            drop_pieces(kind, good, distance_m, z_m, range_m[row], row, off_m, gap_m, rise_m, seen, ground[row])
-            _spread(kind, distance, z, wall[row], ground[row])
+            drop_pieces(
+                kind, good, distance_m, z_m, range_m[row], row, off_m, gap_m, rise_m, numbers[0], numbers[1],
+                ranges_m, link, ground[row],
+            )  # fmt: skip
+            _spread(kind, distance, z, wall[row], ground[row], undecided, link)
         _step_out(kind, ground[row], distance, z, hidden, last_m, last_z_m, slope)
 
 
 # The following have no branches, and few arrays each, so that they become vector instructions.
-@njit(cache=True, error_model="numpy")
+@inner
 def _off_the_ground(
     distance_m: Float32,
     z_m: Float32,
@@ -132,7 +147,7 @@ def _off_the_ground(
         off_m[c] = rise_m[c] - slope[c] * gap_m[c]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _mark_rises(
     there: Marks, distance_above_m: Float32, z_above_m: Float32, distance_m: Float32, z_m: Float32, rises: Marks
 ) -> None:
@@ -142,7 +157,7 @@ def _mark_rises(
         rises[c] |= there[c] if steep & (rise > _WALL_RISE_M) else _NO
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _mark_walls(here: Marks, rises: Marks, walkable: Marks, off_m: Float32, gap_m: Float32, wall: Marks) -> None:
     for c in range(len(wall)):
         near = abs(off_m[c]) < _WALL_FOOT_REACH_M + _NEAR_PER_M * gap_m[c]
@@ -150,7 +165,7 @@ def _mark_walls(here: Marks, rises: Marks, walkable: Marks, off_m: Float32, gap_
         wall[c] = here[c] & rises[c] if near | above else _NO
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: Marks) -> bool:
     for c in range(len(kind)):
         at_foot = (wall[c] == _NO) | (off_m[c] <= _WALL_FOOT_M)
@@ -161,7 +176,7 @@ def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: M
     return any_possible != _NO
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _step_out(
     kind: Marks,
     ground: Marks,
@@ -189,7 +204,7 @@ def _step_out(
         last_m[c] = distance_m[c] if counts else last_m[c]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _vote(
     wide: Marks, kind: Marks, distance_m: Float32, wall: Marks, off_m: Float32, votes: Marks, ground: Marks
 ) -> None:
@@ -223,24 +238,47 @@ def _vote(
         ground[c] = 2 * agreeing > voters
 
 
-@njit(cache=True, error_model="numpy")
-def _spread(kind: Marks, distance_m: Float32, z_m: Float32, wall: Marks, ground: Marks) -> None:
+@inner
+def _spread(
+    kind: Marks, distance_m: Float32, z_m: Float32, wall: Marks, ground: Marks, undecided: Marks, link: Marks
+) -> None:
     """Along the beam, both ways round, over what the columns alone could not tell, such as a ramp behind a pole."""
     columns = len(kind)
+    for c in range(columns):
+        open_kind = (kind[c] == OBSTACLE) | (kind[c] == POSSIBLE)
+        undecided[c] = np.int8((wall[c] == _NO) & open_kind)
     for step in (1, -1):
-        c = 0 if step == 1 else columns - 1
-        before, spreads, seen = (c - step) % columns, True, 0
+        _link(distance_m, z_m, undecided, ground, step, link)
+        any_link = _NO
+        for c in range(columns):
+            any_link |= link[c]
+        if any_link == _NO:
+            continue
         # Once round, and on over the seam as long as the ground does.
-        while seen < columns or (spreads and seen < 2 * columns):
-            spreads = False
-            undecided = ground[c] == _NO and wall[c] == _NO and (kind[c] == OBSTACLE or kind[c] == POSSIBLE)
-            if undecided and ground[before] != _NO:
-                near_m = _SPREAD_M + _SPREAD_PER_M * distance_m[c]
-                level = abs(z_m[c] - z_m[before]) <= _SPREAD_RISE_M
-                spreads = level and abs(distance_m[c] - distance_m[before]) <= near_m
-                ground[c] = spreads
-            before, c, seen = c, c + step, seen + 1
-            if c == columns:
-                c = 0
-            elif c < 0:
-                c = columns - 1
+        begin = 0 if step == 1 else columns - 1
+        before = ground[columns - 1 - begin]
+        for k in range(columns):
+            c = begin + step * k
+            before = ground[c] | (link[c] & before)
+            ground[c] = before
+        for k in range(columns):
+            c = begin + step * k
+            if ground[c] != _NO or (link[c] & before) == _NO:
+                break
+            ground[c] = _YES
+
+
+@inner
+def _link(distance_m: Float32, z_m: Float32, undecided: Marks, ground: Marks, step: int, link: Marks) -> None:
+    """Which undecided returns, that are not ground, lie level and next to the one before, at c - step."""
+    columns = len(link)
+    first, end = (1, columns) if step == 1 else (0, columns - 1)
+    for c in range(first, end):
+        level = abs(z_m[c] - z_m[c - step]) <= _SPREAD_RISE_M
+        near = abs(distance_m[c] - distance_m[c - step]) <= _SPREAD_M + _SPREAD_PER_M * distance_m[c]
+        link[c] = undecided[c] if level & near & (ground[c] == _NO) else _NO
+    c = 0 if step == 1 else columns - 1
+    before = columns - 1 - c
+    level = abs(z_m[c] - z_m[before]) <= _SPREAD_RISE_M
+    near = abs(distance_m[c] - distance_m[before]) <= _SPREAD_M + _SPREAD_PER_M * distance_m[c]
+    link[c] = undecided[c] if level & near & (ground[c] == _NO) else _NO

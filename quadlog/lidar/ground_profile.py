@@ -6,123 +6,176 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.points import columns_of
+from quadlog.compiled import inner, kernel
 from quadlog.messages import Float, Float32
+
+Marks = NDArray[np.int8]
 
 SECTOR_COLUMNS = 16
 """About 3 degrees: at 10 m as wide as the ground may curve, and few enough returns to average."""
 STEP_M, REACH_M = 0.125, 32.0
+STEPS = int(REACH_M / STEP_M) + 1
 _SECTORS_BESIDE, _FEWEST = 3, 3
+_PLANE_COLUMNS = 4
+_STEP, _PER_STEP = np.float32(STEP_M), np.float32(1 / STEP_M)
 
 
-def level_plane(ground: NDArray[np.bool_], xyz_base_m: Float32, point: NDArray[np.int32]) -> Float:
-    """(3,) a, b, c of the plane z = a x + b y + c nearest in height to the ground's points, every fourth of them.
+class GroundProfile:
+    """Height of the ground in base, height_m (sectors, STEPS), every STEP_M outwards of every SECTOR_COLUMNS columns.
 
+    first, second: (columns,) where the sectors on either side of each column begin in height_m.ravel(); across:
+    (columns,) how far it lies from the first one's middle to the second one's.
+    """
+
+    def __init__(self, rows: int, columns: int) -> None:
+        sectors = -(-columns // SECTOR_COLUMNS)
+        self.height_m = np.zeros((sectors, STEPS), np.float32)
+        self._sums = np.zeros((3, sectors, rows), np.float32)
+        azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
+        self._outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)])
+        from_middle = np.arange(columns) - SECTOR_COLUMNS // 2
+        sector = from_middle // SECTOR_COLUMNS
+        self.first = (sector % sectors * STEPS).astype(np.int32)
+        self.second = ((sector + 1) % sectors * STEPS).astype(np.int32)
+        self.across = ((from_middle - sector * SECTOR_COLUMNS + 0.5) / SECTOR_COLUMNS).astype(np.float32)
+
+    def fit(
+        self,
+        ground: Marks,
+        distance_m: Float32,
+        z_m: Float32,
+        floor_m: float,
+        plane: Float,
+        transform_lidar_to_level: Float,
+    ) -> None:
+        """Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed
+        from the sectors beside it where it has too little; beyond the last, plane goes on.
+
+        ground, distance_m, z_m: (rows, columns). plane: (3,) a, b, c of z = a x + b y + c.
+        """
+        outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
+        _profile(ground, distance_m, z_m, float(floor_m), *outward, self._sums, self.height_m)
+
+    def height_at(self, column: int, distance_m: float) -> float:
+        """The ground's height at a distance in a column, between its sector's middle and the next."""
+        table = self.height_m.reshape(-1), self.first, self.second, self.across
+        return float(profile_height(*table, column, np.float32(distance_m)))
+
+
+def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_xy_m: Float) -> Float:
+    """(3,) a, b, c of the plane z = a x + b y + c nearest in height to the ground, every fourth of its returns.
+
+    ground: (rows, columns); dx_m, dy_m from the lidar at lidar_xy_m (2,) of base, and z_m: of the same cells.
     A slight pull towards level through base's origin keeps it defined when there are few points or all in a line.
     """
-    squares, mixed = np.diag([1.0, 1.0, 1e-3]), np.zeros(3)
-    _add_up(ground, *columns_of(xyz_base_m), point, squares, mixed)
-    plane: Float = np.linalg.solve(squares, mixed)
+    plane: Float = np.zeros(3)
+    _fit_plane(ground, dx_m, dy_m, z_m, np.asarray(lidar_xy_m, dtype=np.float64), plane)
     return plane
 
 
-@njit(cache=True, error_model="numpy")
-def _add_up(
-    ground: NDArray[np.bool_],
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    point: NDArray[np.int32],
-    squares: Float,
-    mixed: Float,
-) -> None:
-    """The normal equations of the plane, added to squares (3, 3) and mixed (3,)."""
+@kernel
+def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, plane: Float) -> None:
+    """The normal equations of the plane, solved by Cramer's rule."""
     n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for row in range(ground.shape[0]):
-        for c in range(0, ground.shape[1], 4):
-            if ground[row, c]:
-                i = point[row, c]
-                x, y, z = np.float64(x_m[i]), np.float64(y_m[i]), np.float64(z_m[i])
+    rows, columns = ground.shape
+    x0, y0 = lidar_m[0], lidar_m[1]
+    for row in range(rows):
+        for c in range(0, columns, _PLANE_COLUMNS):
+            if ground[row, c] != 0:
+                i = np.uint32(row * columns + c)
+                x, y, z = np.float64(dx_m[i]) + x0, np.float64(dy_m[i]) + y0, np.float64(z_m[i])
                 n, sx, sy, sz = n + 1, sx + x, sy + y, sz + z
                 xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
-    squares[0, 0] += xx
-    squares[1, 1] += yy
-    squares[2, 2] += n
-    squares[0, 1] = squares[1, 0] = xy
-    squares[0, 2] = squares[2, 0] = sx
-    squares[1, 2] = squares[2, 1] = sy
-    mixed[0], mixed[1], mixed[2] = xz, yz, sz
+    # Pulled towards level through the origin.
+    xx, yy, n = xx + 1.0, yy + 1.0, n + 1e-3
+    a0, a1, a2 = yy * n - sy * sy, sx * sy - xy * n, xy * sy - yy * sx
+    size = xx * a0 + xy * a1 + sx * a2
+    b1, b2 = xx * n - sx * sx, xy * sx - xx * sy
+    plane[0] = (a0 * xz + a1 * yz + a2 * sz) / size
+    plane[1] = (a1 * xz + b1 * yz + b2 * sz) / size
+    plane[2] = (a2 * xz + b2 * yz + (xx * yy - xy * xy) * sz) / size
 
 
-def ground_profile(
-    ground: NDArray[np.bool_], distance_m: Float32, z_m: Float32, floor_m: float, outward_slope: Float32
-) -> Float32:
-    """Height of the ground in base, (sectors, steps), every STEP_M outwards of every SECTOR_COLUMNS columns.
-
-    Straight lines from floor_m under the lidar through the mean of each
-    beam's ground in the sector, borrowed from the sectors beside it where it
-    has too little; beyond the last, outward_slope (sectors,) goes on.
-    """
-    sectors = len(outward_slope)
-    sums = np.zeros((3, sectors, len(ground)), np.float32)
-    profile = np.empty((sectors, int(REACH_M / STEP_M) + 1), np.float32)
-    _profile(ground, distance_m, z_m, floor_m, outward_slope, sums, profile)
-    return profile
-
-
-@njit(cache=True, error_model="numpy")
+# Sums of a sector's sixteen returns may be taken in any order.
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def _profile(
-    ground: NDArray[np.bool_],
+    ground: Marks,
     distance_m: Float32,
     z_m: Float32,
     floor_m: float,
-    outward_slope: Float32,
+    outward: Float,
+    turn: Float,
+    plane: Float,
     sums: Float32,
-    profile: Float32,
+    height_m: Float32,
 ) -> None:
+    """outward: (sectors, 2) directions of the sectors in the lidar's frame; turn: (2, 2) from there to base."""
     rows, columns = ground.shape
-    sectors, steps = profile.shape
+    sectors = len(outward)
+    none = np.float32(0)
     for row in range(rows):
         for s in range(sectors):
-            count, far, high = np.float32(0), np.float32(0), np.float32(0)
-            for c in range(s * SECTOR_COLUMNS, min((s + 1) * SECTOR_COLUMNS, columns)):
-                if ground[row, c]:
-                    count, far, high = count + np.float32(1), far + distance_m[row, c], high + z_m[row, c]
+            begin = s * SECTOR_COLUMNS
+            is_ground, distance, z = ground[row, begin:], distance_m[row, begin:], z_m[row, begin:]
+            count, far, high = np.int32(0), none, none
+            # A constant number of steps wherever possible, which the compiler turns into vector instructions.
+            size = SECTOR_COLUMNS if begin + SECTOR_COLUMNS <= columns else columns - begin
+            if size == SECTOR_COLUMNS:
+                for c in range(SECTOR_COLUMNS):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
+            else:
+                for c in range(size):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
             sums[0, s, row], sums[1, s, row], sums[2, s, row] = count, far, high
     for s in range(sectors):
-        at, step, z = 0.0, 0, floor_m
+        at, step, z0, heights = none, 0, np.float32(floor_m), height_m[s]
         for row in range(rows):
-            count, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
+            count_here, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
             for k in range(1, _SECTORS_BESIDE + 1):
-                if count >= SECTOR_COLUMNS // 2:
+                if count_here >= SECTOR_COLUMNS // 2:
                     break
-                for beside in (s - k, s + k):
-                    other = (beside + sectors) % sectors
-                    count += sums[0, other, row]
-                    far += sums[1, other, row]
-                    high += sums[2, other, row]
-            if count < _FEWEST or far / count <= at:
+                a = s - k if s >= k else s - k + sectors
+                b = s + k if s + k < sectors else s + k - sectors
+                count_here += sums[0, a, row] + sums[0, b, row]
+                far += sums[1, a, row] + sums[1, b, row]
+                high += sums[2, a, row] + sums[2, b, row]
+            if count_here < _FEWEST or far / count_here <= at:
                 continue
-            far, high = far / count, high / count
-            while step < steps and step * STEP_M <= far:
-                profile[s, step] = z + (high - z) * (step * STEP_M - at) / (far - at)
-                step += 1
-            at, z = far, high
-        for rest in range(step, steps):
-            profile[s, rest] = z + outward_slope[s] * (rest * STEP_M - at)
+            far, high = far / count_here, high / count_here
+            end = min(int(far * _PER_STEP) + 1, STEPS)
+            _draw_line(heights[step:end], step, (high - z0) / (far - at), z0, at)
+            step, at, z0 = max(end, step), far, high
+        x = turn[0, 0] * outward[s, 0] + turn[0, 1] * outward[s, 1]
+        y = turn[1, 0] * outward[s, 0] + turn[1, 1] * outward[s, 1]
+        rise = (x * plane[0] + y * plane[1]) / np.sqrt(x * x + y * y)
+        _draw_line(heights[step:], step, np.float32(rise), z0, at)
 
 
-@njit(cache=True, error_model="numpy")
-def profile_height(profile: Float32, column: int, distance_m: float) -> float:
-    """The ground's height at a distance in a column, between its sector's middle and the next."""
-    sectors, steps = profile.shape
-    # Sectors are a power of two wide; shifts and masks cost nothing, for negative numbers too.
-    from_middle = column - SECTOR_COLUMNS // 2
-    s = from_middle // SECTOR_COLUMNS
-    across = (np.float32(from_middle - s * SECTOR_COLUMNS) + np.float32(0.5)) / np.float32(SECTOR_COLUMNS)
-    v = min(distance_m * np.float32(1 / STEP_M), np.float32(steps - 2))
-    k = np.uint32(v)
+@inner
+def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: float) -> None:
+    first_m = np.float32(step) * _STEP - at_m
+    for k in range(len(height_m)):
+        height_m[k] = z_m + rise * (first_m + np.float32(k) * _STEP)
+
+
+@inner
+def profile_height(
+    heights_m: Float32,
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    across: Float32,
+    column: int,
+    distance_m: float,
+) -> float:
+    """The ground's height at a distance in a column; heights_m: (sectors * STEPS,), the rest as in GroundProfile."""
+    v = min(distance_m * _PER_STEP, np.float32(STEPS - 2))
+    k = np.int32(v)
     along = v - np.float32(k)
-    a, b = profile[s if s >= 0 else sectors - 1], profile[s + 1 if s + 1 < sectors else 0]
-    near, far = a[k] + along * (a[k + 1] - a[k]), b[k] + along * (b[k + 1] - b[k])
-    return near + across * (far - near)
+    a, b = np.uint32(first[column] + k), np.uint32(second[column] + k)
+    near = heights_m[a] + along * (heights_m[a + np.uint32(1)] - heights_m[a])
+    far = heights_m[b] + along * (heights_m[b + np.uint32(1)] - heights_m[b])
+    return near + across[column] * (far - near)

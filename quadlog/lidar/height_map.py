@@ -11,14 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.beams import beams_by_bins
-from quadlog.lidar.image import range_image
-from quadlog.lidar.isolation import BOTH_LAYERS, isolate, supported
+from quadlog.compiled import inner, kernel
+from quadlog.lidar.image import Image
 from quadlog.lidar.points import PointClass
-from quadlog.lidar.polar import Polar
 from quadlog.messages import Float, Float32, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
@@ -33,25 +30,27 @@ _LEVELLING_M2 = 0.2
 _GROUND_M = 0.06
 
 
-def classify_unorganised(polar: Polar, transform: Float, floor_m: float) -> tuple[NDArray[np.uint8], Float32, Float]:
-    """Class and height (N,) of the points, and (3,) a, b, c of the plane z = a x + b y + c through the map.
+def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
+    """Fill height_m of an image in which `label_supported` labelled what is real, and label what is ground.
 
-    polar: by directions along base's axes from the lidar's place, which is
-    transform's translation; floor_m: height of the ground below it.
+    Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
+    floor_m: height of the ground there.
     """
-    x_m, y_m, z_m = (float(each) for each in transform[:3, 3])
-    image = range_image(polar, beams_by_bins(polar), x_m, y_m)
-    good, _, _ = isolate(image, z_m)
-    label, height_m = np.empty(len(polar.range_m), np.uint8), np.full(len(polar.range_m), np.nan, np.float32)
-    drop_isolated(polar.range_m, image.range_m, image.cell, image.point, good, label)
+    n = image.rows * image.columns + image.n_others
+    places = image.dx_m[:n], image.dy_m[:n], image.z_m[:n], image.label[:n]
     size = 2 * HALF_CELLS
     lowest, cells, known = np.full((size, size), -1), np.zeros((size, size, 5)), np.zeros((size, size), np.bool_)
     walled = np.zeros((size, size), np.bool_)
-    _grow(polar.xyz_base_m, label, x_m, y_m, floor_m, _outwards(), lowest, cells, known, walled)
-    plane = _plane(cells[known], x_m, y_m, floor_m)
-    _measure(polar.xyz_base_m, label, x_m, y_m, cells, known, plane, height_m)
+    _grow(*places, floor_m, _outwards(), lowest, cells, known, walled)
+    plane = _plane(cells[known], floor_m)
+    height_m = image.height_m[:n]
+    _measure(*places, cells, known, plane, height_m)
+    label = image.label[:n]
     label[(label == PointClass.OBSTACLE) & (np.abs(height_m) <= _GROUND_M)] = PointClass.GROUND
-    return label, height_m, plane
+    n_invalid = counts[PointClass.INVALID]
+    counts[:] = np.bincount(label, minlength=len(counts))
+    counts[PointClass.INVALID] = n_invalid
+    return plane
 
 
 def _outwards() -> Int:
@@ -61,40 +60,19 @@ def _outwards() -> Int:
     return order
 
 
-def _plane(cells: Float, x_m: float, y_m: float, floor_m: float) -> Float:
+def _plane(cells: Float, floor_m: float) -> Float:
     ones = np.column_stack([cells[:, :2], np.ones(len(cells))])
     pull = np.diag([1.0, 1.0, 1e-3])
-    a, b, c = np.linalg.solve(ones.T @ ones + pull, ones.T @ cells[:, 2] + pull @ np.array([0.0, 0.0, floor_m]))
-    return np.array([a, b, c - a * x_m - b * y_m])
+    plane: Float = np.linalg.solve(ones.T @ ones + pull, ones.T @ cells[:, 2] + pull @ np.array([0.0, 0.0, floor_m]))
+    return plane
 
 
-@njit(cache=True, error_model="numpy")
-def drop_isolated(
-    ranges_m: Float32,
-    range_m: Float32,
-    cells: NDArray[np.int32],
-    point: NDArray[np.int32],
-    good: NDArray[np.bool_],
-    label: NDArray[np.uint8],
-) -> None:
-    """Label (N,) what no neighbour supports an outlier, what is no return invalid, and the rest an obstacle."""
-    columns = good.shape[1]
-    for i in range(len(label)):
-        row, c = cells[i] // columns, cells[i] % columns
-        if ranges_m[i] == 0:
-            label[i] = np.uint8(PointClass.INVALID)
-        elif (point[row, c] == i and good[row, c]) or supported(range_m, BOTH_LAYERS, row, c, ranges_m[i]):
-            label[i] = np.uint8(PointClass.OBSTACLE)
-        else:
-            label[i] = np.uint8(PointClass.OUTLIER)
-
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def _grow(
-    xyz_m: Float32,
+    dx_m: Float32,
+    dy_m: Float32,
+    z_m: Float32,
     label: NDArray[np.uint8],
-    x_m: float,
-    y_m: float,
     floor_m: float,
     order: Int,
     lowest: Int,
@@ -104,26 +82,24 @@ def _grow(
 ) -> None:
     """Of every ground cell x, y from the lidar, z of its lowest point, and the slopes along x and y there."""
     size = len(lowest)
-    for i in range(len(xyz_m)):
+    for i in range(len(dx_m)):
         if label[i] != np.uint8(PointClass.OBSTACLE):
             continue
-        a = math.floor((xyz_m[i, 0] - x_m) / CELL_M) + HALF_CELLS
-        b = math.floor((xyz_m[i, 1] - y_m) / CELL_M) + HALF_CELLS
-        if 0 <= a < size and 0 <= b < size and (lowest[a, b] < 0 or xyz_m[i, 2] < xyz_m[lowest[a, b], 2]):
+        a, b = math.floor(dx_m[i] / CELL_M) + HALF_CELLS, math.floor(dy_m[i] / CELL_M) + HALF_CELLS
+        if 0 <= a < size and 0 <= b < size and (lowest[a, b] < 0 or z_m[i] < z_m[lowest[a, b]]):
             lowest[a, b] = i
-    for i in range(len(xyz_m)):
+    for i in range(len(dx_m)):
         if label[i] != np.uint8(PointClass.OBSTACLE):
             continue
-        a = math.floor((xyz_m[i, 0] - x_m) / CELL_M) + HALF_CELLS
-        b = math.floor((xyz_m[i, 1] - y_m) / CELL_M) + HALF_CELLS
+        a, b = math.floor(dx_m[i] / CELL_M) + HALF_CELLS, math.floor(dy_m[i] / CELL_M) + HALF_CELLS
         if 0 <= a < size and 0 <= b < size:
-            walled[a, b] |= _WALL_M < xyz_m[i, 2] - xyz_m[lowest[a, b], 2] < _OVERHANG_M
+            walled[a, b] |= _WALL_M < z_m[i] - z_m[lowest[a, b]] < _OVERHANG_M
     for cell in order:
         a, b = cell // size, cell % size
         i = lowest[a, b]
         if i < 0:
             continue
-        x, y, z = xyz_m[i, 0] - x_m, xyz_m[i, 1] - y_m, np.float64(xyz_m[i, 2])
+        x, y, z = np.float64(dx_m[i]), np.float64(dy_m[i]), np.float64(z_m[i])
         off, slope_x, slope_y, nearest_m, nearest_z = _extrapolate(cells, known, a, b, x, y)
         if nearest_m < np.inf:
             near_plane = bool(abs(z - off) <= _OFF_M + _OFF_PER_M * nearest_m)
@@ -138,7 +114,7 @@ def _grow(
             known[a, b] = True
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _extrapolate(
     cells: Float, known: NDArray[np.bool_], a: int, b: int, x: float, y: float
 ) -> tuple[float, float, float, float, float]:
@@ -168,12 +144,12 @@ def _extrapolate(
     return mz - slope_x * mx - slope_y * my, slope_x, slope_y, nearest_m, nearest_z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _measure(
-    xyz_m: Float32,
+    dx_m: Float32,
+    dy_m: Float32,
+    z_m: Float32,
     label: NDArray[np.uint8],
-    x_m: float,
-    y_m: float,
     cells: Float,
     known: NDArray[np.bool_],
     plane: Float,
@@ -183,7 +159,7 @@ def _measure(
     for i in range(len(label)):
         if label[i] == np.uint8(PointClass.INVALID):
             continue
-        x, y = np.float64(xyz_m[i, 0]) - x_m, np.float64(xyz_m[i, 1]) - y_m
+        x, y = np.float64(dx_m[i]), np.float64(dy_m[i])
         a, b = math.floor(x / CELL_M) + HALF_CELLS, math.floor(y / CELL_M) + HALF_CELLS
         weight, total = 0.0, 0.0
         for reach in (1, 3, 6):
@@ -196,5 +172,5 @@ def _measure(
                         total += w * (cells[j, k, 2] + cells[j, k, 3] * dx + cells[j, k, 4] * dy)
             if weight > 0.0:
                 break
-        floor = plane[0] * xyz_m[i, 0] + plane[1] * xyz_m[i, 1] + plane[2]
-        height_m[i] = xyz_m[i, 2] - (total / weight if weight > 0.0 else floor)
+        floor = plane[0] * x + plane[1] * y + plane[2]
+        height_m[i] = z_m[i] - (total / weight if weight > 0.0 else floor)

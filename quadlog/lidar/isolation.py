@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.image import Image
 from quadlog.messages import Float32
 
 WINDOW, ROWS, SUPPORTERS = 4, 2, 2
-BOTH_LAYERS: int = np.int64(2)  # type: ignore[assignment]  # a plain 2 would be compiled apart
 NEAR_M, NEAR_PER_M = np.float32(0.10), np.float32(0.025)
 """Supporters lie within NEAR_M + NEAR_PER_M r, WINDOW columns and, where the own row has too few, ROWS rows.
 
@@ -19,22 +18,24 @@ Chosen on seed 100 of quadlog.simulation.labelled_scans; never reported on that 
 _HALF = np.float32(0.5)
 # Returns of one surface, four standard deviations of a range apart at most, are averaged.
 _SAME_SURFACE_M = np.float32(0.08)
+# Range of an empty cell while neighbours are compared: near to nothing.
+_FAR_OFF_M = np.float32(-1e6)
 
 
-@njit(cache=True, error_model="numpy")
-def supported(range_m: Float32, layers: int, row: int, column: int, r: float) -> bool:
+@inner
+def supported(range_m: Float32, columns: int, layers: int, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
     The line is what ground looks like far away, where the range changes
-    fast along the beam. range_m: (2, rows, columns) of `Image`, of which
+    fast along the beam. range_m: (2, rows * columns) of `Image`, of which
     `layers` are looked at; the cell's own two returns do not count.
     """
-    rows, columns = range_m.shape[1], range_m.shape[2]
+    rows = range_m.shape[1] // columns
     near_m = NEAR_M + NEAR_PER_M * r
     for k in range(1, WINDOW + 1):
         a = column - k if column >= k else column - k + columns
         b = column + k if column + k < columns else column + k - columns
-        left, right = range_m[0, row, a], range_m[0, row, b]
+        left, right = range_m[0, row * columns + a], range_m[0, row * columns + b]
         if left > 0 and right > 0 and abs(_HALF * (left + right) - r) <= near_m:
             return True
     found = 0
@@ -44,7 +45,7 @@ def supported(range_m: Float32, layers: int, row: int, column: int, r: float) ->
                 continue
             c = column - WINDOW if column >= WINDOW else column - WINDOW + columns
             for _ in range(2 * WINDOW + 1):
-                other = range_m[layer, i, c]
+                other = range_m[layer, i * columns + c]
                 if other > 0 and abs(other - r) <= near_m and (c != column or i != row):
                     found += 1
                 c = c + 1 if c + 1 < columns else 0
@@ -53,75 +54,73 @@ def supported(range_m: Float32, layers: int, row: int, column: int, r: float) ->
     return False
 
 
-def isolate(image: Image, z_m: float) -> tuple[NDArray[np.bool_], Float32, Float32]:
-    """Which cells (rows, columns) hold a supported return, and distance_m and z_m of the image with smoothed ranges.
+class Isolated:
+    """What the filter leaves of an image, cells (rows, columns): good (int8, 1 where a return is supported), and
+    distance_m (horizontal, from below the lidar) and z_m (in base) with smoothed ranges.
 
     A range is the mean of those of the same surface within the window: a
-    third of the noise, which is what makes slopes between beams tell. z_m is
-    the lidar's own height in base.
+    third of the noise, which is what makes slopes between beams tell.
     """
-    shape = image.distance_m.shape
-    good = np.zeros(shape, np.bool_)
-    distance_m, height_m = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    first = image.range_m[0]
-    wide = np.concatenate([first[:, -WINDOW:], first, first[:, :WINDOW]], axis=1)
-    counts = np.zeros((3, shape[1]), np.float32)
-    _isolate(
-        image.range_m,
-        wide,
-        image.distance_m,
-        image.z_m,
-        2 if image.doubled else 1,
-        z_m,
-        counts,
-        good,
-        distance_m,
-        height_m,
-    )
-    return good, distance_m, height_m
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.good = np.zeros((rows, columns), np.int8)
+        self.distance_m, self.z_m = np.zeros((2, rows, columns), np.float32)
+        self.raw_distance_m = np.zeros((rows, columns), np.float32)
+        self._wide = np.zeros(columns + 2 * WINDOW, np.float32)
+
+    def isolate(self, image: Image, lidar_z_m: float) -> None:
+        """lidar_z_m: the lidar's own height in base."""
+        arrays = self.good, self.raw_distance_m, self.distance_m, self.z_m
+        _isolate(
+            image.range_m, image.dx_m, image.dy_m, image.z_m, image.layers, np.float32(lidar_z_m), self._wide, *arrays
+        )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _isolate(
     range_m: Float32,
-    wide_m: Float32,
-    raw_distance_m: Float32,
+    dx_m: Float32,
+    dy_m: Float32,
     raw_z_m: Float32,
     layers: int,
-    lidar_z_m: float,
-    counts: Float32,
-    good: NDArray[np.bool_],
+    lidar_z: float,
+    wide: Float32,
+    good: NDArray[np.int8],
+    raw_distance_m: Float32,
     distance_m: Float32,
     z_m: Float32,
 ) -> None:
     one, none = np.float32(1), np.float32(0)
-    lidar_z = np.float32(lidar_z_m)
-    found, same, total = counts[0], counts[1], counts[2]
-    for row in range(good.shape[0]):
-        ranges, wide = range_m[0, row], wide_m[row]
-        for c in range(len(ranges)):
-            found[c], same[c], total[c] = none, none, none
-        for k in range(2 * WINDOW + 1):
-            # Without branches, and few arrays each, so that they become vector instructions.
-            for c in range(len(ranges)):
-                near = abs(wide[c + k] - ranges[c]) <= NEAR_M + NEAR_PER_M * ranges[c]
-                found[c] += one if near else none
-            for c in range(len(ranges)):
-                apart = wide[c + k] - ranges[c]
+    rows, columns = good.shape
+    for row in range(rows):
+        begin = row * columns
+        # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
+        ranges, dxs, dys, raw_z = range_m[0, begin:], dx_m[begin:], dy_m[begin:], raw_z_m[begin:]
+        for c in range(columns):
+            r = ranges[c]
+            wide[WINDOW + c] = r if r > none else _FAR_OFF_M
+        for k in range(WINDOW):
+            wide[k], wide[WINDOW + columns + k] = wide[columns + k], wide[WINDOW + k]
+        here, raw_distance, distance, z = good[row], raw_distance_m[row], distance_m[row], z_m[row]
+        for c in range(columns):
+            dx, dy = dxs[c], dys[c]
+            raw_distance[c] = np.sqrt(dx * dx + dy * dy)
+        # Without branches, so that it becomes vector instructions; LLVM unrolls the inner loop.
+        for c in range(columns):
+            r = wide[c + WINDOW]
+            near_m = NEAR_M + NEAR_PER_M * r
+            found, same, total = none, none, none
+            for k in range(2 * WINDOW + 1):
+                apart = wide[c + k] - r
+                found += one if abs(apart) <= near_m else none
                 alike = abs(apart) <= _SAME_SURFACE_M
-                same[c] += one if alike else none
-                total[c] += apart if alike else none
-        raw_distance, raw_z, distance, z, here = raw_distance_m[row], raw_z_m[row], distance_m[row], z_m[row], good[row]
-        for c in range(len(ranges)):
+                same += one if alike else none
+                total += apart if alike else none
+            scale = one + total / (same * r)
+            distance[c] = raw_distance[c] * scale if r > none else none
+            z[c] = lidar_z + (raw_z[c] - lidar_z) * scale if r > none else none
             # The return itself is among those found.
-            here[c] = (ranges[c] > none) & (found[c] > SUPPORTERS)
-        for c in range(len(ranges)):
-            scale = one + total[c] / (same[c] * ranges[c])
-            total[c] = scale if ranges[c] > none else one
-        for c in range(len(ranges)):
-            distance[c] = raw_distance[c] * total[c]
-        for c in range(len(ranges)):
-            z[c] = lidar_z + (raw_z[c] - lidar_z) * total[c]
-        for c in range(len(ranges)):
-            if not here[c] and ranges[c] > none:
-                here[c] = supported(range_m, layers, row, c, ranges[c])
+            here[c] = np.int8((r > none) & (found > SUPPORTERS))
+        for c in range(columns):
+            if here[c] == 0 and wide[c + WINDOW] > none:
+                here[c] = supported(range_m, columns, layers, row, c, wide[c + WINDOW])

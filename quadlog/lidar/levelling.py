@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Float, Int
 
@@ -50,9 +49,12 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
     that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
-    up = np.empty((0, 3))
+    up: Float = np.empty((0, 3))
     if real.any():
-        up = Rotation.from_quat(quat_xyzw[real]).as_matrix()[:, 2, :]
+        x, y, z, w = (quat_xyzw if real.all() else quat_xyzw[real]).T
+        # The last row of the rotation matrix, times the quaternion's squared length.
+        up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w + z * z - x * x - y * y], axis=1)
+        up /= (x * x + y * y + z * z + w * w)[:, None]
     if rotation_sensor_to_base is not None:
         up = up @ rotation_sensor_to_base.T
     return UpSeries(t_ns[real], up)

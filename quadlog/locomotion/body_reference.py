@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inlined
 from quadlog.locomotion.footholds import slope_angles
 from quadlog.locomotion.record import Record
 from quadlog.messages import Float
@@ -52,10 +52,21 @@ class BodyReference(Record):
 
     def ahead(self, dt_s: float, states: Float) -> None:
         """Writes the states (N, 12) wanted at the ends of the next steps, as `centroidal` has them, of the origin."""
-        _ahead(self.record, dt_s, states)
+        roll, pitch, yaw = self.rpy.tolist()
+        (x, y, z), (vx, vy, vz) = self.position_m.tolist(), self.velocity_mps.tolist()
+        yaw_rate = float(self.record["yaw_rate_radps"][0])
+        speed = math.cos(yaw) * vx + math.sin(yaw) * vy
+        rows = []
+        for _ in range(len(states)):
+            middle = yaw + 0.5 * yaw_rate * dt_s
+            x, y, z = x + speed * math.cos(middle) * dt_s, y + speed * math.sin(middle) * dt_s, z + vz * dt_s
+            yaw += yaw_rate * dt_s
+            going = speed * math.cos(yaw), speed * math.sin(yaw), vz
+            rows.append((roll, pitch, yaw, x, y, z, 0.0, 0.0, yaw_rate, *going))
+        states[:] = rows
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def follow(reference, dt, speed, yaw_rate, measured, yaw, plane):  # type: ignore[no-untyped-def]
     """Takes the reference on by dt; measured (3,) position and yaw; plane (3,) is that of the feet's centres."""
     to = reference[0]
@@ -79,20 +90,3 @@ def follow(reference, dt, speed, yaw_rate, measured, yaw, plane):  # type: ignor
     ground = plane[0] * position[0] + plane[1] * position[1] + plane[2]
     position[2] += velocity[2] * dt
     position[2] += share * (ground + to.height_m - position[2])
-
-
-@njit(cache=True, error_model="numpy")
-def _ahead(reference, dt, states):  # type: ignore[no-untyped-def]
-    at = reference[0]
-    rpy, position, velocity, yaw_rate = at.rpy, at.position_m, at.velocity_mps, at.yaw_rate_radps
-    speed = math.cos(rpy[2]) * velocity[0] + math.sin(rpy[2]) * velocity[1]
-    yaw, x, y, z = rpy[2], position[0], position[1], position[2]
-    states[:] = 0.0
-    for k in range(len(states)):
-        middle = yaw + 0.5 * yaw_rate * dt
-        x, y, z = x + speed * math.cos(middle) * dt, y + speed * math.sin(middle) * dt, z + velocity[2] * dt
-        yaw += yaw_rate * dt
-        states[k, 0], states[k, 1], states[k, 2] = rpy[0], rpy[1], yaw
-        states[k, 3], states[k, 4], states[k, 5] = x, y, z
-        states[k, 8] = yaw_rate
-        states[k, 9], states[k, 10], states[k, 11] = speed * math.cos(yaw), speed * math.sin(yaw), velocity[2]

@@ -11,15 +11,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inner, kernel
 from quadlog.messages import Float
 
 PARABOLA, EASED = 1, 3
 """The power of b: as printed, or at rest at both ends. Any whole number of at least 1 goes."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def foot_curve_state(
     phase: float,
     duration_s: float,
@@ -55,14 +55,14 @@ def foot_curve_state(
     acceleration_mps2[2] += clearance_m * high_gain * 4.0 * pace * pace
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _cycloid(s):  # type: ignore[no-untyped-def]
     """From 0 to 1, and its first two derivatives, which are 0 at both ends."""
     angle = 2.0 * math.pi * s
     return s - math.sin(angle) / (2.0 * math.pi), 1.0 - math.cos(angle), 2.0 * math.pi * math.sin(angle)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _bulge(s, power):  # type: ignore[no-untyped-def]
     """The power of b, 1 in the middle and 0 at both ends, and its first two derivatives."""
     b, slope = 4.0 * s * (1.0 - s), 4.0 * (1.0 - 2.0 * s)
@@ -97,7 +97,7 @@ class FootCycle:
         return states[0], states[1], states[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cycle(cycles, period_s, step_m, lift_m, swing_share, aside_m, power, states):  # type: ignore[no-untyped-def]
     """Writes states (3, N, 3) at cycles (N,) 0..1."""
     back, front = np.array([-0.5 * step_m, 0.0, 0.0]), np.array([0.5 * step_m, 0.0, 0.0])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from quadlog.compiled import inner
 from quadlog.messages import Float
 
 CAPTURE_S = 0.06
@@ -13,7 +12,7 @@ CAPTURE_S = 0.06
 _FLAT_M4 = 1e-8
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def foothold(
     position_m: Float,
     yaw_rad: float,
@@ -55,7 +54,7 @@ def foothold(
     foot_m[2] = plane[0] * foot_m[0] + plane[1] * foot_m[1] + plane[2]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def fit_plane(contacts_m: Float, plane: Float) -> None:
     """Writes (3,) a, b, c of z = a x + b y + c, the least-squares plane through contacts (N, 3), the feet's last ones.
 
@@ -84,7 +83,7 @@ def fit_plane(contacts_m: Float, plane: Float) -> None:
     plane[2] = z - plane[0] * x - plane[1] * y
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def slope_angles(plane: Float, yaw_rad: float) -> tuple[float, float]:
     """Roll and pitch of a body that stands parallel to a plane (3,) and looks along yaw; uphill its pitch is < 0."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)

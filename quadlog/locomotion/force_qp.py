@@ -8,9 +8,9 @@ from enum import StrEnum
 import daqp
 import numpy as np
 import quadprog
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, inner
 from quadlog.locomotion.mpc_build import in_pyramid
 from quadlog.messages import Float
 
@@ -97,7 +97,7 @@ class ForceQp:
         return forces.ravel()
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def free_minimum(hessian, gradient, forces):  # type: ignore[no-untyped-def]
     """Writes where 1/2 f^T hessian f + gradient f is least without any limit, forces (n,)."""
     for k in range(len(forces)):
@@ -105,9 +105,12 @@ def free_minimum(hessian, gradient, forces):  # type: ignore[no-untyped-def]
     solve_positive(hessian, forces.reshape(len(forces), 1))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def solve_positive(matrix, columns):  # type: ignore[no-untyped-def]
-    """Overwrites columns (n, C) by matrix^-1 columns, of a symmetric positive definite matrix (n, n), by Cholesky."""
+    """Overwrites columns (n, C) by matrix^-1 columns, of a symmetric positive definite matrix (n, n), by Cholesky.
+
+    The matrix may be the upper left part of a larger one.
+    """
     n, count = columns.shape
     factor = np.empty((n, n))
     for i in range(n):

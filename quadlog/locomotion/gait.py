@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, inner
 from quadlog.messages import Float
 
 Bool = NDArray[np.bool_]
@@ -65,7 +65,7 @@ _GAITS = (
 GAITS = {gait.name: gait for gait in _GAITS}
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _phase(t_s: float, period_s: float, offset: float) -> float:
     """0 <= phase < 1; just below a whole turn the difference rounds to 1."""
     turns = t_s / period_s + offset
@@ -73,7 +73,7 @@ def _phase(t_s: float, period_s: float, offset: float) -> float:
     return phase if phase < 1.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def contact_state(t_s: float, period_s: float, duty: float, offsets: Float, stance: Bool, leg_phase: Float) -> None:
     """Writes for each leg (4,) whether it stands at t_s, and its phase 0..1 within that stance or swing."""
     for leg in range(4):
@@ -82,9 +82,9 @@ def contact_state(t_s: float, period_s: float, duty: float, offsets: Float, stan
         leg_phase[leg] = phase / duty if phase < duty else (phase - duty) / (1.0 - duty)
 
 
-@njit(cache=True, error_model="numpy")
 def contact_schedule(t_s: float, step_s: float, period_s: float, duty: float, offsets: Float, contacts: Bool) -> None:
     """Writes (N, 4): which legs stand at t_s, t_s + step_s and so on; the first row is the present."""
-    for k in range(len(contacts)):
-        for leg in range(4):
-            contacts[k, leg] = _phase(t_s + k * step_s, period_s, offsets[leg]) < duty
+    turns = (t_s + np.arange(len(contacts)) * step_s)[:, None] / period_s + offsets
+    phase = turns - np.floor(turns)
+    # Just below a whole turn the difference rounds to 1.
+    contacts[:] = np.where(phase < 1.0, phase, 0.0) < duty

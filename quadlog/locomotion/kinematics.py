@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from quadlog.messages import Float
 
 # Shorter, a distance has no direction that floats could tell.
 NO_DISTANCE_M = 1e-9
 
 
-@njit(cache=True, error_model="numpy")
 def leg_position(joints_rad: Float, side: float, lengths: Float, foot_m: Float) -> None:
     """Writes the foot (3,) from the hip, in the body, of a leg's joints (3,)."""
     t1, t2, t23 = joints_rad[0], joints_rad[1], joints_rad[1] + joints_rad[2]
@@ -27,7 +24,6 @@ def leg_position(joints_rad: Float, side: float, lengths: Float, foot_m: Float) 
     foot_m[2] = aside * math.sin(t1) - reach * math.cos(t1)
 
 
-@njit(cache=True, error_model="numpy")
 def leg_jacobian(joints_rad: Float, side: float, lengths: Float, jacobian: Float) -> None:
     """Writes (3, 3): the foot's velocity from the hip, in the body, per joint velocity."""
     t1, t2, t23 = joints_rad[0], joints_rad[1], joints_rad[1] + joints_rad[2]
@@ -39,7 +35,6 @@ def leg_jacobian(joints_rad: Float, side: float, lengths: Float, jacobian: Float
     jacobian[2, 0], jacobian[2, 1], jacobian[2, 2] = reach * sin + aside * cos, cos * x, cos * shank_x
 
 
-@njit(cache=True, error_model="numpy")
 def leg_inverse(foot_m: Float, side: float, lengths: Float, joints_rad: Float) -> bool:
     """Writes the joints (3,), knee behind, for a foot (3,) from the hip; False when it is out of reach.
 
@@ -68,7 +63,6 @@ def leg_inverse(foot_m: Float, side: float, lengths: Float, joints_rad: Float) -
     return across >= aside and abs(wanted - distance) <= 1e-12
 
 
-@njit(cache=True, error_model="numpy")
 def foot_positions(joints_rad: Float, hips_m: Float, lengths: Float, feet_m: Float) -> None:
     """Writes the feet (4, 3) in the body of joints (12,); hips_m: (4, 3), the left legs first in each pair."""
     for leg in range(4):
@@ -77,14 +71,12 @@ def foot_positions(joints_rad: Float, hips_m: Float, lengths: Float, feet_m: Flo
             feet_m[leg, axis] += hips_m[leg, axis]
 
 
-@njit(cache=True, error_model="numpy")
 def foot_jacobians(joints_rad: Float, lengths: Float, jacobians: Float) -> None:
     """Writes (4, 3, 3): each foot's velocity in the body per velocity of its own leg's joints."""
     for leg in range(4):
         leg_jacobian(joints_rad[3 * leg : 3 * leg + 3], 1.0 - 2.0 * (leg % 2), lengths, jacobians[leg])
 
 
-@njit(cache=True, error_model="numpy")
 def joints_for(feet_m: Float, hips_m: Float, lengths: Float, joints_rad: Float) -> bool:
     """Writes the joints (12,) for feet (4, 3) in the body; False when one of them is out of reach."""
     reached = True

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inlined, inner, kernel
 from quadlog.locomotion.centroidal import GRAVITY_MPS2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def build_cost(state, reference, lever_arms_m, contacts, mass_kg, inverse_in_body, weights, alpha, dt_s):  # type: ignore[no-untyped-def]
     """H (n, n), g (n,) and whether they are finite, n being 3 for each stance foot of each step, in that order.
 
@@ -27,10 +27,11 @@ def build_cost(state, reference, lever_arms_m, contacts, mass_kg, inverse_in_bod
     to_map[0, 0] = to_map[1, 1] = math.cos(yaw_rad)
     to_map[1, 0], to_map[0, 1] = math.sin(yaw_rad), -math.sin(yaw_rad)
     to_map[2, 2] = 1.0
-    inverse_in_map = _product(_product(to_map, inverse_in_body), to_map.T)
+    to_body = to_map.T.copy()
+    inverse_in_map = _product(_product(to_map, inverse_in_body), to_body)
     arms, steps = stance_feet(lever_arms_m, contacts)
     g = _gradient(errors, weights, to_map, inverse_in_map, arms, steps, mass_kg, dt_s)
-    H = _hessian(contacts.shape[0], weights, to_map, inverse_in_map, arms, steps, mass_kg, alpha, dt_s)
+    H = _hessian(contacts.shape[0], weights, to_body, inverse_in_map, arms, steps, mass_kg, alpha, dt_s)
     # In a sum of magnitudes no inf or nan can cancel.
     total = np.abs(errors).sum()
     for row in range(g.shape[0]):
@@ -40,7 +41,7 @@ def build_cost(state, reference, lever_arms_m, contacts, mass_kg, inverse_in_bod
     return H, g, math.isfinite(total)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def free_errors(state, reference, dt_s):  # type: ignore[no-untyped-def]
     """What the states (N, 12) would be without forces, less the reference; and the yaw the model is linearised at.
 
@@ -73,7 +74,7 @@ def free_errors(state, reference, dt_s):  # type: ignore[no-untyped-def]
     return errors, yaw_rad
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def stance_feet(lever_arms_m, contacts):  # type: ignore[no-untyped-def]
     """The feet that carry: lever arms (m, 3) and steps (m,), step by step and leg by leg."""
     count = 0
@@ -88,7 +89,7 @@ def stance_feet(lever_arms_m, contacts):  # type: ignore[no-untyped-def]
     return arms[:count], steps[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def in_pyramid(forces, mu, f_min, f_max, tolerance):  # type: ignore[no-untyped-def]
     """Whether forces (n,) keep |fx|, |fy| <= mu fz and f_min <= fz <= f_max; no nan does."""
     for foot in range(forces.shape[0] // 3):
@@ -99,7 +100,7 @@ def in_pyramid(forces, mu, f_min, f_max, tolerance):  # type: ignore[no-untyped-
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _gradient(errors, weights, to_map, inverse_in_map, arms, steps, mass_kg, dt_s):  # type: ignore[no-untyped-def]
     """B^T Q errors, by the adjoint: what a change of the state after a step costs, from the last step to the first."""
     g = np.empty(3 * arms.shape[0])
@@ -127,10 +128,10 @@ def _gradient(errors, weights, to_map, inverse_in_map, arms, steps, mass_kg, dt_
     return g
 
 
-@njit(cache=True, error_model="numpy")
-def _hessian(horizon, weights, to_map, inverse_in_map, arms, steps, mass_kg, alpha, dt_s):  # type: ignore[no-untyped-def]
+@inner
+def _hessian(horizon, weights, to_body, inverse_in_map, arms, steps, mass_kg, alpha, dt_s):  # type: ignore[no-untyped-def]
     """B^T Q B + alpha, in 3x3 blocks [r_u]^T M [r_v] + diagonal for each pair of feet u, v and their steps."""
-    to_theta = _product(to_map.T, inverse_in_map)
+    to_theta = _product(to_body, inverse_in_map)
     theta_cost, omega_cost = np.zeros((3, 3)), np.zeros((3, 3))
     for row in range(3):
         for column in range(3):
@@ -167,7 +168,7 @@ def _hessian(horizon, weights, to_map, inverse_in_map, arms, steps, mass_kg, alp
     return H
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _step_pair(horizon, early, late, dt_s):  # type: ignore[no-untyped-def]
     """Over the states after both steps, the sums of 1 (omega, v) and (i - early - 1)(i - late - 1) dt^2, times dt^2."""
     states, apart = horizon - late, late - early
@@ -176,7 +177,7 @@ def _step_pair(horizon, early, late, dt_s):  # type: ignore[no-untyped-def]
     return dt_s**2 * states, dt_s**4 * products
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _times_skew(matrix, arm, out):  # type: ignore[no-untyped-def]
     """To `out` matrix @ skew(arm): each row crossed with the arm."""
     x, y, z = arm
@@ -187,7 +188,7 @@ def _times_skew(matrix, arm, out):  # type: ignore[no-untyped-def]
         out[row, 2] = a * y - b * x
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _product(a, b):  # type: ignore[no-untyped-def]
     out = np.zeros((3, 3))
     for row in range(3):

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from quadlog.compiled import inner
 
 # A row of which the rows before it leave no more than this part is one that they say already.
 DEPENDENT = 1e-10
@@ -20,7 +21,7 @@ ORTHOGONAL = 1e-14
 MAX_ROUNDS = 40
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def prioritised(rows, ends, wanted, weakest, out, basis, columns, coefficients, inverse):  # type: ignore[no-untyped-def]
     """Writes out (n, C), what meets the tasks in their order, and counts the tasks that are met weakly.
 
@@ -62,7 +63,7 @@ def prioritised(rows, ends, wanted, weakest, out, basis, columns, coefficients, 
     return weak
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _extend(rows, r, basis, columns, coefficients):  # type: ignore[no-untyped-def]
     """Row r's coefficients along the basis and its own new vector, which is zero when the row is dependent.
 
@@ -99,7 +100,7 @@ def _extend(rows, r, basis, columns, coefficients):  # type: ignore[no-untyped-d
         columns[j, r] = left[j]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _invert(lower, weakest, inverse):  # type: ignore[no-untyped-def]
     """Writes the inverse of a lower triangle (m, m) into inverse[:m, :m]: whether it had to be a weakened one.
 
@@ -125,7 +126,7 @@ def _invert(lower, weakest, inverse):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def invert_weakly(matrix, weakest, inverse):  # type: ignore[no-untyped-def]
     """Writes V diag(1 / max(s, weakest)^2) (U s)^T of a matrix U s V^T (m, m) into inverse[:m, :m].
 

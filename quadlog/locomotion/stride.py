@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, inner
 from quadlog.locomotion.foot_trajectory import EASED, foot_curve_state
 from quadlog.locomotion.footholds import fit_plane, foothold
 from quadlog.locomotion.gait import Gait, contact_schedule, contact_state
@@ -104,7 +104,7 @@ class Stride(Record):
         contacts[0] = self.stands
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def advance(  # type: ignore[no-untyped-def]
     stride, t_s, dt_s, feet, touches, position, yaw, velocity, wanted, wanted_yaw_rate
 ):
@@ -161,7 +161,7 @@ def advance(  # type: ignore[no-untyped-def]
     return changed
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _swing(to, leg, phase, swing_s, yaw):  # type: ignore[no-untyped-def]
     """Writes where a leg's foot is wanted on the curve of its choice."""
     start, end, position, velocity = to.lift_offs_m[leg], to.landings_m[leg], to.swing[0, leg], to.swing[1, leg]
@@ -174,7 +174,7 @@ def _swing(to, leg, phase, swing_s, yaw):  # type: ignore[no-untyped-def]
         swing_state(phase, swing_s, start, end, to.clearance_m, position, velocity, acceleration)
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def _put(feet, leg, places):  # type: ignore[no-untyped-def]
     for axis in range(3):
         places[leg, axis] = feet[leg, axis]

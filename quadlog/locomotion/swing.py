@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from quadlog.compiled import inner
 from quadlog.messages import Float
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def swing_state(
     phase: float,
     duration_s: float,

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inlined, kernel
 from quadlog.locomotion.body_reference import BodyReference, WantedMotion, follow
 from quadlog.locomotion.centroidal import STATES
 from quadlog.locomotion.gait import GAITS
@@ -115,7 +115,7 @@ class Walker:
         return feet_m + has_left[:, :, None] * stride_m
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _aim(t_s, dt_s, speed, yaw_rate, state, stride, reference, targets):  # type: ignore[no-untyped-def]
     """Reference and legs go on to t_s and say what is wanted; True when another set of feet carries than before."""
     now, legs, body, to = state[0], stride[0], reference[0], targets[0]
@@ -134,7 +134,7 @@ def _aim(t_s, dt_s, speed, yaw_rate, state, stride, reference, targets):  # type
     return changed
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _rotate(rpy: Float, rotation: Float) -> None:
     """Writes (3, 3) body to map of roll, pitch, yaw."""
     cr, cp, cy = math.cos(rpy[0]), math.cos(rpy[1]), math.cos(rpy[2])

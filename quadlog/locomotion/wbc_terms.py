@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inlined, inner, kernel
 from quadlog.locomotion.force_qp import free_minimum, solve_positive
 from quadlog.locomotion.mpc_build import in_pyramid
 from quadlog.locomotion.null_space import invert_weakly, prioritised
@@ -19,7 +19,7 @@ BASE, JOINTS = 6, 12
 SIZE = BASE + JOINTS
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def before_qp(state, targets, control, hessian, gradient, response, forces):  # type: ignore[no-untyped-def]
     """Commands, the QP's cost (see force_cost), and the forces (3 S,) at its free minimum.
 
@@ -33,7 +33,7 @@ def before_qp(state, targets, control, hessian, gradient, response, forces):  # 
     return weak, is_finite, is_finite and in_pyramid(forces, mu, f_min, f_max, 0.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def commands(state, targets, control):  # type: ignore[no-untyped-def]
     """Writes the control's out (18, 3): the change of q, the velocity and the acceleration commanded.
 
@@ -89,7 +89,7 @@ def commands(state, targets, control):  # type: ignore[no-untyped-def]
     return prioritised(rows, ends, wanted, weakest, out, room[1], room[2], room[3], room[4])
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def rotation_error(wanted, actual):  # type: ignore[no-untyped-def]
     """x, y, z in map of the rotation vector from the actual rotation to the wanted one: log(wanted actual^T)."""
     turn = np.zeros((3, 3))
@@ -104,7 +104,7 @@ def rotation_error(wanted, actual):  # type: ignore[no-untyped-def]
     return longer * x, longer * y, longer * z
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def force_cost(state, targets, control, hessian, gradient, response):  # type: ignore[no-untyped-def]
     """Writes the QP's cost 1/2 f^T hessian f + gradient f over the forces f (3 S,) of the S feet in stance.
 
@@ -127,7 +127,8 @@ def force_cost(state, targets, control, hessian, gradient, response):  # type: i
                     response[i, column] = jacobians[leg, axis, i]
                 gradient[column] = -weights[1] * targets[0].forces_n[leg, axis]
                 column += 1
-    solve_positive(mass[:BASE, :BASE], response)
+    # A view has the type of any other array: the field itself would have another, and be compiled for by itself.
+    solve_positive(mass[:], response)
     total = 0.0
     for p in range(n):
         for i in range(BASE):
@@ -143,7 +144,7 @@ def force_cost(state, targets, control, hessian, gradient, response):  # type: i
     return math.isfinite(total)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def joint_torques(state, targets, control, response, stance_forces):  # type: ignore[no-untyped-def]
     """Writes the control's torques (12,) by eqs 43 and 44, forces (4, 3), and out's acceleration with what they add.
 
@@ -182,7 +183,7 @@ def joint_torques(state, targets, control, response, stance_forces):  # type: ig
     return is_finite
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _limit(control):  # type: ignore[no-untyped-def]
     """Cuts the torques to their limits and writes which of them were cut."""
     torques, limits = control[0].torques_nm, control[0].limits_nm
@@ -191,7 +192,7 @@ def _limit(control):  # type: ignore[no-untyped-def]
         torques[joint] = min(max(torques[joint], -limits[joint]), limits[joint])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def leg_torques(state, targets, control):  # type: ignore[no-untyped-def]
     """Writes the control's torques (12,) without its tasks: -J^T f in stance, a spring and its own inertia in swing.
 

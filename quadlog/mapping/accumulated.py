@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import kernel
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
-from quadlog.mapping.occupancy import Grid
+from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.rays import NO_RAY
 from quadlog.mapping.window import Window
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
@@ -28,15 +29,17 @@ class AccumulatedMap:
         self._lattice = GrowingLattice(cell_m, {"hits": np.int32, "passes": np.int32}, most_cells)
         self.skipped = 0
 
-    def add(self, window: Window, hit: Grid, crossed: Grid) -> None:
-        """Count one scan: cells (rows, cols) in which something was hit, and cells that were seen through.
+    def add(self, window: Window, placed: PlacedScan, below_mm: int) -> None:
+        """Count one scan: cells (rows, cols) in which something was hit, and cells seen through below this height.
 
         A cell counts at most once per scan, and as a hit if it is both.
         """
         if not self._lattice.cover(window):
             self.skipped += 1
             return
-        _count(hit, crossed, self._lattice.view("hits", window), self._lattice.view("passes", window))
+        hits, row, col = self._lattice.whole("hits", window)
+        passes, _, _ = self._lattice.whole("passes", window)
+        _count(placed.top_mm, placed.lowest_ray_mm, np.int16(min(below_mm, int(NO_RAY))), hits, passes, row, col)
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
@@ -50,10 +53,21 @@ class AccumulatedMap:
         return cells, window
 
 
-# Compiled, because numpy adds truth values to counts through a buffer.
-@njit(cache=True, error_model="numpy")
-def _count(hit: Grid, crossed: Grid, hits: NDArray[np.int32], passes: NDArray[np.int32]) -> None:
-    for row in range(hit.shape[0]):
-        for col in range(hit.shape[1]):
-            hits[row, col] += hit[row, col]
-            passes[row, col] += crossed[row, col] and not hit[row, col]
+@kernel
+def _count(
+    top_mm: NDArray[np.int16],
+    lowest_ray_mm: NDArray[np.int16],
+    below_mm: int,
+    hits: NDArray[np.int32],
+    passes: NDArray[np.int32],
+    first_row: int,
+    first_col: int,
+) -> None:
+    one, none = np.int32(1), np.int32(0)
+    rows, cols = top_mm.shape
+    for row in range(rows):
+        top, ray = top_mm[row], lowest_ray_mm[row]
+        hit, passed = hits[first_row + row, first_col:], passes[first_row + row, first_col:]
+        for col in range(cols):
+            hit[col] += one if top[col] > NO_TOP else none
+            passed[col] += one if (ray[col] < below_mm) & (top[col] <= NO_TOP) else none

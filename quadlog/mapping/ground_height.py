@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.lidar.points import PointClass, columns_of
+from quadlog.compiled import kernel
+from quadlog.mapping.compact import CompactScan
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
 from quadlog.mapping.window import FARTHEST_CELL, Window
-from quadlog.messages import Float, Float32, Int
-
-_GROUND = np.uint8(PointClass.GROUND)
+from quadlog.messages import Float, Int
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,24 +38,26 @@ class GroundHeight:
     def __init__(self, cell_m: float, most_cells: int = MOST_CELLS // 4) -> None:
         self._cell_m = cell_m
         self._lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, most_cells)
+        self._cells, self._bounds = np.zeros((0, 2), np.int64), np.zeros(4, np.int64)
         self.skipped = 0
 
-    def add(self, xyz_base_m: Float32, label: NDArray[np.uint8], pose_base_in_map: Float) -> None:
-        """Count one scan's points (N, 3) that are ground by their label (N,); pose_base_in_map: (3,) x, y, yaw."""
-        x_m, y_m, yaw_rad = (float(value) for value in pose_base_in_map)
-        place = np.array([math.cos(yaw_rad), math.sin(yaw_rad), x_m, y_m]) / self._cell_m
-        cells, bounds = np.empty((len(label), 2), np.int64), np.empty(4, np.int64)
-        base_x_m, base_y_m, base_z_m = columns_of(xyz_base_m)
-        n = _cells_of_ground(base_x_m, base_y_m, label, place, cells, bounds)
+    def add(self, scan: CompactScan, slot_pose_base_in_map: Float) -> None:
+        """Count one scan's ground; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots."""
+        n = len(scan.ground)
         if n == 0:
             return
+        if n > len(self._cells):
+            self._cells = np.zeros((2 * n, 2), np.int64)
+        cells, bounds = self._cells, self._bounds
+        _cells_of_ground(scan.ground, scan.ground_slot, slot_pose_base_in_map, scan.unit_m, self._cell_m, cells, bounds)
         col0, row0, col1, row1 = (int(bound) for bound in bounds)
         window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
         if not self._lattice.cover(window):
             self.skipped += 1
             return
-        sums, counts = self._lattice.view("sum_m", window), self._lattice.view("count", window)
-        _add(base_z_m, label, cells, col0, row0, sums, counts)
+        sums, row, col = self._lattice.whole("sum_m", window)
+        counts, _, _ = self._lattice.whole("count", window)
+        _add(scan.ground, scan.ground_count, cells, col0 - col, row0 - row, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
@@ -71,48 +71,43 @@ class GroundHeight:
         return HeightMap(window.origin_m, window.cell_m, height_m, count)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cells_of_ground(
-    base_x_m: Float32,
-    base_y_m: Float32,
-    label: NDArray[np.uint8],
-    place: Float,
+    ground: NDArray[np.int16],
+    slot: NDArray[np.uint8],
+    poses: Float,
+    unit_m: float,
+    cell_m: float,
     cells: Int,
     bounds: Int,
-) -> int:
-    """The lattice's cells (col, row) of the ground's points one after the other, their bounds, and how many.
-
-    place: cosine and sine of base's yaw, and its x and y, all in cells.
-    """
-    cos, sin, n = place[0], place[1], 0
+) -> None:
+    """The lattice's cells (col, row) of the ground's means, and their bounds."""
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
-    for i in range(len(label)):
-        if label[i] != _GROUND:
-            continue
-        x, y = base_x_m[i], base_y_m[i]
-        col, row = np.floor(place[2] + cos * x - sin * y), np.floor(place[3] + sin * x + cos * y)
-        cells[n, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
-        cells[n, 1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
-        bounds[0], bounds[2] = min(bounds[0], cells[n, 0]), max(bounds[2], cells[n, 0])
-        bounds[1], bounds[3] = min(bounds[1], cells[n, 1]), max(bounds[3], cells[n, 1])
-        n += 1
-    return n
+    moved = np.empty((len(poses), 4))
+    for k in range(len(poses)):
+        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
+        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    for i in range(len(ground)):
+        at, x, y = slot[i], ground[i, 0] + 0.5, ground[i, 1] + 0.5
+        col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)
+        row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / cell_m)
+        cells[i, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
+        cells[i, 1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
+        bounds[0], bounds[2] = min(bounds[0], cells[i, 0]), max(bounds[2], cells[i, 0])
+        bounds[1], bounds[3] = min(bounds[1], cells[i, 1]), max(bounds[3], cells[i, 1])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _add(
-    base_z_m: Float32,
-    label: NDArray[np.uint8],
+    ground: NDArray[np.int16],
+    points: NDArray[np.uint16],
     cells: Int,
     col0: int,
     row0: int,
     sum_m: Float,
     count: NDArray[np.int32],
 ) -> None:
-    n = 0
-    for i in range(len(label)):
-        if label[i] == _GROUND:
-            row, col = cells[n, 1] - row0, cells[n, 0] - col0
-            sum_m[row, col] += base_z_m[i]
-            count[row, col] += 1
-            n += 1
+    for i in range(len(ground)):
+        row, col = cells[i, 1] - row0, cells[i, 0] - col0
+        sum_m[row, col] += points[i] * (ground[i, 2] * 0.001)
+        count[row, col] += points[i]

@@ -24,6 +24,12 @@ class Layers(Protocol):
     def view(self, name: str, window: Window) -> NDArray:
         """The layer within a window that is covered; writing to it changes the layer."""
 
+    def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
+        """The whole layer, and the row and column at which a window that is covered begins in it.
+
+        Compiled loops over a part of a two-dimensional array become no vector instructions; over its rows they do.
+        """
+
 
 class SlidingLattice:
     """Layers as large as the window: what it leaves behind is forgotten."""
@@ -45,6 +51,10 @@ class SlidingLattice:
     def view(self, name: str, window: Window) -> NDArray:
         """The layer, of the window slid to last."""
         return self._layers[name]
+
+    def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
+        """The layer, which begins with the window slid to last."""
+        return self._layers[name], 0, 0
 
 
 class GrowingLattice:
@@ -73,6 +83,11 @@ class GrowingLattice:
         """The layer within a window that is covered; writing to it changes the layer."""
         dcol, drow = self._held.shift_to(window)
         return self._layers[name][drow : drow + window.shape[0], dcol : dcol + window.shape[1]]
+
+    def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
+        """The whole layer, and the row and column at which a window that is covered begins in it."""
+        dcol, drow = self._held.shift_to(window)
+        return self._layers[name], drow, dcol
 
     def _grow(self, wanted: Window) -> None:
         held, self._held = self._held, wanted

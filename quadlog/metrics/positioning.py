@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.metric import Metric, Metrics, add_rmse
@@ -125,5 +124,7 @@ def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tu
 
 def _steps(position_m: Float, quat_xyzw: Float) -> Float:
     """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     steps: Float = Rotation.from_quat(quat_xyzw[:-1]).inv().apply(np.diff(position_m, axis=0))
     return steps

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import Float
@@ -22,6 +21,8 @@ def align_rigidly(estimate: Trajectory, reference: Trajectory) -> Trajectory | N
     if singular[1] <= _RANK * singular[0]:
         return None
     mirrored = np.diag([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vh))])
+    from scipy.spatial.transform import Rotation  # slow to import
+
     turn = Rotation.from_matrix(u @ mirrored @ vh)
     position_m = turn.apply(estimate.position_m - mean_m) + true_mean_m
     return Trajectory(estimate.t_ns, position_m, (turn * Rotation.from_quat(estimate.quat_xyzw)).as_quat())

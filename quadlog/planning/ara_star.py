@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, kernel
 from quadlog.planning.heap_search import walk_back
 from quadlog.planning.open_heap import rise, take
 from quadlog.planning.protocol import Bool, Cell, Plan, is_usable, no_plan
@@ -69,14 +69,14 @@ class ARAStar:
         self._work = (flat, place_of, closed_in, g, keys, heap, waiting, parent_step, self._way)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _estimate(cell, goal, width, units):  # type: ignore[no-untyped-def]
     row, goal_row = cell // width, goal // width
     along, across = abs(goal_row - row), abs((goal - goal_row * width) - (cell - row * width))
     return units[0] * abs(across - along) + units[1] * min(across, along)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _open_again(heap, waiting, count, keys, place_of, best_g, weight, tie, goal, width, units):  # type: ignore[no-untyped-def]
     """Makes OPEN of the cells in `waiting`, with keys of this round's weight."""
     for i in range(count):
@@ -85,7 +85,7 @@ def _open_again(heap, waiting, count, keys, place_of, best_g, weight, tie, goal,
         rise(heap, keys, place_of, i, cell, f, tie * best_g[cell])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _improve(  # type: ignore[no-untyped-def]
     padded,
     place_of,

@@ -16,9 +16,9 @@ typed: apart, each would cost as much to compile again as it does together.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, inner, kernel
 from quadlog.planning.protocol import Bool, Cell, Cells, Plan, is_usable, no_plan
 from quadlog.planning.route import REANCHOR_CELLS, join, kept_route
 from quadlog.planning.steps import STEP_COL, STEP_COST, STEP_ROW, legal_steps, octile
@@ -27,6 +27,9 @@ RING = 16
 # Columns of the per-cell record: best cost, stamp (2 * generation, + 1 when closed), list neighbours.
 G, STAMP, NEXT, PREVIOUS = 0, 1, 2, 3
 MAX_GENERATION = 2**30 - 1
+# For a search without a route to extend.
+_NO_MAP: Bool = np.ones((1, 1), dtype=np.bool_)
+_NO_ROUTE: Cells = np.empty((0, 2), dtype=np.int32)
 
 
 class BucketSearch:
@@ -43,11 +46,7 @@ class BucketSearch:
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
             return no_plan()
         self._prepare(blocked)
-        width = self._padded.shape[1]
-        first, last = (start[1] + 1) * width + start[0] + 1, (goal[0] + 1, goal[1] + 1)
-        length, cost, expanded, generated, touched = _search(
-            *self._work, width, first, last, self._corner_cutting, 2 * self._generation
-        )
+        length, cost, expanded, generated, touched, _ = self._search_on(_NO_MAP, _NO_ROUTE, (0, 0), start, goal)
         if length == 0:
             return no_plan(expanded, generated, touched)
         return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
@@ -59,21 +58,19 @@ class BucketSearch:
         self._prepare(blocked)
         if len(self._kept) < len(route) + REANCHOR_CELLS:
             self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
-        length, cost, expanded, generated, touched, reused = _extend(
-            blocked,
-            route,
-            *shift,
-            start,
-            goal,
-            self._kept,
-            *self._work,
-            self._padded.shape[1],
-            self._corner_cutting,
-            2 * self._generation,
-        )
+        length, cost, expanded, generated, touched, reused = self._search_on(blocked, route, shift, start, goal)
         if length > 0:
             return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, False, reused)
         return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
+
+    def _search_on(
+        self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell
+    ) -> tuple[int, int, int, int, int, int]:
+        width, is_open = self._padded.shape[1], 2 * self._generation
+        found: tuple[int, int, int, int, int, int] = _search_on(
+            blocked, route, *shift, start, goal, self._kept, *self._work, width, self._corner_cutting, is_open
+        )
+        return found
 
     def _prepare(self, blocked: Bool) -> None:
         padded_shape = (blocked.shape[0] + 2, blocked.shape[1] + 2)
@@ -97,7 +94,7 @@ class BucketSearch:
         self._padded[1:-1, 1:-1] = blocked
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _sort(keys, count):  # type: ignore[no-untyped-def]
     """Sorts keys[:count] by insertion: a list comes nearly sorted, for what is linked later mostly has a smaller g."""
     for i in range(1, count):
@@ -109,7 +106,7 @@ def _sort(keys, count):  # type: ignore[no-untyped-def]
         keys[j] = key
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _take_list(heads, slot, records, stack, listed, keys):  # type: ignore[no-untyped-def]
     """Moves a list to the stack, by rising g and among equals as it was linked; returns how many cells it had."""
     count, cell = 0, heads[slot]
@@ -125,7 +122,7 @@ def _take_list(heads, slot, records, stack, listed, keys):  # type: ignore[no-un
     return count
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _link(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     head = heads[slot]
     records[cell, NEXT] = head
@@ -135,7 +132,7 @@ def _link(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     heads[slot] = cell
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _unlink(heads, slot, cell, records):  # type: ignore[no-untyped-def]
     after, before = records[cell, NEXT], records[cell, PREVIOUS]
     if before >= 0:
@@ -146,7 +143,7 @@ def _unlink(heads, slot, cell, records):  # type: ignore[no-untyped-def]
         records[after, PREVIOUS] = before
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ignore[no-untyped-def]
     """Writes the path to the last rows of way, (col, row) from start to goal without the border: how many they are."""
     col, row, first = goal_col, goal_row, len(way) - 1
@@ -158,7 +155,7 @@ def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ign
     return len(way) - first
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _search(  # type: ignore[no-untyped-def]
     padded,
     records,
@@ -232,8 +229,8 @@ def _search(  # type: ignore[no-untyped-def]
                 _link(heads, new_bucket & RING - 1, neighbour, records)
 
 
-@njit(cache=True, error_model="numpy")
-def _extend(  # type: ignore[no-untyped-def]
+@kernel
+def _search_on(  # type: ignore[no-untyped-def]
     blocked,
     route,
     dcol,
@@ -256,14 +253,18 @@ def _extend(  # type: ignore[no-untyped-def]
 ):
     """What _search gives for the whole path, and how many of its cells are the route's; -1 cells when none is kept.
 
-    One kernel, because on a small map a second call from Python takes longer than the search.
+    An empty route: the path is searched from start. One kernel, because compiling the search twice takes as long again,
+    and on a small map a second call from Python longer than the search.
     """
-    kept, linking, straights, diagonals = kept_route(
-        blocked, route, dcol, drow, start, goal, cutting, (10, 14), kept_cells
-    )
-    if kept == 0:
-        return -1, 0, 0, 0, 0, 0
-    waypoint = (kept_cells[kept - 1, 1] + 1) * width + kept_cells[kept - 1, 0] + 1
+    kept, linking, straights, diagonals = 1, 0, 0, 0
+    col, row = start
+    if len(route) > 0:
+        kept, linking, straights, diagonals = kept_route(
+            blocked, route, dcol, drow, start, goal, cutting, (10, 14), kept_cells
+        )
+        if kept == 0:
+            return -1, 0, 0, 0, 0, 0
+        col, row = kept_cells[kept - 1, 0], kept_cells[kept - 1, 1]
     length, cost, expanded, generated, touched = _search(
         padded,
         records,
@@ -275,7 +276,7 @@ def _extend(  # type: ignore[no-untyped-def]
         heads,
         steps,
         width,
-        waypoint,
+        (row + 1) * width + col + 1,
         (goal[0] + 1, goal[1] + 1),
         cutting,
         is_open,

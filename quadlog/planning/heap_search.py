@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, kernel
 from quadlog.planning.open_heap import rise, take
 from quadlog.planning.protocol import Bool, Cell, Cells, Plan, is_usable, no_plan
 from quadlog.planning.route import REANCHOR_CELLS, join, kept_route
@@ -23,6 +23,7 @@ from quadlog.planning.steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_ste
 STRAIGHT, DIAGONAL, ALONG, ACROSS, ENTERING, LEAVING, SAME_LEVEL, TIE = range(8)
 # Where a cell stands in OPEN from 1; 0 when not, or one of these.
 CLOSED = -1
+_kept_route, _join = kernel(kept_route), kernel(join)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class HeapSearch:
         self._prepare(blocked, None)
         if len(self._kept) < len(route) + REANCHOR_CELLS:
             self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
-        kept, linking, straights, diagonals = kept_route(
+        kept, linking, straights, diagonals = _kept_route(
             blocked, route, *shift, start, goal, self._rules.corner_cutting, self._rules.step_units, self._kept
         )
         if kept == 0:
@@ -80,7 +81,7 @@ class HeapSearch:
         length, more_straights, more_diagonals, expanded, generated, touched = _search(
             *self._work, self._parameters(None), width, waypoint, last, self._rules.corner_cutting
         )
-        length = join(self._way, length, self._kept, kept)
+        length = _join(self._way, length, self._kept, kept)
         if length <= 0:
             return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
         cost = self._rules.cost_of(straights + more_straights, diagonals + more_diagonals)
@@ -114,7 +115,7 @@ class HeapSearch:
         self._levels[1:-1, 1:-1] = 0 if danger is None else danger.levels
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def walk_back(parent_step, way, width, start, goal):  # type: ignore[no-untyped-def]
     """Writes the path to the last rows of way, (col, row) from start to goal: (its cells, diagonal steps)."""
     cell, first, diagonals = goal, len(way), 0
@@ -128,7 +129,7 @@ def walk_back(parent_step, way, width, start, goal):  # type: ignore[no-untyped-
         cell -= STEP_ROW[k] * width + STEP_COL[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _search(  # type: ignore[no-untyped-def]
     padded, levels, place_of, best_g, keys, heap, parent_step, way, parameters, width, start, goal, cutting
 ):

@@ -24,9 +24,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import inlined, kernel
 from quadlog.planning.steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
 
 CostType = np.dtype[np.int32] | np.dtype[np.int64]
@@ -72,23 +72,23 @@ def empty_field(shape: tuple[int, int], costs: CostType) -> Field:
     )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _step_cost(state, k):  # type: ignore[no-untyped-def]
     return state[STRAIGHT] if k < FIRST_DIAGONAL else state[DIAGONAL]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
     return f < than_f or (f == than_f and tie < than_tie)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
     """Compiled once for its four callers."""
     return legal_steps(padded, cell, width, cutting)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _key(records, state, cell):  # type: ignore[no-untyped-def]
     """(f, tie), which OPEN is sorted by."""
     g, rhs, width, target = records[cell, G], records[cell, RHS], state[WIDTH], state[TARGET]
@@ -101,7 +101,7 @@ def _key(records, state, cell):  # type: ignore[no-untyped-def]
     return least + h + state[KM], 0 if g < rhs else state[FAR] - rhs
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-def]
     """Puts a cell into OPEN at the free `place`, or above or below it where its key belongs."""
     f, tie = keys[cell, 0], keys[cell, 1]
@@ -126,7 +126,7 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
     records[cell, PLACE] = place + 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
     """Has OPEN hold the cell, with its key of now, exactly when g and rhs differ."""
     place = records[cell, PLACE] - 1
@@ -147,7 +147,7 @@ def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
             _sift(records, keys, heap, state[SIZE], last, place)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
     """Works out a cell's rhs anew from the map and its neighbours."""
     if padded[cell]:
@@ -163,7 +163,7 @@ def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # t
     _settle(records, keys, heap, state, cell)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
     """Sets g to rhs where the way got cheaper, forgets it where it got dearer, and tells the neighbours."""
     if records[cell, STAMP] != state[CALL]:
@@ -188,7 +188,7 @@ def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: 
             _settle(records, keys, heap, state, neighbour)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type: ignore[no-untyped-def]
     """Forgets every g that does not come from the root over other cells' g.
 
@@ -211,7 +211,7 @@ def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type
             _look_around(padded, records, keys, heap, steps, state, cell, cutting)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyped-def]
     """Writes the path to way's first rows, (col, row) without the border from target to root: how many they are."""
     cell, width, length = state[TARGET], state[WIDTH], 0
@@ -234,7 +234,7 @@ def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyp
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def repair(  # type: ignore[no-untyped-def]
     padded, records, keys, heap, way, steps, state, opened, orphans, changed, cutting
 ):

@@ -5,21 +5,21 @@ Ordered by two whole numbers, f and a tie. place_of[cell] is where a cell stands
 
 from __future__ import annotations
 
-from numba import njit
+from quadlog.compiled import inlined
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
     return f < than_f or (f == than_f and tie < than_tie)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _put(heap, keys, place_of, place, cell, f, tie):  # type: ignore[no-untyped-def]
     heap[place], keys[place, 0], keys[place, 1] = cell, f, tie
     place_of[cell] = place + 1
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def rise(heap, keys, place_of, place, cell, f, tie):  # type: ignore[no-untyped-def]
     """Puts a cell at a free place, or nearer to the top where its key belongs."""
     while place > 0:
@@ -31,7 +31,7 @@ def rise(heap, keys, place_of, place, cell, f, tie):  # type: ignore[no-untyped-
     _put(heap, keys, place_of, place, cell, f, tie)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def take(heap, keys, place_of, size):  # type: ignore[no-untyped-def]
     """The first of `size` cells, taken out; the last one sinks from its place to where its key belongs."""
     first, last, place = heap[0], size - 1, 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import kernel
 from quadlog.messages import Float
 from quadlog.planning.protocol import Bool
 
@@ -54,7 +54,7 @@ def _turns(steps: Float) -> Float:
     return np.arctan2(x * next_y - y * next_x, x * next_x + y * next_y)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def is_free(blocked: Bool, points_cells: Float) -> bool:
     """Whether a polyline (K, 2) touches free cells only; in cells: cell (c, r) spans [c, c+1) by [r, r+1).
 

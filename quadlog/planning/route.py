@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from numba import njit
+from quadlog.compiled import inlined, inner
 
 # A robot that follows a smooth path is rarely farther than this from the cells it was planned on.
 REANCHOR_CELLS = 5
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _is_open(blocked, col, row, from_col, from_row, cutting):  # type: ignore[no-untyped-def]
     """Whether a step between neighbouring cells is allowed: its end is free, and so are both cells it passes."""
     if blocked[row, col]:
@@ -17,7 +17,7 @@ def _is_open(blocked, col, row, from_col, from_row, cutting):  # type: ignore[no
     return cutting or not (blocked[row, from_col] or blocked[from_row, col])
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def link(blocked, col, row, to_col, to_row, diagonal_first, cutting, cells):  # type: ignore[no-untyped-def]
     """Writes the cells of a direct way without its last one: how many, -1 when it is not free.
 
@@ -40,7 +40,7 @@ def link(blocked, col, row, to_col, to_row, diagonal_first, cutting, cells):  # 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def anchor(blocked, route, dcol, drow, col, row, cutting, units, cells):  # type: ignore[no-untyped-def]
     """(index in the route where a robot in a cell gets onto it, cells of the way there), -1 when it is lost.
 
@@ -49,7 +49,7 @@ def anchor(blocked, route, dcol, drow, col, row, cutting, units, cells):  # type
     out, becomes cells' first rows. Arguments as in kept_route.
     """
     rows, cols = blocked.shape
-    best, best_cost, g = -1, 0, 0
+    best, best_cost, best_order, g = -1, 0, 0, 0
     for i in range(len(route)):
         at_col, at_row = route[i, 0] - dcol, route[i, 1] - drow
         if at_col == col and at_row == row:
@@ -63,18 +63,17 @@ def anchor(blocked, route, dcol, drow, col, row, cutting, units, cells):  # type
         cost = units[0] * abs(across - along) + units[1] * min(across, along) - g
         if best >= 0 and cost >= best_cost:
             continue
-        for diagonal_first in (True, False):
-            if link(blocked, col, row, at_col, at_row, diagonal_first, cutting, cells) >= 0:
-                best, best_cost = i, cost
+        for order in range(2):
+            if link(blocked, col, row, at_col, at_row, order == 0, cutting, cells) >= 0:
+                best, best_cost, best_order = i, cost, order
                 break
     if best < 0:
         return -1, 0
     at_col, at_row = route[best, 0] - dcol, route[best, 1] - drow
-    count = link(blocked, col, row, at_col, at_row, True, cutting, cells)
-    return best, count if count >= 0 else link(blocked, col, row, at_col, at_row, False, cutting, cells)
+    return best, link(blocked, col, row, at_col, at_row, best_order == 0, cutting, cells)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells):  # type: ignore[no-untyped-def]
     """(cells kept, those of them that are new, their straight and diagonal steps); none when the route is of no use.
 
@@ -114,7 +113,7 @@ def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells): 
     return kept, linking, kept_straights, kept_diagonals
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def join(way, length, kept_cells, kept):  # type: ignore[no-untyped-def]
     """Puts the kept cells, but for the waypoint, before the path in way's last rows: how many it has now.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from quadlog.compiled import inlined
 
 # East, north, west, south, then the diagonals between them: north-east, north-west, south-west, south-east.
 # Straight steps come first, because among equal f they lead to the smaller g.
@@ -13,7 +14,7 @@ STEP_COST = np.array([10, 10, 10, 10, 14, 14, 14, 14])
 FIRST_DIAGONAL = 4
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def octile(dcol: int, drow: int) -> int:
     """Cost of the way over free cells: 14 for each diagonal step, 10 for the rest."""
     across, along = abs(dcol), abs(drow)
@@ -21,7 +22,7 @@ def octile(dcol: int, drow: int) -> int:
     return 7 * (across + along) + 3 * abs(across - along)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def legal_steps(padded, cell, width, corner_cutting):  # type: ignore[no-untyped-def]
     """The steps allowed from a cell, as bits 0..7 in STEP_COL's order. Unsigned indices spare numba's wrap-around."""
     here, up, one = np.uint64(cell), np.uint64(width), np.uint64(1)

@@ -13,6 +13,8 @@ NOISE_SHARE = 0.75
 the steady state under white acceleration, filtered and smoothed alike."""
 PRIOR_DOF = 10.0
 """So many degrees of freedom stand for white noise before the log has shown any."""
+SHORTEST_LOOK = 16
+"""Instants searched at a time for a block's end, at the least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +87,17 @@ def _block_ends(told: Float, covariance_m2: Float) -> Int:
     """
     count, axes = len(covariance_m2), covariance_m2.shape[1]
     since_start = np.einsum("kij,kij->k", told[1:], covariance_m2)
-    ends, begin, look = [], 0, 16
+    ends, begin, look = [], 0, SHORTEST_LOOK
     while begin < count:
         part = slice(begin, begin + look)
         own = since_start[part] - np.einsum("ij,kij->k", told[begin], covariance_m2[part])
         full = NOISE_SHARE * own >= axes
         if full.any():
-            begin += int(np.argmax(full)) + 1
+            length = int(np.argmax(full)) + 1
+            begin += length
             ends.append(begin)
+            # As far as the next block is likely to last: after a long one, short ones must not be searched as widely.
+            look = max(2 * length, SHORTEST_LOOK)
         elif begin + look >= count:
             break
         else:

@@ -10,8 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inner, kernel
 from quadlog.messages import Float
 
 SHARP = 1e-6
@@ -27,7 +27,7 @@ Normal = tuple[float, float, float, float, float, float, float, float, float, fl
 """H = sum w u u^T as xx, xy, yy, xz, yz, zz, then the gradient sum w u r as x, y, z, then the cost."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def normal_equations(
     x: float, y: float, z: float, free_z: float, anchors_m: Float, range_m: Float, e: int, long_m: float, short_m: float
 ) -> Normal:
@@ -74,7 +74,7 @@ def invert_normal(hxx: Any, hxy: Any, hyy: Any, hxz: Any, hyz: Any, hzz: Any) ->
     return sharp, s * cxx, s * cxy, s * cyy, s * cxz, s * cyz, s * czz
 
 
-invert_one = njit(cache=True, error_model="numpy")(invert_normal)
+invert_one = kernel(invert_normal)
 
 
 def descend_all(
@@ -102,7 +102,7 @@ def descend_all(
     return position_m, inverse.reshape(-1, 3, 3)[:, :axes, :axes], cost_m2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _descend_rows(
     anchors_m: Float,
     range_m: Float,

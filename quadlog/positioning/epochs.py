@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from quadlog.errors import TooLarge
 from quadlog.messages import Float, Int, RangeSeries
@@ -40,7 +39,8 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
 
     Ranges that share a time stamp stay together. Consecutive stamps within
     epoch_s of the first join one epoch, until an anchor would come twice: that
-    starts the next one. So a frame with all anchors is an epoch by itself, and
+    starts the next one, within a stamp too where that holds the anchor twice.
+    So a frame with all anchors is an epoch by itself, and
     single asynchronous ranges make a round. ranges must be in time order.
 
     Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
@@ -55,8 +55,7 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
         column, mine = place, np.zeros_like(mine)
     t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
 
-    epoch, last_of = np.empty(len(t_ns), dtype=np.int64), np.full(len(anchor_ids), -1, dtype=np.int64)
-    count = _number_epochs(t_ns, column, round(epoch_s * 1e9), epoch, last_of)
+    epoch, count = _number_epochs(t_ns, column, round(epoch_s * 1e9))
     if count * len(anchor_ids) > MAX_CELLS:
         raise TooLarge(f"UWB epochs times anchors of tag {tag}", count * len(anchor_ids), MAX_CELLS)
     table = np.full((count, len(anchor_ids)), np.nan)
@@ -88,23 +87,31 @@ def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
     return min(max(round_s, USUAL_EPOCH_S), LONGEST_EPOCH_S)
 
 
-@njit(cache=True)
-def _number_epochs(t_ns: Int, column: Int, epoch_ns: int, epoch: Int, last_of: Int) -> int:
-    """How many epochs there are; epoch (N,) takes that of each range, last_of (A,) each anchor's last."""
-    current, start_ns, i = -1, 0, 0
-    while i < len(t_ns):
-        now_ns = t_ns[i]
-        fits, end = current >= 0 and now_ns - start_ns <= epoch_ns, i
-        while end < len(t_ns) and t_ns[end] == now_ns:
-            fits &= last_of[column[end]] != current
-            end += 1
-        if not fits:
-            current += 1
-            start_ns = now_ns
-        for j in range(i, end):
-            anchor = column[j]
-            if last_of[anchor] == current:  # the same anchor twice under one stamp
-                current += 1
-            last_of[anchor] = epoch[j] = current
-        i = end
-    return current + 1
+def _number_epochs(t_ns: Int, column: Int, epoch_ns: int) -> tuple[Int, int]:
+    """(N,) the epoch of each range, and how many there are."""
+    count = len(t_ns)
+    index = np.arange(count)
+    stamp_start = np.searchsorted(t_ns, t_ns)
+    before = _same_anchor_before(column)
+    in_stamp = before >= stamp_start
+    too_late = np.searchsorted(t_ns, t_ns + epoch_ns, side="right")
+    # Where an anchor would come twice: its whole stamp moves on, unless the stamp holds that anchor twice.
+    repeats = np.maximum.accumulate(np.where(in_stamp, -1, before))
+    doubles = np.maximum.accumulate(np.where(in_stamp, before, -1))
+    repeated, doubled = np.searchsorted(repeats, index), np.searchsorted(doubles, index)
+    repeated = np.append(stamp_start, count)[repeated]
+    end_of = np.minimum(np.minimum(too_late, repeated), doubled).tolist()
+    starts, start = [], 0
+    while start < count:
+        starts.append(start)
+        start = end_of[start]
+    return np.searchsorted(np.array(starts, dtype=np.int64), index, side="right") - 1, len(starts)
+
+
+def _same_anchor_before(column: Int) -> Int:
+    """(N,) the range before each one to the same anchor, -1 for none."""
+    order = np.argsort(column, kind="stable")
+    before = np.full(len(column), -1, dtype=np.int64)
+    same = column[order[1:]] == column[order[:-1]]
+    before[order[1:][same]] = order[:-1][same]
+    return before

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from quadlog.compiled import inner, kernel
 from quadlog.messages import Float, Int
 from quadlog.positioning.descent import invert_one
 from quadlog.positioning.tag_state import (
@@ -25,7 +24,7 @@ STATE, COVARIANCE, FILTERED = slice(0, 5), slice(5, 30), 39
 """Where state and covariance are in a row of what the filter writes, and how long that is."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def update_velocity(
     state: State, covariance: Covariance, vx_mps: float, vy_mps: float, variance: float
 ) -> tuple[State, Covariance]:
@@ -39,7 +38,7 @@ def update_velocity(
     return exchange(state, covariance)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def update_state(
     state: State,
     covariance: Covariance,
@@ -105,7 +104,7 @@ def update_state(
     return state, covariance, information + gradient
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def filter_ranges(
     t_s: Float,
     first_row: Int,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import kernel
 from quadlog.messages import Float
 from quadlog.positioning.kalman import COVARIANCE
 from quadlog.positioning.tag_state import HEIGHT_LASTS_S, Motion
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def smooth_states(t_s: Float, velocity_mps: Float, velocity_variance: Float, filtered: Float, smoothed: Float) -> None:
     """Writes into smoothed (T, 5) the states given all ranges, from what filter_ranges wrote.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
+from quadlog.compiled import inner
 
 HEIGHT_LASTS_S = 20.0
 """Correlation time of a tag's height about its known mean: sitting down, a step, a slope."""
@@ -37,7 +37,7 @@ class Motion(NamedTuple):
     height_std_m: float
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def predict_state(state: State, covariance: Covariance, dt_s: float, motion: Motion) -> tuple[State, Covariance]:
     """State and covariance after dt_s.
 
@@ -62,7 +62,7 @@ def predict_state(state: State, covariance: Covariance, dt_s: float, motion: Mot
     return ahead, grown
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def times(symmetric: Symmetric, vector: Vector) -> Vector:
     """Their product."""
     xx, xy, xz, yy, yz, zz = symmetric
@@ -70,7 +70,7 @@ def times(symmetric: Symmetric, vector: Vector) -> Vector:
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def absorb(state: State, covariance: Covariance, gain: Symmetric, pull: Vector) -> tuple[State, Covariance]:
     """Posterior from gain_of measurements of the first three components, and from their gradient there."""
     x, y, z, u, v = state
@@ -108,7 +108,7 @@ def absorb(state: State, covariance: Covariance, gain: Symmetric, pull: Vector) 
     return moved, shrunk
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def exchange(state: State, covariance: Covariance) -> tuple[State, Covariance]:
     """With the velocity where the horizontal place was, and the place where the velocity was."""
     x, y, z, u, v = state
@@ -116,7 +116,7 @@ def exchange(state: State, covariance: Covariance) -> tuple[State, Covariance]:
     return (u, v, z, x, y), (uu, uv, zu, xu, yu, vv, zv, xv, yv, zz, xz, yz, xx, xy, yy)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def gain_of(information: Symmetric, shrunk: Symmetric) -> Symmetric:
     """L - L C L of the information L in measurements and the covariance C after them: what lowers P by P M P."""
     xx, xy, xz, yy, yz, zz = information

@@ -39,11 +39,11 @@ class ChunkedReader:
     """Reads pieces through their index: those outside the asked time and topics are never touched.
 
     A piece that turns out damaged is a loss, and the others are still read.
-    Counts that the file declares are compared once all of a topic was read.
+    Counts that the file declares are compared once all of a topic was read. file: the bytes it is read from.
     """
 
     def __init__(self, path: Path, contents: Contents, form: PieceFormat, file: ByteSource) -> None:
-        self.path = path
+        self.path, self.file = path, file
         self.losses: list[Loss] = []
         self.warnings: list[str] = []
         self.span_ns = contents.span_ns
@@ -149,10 +149,6 @@ class ChunkedReader:
         pieces = self._contents.pieces
         ends = [piece.offset + piece.length for piece in pieces]
         return max(sum(piece.length for piece in pieces), max(ends, default=0) - min(ends, default=0))
-
-    def is_divisible(self) -> bool:
-        # What is odd about a piece is found whenever any of it is read; what is between pieces, when opening.
-        return True
 
     def entries_of(self, piece: Piece, body: Body) -> Entries:
         """All messages of a body, and what is odd about them noted. Raises Damaged."""

@@ -6,13 +6,16 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from quadlog.errors import ClocksDiffer
-from quadlog.messages import Message, Timed, Transforms
+from quadlog.messages import Int, Message, Timed, Transforms
 
 Stamp = Literal["header", "log"]
 
@@ -52,7 +55,10 @@ class Clock:
         if self.stamp == "log" or (isinstance(message, Transforms) and message.static):
             return
         stamped = message.transforms if isinstance(message, Transforms) else (message,)
-        if count := sum(each.stamp_ns == 0 for each in stamped):
+        self._count_zeros(topic, sum(each.stamp_ns == 0 for each in stamped), zeros)
+
+    def _count_zeros(self, topic: str, count: int, zeros: dict[str, int]) -> None:
+        if count:
             zeros[topic] = zeros.get(topic, 0) + count
             self.zero_stamps[topic] = max(zeros[topic], self.zero_stamps.get(topic, 0))
 
@@ -91,6 +97,32 @@ class Clock:
         self._meet(offset_ns, f"header stamps of {topic}")
         return stamp_ns
 
+    def times_ns(
+        self, topic: str, stamp_ns: Int | None, log_time_ns: Int, zeros: dict[str, int]
+    ) -> tuple[Int, NDArray[np.bool_]]:
+        """The same of many messages (N,) of a topic at once, and which are not to be dropped; stamp_ns: None without.
+
+        Stamps of 0 are counted too: see count_zero_stamps. Raises ClocksDiffer.
+        """
+        kept = np.ones(len(log_time_ns), dtype=np.bool_)
+        if self.stamp == "log" or len(log_time_ns) == 0:
+            return log_time_ns, kept
+        if stamp_ns is None:
+            self.time_ns(topic, None, int(log_time_ns[0]))
+            return log_time_ns, kept
+        usual = np.zeros(len(log_time_ns), dtype=np.bool_)
+        if self.low is not None and self.high is not None:
+            offset_ns = stamp_ns - log_time_ns
+            usual = (stamp_ns > 0) & (offset_ns >= self.low[0]) & (offset_ns <= self.high[0])
+        if usual.all():
+            return stamp_ns, kept
+        self._count_zeros(topic, int(np.count_nonzero(stamp_ns == 0)), zeros)
+        t_ns = stamp_ns.copy()
+        for row in np.flatnonzero(~usual).tolist():
+            own_ns = self.time_ns(topic, int(stamp_ns[row]), int(log_time_ns[row]))
+            t_ns[row], kept[row] = own_ns or 0, own_ns is not None
+        return t_ns, kept
+
     def _meet(self, offset_ns: int, of: str) -> None:
         self.low = min(self.low or (offset_ns, of), (offset_ns, of))
         self.high = max(self.high or (offset_ns, of), (offset_ns, of))
@@ -106,12 +138,6 @@ class Clock:
         if agreeing >= AGREEING_STRAYS or len(strays) >= MOST_STRAYS:
             apart_s = abs(offset_ns - self.usual_ns[topic]) * 1e-9
             raise ClocksDiffer(self.path, apart_s, f"header stamps of {topic}", "others of the same topic")
-
-    def agrees_with(self, others: Iterable[Clock]) -> bool:
-        """Whether this one would have met all that the others met, of the same recording, without raising."""
-        met = [each for clock in (self, *others) for each in (clock.low, clock.high) if each is not None]
-        offsets_ns = [offset_ns for offset_ns, _ in met]
-        return not met or max(offsets_ns) - min(offsets_ns) <= FAR_APART_NS
 
     def warnings(self) -> list[str]:
         """One line per oddity met so far."""

@@ -133,13 +133,6 @@ class Container(Protocol):
         """
         ...
 
-    def is_divisible(self) -> bool:
-        """Whether readers that each open it, and read windows of log time, together find all that one would.
-
-        Not where opening it makes a copy.
-        """
-        ...
-
     def release(self) -> None:
         """Give file descriptors back until something is read again: a recording may have thousands of files."""
         ...

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
 from quadlog.plugins import DECODERS, Plugin, find_plugin
+from quadlog.recordings.columns import ColumnDecoder, Ways
 from quadlog.recordings.container import Channel
 from quadlog.recordings.decoders import (
     foxglove,
@@ -27,7 +28,7 @@ from quadlog.recordings.decoders.point_fields import checked_cloud
 from quadlog.recordings.payload_reader import Payload
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 from quadlog.recordings.protobuf_messages import protobuf_deserialiser
-from quadlog.recordings.ros_messages import Definitions, Plain
+from quadlog.recordings.ros_messages import Definitions
 
 Result = TypeVar("Result")
 
@@ -55,15 +56,15 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "uwb_driver/msg/UwbRange": uwb_range.decode_uwb_range,
 }
 
-# The same from the bare values of the message, for types that come often and whose definition usually is plain.
-PLAIN: dict[str, Plain] = {
-    "geometry_msgs/msg/PoseStamped": [(pose.POSE_STAMPED, pose.pose_of_values)],
-    "geometry_msgs/msg/PoseWithCovarianceStamped": [(pose.POSE_WITH_COVARIANCE, pose.pose_of_values)],
-    "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_of_values)],
-    "nav_msgs/msg/Odometry": [(odometry.ODOMETRY, odometry.odometry_of_values)],
-    "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_of_values)],
-    "tf/msg/tfMessage": [(tf.TF, tf.tf_of_values)],
-    "tf2_msgs/msg/TFMessage": [(tf.TF, tf.tf_of_values)],
+# Many at a time, for types that come often and whose definition usually has a layout.
+IN_COLUMNS: dict[str, Ways] = {
+    "geometry_msgs/msg/PoseStamped": [(pose.POSE_STAMPED, pose.pose_in_columns)],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": [(pose.POSE_WITH_COVARIANCE, pose.pose_in_columns)],
+    "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_in_columns)],
+    "nav_msgs/msg/Odometry": [(odometry.ODOMETRY, odometry.odometry_in_columns)],
+    "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_in_columns)],
+    "tf/msg/tfMessage": [(tf.TF, tf.tf_in_columns)],
+    "tf2_msgs/msg/TFMessage": [(tf.TF, tf.tf_in_columns)],
 }
 
 # LinkTrack packages have many names: matched by the last part of the type.
@@ -89,10 +90,10 @@ FOXGLOVE_JSON: dict[str, Callable[..., Callable[[Payload], Message]]] = {
 # Whose decoders take make_cloud, one of those in decoders/point_fields.py.
 CLOUDS = {*BY_HAND, "foxglove.PointCloud"}
 
-PLAIN_LINKTRACK: dict[str, Plain] = {
+LINKTRACK_IN_COLUMNS: dict[str, Ways] = {
     "LinktrackTagframe0": [
-        (linktrack.STAMPED_TAGFRAME0, linktrack.stamped_tagframe0_of_values),
-        (linktrack.TAGFRAME0, linktrack.tagframe0_of_values),
+        (linktrack.STAMPED_TAGFRAME0, linktrack.stamped_tagframe0_in_columns),
+        (linktrack.TAGFRAME0, linktrack.tagframe0_in_columns),
     ],
 }
 
@@ -166,9 +167,27 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None, *, poi
         return _single(BY_HAND[name](topic, encoding, **of_clouds))
     definitions = definitions or Definitions()
     if name in ROS:
-        return _single(definitions.decoder(channel, ROS[name], PLAIN.get(name, ())))
+        return _single(definitions.decoder(channel, ROS[name]))
     last = last_part(name)
-    return definitions.decoder(channel, LINKTRACK[last], PLAIN_LINKTRACK.get(last, ()))
+    return definitions.decoder(channel, LINKTRACK[last])
+
+
+def ways_in_columns(channel: Channel) -> Ways:
+    """How the channel's type is decoded many at a time; none where it is not, as static transforms, which are few."""
+    if channel.message_encoding not in ("ros1", "cdr") or plugged_decoder(channel.type_name) is not None:
+        return ()
+    if tf.is_static(channel.topic):
+        return ()
+    ways = IN_COLUMNS.get(channel.type_name)
+    return ways if ways is not None else LINKTRACK_IN_COLUMNS.get(last_part(channel.type_name), ())
+
+
+def column_decoder_for(channel: Channel, payload: bytes, definitions: Definitions) -> ColumnDecoder | None:
+    """What decodes the channel's messages many at a time, None where the definition that fits a payload has no layout.
+
+    Then they are decoded one by one, which says what is wrong.
+    """
+    return definitions.column_decoder(channel, payload, ways_in_columns(channel))
 
 
 def _plugged(channel: Channel, decoder: MessageDecoder, definitions: Definitions) -> Decoder:

@@ -10,11 +10,14 @@ from itertools import islice
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
+
 from quadlog.errors import DecodeError, UnknownTopic
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
 from quadlog.recordings.container import Budget, Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
+from quadlog.recordings.gathering import Gathered, One, Waiting, Within, timed_columns
 from quadlog.recordings.log_window import Seen, log_begin, log_end
 from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.ros_messages import Definitions
@@ -134,10 +137,82 @@ class Recording:
         before cannot be compared.
         """
         topics = [topics] if isinstance(topics, str) else list(topics)
+        self._check_known(topics)
+        return self._within(topics, start_ns, end_ns)
+
+    def gathered(
+        self,
+        topics: Collection[str],
+        prompt: Collection[str] = (),
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Gathered]:
+        """The same messages, but small ones of a topic many at a time, as columns; faster where all are wanted.
+
+        Columns come late, but those of topics in `prompt` before each single message that was logged after them.
+        Raises as `messages`.
+        """
+        self._check_known(topics)
+        return self._gathered(topics, prompt, start_ns, end_ns)
+
+    def _gathered(
+        self, topics: Collection[str], prompt: Collection[str], start_ns: int | None, end_ns: int | None
+    ) -> Iterator[Gathered]:
+        wanted = self._sound_topics(topics)
+        self._learn_clocks(wanted)
+        failed: dict[str, int] = {}
+        zeros: dict[str, int] = {}
+        within = Within(start_ns, end_ns)
+        waiting: dict[int, Waiting | None] = {}
+        urgent: list[Waiting] = []
+        for order, raw in enumerate(self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns))):
+            try:
+                own = waiting[id(raw.channel)]
+            except KeyError:
+                own = waiting[id(raw.channel)] = Waiting.for_channel(raw.channel)
+                if own is not None and raw.channel.topic in prompt:
+                    urgent.append(own)
+            if own is not None and own.take(order, raw):
+                if own.is_full:
+                    yield from self._columns(own, within, failed, zeros)
+                continue
+            for each in urgent:
+                yield from self._columns(each, within, failed, zeros)
+            yield from self._singly(order, raw, within, failed, zeros)
+        for left in waiting.values():
+            if left is not None:
+                yield from self._columns(left, within, failed, zeros)
+
+    def _columns(
+        self, waiting: Waiting, within: Within, failed: dict[str, int], zeros: dict[str, int]
+    ) -> Iterator[Gathered]:
+        """All that waits on a channel; what does not fit into columns comes message by message, behind them."""
+        channel, orders, log_times_ns, payloads = waiting.channel, *waiting.drain()
+        if not payloads:
+            return
+        left = np.ones(len(payloads), dtype=np.bool_)
+        decoder = waiting.decoder(payloads[0], self._definitions)
+        for rows, columns in () if decoder is None else decoder.decode(payloads):
+            left[rows] = False
+            yield from timed_columns(
+                self.clock, channel.topic, columns, orders[rows], log_times_ns[rows], within, zeros
+            )
+        for row in np.flatnonzero(left).tolist():
+            raw = RawMessage(channel, int(log_times_ns[row]), payloads[row])
+            yield from self._singly(int(orders[row]), raw, within, failed, zeros)
+
+    def _singly(
+        self, order: int, raw: RawMessage, within: Within, failed: dict[str, int], zeros: dict[str, int]
+    ) -> Iterator[Gathered]:
+        for message in self._decode_or_count(raw, failed, zeros):
+            timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
+            if timed is not None and within.holds(timed.t_ns):
+                yield One(order, timed.t_ns, timed.topic, timed.message)
+
+    def _check_known(self, topics: Collection[str]) -> None:
         for topic in topics:
             if not self.channels_of(topic):
                 raise UnknownTopic(None, topic, sorted(self._channels_of))
-        return self._within(topics, start_ns, end_ns)
 
     def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
         self._learn_clocks(self._sound_topics(topics))

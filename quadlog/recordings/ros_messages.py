@@ -9,6 +9,7 @@ first that fits a payload to its last byte is the one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,10 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from quadlog.errors import DecodeError
+from quadlog.recordings.columns import ColumnDecoder, Ways
 from quadlog.recordings.container import Channel
+from quadlog.recordings.payload_layout import Misfit, flat_fields
 from quadlog.recordings.payload_reader import Payload
-from quadlog.recordings.plain_fields import Wanted, plain_fields
-from quadlog.recordings.plain_messages import PlainReader, Values
 from quadlog.recordings.type_definitions import (
     MOST_VALUES,
     BadDefinition,
@@ -35,10 +36,8 @@ HEADER_FIELD = "std_msgs/Header header\n"
 
 Deserialise = Callable[[Payload], Any]
 Interpret = Callable[[Any, str], Any]
-# How to read payloads, what to make of them, and the size beyond which they are refused.
-Way = tuple[Deserialise, Interpret, float]
-# The same from the bare values of a definition that has them, without an object for every part of the message.
-Plain = Sequence[tuple[Wanted, Callable[[Values, str], Any]]]
+# How to read payloads, and the size beyond which they are refused.
+Way = tuple[Deserialise, float]
 
 
 class Definitions:
@@ -46,10 +45,10 @@ class Definitions:
 
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
-        self._ways: dict[tuple[Any, ...], list[tuple[Deserialise, Interpret]]] = {}
+        self._ways: dict[tuple[Any, ...], list[Way]] = {}
 
-    def decoder(self, channel: Channel, interpret: Interpret, plain: Plain = ()) -> Callable[[Payload], Any]:
-        """A function from payload to what interpret makes of (message object, topic), or plain of its bare values.
+    def decoder(self, channel: Channel, interpret: Interpret) -> Callable[[Payload], Any]:
+        """A function from payload to what interpret makes of (message object, topic).
 
         Raises DecodeError, here or per payload, with the reason.
         """
@@ -58,9 +57,7 @@ class Definitions:
         # Topics often share a definition, and to compile one takes 10 ms.
         alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = self._ways.get(alike) or [
-                _way(types, channel, interpret, plain) for types in self._candidates(channel)
-            ]
+            found = self._ways.get(alike) or [_way(types, channel) for types in self._candidates(channel)]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
@@ -68,7 +65,26 @@ class Definitions:
                 channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
             )
         self._ways[alike] = found
-        return _FirstFitting(channel, found)
+        return _FirstFitting(channel, found, interpret)
+
+    def column_decoder(self, channel: Channel, payload: bytes, ways: Ways) -> ColumnDecoder | None:
+        """What decodes the channel's messages many at a time, by the first definition that fits a payload.
+
+        ways: what may be wanted of it. None where that definition has none of it, or none fits.
+        """
+        try:
+            for types in self._candidates(channel):
+                flat = ((flat_fields(types, channel.type_name, wanted), in_columns) for wanted, in_columns in ways)
+                fields, in_columns = next((each for each in flat if each[0] is not None), (None, None))
+                if fields is None or in_columns is None:
+                    return None
+                decoder = ColumnDecoder(fields, channel.message_encoding, in_columns)
+                with suppress(Misfit):
+                    decoder.learn(payload)
+                    return decoder
+        except BadDefinition:
+            pass
+        return None
 
     def _candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
@@ -116,13 +132,13 @@ class Definitions:
 class _FirstFitting:
     """Tries each way to read on the first payload and keeps the one that fits it exactly."""
 
-    def __init__(self, channel: Channel, ways: list[Way]) -> None:
-        self.channel, self.ways = channel, ways
+    def __init__(self, channel: Channel, ways: list[Way], interpret: Interpret) -> None:
+        self.channel, self.ways, self.interpret = channel, ways, interpret
 
     def __call__(self, payload: Payload) -> Any:
         reason: Exception | None = None
         for way in self.ways:
-            deserialise, interpret, most_bytes = way
+            deserialise, most_bytes = way
             try:
                 if len(payload) > most_bytes:
                     raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
@@ -132,30 +148,22 @@ class _FirstFitting:
                 continue
             if len(self.ways) > 1:
                 self.ways = [way]
-            return self._interpreted(interpret, message)
+            return self._interpreted(message)
         raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
 
-    def _interpreted(self, interpret: Interpret, message: Any) -> Any:
+    def _interpreted(self, message: Any) -> Any:
         try:
-            return interpret(message, self.channel.topic)
+            return self.interpret(message, self.channel.topic)
         except (AttributeError, TypeError, ValueError, OverflowError) as error:  # a definition of another shape
             reason = f"not the usual {self.channel.type_name}: {error}"
             raise DecodeError(self.channel.topic, reason) from error
 
 
-def _way(types: Types, channel: Channel, interpret: Interpret, plain: Plain) -> Way:
-    """How to read payloads of a definition: by hand where it is a plain one, or else with rosbags.
-
-    Raises BadDefinition.
-    """
-    most_bytes = largest_payload_bytes(types)
-    for wanted, interpret_values in plain:
-        fields = plain_fields(types, channel.type_name, wanted)
-        if fields is not None:
-            return PlainReader(fields, channel.message_encoding), interpret_values, most_bytes
+def _way(types: Types, channel: Channel) -> Way:
+    """How rosbags reads payloads of a definition. Raises BadDefinition."""
     store = _typestore(types, channel)
     deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return partial(deserialise, typename=channel.type_name), interpret, most_bytes
+    return partial(deserialise, typename=channel.type_name), largest_payload_bytes(types)
 
 
 def _typestore(types: Types, channel: Channel) -> Typestore:

@@ -167,14 +167,6 @@ class SplitReader:
         excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
         return excerpt
 
-    def is_divisible(self) -> bool:
-        for part in self._parts:
-            divisible = part.is_divisible()
-            part.release()
-            if not divisible:
-                return False
-        return True
-
     def release(self) -> None:
         for part in self._parts:
             part.release()

@@ -48,7 +48,6 @@ class SqliteReader:
         self.close = database.close
         self._database, self._tables = database, tables
         self._passes = 0
-        self._is_copy = database.folder is not None
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
@@ -169,15 +168,6 @@ class SqliteReader:
     @property
     def _connection(self) -> sqlite3.Connection:
         return self._database.connection
-
-    def is_divisible(self) -> bool:
-        """See Container: rows whose order differs from that of their times show it over more than one window."""
-        back = "SELECT rowid < lag(rowid) OVER (ORDER BY timestamp, rowid) AS back FROM messages"
-        try:
-            query = f"SELECT 1 FROM ({back}) WHERE back LIMIT 1"  # noqa: S608
-            return not self._is_copy and self._connection.execute(query).fetchone() is None
-        except (sqlite3.Error, OverflowError):
-            return False
 
     def _keys(self, numbers: list[int], start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, int]]:
         """Topic and row id of each message in order of log time; in file order behind a damage of the time index."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import nan
 
@@ -14,7 +14,6 @@ from quadlog.messages import (
     Imu,
     ImuSeries,
     Int,
-    Message,
     Odometry,
     Pose,
     PoseSeries,
@@ -22,6 +21,9 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.recordings.columns import Columns
+from quadlog.recordings.decoders.tf import is_static
+from quadlog.recordings.gathering import Gathered, Many
 from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.repeated_stamps import backward_steps, repeated_rows
@@ -69,15 +71,11 @@ def gather(
     farther, what it stamps a second time is dropped and counted, because two
     walks would interleave. Raises ClocksDiffer.
     """
-    sinks = _Sinks(uwb, odometry, imu, reference, target)
-    static = [topic for topic in tf if topic.rsplit("/", 1)[-1] == "tf_static"]
-    for timed in recording.messages(static) if static else ():
-        sinks.take(timed.t_ns, timed.topic, timed.message, recording.stamp)
-    moving = [*uwb, *(topic for topic in (odometry, imu, reference, target) if topic), *tf]
-    moving = [topic for topic in dict.fromkeys(moving) if topic not in static]
-    for timed in recording.messages(moving, start_ns, end_ns) if moving else ():
-        sinks.take(timed.t_ns, timed.topic, timed.message, recording.stamp)
-    return sinks.streams()
+    wanted = Gatherer(uwb, odometry, imu, reference, target, tf)
+    wanted.take_static(recording)
+    for gathered in recording.gathered(wanted.moving, (), start_ns, end_ns) if wanted.moving else ():
+        wanted.take(gathered, recording.stamp)
+    return wanted.streams()
 
 
 _NO_QUATERNION = [nan] * 4
@@ -86,16 +84,41 @@ _NO_TWIST = [0.0] * 6
 
 @dataclass
 class _Columns:
-    """Rows of numbers as they come: a time and `width` values each."""
+    """Rows of numbers: a time and `width` values each, and which of them came first. The last frames count."""
 
     width: int
+    order: array[int] = field(default_factory=lambda: array("q"))
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
     frame_id: str = ""
     child_frame_id: str = ""
+    _frames_of: int = -1
+
+    def add(self, order: int, t_ns: int, values: Iterable[float]) -> None:
+        """One row."""
+        self.order.append(order)
+        self.t_ns.append(t_ns)
+        self.values.extend(values)
+
+    def extend(self, order: Int, t_ns: Int, values: Float) -> None:
+        """Rows (N,), (N,) and (N, width)."""
+        self.order.frombytes(order.tobytes())
+        self.t_ns.frombytes(t_ns.tobytes())
+        self.values.frombytes(np.ascontiguousarray(values, np.float64).tobytes())
+
+    def name(self, order: int, frame_id: str, child_frame_id: str = "") -> None:
+        """The frames of a row."""
+        if order > self._frames_of:
+            self._frames_of, self.frame_id, self.child_frame_id = order, frame_id, child_frame_id
 
     def arrays(self) -> tuple[Int, Float]:
-        return np.array(self.t_ns, np.int64), np.array(self.values, np.float64).reshape(-1, self.width)
+        """Times (N,) and values (N, width) in the order in which they came."""
+        order, t_ns = np.array(self.order, np.int64), np.array(self.t_ns, np.int64)
+        values = np.array(self.values, np.float64).reshape(-1, self.width)
+        if (np.diff(order) < 0).any():
+            rows = np.argsort(order, kind="stable")
+            t_ns, values = t_ns[rows], values[rows]
+        return t_ns, values
 
     def increasing(self, topic: str, warnings: list[str]) -> tuple[Int, Float]:
         """Both columns without as few rows as it takes for the times to increase strictly."""
@@ -107,59 +130,101 @@ class _Columns:
         return t_ns[kept], values[kept]
 
 
-class _Sinks:
-    """Where each topic's messages go."""
+class Gatherer:
+    """Files messages, and columns of them, under every role that their topics have.
+
+    moving: the topics to read, static transforms apart; moving_tf: those of transforms among them.
+    """
 
     def __init__(
-        self, uwb: Sequence[str], odometry: str | None, imu: str | None, reference: str | None, target: str | None
+        self,
+        uwb: Sequence[str] = (),
+        odometry: str | None = None,
+        imu: str | None = None,
+        reference: str | None = None,
+        target: str | None = None,
+        tf: Sequence[str] = (),
     ) -> None:
-        self.uwb, self.imu_topic = set(uwb), imu
-        self.pose_topics = {"odometry": odometry, "reference": reference, "target": target}
-        self.ranges = _Columns(4)
-        self.range_topic: array[int] = array("q")  # beside ranges, into range_topics
-        self.range_topics: dict[str, int] = {}
-        self.nameless: dict[str, int] = {}
-        self.poses = {role: _Columns(13) for role in self.pose_topics}
-        self.columns_of_topic: dict[str, list[_Columns]] = {}
-        for role, topic in self.pose_topics.items():
-            self.columns_of_topic.setdefault(topic or "", []).append(self.poses[role])
-        self.imu = _Columns(7)
+        topics = dict.fromkeys([*uwb, *(topic for topic in (odometry, imu, reference, target) if topic), *tf])
+        self.static = [topic for topic in tf if is_static(topic)]
+        self.moving = [topic for topic in topics if topic not in self.static]
+        self.moving_tf = [topic for topic in tf if topic not in self.static]
         self.tree = TransformTree()
-        self.warnings: list[str] = []
+        self._uwb, self._imu_topic = set(uwb), imu
+        self._pose_topics = {"odometry": odometry, "reference": reference, "target": target}
+        self._ranges = _Columns(5)  # tag, anchor, range, gap, and the topic by its number in _range_topics
+        self._range_topics: dict[str, int] = {}
+        self._nameless: dict[str, int] = {}
+        self._poses = {role: _Columns(13) for role in self._pose_topics}
+        self._columns_of_topic: dict[str, list[_Columns]] = {}
+        for role, topic in self._pose_topics.items():
+            self._columns_of_topic.setdefault(topic or "", []).append(self._poses[role])
+        self._imu = _Columns(7)
+        self._warnings: list[str] = []
 
-    def take(self, t_ns: int, topic: str, message: Message, stamp: str) -> None:
-        """File one message under every role its topic has."""
-        if isinstance(message, Imu):
-            self.imu.t_ns.append(t_ns)
-            self.imu.frame_id = message.frame_id
-            self.imu.values.extend(message.angular_radps.tolist())
-            self.imu.values.extend(_NO_QUATERNION if message.quat_xyzw is None else message.quat_xyzw.tolist())
-        elif isinstance(message, (Pose, Odometry)):
-            for column in self.columns_of_topic.get(topic, ()):
-                _take_pose(t_ns, message, column)
-        elif isinstance(message, UwbRanges):
-            if topic in self.uwb:
-                self._take_ranges(t_ns, topic, message)
-        elif isinstance(message, Transforms):
-            for pose in message.transforms:
+    def take_static(self, recording: Recording) -> None:
+        """All static transforms: they count from before a window too."""
+        for gathered in recording.gathered(self.static) if self.static else ():
+            self.take(gathered, recording.stamp)
+
+    def take(self, gathered: Gathered, stamp: str) -> None:
+        """File what was read."""
+        if isinstance(gathered, Many):
+            self._take_columns(*gathered)
+            return
+        order, t_ns, topic, content = gathered
+        if isinstance(content, Imu):
+            self._imu.name(order, content.frame_id)
+            quaternion = _NO_QUATERNION if content.quat_xyzw is None else content.quat_xyzw.tolist()
+            self._imu.add(order, t_ns, [*content.angular_radps.tolist(), *quaternion])
+        elif isinstance(content, (Pose, Odometry)):
+            for column in self._columns_of_topic.get(topic, ()):
+                _take_pose(order, t_ns, content, column)
+        elif isinstance(content, UwbRanges):
+            if topic in self._uwb:
+                self._take_ranges(order, t_ns, topic, content)
+        elif isinstance(content, Transforms):
+            for pose in content.transforms:
                 own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
-                self.tree.add(own_ns, pose, static=message.static)
+                self.tree.add(own_ns, pose, static=content.static)
 
-    def _take_ranges(self, t_ns: int, topic: str, message: UwbRanges) -> None:
+    def _take_columns(self, order: Int, t_ns: Int, topic: str, columns: Columns) -> None:
+        last = int(order[-1])
+        if columns.kind is Imu:
+            self._imu.name(last, columns.frame_id)
+            self._imu.extend(order, t_ns, columns.values)
+        elif columns.kind is UwbRanges:
+            if topic in self._uwb:
+                self._take_range_columns(order, t_ns, topic, columns.values)
+        elif topic in self._columns_of_topic:
+            twist = np.zeros((len(order), 13 - columns.values.shape[1]))
+            values = np.concatenate([columns.values, twist], axis=1)
+            for column in self._columns_of_topic[topic]:
+                column.name(last, columns.frame_id, columns.child_frame_id)
+                column.extend(order, t_ns, values)
+        else:
+            self.tree.add_moving(columns.frame_id, columns.child_frame_id, t_ns, columns.values)
+
+    def _take_range_columns(self, order: Int, t_ns: Int, topic: str, values: Float) -> None:
+        row, anchor = np.nonzero(values[:, 1:])
+        number = self._range_topics.setdefault(topic, len(self._range_topics))
+        measured = [values[row, 0], anchor, values[row, 1 + anchor], np.full(len(row), nan), np.full(len(row), number)]
+        self._ranges.extend(order[row], t_ns[row], np.column_stack(measured))
+
+    def _take_ranges(self, order: int, t_ns: int, topic: str, message: UwbRanges) -> None:
         if message.tag is None:
-            self.nameless[topic] = self.nameless.get(topic, 0) + len(message.range_m)
+            self._nameless[topic] = self._nameless.get(topic, 0) + len(message.range_m)
             return
         anchors, given = message.anchor.tolist(), message.first_path_gap_db
         gaps = [nan] * len(anchors) if given is None else given.tolist()
+        number = self._range_topics.setdefault(topic, len(self._range_topics))
         for anchor, range_m, gap in zip(anchors, message.range_m.tolist(), gaps, strict=True):
-            self.ranges.t_ns.append(t_ns)
-            self.ranges.values.extend((message.tag, anchor, range_m, gap))
-            self.range_topic.append(self.range_topics.setdefault(topic, len(self.range_topics)))
+            self._ranges.add(order, t_ns, (message.tag, anchor, range_m, gap, number))
 
     def streams(self) -> Streams:
         """Everything taken so far, as series."""
-        for topic, count in sorted(self.nameless.items()):
-            self.warnings.append(
+        for topic, count in sorted(self._nameless.items()):
+            self._warnings.append(
                 f"{topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
             )
         odometry, twist = self._pose_series("odometry")
@@ -176,11 +241,11 @@ class _Sinks:
             reference=reference,
             target=target,
             tf=self.tree,
-            warnings=self.warnings,
+            warnings=self._warnings,
         )
 
     def _range_series(self) -> tuple[RangeSeries | None, Float | None]:
-        t_ns, values = self.ranges.arrays()
+        t_ns, values = self._ranges.arrays()
         if len(t_ns) == 0:
             return None, None
         t_ns, values = self._on_one_clock(t_ns, values)
@@ -194,7 +259,7 @@ class _Sinks:
 
         Link by link: tags that share a topic may be late by different amounts.
         """
-        topic = np.array(self.range_topic, np.int64)
+        topic = values[:, 4].astype(np.int64)
         order = np.lexsort((values[:, 1], values[:, 0], topic))
         link = np.column_stack([topic, values[:, :2]])[order]
         repeated, back_ns = np.zeros(len(t_ns), dtype=bool), np.zeros(len(t_ns), dtype=np.int64)
@@ -203,42 +268,38 @@ class _Sinks:
             if len(steps):
                 repeated[rows] = repeated_rows(t_ns[rows])
                 back_ns[rows[steps]] = t_ns[rows[steps - 1]] - t_ns[rows[steps]]
-        for name, index in self.range_topics.items():
+        for name, index in self._range_topics.items():
             mine = topic == index
             worst = int(np.argmax(np.where(mine, back_ns, 0)))
             if back_ns[worst]:
-                self.warnings.append(
+                self._warnings.append(
                     f"{stamps_go_back(name, int(back_ns[worst]), int(t_ns[worst]))}; {repeated[mine].sum()} ranges "
                     "whose stamps repeat or run ahead of others are dropped; take log times with  --stamp log"
                 )
         return t_ns[~repeated], values[~repeated]
 
     def _pose_series(self, role: str) -> tuple[PoseSeries | None, Float]:
-        column = self.poses[role]
-        t_ns, values = column.increasing(str(self.pose_topics[role]), self.warnings)
+        column = self._poses[role]
+        t_ns, values = column.increasing(str(self._pose_topics[role]), self._warnings)
         if len(t_ns) == 0:
             return None, values[:, 7:]
         series = PoseSeries(t_ns, values[:, :3].copy(), values[:, 3:7].copy(), column.frame_id, column.child_frame_id)
         return series, values[:, 7:].copy()
 
     def _imu_series(self) -> ImuSeries | None:
-        t_ns, values = self.imu.increasing(str(self.imu_topic), self.warnings)
+        t_ns, values = self._imu.increasing(str(self._imu_topic), self._warnings)
         if len(t_ns) == 0:
             return None
         quaternions = values[:, 3:].copy()
         oriented = bool(np.isfinite(quaternions).all())
         if not oriented and np.isfinite(quaternions).any():
-            self.warnings.append(f"{self.imu_topic}: not every message has an orientation; none is used")
-        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None, self.imu.frame_id)
+            self._warnings.append(f"{self._imu_topic}: not every message has an orientation; none is used")
+        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None, self._imu.frame_id)
 
 
-def _take_pose(t_ns: int, message: Pose | Odometry, column: _Columns) -> None:
-    column.t_ns.append(t_ns)
-    column.values.extend(message.position_m.tolist())
-    column.values.extend(message.quat_xyzw.tolist())
+def _take_pose(order: int, t_ns: int, message: Pose | Odometry, column: _Columns) -> None:
+    twist = _NO_TWIST
     if isinstance(message, Odometry):
-        column.values.extend(message.linear_mps.tolist())
-        column.values.extend(message.angular_radps.tolist())
-    else:
-        column.values.extend(_NO_TWIST)
-    column.frame_id, column.child_frame_id = message.frame_id, message.child_frame_id
+        twist = [*message.linear_mps.tolist(), *message.angular_radps.tolist()]
+    column.name(order, message.frame_id, message.child_frame_id)
+    column.add(order, t_ns, [*message.position_m.tolist(), *message.quat_xyzw.tolist(), *twist])

@@ -5,12 +5,15 @@ from __future__ import annotations
 from array import array
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from quadlog.geometry import invert_transform, seconds_since, transform_from_quat
 from quadlog.messages import Float, Int, Pose, PoseSeries
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 BASE_FRAMES = ("base_link", "base", "base_footprint", "body")
 
@@ -57,6 +60,20 @@ class TransformTree:
         if edge.static or not static:
             edge.add(t_ns, pose)
 
+    def add_moving(self, frame_id: str, child_frame_id: str, t_ns: Int, pose: Float) -> None:
+        """Poses (N, 7), position and quaternion, at t_ns (N,); what is static stays as it is."""
+        edge = self._edges.setdefault((frame_id, child_frame_id), Edge(frame_id, child_frame_id, static=False))
+        if not edge.static:
+            edge.t_ns.frombytes(t_ns.tobytes())
+            edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
+
+    def recent(self, count: int) -> TransformTree:
+        """The same frames with the last few poses of each."""
+        tree = TransformTree()
+        for key, edge in self._edges.items():
+            tree._edges[key] = Edge(edge.parent, edge.child, edge.static, edge.t_ns[-count:], edge.pose[-7 * count :])
+        return tree
+
     def __len__(self) -> int:
         return len(self._edges)
 
@@ -88,6 +105,8 @@ class TransformTree:
         that not all of them cover are left out. None where the frames do not
         connect, nothing moves between them, or no time is covered by all.
         """
+        from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
+
         path = self._path(child, frame, static_only=False)
         moving = [edge for edge, _ in path or [] if not edge.static]
         if path is None or not moving:
@@ -131,10 +150,14 @@ class TransformTree:
 
 
 def _static_step(edge: Edge) -> tuple[Rotation, Float]:
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
 
 
 def _interpolated(known_ns: Int, poses: Float, t_ns: Int) -> tuple[Rotation, Float]:
+    from scipy.spatial.transform import Rotation, Slerp
+
     start_ns = int(known_ns[0])
     known_s, wanted_s = seconds_since(known_ns, start_ns), seconds_since(t_ns, start_ns)
     position = np.column_stack([np.interp(wanted_s, known_s, poses[:, axis]) for axis in range(3)])

@@ -98,9 +98,6 @@ class UnpackedFile:
     def excerpt(self, budget: Budget) -> Container | None:
         return self._inner.excerpt(budget)
 
-    def is_divisible(self) -> bool:
-        return False
-
     def release(self) -> None:
         self._inner.release()
 

@@ -210,6 +210,11 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     )
 
 
+def describe_file(path: Path, sha256: str) -> InputRecord:
+    """A recording that is one file of this machine, whose hash is known."""
+    return InputRecord(str(path), path.stat().st_size, sha256)
+
+
 def describe_input_aside(path: Path) -> Future[InputRecord]:
     """`describe_input` while others work: hashing does not hold Python's lock, and its end is no one's to wait for."""
     described: Future[InputRecord] = Future()

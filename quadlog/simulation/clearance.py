@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import kernel
 from quadlog.mapping.window import Window
 from quadlog.messages import Float
 from quadlog.planning.protocol import Bool
@@ -18,7 +18,7 @@ def occupied_centres(occupied: Bool, window: Window) -> Float:
     return window.centre_of(np.stack([cols, rows], axis=1))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def body_clearance(
     x_m: float, y_m: float, yaw_rad: float, length_m: float, width_m: float, centres_m: Float, cell_m: float
 ) -> float:

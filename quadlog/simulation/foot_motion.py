@@ -5,10 +5,10 @@ The same as MuJoCo's mj_jacSite and mj_jacDot times qvel, which cost eight calls
 
 from __future__ import annotations
 
-from numba import njit
+from quadlog.compiled import inner
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def foot_motion(position, rotation, qvel, first, joints, anchors, axes, foot, jacobian, rate):  # type: ignore[no-untyped-def]
     """Writes a foot's Jacobian (3, 18) and rate (3,), the change of the Jacobian times qvel.
 
@@ -33,37 +33,37 @@ def foot_motion(position, rotation, qvel, first, joints, anchors, axes, foot, ja
     rate[0], rate[1], rate[2] = acceleration
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _carried(omega, alpha, arm):  # type: ignore[no-untyped-def]
     """How the end of an arm that turns is accelerated beside its beginning."""
     return _plus(_cross(alpha, arm), _cross(omega, _cross(omega, arm)))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _vector(array):  # type: ignore[no-untyped-def]
     return array[0], array[1], array[2]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _put(vector, matrix, column):  # type: ignore[no-untyped-def]
     matrix[0, column], matrix[1, column], matrix[2, column] = vector
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _plus(a, b):  # type: ignore[no-untyped-def]
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _minus(a, b):  # type: ignore[no-untyped-def]
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _times(factor, a):  # type: ignore[no-untyped-def]
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from quadlog.errors import TooLarge
@@ -80,8 +79,15 @@ class Ground:
 
     def height_at(self, xy_m: Float) -> Float:
         """(N,) heights at points (N, 2) in map."""
-        heights = np.empty(len(xy_m))
-        _heights(self.height_m, self.cell_m, *self.origin_m, np.asarray(xy_m, np.float64), heights)
+        rows, cols = self.height_m.shape
+        x_m, y_m = np.asarray(xy_m, np.float64).T
+        u = np.clip((x_m - self.origin_m[0]) / self.cell_m, 0.0, cols - 1.0)
+        v = np.clip((y_m - self.origin_m[1]) / self.cell_m, 0.0, rows - 1.0)
+        col, row = np.minimum(u.astype(np.int64), cols - 2), np.minimum(v.astype(np.int64), rows - 2)
+        u, v = u - col, v - row
+        near = self.height_m[row, col] * (1.0 - u) + self.height_m[row, col + 1] * u
+        far = self.height_m[row + 1, col] * (1.0 - u) + self.height_m[row + 1, col + 1] * u
+        heights: Float = near * (1.0 - v) + far * v
         return heights
 
     def plane_at(self, x_m: float, y_m: float) -> tuple[float, float, float]:
@@ -110,25 +116,6 @@ class Ground:
             f"the ground rises by {math.degrees(math.atan(rise)):.0f} degrees at ({x_m:.1f}, {y_m:.1f}) m, "
             f"but with a friction of {friction:g} feet hold up to {math.degrees(math.atan(friction)):.0f} degrees"
         )
-
-
-@njit(cache=True, error_model="numpy")
-def bilinear(height_m: Float32, cell_m: float, x0_m: float, y0_m: float, x_m: float, y_m: float) -> float:
-    """The height at a point in map; x0_m, y0_m: where corner (0, 0) lies."""
-    rows, cols = height_m.shape
-    u = min(max((x_m - x0_m) / cell_m, 0.0), cols - 1.0)
-    v = min(max((y_m - y0_m) / cell_m, 0.0), rows - 1.0)
-    col, row = min(int(u), cols - 2), min(int(v), rows - 2)
-    u, v = u - col, v - row
-    near = height_m[row, col] * (1.0 - u) + height_m[row, col + 1] * u
-    far = height_m[row + 1, col] * (1.0 - u) + height_m[row + 1, col + 1] * u
-    return near * (1.0 - v) + far * v
-
-
-@njit(cache=True, error_model="numpy")
-def _heights(height_m: Float32, cell_m: float, x0_m: float, y0_m: float, xy_m: Float, heights_m: Float) -> None:
-    for i in range(len(xy_m)):
-        heights_m[i] = bilinear(height_m, cell_m, x0_m, y0_m, xy_m[i, 0], xy_m[i, 1])
 
 
 def slope(angle_rad: float, heading_rad: float = 0.0) -> Ground:

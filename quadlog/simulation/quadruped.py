@@ -6,8 +6,8 @@ import math
 
 import mujoco
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import inner, kernel
 from quadlog.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
 from quadlog.simulation.foot_motion import foot_motion
@@ -71,7 +71,7 @@ class Quadruped:
         return loads[:4]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _read(  # type: ignore[no-untyped-def]
     qpos, qvel, bias, rotation, anchors, axes, sites_m, mass, order, joints, sites, state
 ):
@@ -93,7 +93,7 @@ def _read(  # type: ignore[no-untyped-def]
         foot_motion(qpos, rotation, to.qvel, BASE + 3 * leg, joints[leg], anchors, axes, to.feet_m[leg], *motion)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def roll_pitch_yaw(rotation: Float) -> tuple[float, float, float]:
     """Of a rotation body to map (3, 3) = Rz(yaw) Ry(pitch) Rx(roll)."""
     pitch = math.asin(min(max(-rotation[2, 0], -1.0), 1.0))

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from quadlog.compiled import kernel
 from quadlog.locomotion.body_reference import WantedMotion
 from quadlog.locomotion.walker import Walker, WalkerSettings
 from quadlog.locomotion.wbc import WholeBodyState
@@ -133,10 +133,16 @@ class WalkingRobot:
         self._walked += 1
         self.ticks += 1
         quadruped.read()
-        self.fallen = _has_fallen(state.record, walker.stride.plane, self.model.robot.standing_height_m)
+        self.fallen = self._lies()
+
+    def _lies(self) -> bool:
+        (x, y, z), (a, b, c) = self._state.position_m.tolist(), self.walker.stride.plane.tolist()
+        roll, pitch, _ = self._state.rpy.tolist()
+        too_low: bool = z - (a * x + b * y + c) < FALLEN_HEIGHT_SHARE * self.model.robot.standing_height_m
+        return too_low or max(abs(roll), abs(pitch)) > FALLEN_TILT_RAD
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-untyped-def]
     """Adds a tick to what Effort is made of."""
     now, wanted = state[0], reference[0]
@@ -148,10 +154,3 @@ def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-un
     sums[1] += math.hypot(now.qvel[0], now.qvel[1]) * tick_s
     sums[4] += pitch_error * pitch_error
     sums[5] += height_error * height_error
-
-
-@njit(cache=True, error_model="numpy")
-def _has_fallen(state, plane, standing_height_m):  # type: ignore[no-untyped-def]
-    x, y, z = state[0].position_m
-    too_low = z - (plane[0] * x + plane[1] * y + plane[2]) < FALLEN_HEIGHT_SHARE * standing_height_m
-    return too_low or max(abs(state[0].rpy[0]), abs(state[0].rpy[1])) > FALLEN_TILT_RAD

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Lock
 from typing import BinaryIO, Protocol
@@ -41,6 +41,9 @@ class ByteSource(Protocol):
 class LocalBytes:
     """A file of this machine (ByteSource); safe to use from several threads."""
 
+    watcher: Callable[[int, bytes], None] | None = None
+    """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = Lock()
@@ -51,7 +54,13 @@ class LocalBytes:
         self.size, self._identity = status.st_size, (status.st_dev, status.st_ino)
 
     def read(self, offset: int, length: int) -> bytes:
-        """See ByteSource."""
+        data = self.read_unwatched(offset, length)
+        if self.watcher is not None:
+            self.watcher(offset, data)
+        return data
+
+    def read_unwatched(self, offset: int, length: int) -> bytes:
+        """The same, of which the watcher is not told."""
         with self._lock:
             handle = self._opened()
             self._reading += 1

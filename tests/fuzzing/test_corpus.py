@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"
 OF_RECORDINGS = ("containers", "damage", "split", "definitions", "payloads", "web", "urls")
-OF_FILES = ("toml", "maps", "lines", "models", "run-files", "run-values")
+OF_FILES = ("toml", "maps", "lines", "models", "run-files", "run-values", "pages")
 
 
 @pytest.mark.parametrize("targets", [OF_RECORDINGS, OF_FILES], ids=["recordings", "files"])

@@ -111,7 +111,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
         """Finishes the second recording, asked for less, while the first one is replayed."""
 
         def expect(self, tally, workers):
-            replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1], 1, Silent())
+            replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1], Silent())
 
     batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
     outcome = replay_batch(batch, 1, None, Racing([].append))
@@ -122,7 +122,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
 
 def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, season_config, tmp_path):
     output = tmp_path / "runs"
-    replay_alone(planned(output, "walk.bag")[0], 1, Silent())
+    replay_alone(planned(output, "walk.bag")[0], Silent())
     before = summary_of(output).loc["walk"]
     shutil.copy(season / "walk.db3", tmp_path / "walk.db3")
     arguments = (output, season_config, ReplayOptions(until="ingest"), Existing.RESUME, ())
@@ -135,11 +135,11 @@ def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, s
 
 def test_one_recording_alone_costs_something_too(planned, tmp_path):
     (again,) = planned(tmp_path, "walk.bag", existing=Existing.FORCE)
-    replay_alone(again, 1, Silent())
+    replay_alone(again, Silent())
     first = summary_of(tmp_path).loc["walk"]
     assert first["wall_s"] > 0
     assert first["worker"]
-    replay_alone(again, 1, Silent())
+    replay_alone(again, Silent())
     assert summary_of(tmp_path).loc["walk", "wall_s"] != first["wall_s"]
 
 
@@ -154,7 +154,7 @@ def test_rows_of_earlier_commands_stay_while_their_runs_do(season, season_config
         shutil.copy(season / "walk.bag", tmp_path / f"{name}.bag")
         recording, options = str(tmp_path / f"{name}.bag"), ReplayOptions(until="ingest")
         batch = plan_batch([recording], tmp_path / "runs", season_config, options, Existing.REFUSE, ())
-        replay_alone(batch[0], 1, Silent())
+        replay_alone(batch[0], Silent())
         if name == "first":
             shutil.rmtree(tmp_path / "runs" / name)
     assert list(summary_of(tmp_path / "runs").index) == ["second", "third"]
@@ -163,7 +163,7 @@ def test_rows_of_earlier_commands_stay_while_their_runs_do(season, season_config
 def test_somebody_elses_report_is_left_alone(planned, tmp_path):
     (tmp_path / "report.html").write_text("my thesis")
     kept = Kept()
-    assert replay_alone(planned(tmp_path, "walk.bag")[0], 1, kept).exit_code == 0
+    assert replay_alone(planned(tmp_path, "walk.bag")[0], kept).exit_code == 0
     assert (tmp_path / "report.html").read_text() == "my thesis"
     assert not (tmp_path / "summary.parquet").exists()
     assert any("is left alone" in line for line in kept.lines)

@@ -237,12 +237,11 @@ def test_what_only_the_clouds_told_is_not_forgotten_where_they_are_not_read_agai
 
 
 def test_compiled_code_that_finds_no_room_is_told_as_well(ask, monkeypatch, tmp_path):
-    def warm_up(*arguments: Any) -> float:
+    def fill() -> None:
         with full_disk(10):
             (tmp_path / "cache").write_bytes(bytes(1000))
-        return 0.0
 
-    monkeypatch.setattr("quadlog.pipelines.stages.warm_up.warm_up", warm_up)
+    monkeypatch.setattr("quadlog.pipelines.stages.warm_up._locate_toy_tag", fill)
     with pytest.raises(CannotWrite, match=r"the cache of compiled code: cannot be written: .*; --resume goes on"):
         replay(ask(tmp_path / "run"), Silent())
     assert not (tmp_path / "run").exists()

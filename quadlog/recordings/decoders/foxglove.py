@@ -96,7 +96,7 @@ def _cloud(
     if pose is None or (not pose[0].any() and abs(pose[1][3]) == 1):
         return cloud
     xyz_m = apply_transform(transform_from_quat(*pose), cloud.xyz_m).astype(np.float32)
-    return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, cloud.ring, cloud.offset_ns)
+    return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, cloud.ring, times=cloud.times)
 
 
 def _proto_stamp(timestamp: Any) -> int:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.messages import Imu
-from quadlog.recordings.decoders.pose import unit, unit_quaternion, vector
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
-from quadlog.recordings.plain_fields import each_of, header_of
-from quadlog.recordings.plain_messages import Values
+from quadlog.messages import Float, Imu
+from quadlog.recordings.columns import Columns, stamps_ns, unit_rows
+from quadlog.recordings.decoders.pose import unit_quaternion, vector
+from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
+from quadlog.recordings.payload_layout import each_of, header_of
 
 IMU = (
     header_of("header")
@@ -38,11 +38,10 @@ def decode_imu(message: Any, topic: str) -> Imu:
     )
 
 
-def imu_of_values(values: Values, topic: str) -> Imu:
-    """The values of IMU."""
-    (frame,), (seconds, nanos, x, y, z, w, covariance, *others) = values
-    absent = covariance == -1 or not (x or y or z or w)
-    numbers = np.array((*others, *(() if absent else unit(x, y, z, w, topic))), np.float64)
-    return Imu(
-        nanoseconds(seconds, nanos), frame_name(frame), None if absent else numbers[6:], numbers[:3], numbers[3:6]
-    )
+def imu_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 13) of IMU."""
+    absent = (numbers[:, 6] == -1) | ~numbers[:, 2:6].any(axis=1)
+    quat_xyzw, sound = unit_rows(numbers[:, 2:6])
+    quat_xyzw[absent] = np.nan
+    values = np.concatenate([numbers[:, 7:10], quat_xyzw], axis=1)
+    return [Columns(Imu, stamps_ns(numbers[:, :2]), values, frame_name(texts[0]))], sound | absent

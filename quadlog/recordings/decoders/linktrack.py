@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.messages import UwbRanges
-from quadlog.recordings.decoders.stamps import nanoseconds, stamp_ns
-from quadlog.recordings.plain_fields import ABSENT, WHOLE, header_of
-from quadlog.recordings.plain_messages import Values
+from quadlog.messages import Float, UwbRanges
+from quadlog.recordings.columns import Columns, stamps_ns
+from quadlog.recordings.decoders.stamps import stamp_ns
+from quadlog.recordings.payload_layout import ABSENT, WHOLE, header_of
 
 ROLE_ANCHOR, ROLE_TAG = 1, 2
 STAMPED_TAGFRAME0 = header_of("header") | {"id": WHOLE, "dis_arr": 8}
@@ -28,18 +28,16 @@ def decode_tagframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
     return (_from_distances(stamp_ns(message), int(message.id), message.dis_arr),)
 
 
-def tagframe0_of_values(values: Values, topic: str) -> tuple[UwbRanges, ...]:
-    """The values of TAGFRAME0."""
-    del topic
-    _, (tag, *distances) = values
-    return (_from_distances(None, tag, distances),)
+def tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 9) of TAGFRAME0."""
+    del texts
+    return [Columns(UwbRanges, None, numbers)], np.ones(len(numbers), dtype=bool)
 
 
-def stamped_tagframe0_of_values(values: Values, topic: str) -> tuple[UwbRanges, ...]:
-    """The values of STAMPED_TAGFRAME0."""
-    del topic
-    _, (seconds, nanos, tag, *distances) = values
-    return (_from_distances(nanoseconds(seconds, nanos), tag, distances),)
+def stamped_tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 11) of STAMPED_TAGFRAME0."""
+    del texts
+    return [Columns(UwbRanges, stamps_ns(numbers[:, :2]), numbers[:, 2:])], np.ones(len(numbers), dtype=bool)
 
 
 def decode_anchorframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,9 +56,11 @@ def decode_livox(payload: Payload, encoding: str, topic: str, make_cloud: MakeCl
 
 
 def _relative_to_stamp(cloud: PointCloud, timebase_ns: int) -> PointCloud:
-    if cloud.offset_ns is None or cloud.stamp_ns is None:
+    times = cloud.times
+    if times is None or cloud.stamp_ns is None:
         return cloud
     shift_ns = timebase_ns - cloud.stamp_ns
     if shift_ns == 0 or abs(shift_ns) > 1_000_000_000:
         return cloud
-    return PointCloud(cloud.stamp_ns, cloud.frame_id, cloud.xyz_m, cloud.ring, cloud.offset_ns + np.int64(shift_ns))
+    first_ns, last_ns = times.first_ns + shift_ns, times.last_ns + shift_ns
+    return replace(cloud, times=replace(times, first_ns=first_ns, last_ns=last_ns, shift_ns=-shift_ns))

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.messages import Odometry
-from quadlog.recordings.decoders.pose import place, unit, unit_quaternion, vector, within_reach
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
-from quadlog.recordings.plain_fields import TEXT, each_of, header_of
-from quadlog.recordings.plain_messages import Values
+from quadlog.messages import Float, Odometry
+from quadlog.recordings.columns import Columns, reachable_rows, stamps_ns, unit_rows
+from quadlog.recordings.decoders.pose import place, unit_quaternion, vector
+from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
+from quadlog.recordings.payload_layout import TEXT, each_of, header_of
 
 ODOMETRY = (
     header_of("header")
@@ -36,16 +36,9 @@ def decode_odometry(message: Any, topic: str) -> Odometry:
     )
 
 
-def odometry_of_values(values: Values, topic: str) -> Odometry:
-    """The values of ODOMETRY."""
-    (frame, child), (seconds, nanos, x, y, z, qx, qy, qz, qw, *twist) = values
-    numbers = np.array((*within_reach(x, y, z, topic), *unit(qx, qy, qz, qw, topic), *twist), np.float64)
-    return Odometry(
-        nanoseconds(seconds, nanos),
-        frame_name(frame),
-        frame_name(child),
-        numbers[:3],
-        numbers[3:7],
-        numbers[7:10],
-        numbers[10:],
-    )
+def odometry_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 15) of ODOMETRY."""
+    quat_xyzw, sound = unit_rows(numbers[:, 5:9])
+    values = np.concatenate([numbers[:, 2:5], quat_xyzw, numbers[:, 9:]], axis=1)
+    frame, child = (frame_name(text) for text in texts)
+    return [Columns(Odometry, stamps_ns(numbers[:, :2]), values, frame, child)], sound & reachable_rows(values[:, :3])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from quadlog.errors import DecodeError
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_times import TIME_FIELDS, time_offsets_ns
+from quadlog.recordings.decoders.point_times import TIME_FIELDS, point_times
 from quadlog.recordings.payload_reader import Payload
 
 # Names that drivers give the beam index.
@@ -86,7 +86,7 @@ def cloud_from_block(
         frame_id,
         _coordinates(block, fields),
         _rings(block.column(fields[ring_name])) if ring_name else None,
-        time_offsets_ns(block.column(fields[time_name]), stamp_ns) if time_name else None,
+        times=point_times(block.column(fields[time_name]), stamp_ns) if time_name else None,
     )
 
 
@@ -105,7 +105,13 @@ MakeCloud = Callable[[str, Block, Mapping[str, Column], int | None, str], PointC
 
 
 def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
-    """(N, 3), each coordinate side by side in memory: what is computed from them goes several at a time."""
+    """(N, 3): a view of the payload where the coordinates lie side by side in it, else a copy."""
+    x, y, z = (fields[name] for name in "xyz")
+    native = x.dtype == y.dtype == z.dtype == np.float32
+    in_a_row = block.rows == 1 or block.row_step == block.columns * block.point_step
+    if native and in_a_row and z.offset - y.offset == y.offset - x.offset > 0:
+        shape, strides = (block.rows * block.columns, 3), (block.point_step, y.offset - x.offset)
+        return np.ndarray(shape, np.float32, block.payload, block.begin + x.offset, strides)  # type: ignore[arg-type]
     xyz_m = np.empty((3, block.rows * block.columns), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no valid point
         for axis, name in enumerate("xyz"):
@@ -118,4 +124,4 @@ def _rings(values: NDArray) -> NDArray[np.uint16] | None:
         return None
     if values.dtype != np.uint8 and values.dtype != np.uint16 and (values.min() < 0 or values.max() > 0xFFFF):
         return None
-    return values.astype(np.uint16)
+    return values.astype(np.uint16, copy=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import Int
+from quadlog.messages import PointTimes
 
 TIME_FIELDS = (
     "t",
@@ -26,8 +26,8 @@ TIME_FIELDS = (
 PLAUSIBLE_NS = 1_000_000_000
 
 
-def time_offsets_ns(values: NDArray, stamp_ns: int | None) -> Int | None:
-    """(N,) nanoseconds relative to stamp_ns, or None where no unit makes the values plausible.
+def point_times(values: NDArray, stamp_ns: int | None) -> PointTimes | None:
+    """When points with these values (N,) were measured, or None where no unit makes the values plausible.
 
     Integers, of at most 32 bits in every format, are nanoseconds after the
     stamp (Ouster ``t``, Hesai, Livox). Floats are seconds (Velodyne ``time``,
@@ -37,16 +37,14 @@ def time_offsets_ns(values: NDArray, stamp_ns: int | None) -> Int | None:
     values = np.ascontiguousarray(values)  # numpy searches and converts numbers side by side several times as fast
     low, high = float(values.min()), float(values.max())
     if values.dtype.kind != "f":
-        return values.astype(np.int64) if values.dtype.itemsize >= 4 and _plausible(low, high) else None
+        plausible = values.dtype.itemsize >= 4 and _plausible(low, high)
+        return PointTimes(values, int(values.min()), int(values.max())) if plausible else None
     if not (np.isfinite(low) and np.isfinite(high)):
         return _without_gaps(values, stamp_ns)
     for zero, scale, shift_ns in _readings(stamp_ns):
-        if _plausible((low - zero) * scale - shift_ns, (high - zero) * scale - shift_ns):
-            offsets = values.astype(np.float64)
-            offsets -= zero
-            offsets *= scale
-            offsets -= shift_ns
-            return np.rint(offsets, out=offsets).astype(np.int64)
+        first_ns, last_ns = (low - zero) * scale - shift_ns, (high - zero) * scale - shift_ns
+        if _plausible(first_ns, last_ns):
+            return PointTimes(values, round(first_ns), round(last_ns), zero, scale, shift_ns)
     return None
 
 
@@ -60,12 +58,12 @@ def _readings(stamp_ns: int | None) -> list[tuple[float, float, float]]:
     return readings
 
 
-def _without_gaps(values: NDArray, stamp_ns: int | None) -> Int | None:
+def _without_gaps(values: NDArray, stamp_ns: int | None) -> PointTimes | None:
     """Points without an echo often carry no time either; they get that of the first point that has one."""
     finite = np.isfinite(values)
     if not finite.any():
         return None
-    return time_offsets_ns(np.where(finite, values, values[finite][0]), stamp_ns)
+    return point_times(np.where(finite, values, values[finite][0]), stamp_ns)
 
 
 def _plausible(low_ns: float, high_ns: float) -> bool:

@@ -11,9 +11,9 @@ import numpy as np
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Float, Pose
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, nanoseconds, stamp_ns
-from quadlog.recordings.plain_fields import TEXT, each_of, header_of
-from quadlog.recordings.plain_messages import Values
+from quadlog.recordings.columns import Columns, reachable_rows, stamps_ns, unit_rows
+from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
+from quadlog.recordings.payload_layout import TEXT, each_of, header_of
 
 POSE_STAMPED = header_of("header") | each_of("pose.position", "xyz") | each_of("pose.orientation", "xyzw")
 POSE_WITH_COVARIANCE = (
@@ -48,12 +48,12 @@ def decode_transform(message: Any, topic: str) -> Pose:
     )
 
 
-def pose_of_values(values: Values, topic: str) -> Pose:
-    """The values of POSE_STAMPED, POSE_WITH_COVARIANCE or TRANSFORM_STAMPED."""
-    texts, (seconds, nanos, x, y, z, qx, qy, qz, qw) = values
-    child = frame_name(texts[1]) if len(texts) > 1 else ""
-    numbers = np.array((*within_reach(x, y, z, topic), *unit(qx, qy, qz, qw, topic)), np.float64)
-    return Pose(nanoseconds(seconds, nanos), frame_name(texts[0]), child, numbers[:3], numbers[3:])
+def pose_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 9) of POSE_STAMPED, POSE_WITH_COVARIANCE or TRANSFORM_STAMPED."""
+    quat_xyzw, sound = unit_rows(numbers[:, 5:])
+    values = np.concatenate([numbers[:, 2:5], quat_xyzw], axis=1)
+    frames = [frame_name(text) for text in texts]
+    return [Columns(Pose, stamps_ns(numbers[:, :2]), values, *frames)], sound & reachable_rows(values[:, :3])
 
 
 def _pose(message: Any, child: str, position: Any, orientation: Any, topic: str) -> Pose:
@@ -87,12 +87,8 @@ def unit_quaternion(xyzw: Any, topic: str) -> Float:
 def normalised(xyzw: Sequence[float], topic: str) -> Float:
     """(4,) the quaternion at unit length; all zeros, which many trackers send for "no orientation", is no rotation."""
     x, y, z, w = xyzw
-    return np.array(unit(x, y, z, w, topic), np.float64)
-
-
-def unit(x: float, y: float, z: float, w: float, topic: str) -> tuple[float, float, float, float]:
-    """The same as plain numbers."""
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if not math.isfinite(length):
         raise DecodeError(topic, "its quaternion is not finite")
-    return (x / length, y / length, z / length, w / length) if length > 0 else (0.0, 0.0, 0.0, 1.0)
+    unit = (x / length, y / length, z / length, w / length) if length > 0 else (0.0, 0.0, 0.0, 1.0)
+    return np.array(unit, np.float64)

@@ -1,4 +1,4 @@
-"""Short recordings of a walk, each with something about it that reading it in windows must not get wrong."""
+"""Short recordings of a walk, each with something odd about it."""
 
 from __future__ import annotations
 
@@ -139,9 +139,7 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "equal log times": lambda folder: written(
         folder / "r.mcap", rows(lambda n, log_ns, scan: (log_ns // 400_000_000 * 400_000_000, scan))
     ),
-    "nearly all in one window": lambda folder: written(
-        folder / "r.mcap", sorted(rows(all_but_two_late), key=itemgetter(1))
-    ),
+    "nearly all at once": lambda folder: written(folder / "r.mcap", sorted(rows(all_but_two_late), key=itemgetter(1))),
     "out of order": lambda folder: written(folder / "r.mcap", neighbours_swapped()),
     "a stray stamp": lambda folder: written(
         folder / "r.mcap", one(20, lambda log_ns, scan: stamped(scan, log_ns + 2 * HOUR_NS))

@@ -6,52 +6,71 @@ import sys
 import pytest
 from numba import njit
 
-from quadlog.pipelines.stages import first_compilation
-from quadlog.pipelines.stages.first_compilation import SAID, compiled_elsewhere, python
-from quadlog.pipelines.stages.warm_up import ALIKE, warm_up
+from quadlog.pipelines.stages import first_compilation, warm_up
+from quadlog.pipelines.stages.first_compilation import SAID, Compilation, on_first_compilation, python
+
+ELSEWHERE = python(
+    "-c", "import sys; open(sys.argv[1], 'w').write(' '.join(sys.argv[2:])); print(*sys.argv[2:], sep='\\n')"
+)
 
 
 def compile_something() -> None:
     njit(lambda x: x + 1)(1)
 
 
-@pytest.fixture
-def marks(tmp_path):
-    """A file, and the command that makes it."""
-    return tmp_path / "mark", python("-c", f"open({str(tmp_path / 'mark')!r}, 'w')")
+def compilation(parts, said, elsewhere) -> Compilation:
+    return Compilation(parts, ("b", "d"), elsewhere, said.append)
 
 
-@pytest.mark.parametrize(("cores", "is_run"), [(2, True), (1, False)])
+@pytest.mark.parametrize(("cores", "given"), [(2, "b d"), (1, None)])
 def test_the_first_compilation_is_said_once_and_another_process_helps_on_a_second_core(
-    marks, monkeypatch, cores: int, is_run: bool
+    tmp_path, monkeypatch, cores: int, given: str | None
 ) -> None:
-    mark, command = marks
     monkeypatch.setattr(first_compilation, "cores", lambda: cores)
-    said: list[str] = []
-    with compiled_elsewhere(command, said.append):
-        compile_something()
-        compile_something()
+    mark, said, run = tmp_path / "mark", [], []
+    parts = {name: lambda name=name: (run.append(name), compile_something()) for name in "abcd"}
+    with compilation(parts, said, [*ELSEWHERE, str(mark)]) as compiled:
+        compiled.before("a", "b", "c")
+        assert (mark.read_text() if mark.exists() else None) == given, "what is shared is waited for"
+        compiled.before("b", "d", "not needed here")
     assert said == [SAID]
-    assert mark.exists() == is_run, "the command is through when the body is"
+    assert run == ["a", "b", "c", "d"]
+    assert compiled.seconds > 0
 
 
-def test_where_all_is_compiled_nothing_is_said_or_run(marks) -> None:
-    mark, command = marks
-    said: list[str] = []
-    with compiled_elsewhere(command, said.append):
-        pass
-    assert said == []
+def test_what_has_begun_here_is_not_compiled_elsewhere(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(first_compilation, "cores", lambda: 2)
+    mark = tmp_path / "mark"
+    with compilation({"b": compile_something}, [], [*ELSEWHERE, str(mark)]) as compiled:
+        compiled.before("b")
     assert not mark.exists()
 
 
-def test_a_command_that_fails_or_hangs_harms_nothing(monkeypatch) -> None:
+def test_where_all_is_compiled_nothing_is_said_or_run(tmp_path) -> None:
+    said: list[str] = []
+    with compilation({"a": int, "b": int}, said, [*ELSEWHERE, str(tmp_path / "mark")]) as compiled:
+        compiled.before("a", "b")
+    assert said == []
+    assert not (tmp_path / "mark").exists()
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(3)", "import threading; threading.Event().wait()"])
+def test_a_command_that_fails_or_hangs_harms_nothing(monkeypatch, code) -> None:
     monkeypatch.setattr(first_compilation, "cores", lambda: 2)
     monkeypatch.setattr(first_compilation, "LONGEST_S", 0.01)
-    for code in ("raise SystemExit(3)", "import threading; threading.Event().wait()"):
-        said: list[str] = []
-        with compiled_elsewhere(python("-c", code), said.append):
-            compile_something()
-        assert said == [SAID]
+    done: list[str] = []
+    parts = {"a": compile_something, "b": lambda: done.append("b")}
+    with compilation(parts, [], python("-c", code)) as compiled:
+        compiled.before("a", "b")
+    assert done == ["b"]
+
+
+def test_a_body_that_compiles_is_told_of_once() -> None:
+    told: list[int] = []
+    with on_first_compilation(lambda: told.append(1)):
+        compile_something()
+        compile_something()
+    assert told == [1]
 
 
 def test_the_folder_it_is_started_in_is_no_place_for_modules(tmp_path, monkeypatch) -> None:
@@ -62,6 +81,10 @@ def test_the_folder_it_is_started_in_is_no_place_for_modules(tmp_path, monkeypat
     assert command[0] == sys.executable
 
 
-def test_the_parts_are_compiled_by_the_module_itself() -> None:
-    ran = subprocess.run(python("-m", warm_up.__module__, *ALIKE), check=False, capture_output=True, text=True)
+@pytest.mark.parametrize("controller", ["fpmw", "fpm"])
+def test_the_module_itself_compiles_what_is_shared(controller) -> None:
+    ran = subprocess.run(
+        python("-m", warm_up.__name__, controller, "position", "control"), check=False, capture_output=True, text=True
+    )
     assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.split() == ["position", "control"]

@@ -1,63 +1,92 @@
-"""What happens to a cloud before it is classified, on a walk cut down to what that needs."""
+"""What the pass over a recording keeps of a cloud."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quadlog.config import Config
 from quadlog.config_file import load_config
-from quadlog.lidar.points import PointClass
-from quadlog.messages import ImuSeries, PointCloud, Pose
-from quadlog.pipelines.stages.scans import Scanner, Surroundings
-from quadlog.pipelines.stages.tracks import RobotTrack
+from quadlog.lidar.deskew import Skewed
+from quadlog.lidar.levelling import NotLevelled
+from quadlog.mapping.compact import CompactScan
+from quadlog.messages import Float, Imu, Int, PointCloud, Pose
+from quadlog.pipelines.stages.scan_poses import deskewed
+from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings
+from quadlog.pipelines.stages.spill import Spill
+from quadlog.pipelines.stages.tilt import Tilt
+from quadlog.recordings.columns import Columns
+from quadlog.recordings.gathering import Many
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
 MOUNT_M = 0.4
 
 
-@dataclass
-class Told:
-    """The part of a Walk that scanning uses."""
-
-    config: Config
-    streams: SimpleNamespace
-    robot: RobotTrack | None
-    transform_lidar_to_base: np.ndarray
-    seed: int = 0
-    counts: dict[str, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
+IMU, ODOMETRY = "/imu", "/odom"
 
 
-def walk(*settings: str, roll_deg=0.0, speed_mps=0.0, orientations=21) -> Told:
-    config = load_config(None, list(settings), {})
-    t_ns = T_NS + np.arange(-10, 11) * 20_000_000
-    tilt = Rotation.from_euler("x", roll_deg, degrees=True).as_quat()
-    quat_xyzw = np.tile(tilt, (21, 1))
+class Seen:
+    """What the pass over a recording does with a cloud after it has read orientations, and what is told of it later."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *settings: str,
+        imu: Float | None,
+        odometry: Float | None = None,
+        tree: TransformTree | None = None,
+    ) -> None:
+        """imu, odometry: (N, 4) orientations, 20 ms apart about T_NS."""
+        self.config = load_config(None, list(settings), {})
+        self.mount = np.eye(4)
+        self.mount[2, 3] = MOUNT_M
+        of_imu = [Imu(0, "imu", each, np.zeros(3), np.zeros(3)) for each in ([] if imu is None else imu)]
+        recording = SimpleNamespace(sample=lambda topic, count: of_imu[:count])
+        topics = IMU if imu is not None else None, ODOMETRY if odometry is not None else None
+        self.tilt = Tilt(recording, tree or TransformTree(), self.config, *topics)  # type: ignore[arg-type]
+        for topic, kind, quat_xyzw in ((IMU, Imu, imu), (ODOMETRY, Pose, odometry)):
+            if quat_xyzw is not None:
+                values = np.concatenate([np.zeros((len(quat_xyzw), 3)), quat_xyzw], axis=1)
+                self.tilt.take(Many(np.arange(len(values)), at(len(values)), topic, Columns(kind, None, values)))
+        self.spill = Spill(folder)
+        scans = ScanSettings.of_config(self.config, maps=True)
+        self.scanner = Scanner(scans, 0, self.mount, self.tilt, self.spill)
+
+    def take(self, cloud: PointCloud, t_ns: int = T_NS) -> ScanRow:
+        self.scanner.take(t_ns, cloud)
+        return [ScanRow.from_bytes(each) for each in self.spill][-1]
+
+
+@pytest.fixture
+def look(tmp_path) -> Iterator[Callable[..., Seen]]:
+    with ExitStack() as stack:
+
+        def made(*settings: str, **orientations: Any) -> Seen:
+            seen = Seen(tmp_path, *settings, **orientations)
+            stack.enter_context(seen.spill)
+            return seen
+
+        yield made
+
+
+def at(count: int) -> Int:
+    return T_NS + np.arange(-10, count - 10, dtype=np.int64) * 20_000_000
+
+
+def tilted(roll_deg: float, count: int = 21) -> Float:
+    quat_xyzw = np.tile(Rotation.from_euler("x", roll_deg, degrees=True).as_quat(), (count, 1))
     quat_xyzw[::2] *= -1  # the same orientation: only a driver that never changes a digit is frozen
-    keep = slice(0, orientations)
-    imu = ImuSeries(t_ns[keep], np.zeros((21, 3))[keep], quat_xyzw[keep])
-    xy_m = np.column_stack([speed_mps * (t_ns - T_NS) * 1e-9, np.zeros(21)])
-    mount = np.eye(4)
-    mount[2, 3] = MOUNT_M
-    streams = SimpleNamespace(imu=imu, odometry=None, tf=TransformTree())
-    return Told(config, streams, RobotTrack(t_ns, xy_m, np.zeros(21), "uwb"), mount)
+    return quat_xyzw
 
 
-def scanner_of(told: Told) -> Scanner:
-    return Scanner(Surroundings.of_walk(told))  # type: ignore[arg-type]
+FROZEN = np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))
 
 
 def cloud(roll_deg: float = 0.0, offset_ns: np.ndarray | None = None) -> PointCloud:
@@ -74,74 +103,87 @@ def cloud(roll_deg: float = 0.0, offset_ns: np.ndarray | None = None) -> PointCl
     return PointCloud(T_NS, "lidar", (body * range_m[:, None]).astype(np.float32), ring, offset_ns)
 
 
-def ground_tilt_deg(scan) -> float:
-    return float(np.degrees(np.arccos(scan.ground.normal[2])))
+def tilt_deg(row: ScanRow) -> float:
+    return float(np.degrees(np.arccos(row.normal[2])))
 
 
-@pytest.mark.parametrize(("level", "expected_deg"), [("true", 0.0), ("false", 8.0)])
-def test_the_bodys_tilt_is_taken_out_where_wanted(level: str, expected_deg: float) -> None:
-    told = walk(f"lidar.level={level}", roll_deg=8.0)
-    scan, pose = scanner_of(told).classify(T_NS, cloud(roll_deg=8.0))
-    assert pose == pytest.approx(np.zeros(3))
-    assert ground_tilt_deg(scan) == pytest.approx(expected_deg, abs=0.3)
+@pytest.mark.parametrize(
+    ("settings", "imu", "odometry", "expected_deg"),
+    [
+        ([], tilted(8.0), None, 0.0),
+        (["lidar.level=false"], tilted(8.0), None, 8.0),
+        ([], None, tilted(8.0), 0.0),
+        ([], FROZEN, None, 8.0),
+        ([], FROZEN, tilted(8.0), 0.0),
+        ([], np.concatenate([FROZEN, FROZEN, FROZEN[:20], tilted(8.0, 1)]), None, 8.0),
+        ([], tilted(8.0, 5), None, 0.0),
+    ],
+    ids=["imu", "not wanted", "odometry", "frozen", "frozen beside odometry", "frozen until it is too late", "too old"],
+)
+def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, imu, odometry, expected_deg, look):
+    seen = look(*settings, imu=imu, odometry=odometry)
+    assert tilt_deg(seen.take(cloud(roll_deg=8.0))) == pytest.approx(expected_deg, abs=0.3)
+    assert seen.scanner.tally.tilted == {}
 
 
-def test_where_nothing_else_tells_the_tilt_moving_tf_does() -> None:
-    told = walk(roll_deg=8.0)
-    imu, told.streams.imu = told.streams.imu, None
-    for t_ns, quat_xyzw in zip(imu.t_ns.tolist(), imu.quat_xyzw, strict=True):
-        told.streams.tf.add(t_ns, Pose(t_ns, "map", "base_link", np.zeros(3), quat_xyzw), static=False)
-    scan, _ = scanner_of(told).classify(T_NS, cloud(roll_deg=8.0))
-    assert ground_tilt_deg(scan) == pytest.approx(0.0, abs=0.3)
+def test_where_nothing_else_tells_the_tilt_moving_tf_does(look):
+    tree = TransformTree()
+    values = np.concatenate([np.zeros((21, 3)), tilted(8.0)], axis=1)
+    tree.add_moving("map", "base_link", at(21), values)
+    seen = look(imu=None, tree=tree)
+    assert tilt_deg(seen.take(cloud(roll_deg=8.0))) == pytest.approx(0.0, abs=0.3)
 
 
-def test_an_orientation_that_is_too_old_is_not_used_and_said() -> None:
-    told = walk(roll_deg=8.0)
-    scanner = scanner_of(told)
-    scan, pose = scanner.classify(T_NS + 1_000_000_000, cloud(roll_deg=8.0))
-    assert pose is None
-    assert ground_tilt_deg(scan) == pytest.approx(8.0, abs=0.3)
-    scanner.tally.tell(told)
-    assert told.warnings == ["1 of 1 scans keep the robot's tilt: no orientation within 0.2 s"]
+def test_an_orientation_that_is_too_old_is_not_used_and_counted(look):
+    seen = look(imu=tilted(8.0))
+    assert tilt_deg(seen.take(cloud(roll_deg=8.0), T_NS + 1_000_000_000)) == pytest.approx(8.0, abs=0.3)
+    assert seen.scanner.tally.tilted == {NotLevelled.STALE: 1}
 
 
-def test_a_driver_that_always_sends_the_same_orientation_has_none() -> None:
-    told = walk(roll_deg=8.0)
-    told.streams.imu = ImuSeries(told.streams.imu.t_ns, np.zeros((21, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (21, 1)))
-    scanner = scanner_of(told)
-    scanner.classify(T_NS, cloud())
-    scanner.tally.tell(told)
-    assert told.warnings == []
+@pytest.mark.parametrize(
+    ("offset_ns", "deskew", "slots", "skewed"),
+    [
+        (np.repeat(np.arange(900, dtype=np.int64) * 100_000, 16), "true", 32, None),
+        (np.repeat(np.arange(900, dtype=np.int64) * 100_000, 16), "false", 1, Skewed.NO_TIMES),
+        (None, "true", 1, Skewed.NO_TIMES),
+        (np.full(14400, 7_000_000_000_000), "true", 1, Skewed.NO_TIMES),
+        (np.repeat(np.arange(900, dtype=np.int64) * 1_000_000_000, 16), "true", 1, Skewed.ABSURD_TIMES),
+    ],
+)
+def test_when_points_were_measured_is_kept_as_far_as_it_can_be(offset_ns, deskew, slots, skewed, look):
+    row = look(f"lidar.deskew={deskew}", imu=tilted(0.0)).take(cloud(offset_ns=offset_ns))
+    assert (len(row.slot_ns), row.skewed) == (slots, skewed)
+    assert (np.diff(row.slot_ns) > 0).all()
+    assert len(CompactScan.from_bytes(row.compact).slot_ns) == slots
 
 
-def test_a_moving_robots_points_are_put_where_they_were_at_the_scans_instant() -> None:
-    offset_ns = np.repeat(np.arange(900, dtype=np.int64) * 100_000, 16)
-    still, _ = scanner_of(walk()).classify(T_NS, cloud(offset_ns=offset_ns))
-    moving, _ = scanner_of(walk(speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
-    kept, _ = scanner_of(walk("lidar.deskew=false", speed_mps=2.0)).classify(T_NS, cloud(offset_ns=offset_ns))
-    np.testing.assert_array_equal(kept.xyz_base_m, still.xyz_base_m)
-    shift_m = moving.xyz_base_m - still.xyz_base_m
-    np.testing.assert_allclose(shift_m[:, 0], 2.0 * offset_ns * 1e-9, atol=5e-3)
-    np.testing.assert_allclose(shift_m[:, 1:], 0.0, atol=5e-3)
+def test_a_row_is_read_back_as_it_was_written(look):
+    seen = look(imu=tilted(0.0))
+    row = seen.take(cloud())
+    assert row.ground_found
+    assert row.n_raw == row.n_valid == 14400
+    assert row.n_ground + row.n_obstacle + row.n_outlier == 14400
+    empty = seen.take(PointCloud(T_NS, "lidar", np.empty((0, 3), np.float32)))
+    assert (empty.n_raw, empty.ground_found, empty.shows_nothing, empty.ground) == (0, False, True, None)
 
 
-def test_times_that_cannot_be_are_counted_and_said() -> None:
-    told = walk(speed_mps=2.0)
-    scanner = scanner_of(told)
-    scanner.classify(T_NS, cloud(offset_ns=np.full(14400, 7_000_000_000_000)))
-    scanner.classify(T_NS, cloud(offset_ns=np.repeat(np.arange(900, dtype=np.int64) * 1_000_000_000, 16)))
-    scanner.tally.tell(told)
-    assert told.counts["scans_not_deskewed"] == 2
-    assert any("the times of its points cannot be" in text for text in told.warnings)
+def test_every_scan_says_how_it_was_seen(look):
+    for method, route in (("range_image", "rings"), ("paper", "paper")):
+        seen = look(f"lidar.method={method}", imu=tilted(0.0))
+        for _ in range(3):
+            seen.take(cloud())
+        assert seen.scanner.tally.routes == {route: 3}
 
 
-def test_every_scan_says_how_it_was_seen() -> None:
-    told = walk()
-    scanner = scanner_of(told)
-    for _ in range(3):
-        scanner.classify(T_NS, cloud())
-    scanner.tally.tell(told)
-    assert told.notes == ["3 of 3 scans classified by the beams their points name"]
-    paper = walk("lidar.method=paper")
-    labels = scanner_of(paper).classify(T_NS, cloud())[0].label
-    assert (labels == PointClass.CROPPED).mean() > 0.4, "the paper keeps the front half"
+def test_points_are_put_where_they_were_at_the_scans_instant():
+    """A robot that walks at 2 m/s and turns at 1 rad/s sees the origin of map, from where it is in every slot."""
+    slot_s = np.linspace(0, 0.1, 32)
+    slot_pose = np.column_stack([1 + 2 * slot_s, np.full(32, 3.0), slot_s])
+    x_m, y_m, yaw_rad = slot_pose.T
+    seen_m = np.column_stack(
+        [-np.cos(yaw_rad) * x_m - np.sin(yaw_rad) * y_m, np.sin(yaw_rad) * x_m - np.cos(yaw_rad) * y_m, slot_s]
+    )
+    moved_m = deskewed(seen_m, np.arange(32, dtype=np.uint8), np.array([1.0, 3.0, 0.5]), slot_pose)
+    expected_m = Rotation.from_euler("z", -0.5).apply([-1.0, -3.0, 0.0])
+    np.testing.assert_allclose(moved_m[:, :2], np.tile(expected_m[:2], (32, 1)), atol=1e-6)
+    np.testing.assert_allclose(moved_m[:, 2], slot_s, atol=1e-6)

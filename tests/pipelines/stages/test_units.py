@@ -18,18 +18,19 @@ from quadlog.config_section import Section
 from quadlog.pipelines.progress import Silent, StageClock
 from quadlog.pipelines.replay import ReplayRequest
 from quadlog.pipelines.stages import control, ingest, perceive, plan, position
+from quadlog.pipelines.stages.scans import ScanSettings
 from quadlog.pipelines.stages.units import Unit, units_until
 from quadlog.pipelines.stages.walk import Walk
 from quadlog.results.files import files_written
 from quadlog.results.names import OWN_FILES
 from quadlog.stages import STAGES
 
-WORK: dict[str, Callable[[Walk, ReplayRequest], None]] = {
-    "position": lambda walk, _: position.locate_walk(walk),
+WORK: dict[str, Callable[[Walk], None]] = {
+    "position": position.locate_walk,
     "filter": perceive.filter_scans,
     "map": perceive.filter_and_map,
-    "plan": lambda walk, _: plan.replan_walk(walk),
-    "control": lambda walk, _: control.resimulate_walk(walk),
+    "plan": plan.replan_walk,
+    "control": control.resimulate_walk,
 }
 # `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.
 ONLY_HANDED_ON = {"ingest": ("lidar.mount",)}
@@ -85,22 +86,33 @@ class Spy:
 
     @contextmanager
     def at(self, name: str) -> Iterator[None]:
-        self.at_work = name
+        before, self.at_work = self.at_work, name
         try:
             yield
         finally:
-            self.at_work = None
+            self.at_work = before
 
 
 def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
     """What each unit reads, `ingest` too; what it writes must be its own."""
     with pytest.MonkeyPatch.context() as patch:
         spy = Spy(patch)
+        units = units_until(request.options.until)
+        scans = next((unit.name for unit in units if "filter" in unit.stages), "")
+        of_config = ScanSettings.of_config
+
+        def spied_settings(config: Config, *, maps: bool) -> ScanSettings:
+            # While the recording is read clouds are classified already, by the configuration of their unit.
+            with spy.at(scans):
+                return of_config(config, maps=maps)
+
+        patch.setattr(ScanSettings, "of_config", spied_settings)
         spy.at_work = "ingest"
-        with ingest.open_walk(request, StageClock(), Silent()) as walk:
-            for unit in units_until(request.options.until):
+        clouds = "map" if scans == "map" else "filter" if scans else None
+        with ingest.open_walk(request, StageClock(), Silent(), None, clouds) as walk:
+            for unit in units:
                 with spy.at(unit.name), files_written() as written:
-                    WORK[unit.name](walk, request)
+                    WORK[unit.name](walk)
                 assert {path.name for path in written} <= {*unit.files, "config.toml"}
     return spy.reads
 

@@ -8,8 +8,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from quadlog.lidar.polar import Polar, to_polar
-
 
 @pytest.fixture(scope="session")
 def ring_scan():
@@ -75,14 +73,14 @@ def xyz_of(cloud) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def sweep():
-    """Every beam at every step, `phase` steps off the x axis: a function that makes the Polar and its rings."""
+    """Every beam at every step, `phase` steps off the x axis: a function that makes x, y, z and the rings."""
 
-    def make(columns: int, phase: float, elevations_deg: list[float], range_m: float = 5.0) -> tuple[Polar, np.ndarray]:
+    def make(columns: int, phase: float, elevations_deg: list[float], range_m: float = 5.0):
         turn = 2 * np.pi * (np.arange(columns) + phase) / columns
         azimuth, elevation = np.meshgrid(turn, np.deg2rad(elevations_deg), indexing="ij")
         flat = np.cos(elevation)
         xyz = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
         ring = np.tile(np.arange(len(elevations_deg), dtype=np.uint16), columns)
-        return to_polar((range_m * xyz).astype(np.float32), np.eye(4), 0.3, 30.0), ring
+        return tuple(np.ascontiguousarray((range_m * xyz).T, dtype=np.float32)), ring
 
     return make

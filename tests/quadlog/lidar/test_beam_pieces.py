@@ -30,8 +30,8 @@ def after_dropping(
     else:
         distance_m[1] += 0.5
         z_m[1] += 0.5 * np.float32(slope_on)
-    room = np.zeros((2, COLUMNS), np.int32)
-    drop_pieces(kind, good, distance_m, z_m, range_m, 0, off, gap_m, rise_m, room, ground)
+    room = *np.zeros((2, COLUMNS + 1), np.int32), np.zeros(COLUMNS + 1, np.float32), np.zeros(COLUMNS + 1, np.int8)
+    drop_pieces(kind, good, distance_m, z_m, range_m, 0, off, gap_m, rise_m, *room, ground)
     return ground, kind
 
 

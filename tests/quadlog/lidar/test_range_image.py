@@ -9,6 +9,8 @@ from hypothesis.extra.numpy import arrays
 from quadlog.geometry import transform_from_rpy
 from quadlog.lidar.points import PointClass
 from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.lidar.scan_classifier import ScanClassifier
+from quadlog.messages import PointCloud
 from quadlog.simulation.labelled_scans import is_true_obstacle, labelled_scans
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
@@ -57,6 +59,65 @@ def test_ground_of_held_out_scans(scans, name: str, precision: float, recall: fl
         on_ground = ground & truth
         assert np.abs(found.height_m[on_ground]).max() < 0.31
         assert np.quantile(np.abs(found.height_m[on_ground]), 0.99) < 0.1
+
+
+@pytest.mark.parametrize("min_range_m", [0.05, 0.35])
+def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(min_range_m: float) -> None:
+    """Their range is 0, and so is near that of dust; see the filter's NEAR_M."""
+    mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
+    xyz_m, ring, _ = room_scan(mount)
+    random = np.random.default_rng(3)
+    dust = random.choice(len(ring), 200, replace=False)
+    xyz_m[dust] *= (min_range_m * 1.02 / np.linalg.norm(xyz_m[dust], axis=1))[:, None].astype(np.float32)
+    # The rays beside the dust return nothing, as under an open sky.
+    beside = np.unique(np.concatenate([dust + 16 * step for step in range(-4, 5) if step])) % len(ring)
+    xyz_m[np.setdiff1d(beside, dust)] = 0.0
+    found = classify_scan_range_image(xyz_m, ring, mount, RangeImageSettings(min_range_m=min_range_m))
+    assert (found.label[dust] == PointClass.OUTLIER).sum() >= 180
+
+
+@pytest.mark.parametrize("changes", ["sensor", "numbers", "steps", "rings go", "upside down"])
+def test_a_sensor_that_changes_is_noticed(scans, changes: str) -> None:
+    """What was found out about the beams of earlier scans is not used for others."""
+    before, after = scans["wall_ahead"][0], scans["corridor"][0]
+    classifier = ScanClassifier(ALL_ROUND)
+    for _ in range(3):
+        classifier.classify(cloud_of(before), before.transform_lidar_to_base)
+    cloud, transform = cloud_of(after), after.transform_lidar_to_base
+    column, steps = np.arange(len(after.ring)) // 16, len(after.ring) // 16
+    match changes:
+        case "sensor":
+            kept = after.ring % 2 == 0
+            cloud = cloud_of(after, kept, after.ring // 2)
+        case "numbers":
+            cloud = cloud_of(after, ring=np.random.default_rng(0).permutation(16)[after.ring].astype(np.uint16))
+        case "steps":
+            cloud = cloud_of(after, column % 2 == 0)
+        case "rings go":
+            cloud = PointCloud(None, "", after.xyz_lidar_m)
+        case "upside down":
+            turn = transform_from_rpy(np.zeros(3), np.pi, 0.0, 0.0)
+            cloud = PointCloud(None, "", (after.xyz_lidar_m @ turn[:3, :3]).astype(np.float32), after.ring)
+            transform = transform @ turn
+    assert steps > 1
+    found = classifier.classify(cloud, transform).points()
+    alone = ScanClassifier(ALL_ROUND).classify(cloud, transform).points()
+    assert found.route == alone.route
+    assert found.label.tobytes() == alone.label.tobytes()
+
+
+def test_scans_of_one_sensor_are_classified_as_each_alone(scans) -> None:
+    classifier = ScanClassifier(ALL_ROUND)
+    for name in PLACES:
+        for scan in scans[name]:
+            returns = classifier.classify(cloud_of(scan), scan.transform_lidar_to_base)
+            made, alone = returns.points(), classified(scan)
+            assert (made.label == alone.label).mean() > 0.999
+            assert returns.counts.tolist() == np.bincount(made.label, minlength=5).tolist()
+
+
+def cloud_of(scan, kept=slice(None), ring=None) -> PointCloud:
+    return PointCloud(None, "", scan.xyz_lidar_m[kept], (scan.ring if ring is None else ring)[kept])
 
 
 @pytest.mark.parametrize("name", PLACES)

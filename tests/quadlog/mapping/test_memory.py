@@ -5,6 +5,8 @@ import pytest
 
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.rays import NO_RAY
 from quadlog.mapping.window import Window
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
@@ -12,17 +14,17 @@ STEP_NS = 100_000_000
 
 
 def tops(*cells: tuple[int, int], top_m: float = 1.0, shape: tuple[int, int] = WINDOW.shape) -> np.ndarray:
-    top = np.full(shape, -np.inf, dtype=np.float32)
+    top = np.full(shape, NO_TOP, dtype=np.int16)
     for row, col in cells:
-        top[row, col] = top_m
+        top[row, col] = round(1000 * top_m)
     return top
 
 
 def rays(lowest_m: float, shape: tuple[int, int] = WINDOW.shape) -> np.ndarray:
-    return np.full(shape, lowest_m, dtype=np.float32)
+    return np.full(shape, round(1000 * lowest_m), dtype=np.int16)
 
 
-UNSEEN = rays(np.inf)
+UNSEEN = np.full(WINDOW.shape, NO_RAY, dtype=np.int16)
 SEEN_THROUGH = rays(0.0)
 
 
@@ -32,8 +34,8 @@ def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
 
 def test_without_memory_a_map_is_its_scan() -> None:
     memory = ScanMemory()
-    assert np.argwhere(memory.add(0, WINDOW, tops((3, 4)), SEEN_THROUGH)).tolist() == [[3, 4]]
-    assert not memory.add(STEP_NS, WINDOW, tops(), UNSEEN).any()
+    assert np.argwhere(memory.add(0, WINDOW, PlacedScan(tops((3, 4)), SEEN_THROUGH))).tolist() == [[3, 4]]
+    assert not memory.add(STEP_NS, WINDOW, PlacedScan(tops(), UNSEEN)).any()
 
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
@@ -41,59 +43,59 @@ def test_what_has_passed_leaves_no_ghost_after_half_a_second(rate_hz: int) -> No
     memory = log_odds()
     step_ns = 10**9 // rate_hz
     for k in range(20):
-        assert memory.add(k * step_ns, WINDOW, tops((5, 5)), SEEN_THROUGH)[5, 5]
-    gone = [memory.add((20 + k) * step_ns, WINDOW, tops(), SEEN_THROUGH)[5, 5] for k in range(rate_hz)]
+        assert memory.add(k * step_ns, WINDOW, PlacedScan(tops((5, 5)), SEEN_THROUGH))[5, 5]
+    gone = [memory.add((20 + k) * step_ns, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5] for k in range(rate_hz)]
     assert not any(gone[rate_hz // 2 - 1 :]), "a ghost half a second after the last hit"
     assert any(gone) or rate_hz == 5, "one glance past an obstacle must not clear it"
 
 
 def test_what_is_out_of_sight_stays() -> None:
     memory = log_odds()
-    memory.add(0, WINDOW, tops((5, 5)), SEEN_THROUGH)
+    memory.add(0, WINDOW, PlacedScan(tops((5, 5)), SEEN_THROUGH))
     for k in range(1, 600):
-        assert memory.add(k * STEP_NS, WINDOW, tops(), UNSEEN)[5, 5]
+        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), UNSEEN))[5, 5]
 
 
 def test_a_false_point_is_gone_sooner_than_an_obstacle() -> None:
     memory = log_odds()
     for k in range(5):
-        memory.add(k * STEP_NS, WINDOW, tops((2, 2), (7, 7)) if k == 4 else tops((2, 2)), SEEN_THROUGH)
-    after = [memory.add((5 + k) * STEP_NS, WINDOW, tops(), SEEN_THROUGH) for k in range(4)]
+        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((2, 2), (7, 7)) if k == 4 else tops((2, 2)), SEEN_THROUGH))
+    after = [memory.add((5 + k) * STEP_NS, WINDOW, PlacedScan(tops(), SEEN_THROUGH)) for k in range(4)]
     assert [bool(grid[7, 7]) for grid in after] == [True, False, False, False]
     assert [bool(grid[2, 2]) for grid in after] == [True, True, True, False]
 
 
 def test_rays_above_an_obstacle_do_not_contradict_it() -> None:
     memory = log_odds()
-    memory.add(0, WINDOW, tops((5, 5), top_m=0.3), UNSEEN)
+    memory.add(0, WINDOW, PlacedScan(tops((5, 5), top_m=0.3), UNSEEN))
     for k in range(1, 50):
-        assert memory.add(k * STEP_NS, WINDOW, tops(), rays(0.31))[5, 5]
+        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.31)))[5, 5]
     for k in range(50, 53):
-        kept = memory.add(k * STEP_NS, WINDOW, tops(), rays(0.29))[5, 5]
+        kept = memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.29)))[5, 5]
     assert not kept
 
 
 def test_rays_in_the_plane_in_which_something_was_hit_contradict_it() -> None:
     """A 2-D lidar has no lower ones."""
     memory = log_odds()
-    memory.add(0, WINDOW, tops((5, 5), top_m=0.45), UNSEEN)
+    memory.add(0, WINDOW, PlacedScan(tops((5, 5), top_m=0.45), UNSEEN))
     for k in range(1, 4):
-        kept = memory.add(k * STEP_NS, WINDOW, tops(), rays(0.45))[5, 5]
+        kept = memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.45)))[5, 5]
     assert not kept
 
 
 def test_a_gap_between_scans_contradicts_nothing() -> None:
     memory = log_odds()
     for k in range(5):
-        memory.add(k * STEP_NS, WINDOW, tops((5, 5)), UNSEEN)
-    assert memory.add(100 * STEP_NS, WINDOW, tops(), SEEN_THROUGH)[5, 5]
+        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
+    assert memory.add(100 * STEP_NS, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
 
 
 def test_decay_forgets_after_its_time_whatever_was_seen() -> None:
     memory = DecayMemory(SlidingLattice(DecayMemory.LAYERS), 1.0)
-    memory.add(10**18, WINDOW, tops((5, 5)), UNSEEN)
-    assert memory.add(10**18 + 10**9, WINDOW, tops(), SEEN_THROUGH)[5, 5]
-    assert not memory.add(10**18 + 10**9 + 1, WINDOW, tops(), UNSEEN).any()
+    memory.add(10**18, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
+    assert memory.add(10**18 + 10**9, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
+    assert not memory.add(10**18 + 10**9 + 1, WINDOW, PlacedScan(tops(), UNSEEN)).any()
 
 
 @pytest.mark.parametrize(
@@ -103,15 +105,44 @@ def test_decay_forgets_after_its_time_whatever_was_seen() -> None:
 def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(kind, lattice, comes_back: bool) -> None:
     memory: Memory = kind(lattice(kind.LAYERS), 100.0)
     near, beside, away = WINDOW, Window(3, -2, 0.1, (10, 12)), Window(50, 0, 0.1, (10, 12))
-    memory.add(10**9, near, tops((5, 5)), UNSEEN)
-    assert np.argwhere(memory.add(2 * 10**9, beside, tops(), UNSEEN)).tolist() == [[7, 2]]
-    assert not memory.add(3 * 10**9, away, tops(), UNSEEN).any()
-    assert bool(memory.add(4 * 10**9, near, tops(), UNSEEN)[5, 5]) is comes_back
+    memory.add(10**9, near, PlacedScan(tops((5, 5)), UNSEEN))
+    assert np.argwhere(memory.add(2 * 10**9, beside, PlacedScan(tops(), UNSEEN))).tolist() == [[7, 2]]
+    assert not memory.add(3 * 10**9, away, PlacedScan(tops(), UNSEEN)).any()
+    assert bool(memory.add(4 * 10**9, near, PlacedScan(tops(), UNSEEN))[5, 5]) is comes_back
 
 
 def test_beyond_its_room_a_scan_is_counted_and_stands_alone() -> None:
     memory = LogOddsMemory(GrowingLattice(0.1, LogOddsMemory.LAYERS, most_cells=200), 0.4)
-    memory.add(0, WINDOW, tops((5, 5)), UNSEEN)
+    memory.add(0, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
     far = Window(5000, 0, 0.1, WINDOW.shape)
-    assert np.argwhere(memory.add(STEP_NS, far, tops((1, 1)), UNSEEN)).tolist() == [[1, 1]]
+    assert np.argwhere(memory.add(STEP_NS, far, PlacedScan(tops((1, 1)), UNSEEN))).tolist() == [[1, 1]]
     assert memory.skipped == 1
+
+
+@pytest.mark.parametrize("passes", [1, 2, 10])
+def test_a_crate_outlasts_the_person_who_stepped_over_it(passes: int) -> None:
+    """It is out of the beams' reach then; they pass half a metre above it, where the person was."""
+    memory, step = log_odds(), 0
+
+    def add(top: np.ndarray, ray: np.ndarray) -> bool:
+        nonlocal step
+        step += 1
+        return bool(memory.add(step * STEP_NS, WINDOW, PlacedScan(top, ray))[5, 5])
+
+    for _ in range(5):
+        add(tops((5, 5), top_m=0.2), UNSEEN)
+    for _ in range(passes):
+        add(tops((5, 5), top_m=1.4), UNSEEN)
+    assert all(add(tops(), rays(0.7)) for _ in range(50))
+    assert not all(add(tops(), rays(0.15)) for _ in range(5)), "what is taken away is forgotten as before"
+
+
+def test_what_is_seen_over_is_no_higher_than_that() -> None:
+    """Of a person who stood where a crate is left, the crate remains."""
+    memory = log_odds()
+    for k in range(5):
+        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5), top_m=1.4), UNSEEN))
+    for k in range(5, 10):
+        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5), top_m=0.2), rays(0.5)))
+    for k in range(10, 30):
+        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.6)))[5, 5]

@@ -7,9 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.planning.route import REANCHOR_CELLS, anchor, kept_route, link
+from quadlog.compiled import kernel
+from quadlog.planning import route as routes
+from quadlog.planning.route import REANCHOR_CELLS
 
 UNITS = (10, 14)
+# As they are compiled into the searches: in Python, sums of numpy's int32 would overflow.
+anchor, kept_route, link = kernel(routes.anchor), kernel(routes.kept_route), kernel(routes.link)
 
 
 def is_open(blocked, at, to, cutting):

@@ -93,6 +93,32 @@ def test_a_short_log_stays_near_one():
     assert np.mean(found) == pytest.approx((9 * (LINKS - 2) + PRIOR_DOF) / (LINKS - 2 + PRIOR_DOF), rel=0.1)
 
 
+class Counted(np.ndarray):
+    """An array that counts how many rows are cut out of it."""
+
+    rows = 0
+
+    def __getitem__(self, key):
+        cut = super().__getitem__(key)
+        if isinstance(key, slice):
+            Counted.rows += len(cut)
+        return np.asarray(cut)
+
+
+def test_the_search_for_ends_of_blocks_is_linear_after_a_long_block():
+    """Ranges without weight make one block of half the log; then each instant is one."""
+    instants = 8192
+    weight = np.repeat([1e-9, float(PER_BLOCK)], instants // 2)[:, None] * np.ones(LINKS)
+    residual_m = white(instants)
+    Counted.rows = 0
+    excess_variance(
+        Tally(), np.arange(instants + 1) * LINKS, np.tile(np.arange(LINKS), instants), residual_m.ravel(),
+        weight.ravel(), weight.ravel(), np.tile(UNIT, (instants, 1)),
+        np.tile(COVARIANCE, (instants, 1, 1)).view(Counted), STD_M,
+    )  # fmt: skip
+    assert Counted.rows < 20 * instants
+
+
 def test_no_ranges():
     none = np.empty(0, dtype=np.int64)
     factor, tally = excess_variance(

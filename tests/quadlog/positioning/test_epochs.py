@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -40,6 +42,24 @@ def test_a_frame_is_not_split_to_complete_the_one_before():
     rows = [(0, 0, 1, 1.0), (0, 0, 2, 2.0), (10, 0, 3, 3.0), (10, 0, 1, 1.1), (10, 0, 2, 2.1)]
     got = group_epochs(series(rows), 0, ids(1, 2, 3), 1.0)
     np.testing.assert_array_equal(got.range_m, [[1.0, 2.0, np.nan], [1.1, 2.1, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("rows", "last_ms"),
+    [
+        # Anchor 2 twice under the stamp 40 ms: the second opens an epoch that starts there, which 60 ms still fits.
+        ([(0, 1), (40, 2), (40, 2), (60, 3)], [40, 60]),
+        # What follows a double within its stamp belongs to the epoch it opened.
+        ([(0, 1), (40, 2), (40, 2), (40, 3), (60, 1)], [40, 60]),
+        ([(0, 1), (0, 1), (0, 1)], [0, 0, 0]),
+        # A stamp with an anchor that the epoch has already moves on as a whole, and its double opens another.
+        ([(0, 1), (40, 2), (40, 1), (40, 1), (60, 3)], [0, 40, 60]),
+    ],
+)
+def test_an_anchor_twice_under_one_stamp_starts_an_epoch(rows, last_ms):
+    got = group_epochs(series([(t * 10**6, 0, anchor, 1.0) for t, anchor in rows]), 0, ids(1, 2, 3), 0.05)
+    np.testing.assert_array_equal(got.last_ns, np.array(last_ms) * 10**6)
+    assert np.isfinite(got.range_m).sum() == len(rows)
 
 
 def test_nothing_in_nothing_out():
@@ -91,6 +111,31 @@ def test_frames_and_fast_rounds_keep_the_usual_length():
     assert derive_epoch_s(rounds(10, 4), 0, ids(0, 1, 2, 3)) == USUAL_EPOCH_S
     assert derive_epoch_s(series([]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
     assert derive_epoch_s(series([(0, 0, 1, 1.0)]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
+
+
+def grouped(rows: list[tuple[int, int]], epoch_ns: int) -> list[list[int]]:
+    """The rule, one stamp after the other: rows (t_ns, anchor) as lists of their indices."""
+    epochs: list[list[int]] = []
+    for t_ns, stamp in groupby(range(len(rows)), key=lambda i: rows[i][0]):
+        together = list(stamp)
+        heard = {rows[i][1] for i in epochs[-1]} if epochs else set()
+        if not epochs or t_ns - rows[epochs[-1][0]][0] > epoch_ns or heard & {rows[i][1] for i in together}:
+            epochs.append([])
+        for i in together:
+            if rows[i][1] in {rows[j][1] for j in epochs[-1]}:
+                epochs.append([])
+            epochs[-1].append(i)
+    return epochs
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 3)), max_size=40).map(sorted), st.integers(0, 30))
+def test_epochs_follow_the_rule_stamp_by_stamp(rows, epoch_ns):
+    got = group_epochs(
+        series([(t, 0, a, float(i)) for i, (t, a) in enumerate(rows)]), 0, ids(0, 1, 2, 3), epoch_ns * 1e-9
+    )
+    held = [sorted(row[np.isfinite(row)].astype(int).tolist()) for row in got.range_m]
+    assert held == grouped(rows, epoch_ns)
 
 
 row = st.tuples(st.integers(0, 400), st.integers(0, 1), st.integers(0, 4))

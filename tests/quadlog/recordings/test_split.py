@@ -302,7 +302,6 @@ def test_a_recording_of_many_files_holds_few_of_them_open(tmp_path, recordings, 
                 assert recordings.read_one(next(begun)) == messages[0]
                 assert recordings.read(container) == messages
                 assert [recordings.read_one(message) for message in begun] == messages[1:]
-            assert container.is_divisible()
             assert container.losses == []
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)

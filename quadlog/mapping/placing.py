@@ -1,0 +1,109 @@
+"""Compact scans laid on the grid around the robot, once its poses are known."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.compiled import kernel
+from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.rays import RayPlacer
+from quadlog.mapping.window import Window
+from quadlog.messages import Float
+
+NO_TOP = np.int16(-32768)
+"""Height, in mm, of the highest obstacle point in a cell in which nothing was hit."""
+
+
+class PlacedScan(NamedTuple):
+    """Cells (rows, cols) int16, in mm above the ground; both are overwritten by the next scan.
+
+    top_mm: the highest obstacle point, NO_TOP where there is none. lowest_ray_mm: how low the cell was seen through,
+    NO_RAY where no ray crossed it.
+    """
+
+    top_mm: NDArray[np.int16]
+    lowest_ray_mm: NDArray[np.int16]
+
+
+class ScanPlacer:
+    """Places the scans of a run, one after the other, in arrays that are kept from scan to scan.
+
+    min_points: a cell with fewer obstacle points is not hit. target_radius_m: points this near to the target are the
+    target.
+    """
+
+    def __init__(self, min_points: int, target_radius_m: float) -> None:
+        self._min_points, self._target_radius_m = min_points, target_radius_m
+        self._rays = RayPlacer()
+        self._placed = PlacedScan(np.zeros((0, 0), np.int16), np.zeros((0, 0), np.int16))
+        self._count = np.zeros((0, 0), np.int32)
+
+    def place(
+        self, scan: CompactScan, slot_pose_base_in_map: Float, target_xy_m: Float | None, window: Window
+    ) -> PlacedScan:
+        """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
+
+        target_xy_m: (2,) in map, or None when nothing is followed.
+        """
+        if self._placed.top_mm.shape != window.shape:
+            top_mm, lowest_ray_mm = np.zeros((2, *window.shape), np.int16)
+            self._placed, self._count = PlacedScan(top_mm, lowest_ray_mm), np.zeros(window.shape, np.int32)
+        # A place that is not a number is near to nothing.
+        target_m = (math.nan, math.nan) if target_xy_m is None else target_xy_m
+        place = np.array([window.col0, window.row0, window.cell_m, *target_m, self._target_radius_m**2], np.float64)
+        _raise_tops(
+            scan.obstacle, scan.obstacle_count, scan.obstacle_slot, slot_pose_base_in_map, scan.unit_m, place,
+            self._min_points, self._count, self._placed.top_mm,
+        )  # fmt: skip
+        where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
+        self._rays.place(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)
+        return self._placed
+
+
+@kernel
+def _raise_tops(
+    obstacle: NDArray[np.int16],
+    points: NDArray[np.uint8],
+    slot: NDArray[np.uint8],
+    poses: Float,
+    unit_m: float,
+    place: Float,
+    min_points: int,
+    count: NDArray[np.int32],
+    top_mm: NDArray[np.int16],
+) -> None:
+    """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
+    radius.
+    """
+    rows, cols = top_mm.shape
+    top_mm[:] = NO_TOP
+    counts = min_points > 1
+    if counts:
+        count[:] = 0
+    moved = np.empty((len(poses), 4))
+    for k in range(len(poses)):
+        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
+        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
+    for i in range(len(obstacle)):
+        at, x, y = slot[i], obstacle[i, 0] + 0.5, obstacle[i, 1] + 0.5
+        map_x_m = moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y
+        map_y_m = moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y
+        dx, dy = map_x_m - place[3], map_y_m - place[4]
+        col, row = math.floor(map_x_m * per_cell) - col0, math.floor(map_y_m * per_cell) - row0
+        # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
+        inside = col >= 0.0 and col < cols and row >= 0.0 and row < rows
+        if inside and not dx * dx + dy * dy <= place[5]:
+            at_row, at_col = np.uint32(row), np.uint32(col)
+            top_mm[at_row, at_col] = max(top_mm[at_row, at_col], obstacle[i, 2])
+            if counts:
+                count[at_row, at_col] += points[i]
+    if counts:
+        for r in range(rows):
+            for c in range(cols):
+                if count[r, c] < min_points:
+                    top_mm[r, c] = NO_TOP
