@@ -24,10 +24,18 @@ SHORT = {
 }
 
 
+def heed_signals():
+    """Undo what nohup, or a shell that runs the tests in the background, told this process to ignore."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+
+
 def ended(name, number, folder):
     """The exit code and the lines on stderr of an endless command, once it has begun a file and got the signal."""
     words = [sys.executable, "-c", MAIN, *ENDLESS[name]]
-    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
+    )
     while not list(folder.rglob("*.part")):
         assert process.poll() is None, process.communicate()
         os.sched_yield()
