@@ -13,6 +13,7 @@ from time import process_time
 from types import FrameType
 
 from quadlog.errors import ExitCode, QuadlogError
+from quadlog.pipelines.progress import peak_memory_mb
 
 MOST_GROWTH_BYTES = 500 << 20
 _ADDRESS_SPACE_BYTES = 3 << 30
@@ -92,7 +93,8 @@ class _Peak:
 
 
 def _peak_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    # What getrusage tells begins with the peak of the process that started this one.
+    return int(peak_memory_mb() * 1e6)
 
 
 def _statm() -> list[int]:

@@ -147,7 +147,7 @@ def test_a_folder_of_somebody_else_is_left_alone(request_there: ReplayRequest, b
 def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
     request_there: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(walk: Any, request: ReplayRequest) -> None:
+    def fail(walk: Any) -> None:
         raise StorageFailed("s3://lab/walk", "the server did not answer in time")
 
     with monkeypatch.context() as patch:

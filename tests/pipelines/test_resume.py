@@ -315,8 +315,8 @@ def test_a_stage_whose_file_another_process_has_removed_is_not_marked(ask, monke
     """Its mark would say that the stage is whole, without that file."""
     locate = story._locate
 
-    def locate_and_lose(walk: Any) -> None:
-        locate(walk)
+    def locate_and_lose(compiled: Any, walk: Any) -> None:
+        locate(compiled, walk)
         (tmp_path / "run" / "uwb_errors.parquet").unlink()
 
     monkeypatch.setattr(story, "_locate", locate_and_lose)

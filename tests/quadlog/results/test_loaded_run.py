@@ -66,7 +66,7 @@ def test_maps_are_arrays(tiny_run):
 
 
 def test_what_is_no_run_says_so(tiny_run, tmp_path):
-    with pytest.raises(NotARun, match="no finished run"):
+    with pytest.raises(NotARun, match="no such folder"):
         quadlog.load_run(tmp_path / "nowhere")
     (tiny_run / "run.json").write_text("{")
     with pytest.raises(QuadlogError, match=r"run\.json: is damaged"):

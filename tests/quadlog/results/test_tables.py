@@ -31,7 +31,9 @@ def cut(columns: dict[str, Any], first: int, last: int) -> dict[str, Any]:
 @settings(max_examples=30, deadline=None)
 @given(
     t_ns=stn.arrays(np.int64, st.shared(st.integers(0, 40), key="n")),
-    x_m=stn.arrays(np.float64, st.shared(st.integers(0, 40), key="n")),
+    x_m=stn.arrays(
+        np.float64, st.shared(st.integers(0, 40), key="n"), elements=st.floats(-1e149, 1e149) | st.just(np.nan)
+    ),
     source=stn.arrays(object, st.shared(st.integers(0, 40), key="n"), elements=st.text(st.characters(codec="utf-8"))),
 )
 def test_any_table_comes_back(tmp_path_factory: pytest.TempPathFactory, t_ns: Any, x_m: Any, source: Any) -> None:
