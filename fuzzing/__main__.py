@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 
 from fuzzing.worker import FOUND, Journal, fuzz, replay, test
@@ -33,9 +34,11 @@ def main() -> int:
     guided = not asked.hypothesis and importlib.util.find_spec("atheris") is not None
     if asked.targets[:1] == ["replay"]:
         name, *paths = asked.targets[1:]
-        return replay(name, _files(paths))
+        with TemporaryDirectory(prefix="quadlog-fuzz-") as scratch:
+            return replay(name, _files(paths), Path(scratch))
     if asked.targets[:1] == ["test"]:
-        return test(asked.targets[2:], Path(asked.targets[1]))
+        with TemporaryDirectory(prefix="quadlog-fuzz-") as scratch:
+            return test(asked.targets[2:], Path(asked.targets[1]), Path(scratch))
     if asked.targets[:1] == ["one"]:
         return fuzz(asked.targets[1], asked.seconds, asked.seed, FOLDER / asked.targets[1], guided)
     from fuzzing.targets.table import TARGETS  # not before: atheris instruments what `one` imports

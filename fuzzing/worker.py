@@ -7,7 +7,6 @@ import mmap
 import os
 import signal
 import sys
-import tempfile
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -51,9 +50,9 @@ class Journal:
         return int.from_bytes(told[:8], "little"), told[cls.HEAD : cls.HEAD + length]
 
 
-def replay(name: str, paths: Iterable[Path]) -> int:
+def replay(name: str, paths: Iterable[Path], scratch: Path) -> int:
     """Run the cases in files; 0 when all hold, and FOUND at the first that does not."""
-    run = _prepared(name)
+    run = _prepared(name, scratch)
     for path in paths:
         try:
             run(path.read_bytes(), 1)
@@ -63,13 +62,15 @@ def replay(name: str, paths: Iterable[Path]) -> int:
     return 0
 
 
-def test(names: Sequence[str], corpus: Path) -> int:
+def test(names: Sequence[str], corpus: Path, scratch: Path) -> int:
     """Every case that broke something once, and a few mutations, of several targets; as replay."""
     from fuzzing.targets.table import TARGETS
 
     for name in names or TARGETS:
         kept = sorted((corpus / name).iterdir()) if (corpus / name).is_dir() else []
-        found = replay(name, kept) or _by_hypothesis(name, _prepared(name), 0, None, TARGETS[name].examples, None)
+        found = replay(name, kept, scratch) or _by_hypothesis(
+            name, _prepared(name, scratch), 0, None, TARGETS[name].examples, None
+        )
         if found:
             return found
     return 0
@@ -83,13 +84,14 @@ def fuzz(name: str, seconds: float, seed: int, folder: Path, guided: bool) -> in
 
 
 @cache
-def _prepared(name: str) -> Callable[[bytes, int], None]:
+def _prepared(name: str, scratch: Path) -> Callable[[bytes, int], None]:
     """The target's case behind the oracles, after every seed ran once: what is imported or compiled then is no cost."""
     from fuzzing.oracles import check, limit_process
     from fuzzing.targets.table import TARGETS
 
     target = TARGETS[name]
-    folder = Path(tempfile.mkdtemp(prefix="quadlog-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    folder = scratch / name
+    folder.mkdir()
 
     def case(data: bytes) -> None:
         target.case(folder, data)
@@ -109,7 +111,7 @@ def _by_atheris(name: str, seconds: float, seed: int, corpus: Path, journal: Jou
     with atheris.instrument_imports(include=["quadlog"], exclude=_not_guiding()):
         from fuzzing.targets.table import TARGETS
 
-        run = _prepared(name)
+        run = _prepared(name, _scratch(corpus))
     seeds = corpus.parent / "seeds"
     seeds.mkdir()
     for number, content in enumerate(TARGETS[name].seeds()):
@@ -140,6 +142,13 @@ def _by_atheris(name: str, seconds: float, seed: int, corpus: Path, journal: Jou
     return 0
 
 
+def _scratch(corpus: Path) -> Path:
+    """Beside the corpus, where the next start removes it: this process may end at any point."""
+    scratch = corpus.parent / "scratch"
+    scratch.mkdir()
+    return scratch
+
+
 def _not_guiding() -> list[str]:
     """All other modules of quadlog by name: atheris includes no less than a whole package."""
     files = [path for top in ("quadlog", "cli", "pipelines") for path in sorted(Path(top).rglob("*.py"))]
@@ -149,7 +158,7 @@ def _not_guiding() -> list[str]:
 
 
 def _by_hypothesis_for(name: str, seconds: float, seed: int, corpus: Path, journal: Journal) -> int:
-    run = _prepared(name)
+    run = _prepared(name, _scratch(corpus))
     end = monotonic() + seconds
     while monotonic() < end:
         found = _by_hypothesis(name, run, seed, journal, 200, corpus, end)

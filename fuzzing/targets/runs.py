@@ -39,7 +39,21 @@ from quadlog.results.tum import write_tum
 _ROWS = 12
 _START_NS = 1_700_000_000 * 10**9
 _READ = (ExitCode.DONE, ExitCode.FAILED, ExitCode.CHECK_FAILED, ExitCode.WITH_LOSS)
-_HOSTILE: tuple[float, ...] = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, -0.0, 2.0**63, -(2.0**53), 1.0)
+_HOSTILE: tuple[float, ...] = (
+    np.nan,
+    np.inf,
+    -np.inf,
+    1e300,
+    -1e300,
+    1e100,
+    1e13,
+    1e-300,
+    0.0,
+    -0.0,
+    2.0**63,
+    -(2.0**53),
+    1.0,
+)
 _TEXTS = ("", "<script>alert(1)</script>", "=1+1", "a" * 5000, "\x1b[2J", "\n|`${x}", "\u202e", "ia_star")
 _WHOLES = (0, -1, 1, 2**63 - 1, -(2**63), 2**53 + 1, _START_NS)
 

@@ -104,5 +104,8 @@ TABLES: dict[str, pa.Schema] = {
 # knows the optimum, a kinematic robot has no torques, a run has not every metric.
 OPTIONAL = frozenset({"optimal_cost", "k_v", "k_w", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"})
 
+UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
+"""Columns in which infinity has a meaning: nothing near, or nothing known. Elsewhere it is damage."""
+
 # Tables of before may lack these: read, they are NaN or empty.
 ADDED = {"summary": frozenset({*COST_NAMES, "worker"})}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results.files import whole_file
-from quadlog.results.schemas import ADDED, OPTIONAL, TABLES
+from quadlog.results.schemas import ADDED, OPTIONAL, TABLES, UNBOUNDED
 
 # Rows are cut into groups of this many whatever the size of the batches they
 # came in, so that the file depends on the data alone and memory stays flat.
@@ -112,7 +112,7 @@ def read_table(
     """The table `name` (`fixes`, `poses`, ...) of a run folder as numpy columns (N,), all or those asked for.
 
     int64, float64 (NaN where there is no value), bool, or str objects.
-    largest: of finite numbers; a larger one counts as damage.
+    largest: a larger number counts as damage, and so does infinity where the column is not one of UNBOUNDED.
 
     Raises NotARun for a missing, damaged or foreign file, TooLarge for one that
     would not fit in memory, UnknownName for a table or column the contract does not have.
@@ -137,8 +137,10 @@ def read_table(
         raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
     found = {column: column_to_numpy(path, column, table.column(column)) for column in table.column_names}
     for column, values in found.items():
-        if values.dtype.kind == "f" and len(too_large := values[np.isfinite(values) & (np.abs(values) > largest)]):
-            raise NotARun(path, f"is damaged: {column} holds {too_large[0]:.3g}")
+        if values.dtype.kind == "f":
+            too_large = values[(np.abs(values) > largest) & (np.isfinite(values) | (column not in UNBOUNDED))]
+            if len(too_large):
+                raise NotARun(path, f"is damaged: {column} holds {too_large[0]:.3g}")
     found |= {column: _without_values(schema.field(column).type, table.num_rows) for column in absent}
     return {column: found[column] for column in wanted}
 

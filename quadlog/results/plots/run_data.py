@@ -21,7 +21,7 @@ from quadlog.results.record import RunRecord
 from quadlog.results.run_folder import read_metrics, read_run_json
 from quadlog.results.run_start import TIMED
 from quadlog.results.samples import CloudSample, GroundMap, read_cloud_samples, read_ground
-from quadlog.results.schemas import TABLES
+from quadlog.results.schemas import TABLES, UNBOUNDED
 from quadlog.results.tables import has_table, read_table
 from quadlog.results.tum import read_tum
 
@@ -29,7 +29,7 @@ Table = dict[str, NDArray[Any]]
 
 LATE_STD = 3.0
 LARGEST_DRAWN = 1e12
-"""Larger finite numbers are not drawn: no quantity of a run comes near, whatever its unit."""
+"""Larger numbers are not drawn: no quantity of a run comes near, whatever its unit."""
 
 
 class RunData:
@@ -149,9 +149,10 @@ class RunData:
 def _drawable(table: Table) -> NDArray[np.bool_]:
     """Which rows (N,) can be drawn: those without a number that matplotlib's arithmetic cannot take."""
     kept = np.ones(len(next(iter(table.values()))), dtype=bool)
-    for values in table.values():
-        if values.dtype.kind == "f":
-            kept &= ~((np.abs(values) > LARGEST_DRAWN) & np.isfinite(values))
+    for name, values in table.items():
+        if name != "t_ns" and values.dtype.kind in "fi":
+            too_large = (values > LARGEST_DRAWN) | (values < -LARGEST_DRAWN)
+            kept &= ~too_large | (np.isinf(values) if name in UNBOUNDED else False)
     return kept
 
 
