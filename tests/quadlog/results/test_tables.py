@@ -59,11 +59,11 @@ def test_pandas_reads_what_we_write(tiny_run: Path) -> None:
 
 
 def test_a_float_that_does_not_exist_is_null_in_the_file(tmp_path: Path) -> None:
-    values = {"x_m": [1.0, None, np.nan], "y_m": [np.inf, 0.0, np.nan]}
-    write_table(tmp_path / "target.parquet", TABLES["target"], {"t_ns": np.arange(3), **values, "source": "uwb"})
-    table = pq.read_table(tmp_path / "target.parquet")
-    assert (table.column("x_m").null_count, table.column("y_m").null_count) == (2, 1)
-    np.testing.assert_array_equal(read_table(tmp_path, "target")["y_m"], [np.inf, 0.0, np.nan])
+    values = {"target_distance_m": [1.0, None, np.nan], "clearance_m": [np.inf, 0.0, np.nan]}
+    write_table(tmp_path / "clearances.parquet", TABLES["clearances"], {"t_ns": np.arange(3), **values})
+    table = pq.read_table(tmp_path / "clearances.parquet")
+    assert (table.column("target_distance_m").null_count, table.column("clearance_m").null_count) == (2, 1)
+    np.testing.assert_array_equal(read_table(tmp_path, "clearances")["clearance_m"], [np.inf, 0.0, np.nan])
 
 
 def test_the_file_depends_on_the_rows_alone(tmp_path: Path) -> None:
