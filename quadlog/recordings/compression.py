@@ -17,8 +17,8 @@ from quadlog.recordings.bounded import MAX_CHUNK_BYTES, Damaged
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
 # What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
-_ALWAYS_BYTES = 3 << 26
-_MAX_RATIO = 64
+_ALWAYS_BYTES = 1 << 25
+_MAX_RATIO = 256
 _MAX_STREAMS = 1000
 # Two kilobytes of zstd hold at most 512 blocks of 128 KB, which bounds what one call allocates.
 _ZSTD_SLICE_BYTES = 1 << 11

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, cast
 
-from quadlog.errors import NotARecording, NothingReadable, RecordingNotFound
+from quadlog.errors import NotARecording, NothingReadable, RecordingNotFound, TooLarge
 from quadlog.recordings import bag_records, mcap_records, sqlite_open, unpacking
 from quadlog.recordings.bag_reader import read_bag
 from quadlog.recordings.compression import is_zstd
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from quadlog.storage.remote_object import RemoteObject
 
 _HEAD_BYTES = 32
+MOST_CHANNELS = 4096  # a topic each, or nearly; each costs a row, a look for its role and perhaps a loss
 
 # What else people hand over, and what they should do with it.
 _HINTS = (
@@ -47,11 +48,13 @@ def open_container(path: Path) -> Container:
     `missing-split`.
 
     Raises RecordingNotFound, NotARecording, NothingReadable (damaged, without
-    one message left), or TooLarge (no room for a needed copy).
+    one message left), or TooLarge (more than MOST_CHANNELS, or no room for a needed copy).
     """
-    if path.is_dir():
-        return open_split(path, open_file)
-    return open_file(path)
+    container = open_split(path, open_file) if path.is_dir() else open_file(path)
+    if (channels := len(container.channels)) > MOST_CHANNELS:
+        container.close()
+        raise TooLarge(f"{path}: topics", channels, MOST_CHANNELS)
+    return container
 
 
 def open_file(path: Path) -> Container:

@@ -20,7 +20,7 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg
 LARGEST_DEFINITION_BYTES = 1 << 20
 LARGEST_STRIPPED_CHARS = 1 << 15
 MOST_LINES = 1000
-MOST_IDL_SIGNS = 400  # of those that end, open or divide a declaration
+MOST_IDL_SIGNS = 320  # of those that end, open or divide a declaration
 MOST_COMPILED = 800  # fields, elements of fixed arrays of strings or messages, and TYPE_COST for each type
 TYPE_COST = 4
 MOST_FIXED_VALUES = 10_000  # of a message whose sequences are empty

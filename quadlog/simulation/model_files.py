@@ -22,6 +22,8 @@ Element = ElementTree.Element
 
 MOST_XML_BYTES = 4 << 20
 MOST_MESH_BYTES = 64 << 20
+# Of a file with all that is not taken over; parsing so many takes 0.1 s.
+MOST_XML_TAGS = 50_000
 # What MuJoCo and quadlog take long for, some of it by the square of how many there are.
 MOST_PARTS: dict[str, tuple[frozenset[str] | None, int]] = {
     "bodies": (frozenset({"body", "link"}), 200),
@@ -128,6 +130,8 @@ def _parse(path: Path) -> Element:
         # Entities can swell without bound and name files; no robot needs them.
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise UnreadableFile(path, "has a document type or entities, which quadlog does not take")
+        if (tags := text.count("<")) > MOST_XML_TAGS:
+            raise TooLarge(f"{path}: XML tags", tags, MOST_XML_TAGS)
         root = ElementTree.fromstring(text.encode())  # noqa: S314 without entities and bounded
     except (UnicodeDecodeError, LookupError, ValueError, ElementTree.ParseError) as error:
         raise UnreadableFile(path, f"is not XML in UTF-8: {first_line(error)}") from None

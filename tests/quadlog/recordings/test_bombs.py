@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 import zstandard
 
+from quadlog.errors import TooLarge
+from quadlog.recordings.open_container import MOST_CHANNELS, open_container
+
 MEBIBYTE = 1 << 20
 Parts = Iterable[tuple[bytes, int]]
 
@@ -83,12 +86,13 @@ def schema(number: int, mebibytes: int) -> list[tuple[bytes, int]]:
 # What the chunks are made of, how often they come, and the messages that are read nevertheless.
 BOMBS = {
     "chunks of 512 MB": (large_message(511), 20, 0),
-    "chunks of 190 MB": (large_message(190), 5, 10),
-    "overlapping chunks of 150 MB": (interleaved(150), 4, None),
+    "chunks of 190 MB": (large_message(190), 20, 0),
+    "chunks of 31 MB": (large_message(31), 5, 10),
+    "overlapping chunks of 31 MB": (interleaved(31), 20, None),
     "17 M empty messages": ([(message() * 34_000, 500)], 1, 0),
     "4 M empty messages": ([(message() * 8_000, 500)], 1, 0),
     "20 M empty records": ([(record(0x80, b"") * 40_000, 500)], 1, 0),
-    "definitions of 50 MB": ([part for number in (1, 2) for part in schema(number, 50)], 1, 0),
+    "definitions of 15 MB": ([part for number in range(1, 7) for part in schema(number, 15)], 1, 0),
 }
 
 
@@ -106,3 +110,14 @@ def test_a_chunk_costs_what_the_file_is_worth(tmp_path: Path, name: str) -> None
         assert got["causes"] == ["too-large", "truncated"]
     else:
         assert (got["messages"], got["causes"]) == (messages, ["truncated"] if messages else ["NothingReadable"])
+
+
+def test_more_topics_than_any_robot_has_are_refused(tmp_path: Path) -> None:
+    channels = b"".join(
+        record(4, struct.pack("<HH", number, 0) + text(b"/t%d" % number) + text(b"cdr") + struct.pack("<I", 0))
+        for number in range(MOST_CHANNELS + 1)
+    )
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"".join([b"\x89MCAP0\r\n", channels, message(), record(15, bytes(4))]))
+    with pytest.raises(TooLarge, match=r"a\.mcap: topics: 4097 exceeds the limit of 4096"):
+        open_container(path)
