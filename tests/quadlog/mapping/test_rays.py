@@ -136,7 +136,7 @@ def test_one_short_ray_holds_back_its_sector(lowest_rays) -> None:
     assert at(lowest_mm, 0.08, 4.05) < NO_RAY
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32), st.floats(-3, 3), st.floats(-3, 3), st.floats(-4, 4))
 def test_a_cell_called_crossed_has_a_ray_through_its_neighbourhood(
     compacted, placed, seed: int, x_m: float, y_m: float, yaw_rad: float
