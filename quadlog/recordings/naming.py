@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-# Longest first: `.bag.active` is a bag, not a file of the type `.active`.
-SUFFIXES = (".mcap.zstd", ".db3.zstd", ".bag.active", ".mcap", ".bag", ".db3")
+_PLAIN_SUFFIXES = (".mcap", ".bag", ".db3")
+# Longest first: `.bag.active` is a bag, not a file of the type `.active`. Recorders write .zstd, the zstd command .zst.
+SUFFIXES = (*(f"{plain}{packed}" for plain in _PLAIN_SUFFIXES for packed in (".zstd", ".zst")), ".bag.active")
+SUFFIXES += _PLAIN_SUFFIXES
 
 DERIVED_NAME = "derived.mcap"
 # What quadlog's own files in a run folder say; either may be missing.

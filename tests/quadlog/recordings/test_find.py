@@ -23,6 +23,7 @@ def tree(tmp_path):
         "split/split_0.mcap",
         "split/split_1.mcap",
         "crossed_14_05.mcap",
+        "packed.mcap.zst",
     ):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,7 +35,15 @@ def names(tree, found):
     return [str(path.relative_to(tree)) for path in found]
 
 
-EVERYTHING = ["crossed_14_05.mcap", "deep/er/four.bag.active", "one.mcap", "split", "three.db3", "two.bag"]
+EVERYTHING = [
+    "crossed_14_05.mcap",
+    "deep/er/four.bag.active",
+    "one.mcap",
+    "packed.mcap.zst",
+    "split",
+    "three.db3",
+    "two.bag",
+]
 
 
 def test_a_folder_is_searched_and_a_split_is_one_recording(tree):
