@@ -191,8 +191,11 @@ def message_entries(body: Body) -> Entries:
     found = EntryList(body)
     for fields, begin, end in records(body.data):
         found.count_record()
-        if u8(fields, b"op") == MESSAGE:
+        op = u8(fields, b"op")
+        if op == MESSAGE:
             found.add(time_ns(fields, b"time"), begin, end, u32(fields, b"conn"))
+        elif op != CONNECTION:
+            raise Damaged(f"it holds a record of kind {op}, which may have been a message")
     return found.entries()
 
 

@@ -167,6 +167,8 @@ def message_entries(body: Body) -> Entries:
             if log_time_ns > MAX_TIME_NS:
                 raise Damaged(f"a log time of {log_time_ns} ns does not fit into 63 bits")
             found.add(log_time_ns, begin + MESSAGE_HEAD.size, position, number)
+        elif opcode <= DATA_END and opcode not in (SCHEMA, CHANNEL):
+            raise Damaged(f"it holds a record of kind {opcode}, which may have been a message")
     return found.entries()
 
 

@@ -79,6 +79,20 @@ def test_messages_of_a_chunk_that_was_never_closed_are_recovered(tmp_path, recor
         assert recordings.causes(container) == ["index", "truncated"]
 
 
+@pytest.mark.parametrize("indexed", [True, False])
+def test_a_message_that_became_another_record_costs_its_chunk(tmp_path, recordings, indexed):
+    messages = recordings.some()
+    path = recordings.bag(tmp_path / "a.bag", messages)
+    data = bytearray(path.read_bytes())
+    data[data.index(b"op=\x02", chunk_offsets(path)[2]) + 3] = 4
+    path.write_bytes(bytes(data))
+    with open_bag(path if indexed else unindex(path)) as container:
+        got = recordings.read(container)
+        assert got == [message for message in messages if message in got]
+        assert len(got) < len(messages)
+        assert "which may have been a message" in container.losses[-1].detail
+
+
 def test_a_truncated_bag_gives_all_whole_chunks_and_says_until_when(tmp_path, recordings):
     messages = recordings.some()
     path = recordings.bag(tmp_path / "a.bag", messages, "lz4")

@@ -96,6 +96,25 @@ def test_a_flipped_byte_costs_its_chunk_only_and_is_counted_once(tmp_path, recor
         assert f"offset {chunk.chunk_start_offset}" in loss.detail
 
 
+def test_a_message_that_became_another_record_costs_its_chunk(tmp_path, recordings):
+    """Where the writer computed no checksums."""
+    messages = recordings.some()
+    path = recordings.mcap(tmp_path / "a.mcap", messages, compression=CompressionType.NONE, enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    first = chunk_indexes(path)[2].chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + 8
+    opcode, at = data[first], first
+    while opcode != 5:
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        opcode = data[at]
+    data[at] = 7
+    path.write_bytes(bytes(data))
+    with open_mcap(path) as container:
+        got = recordings.read(container)
+        assert got == [message for message in messages if message in got]
+        assert "which may have been a message" in container.losses[-1].detail
+        assert sum(loss.count for loss in container.losses) == len(messages) - len(got) > 0
+
+
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_a_flipped_byte_in_compressed_data_is_seen(tmp_path, recordings, flip, compression):
     messages = recordings.some()
