@@ -23,7 +23,6 @@ OWN_KINDS: dict[str, type[Message]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": Pose,
     "geometry_msgs/msg/TransformStamped": Pose,
     "foxglove.PoseInFrame": Pose,
-    "tf/msg/tfMessage": Transforms,
     "tf2_msgs/msg/TFMessage": Transforms,
     "gtec_msgs/msg/Ranging": UwbRanges,
     "uwb_driver/msg/UwbRange": UwbRanges,

@@ -51,7 +51,6 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "nav_msgs/msg/Odometry": odometry.decode_odometry,
     "sensor_msgs/msg/Imu": imu.decode_imu,
     "sensor_msgs/msg/Range": range_message.decode_range,
-    "tf/msg/tfMessage": tf.decode_tf,
     "tf2_msgs/msg/TFMessage": tf.decode_tf,
     "uwb_driver/msg/UwbRange": uwb_range.decode_uwb_range,
 }
@@ -63,7 +62,6 @@ IN_COLUMNS: dict[str, Ways] = {
     "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_in_columns)],
     "nav_msgs/msg/Odometry": [(odometry.ODOMETRY, odometry.odometry_in_columns)],
     "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_in_columns)],
-    "tf/msg/tfMessage": [(tf.TF, tf.tf_in_columns)],
     "tf2_msgs/msg/TFMessage": [(tf.TF, tf.tf_in_columns)],
 }
 

@@ -27,6 +27,11 @@ def several(count: int, thing: str) -> str:
 
 
 def ros2_type_name(name: str) -> str:
-    """`sensor_msgs/PointCloud2` and `sensor_msgs::msg::PointCloud2` as `sensor_msgs/msg/PointCloud2`."""
+    """`sensor_msgs/PointCloud2` and `sensor_msgs::msg::PointCloud2` as `sensor_msgs/msg/PointCloud2`.
+
+    ROS 1 has one message under two names, `tf/tfMessage` and `tf2_msgs/TFMessage`, often both on /tf.
+    """
+    if name == "tf/tfMessage":
+        return "tf2_msgs/msg/TFMessage"
     parts = name.replace("::", "/").split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else "/".join(parts)

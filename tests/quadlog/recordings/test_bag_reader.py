@@ -5,9 +5,11 @@ import struct
 import pytest
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings.bag_reader import open_bag
+from quadlog.recordings.recording import open_recording
 
 
 def chunk_offsets(path):
@@ -209,3 +211,18 @@ def test_real_bags_read_as_rosbags_reads_them(edge_cases, recordings, name):
         assert recordings.read(container) == theirs
         assert container.losses == []
         assert bool(container.warnings) == (name == "example-unsorted-chunks")
+
+
+def test_transforms_under_both_names_of_ros_1_are_one_topic(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path, names = tmp_path / "a.bag", ["tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"]
+    for name in names:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", name))
+    with BagWriter(path) as bag:
+        for number, name in enumerate(names):
+            connection = bag.add_connection("/tf", name, typestore=store)
+            bag.write(connection, 10**9 + number, store.serialize_ros1(store.types[name]([]), name))
+    with open_recording(path) as recording:
+        assert recording.types_of("/tf") == ["tf2_msgs/msg/TFMessage"]
+        assert len(list(recording.messages("/tf"))) == 2
+        assert recording.losses == []

@@ -36,8 +36,6 @@ def store_of(kind: str) -> Any:
     text = (BUNDLED / "nlink_parser" / "msg" / "LinktrackTagframe0.msg").read_text()
     store.register(get_types_from_msg(text, TAGFRAME))
     store.register(get_types_from_msg("std_msgs/Header header\n" + text, STAMPED_TAGFRAME))
-    if kind == "ros1":
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", "tf/msg/tfMessage"))
     return store
 
 
