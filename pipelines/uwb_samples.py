@@ -49,7 +49,8 @@ def error_samples(t_ns: Int, error_m: Float) -> dict[str, Samples]:
 
     A bias's samples are the errors in the direction of their mean, whose mean is the mean's length.
     """
-    mean_m = np.nanmean(error_m, axis=0) if np.isfinite(error_m).any() else np.zeros(2)
+    known_m = error_m[np.isfinite(error_m).all(axis=1)]
+    mean_m = known_m.mean(axis=0) if len(known_m) else np.zeros(2)
     length_m = float(np.hypot(*mean_m))
     direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
     distance_m = np.hypot(error_m[:, 0], error_m[:, 1])
