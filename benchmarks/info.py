@@ -20,8 +20,8 @@ from benchmarks.reading import SCANS, write_clouds
 from benchmarks.startup import QUADLOG
 
 ROUNDS, REPEATS, SMALL_PER_SCAN = 7, 8, 20
-IMPORTS = "import quadlog.cli.main, quadlog.cli.info, quadlog.config_file, quadlog.pipelines.info"
-IMPORTS += ", quadlog.cli.progress, quadlog.recordings.open_container"
+IMPORTS = "import quadlog.cli.main, quadlog.cli.info, quadlog.config.file, quadlog.pipelines.info"
+IMPORTS += ", quadlog.cli.terminal.progress_bars, quadlog.recordings.containers.open"
 
 
 def measure(folder: Path) -> Iterator[Figure]:

@@ -113,11 +113,11 @@ def _one_core() -> None:
 
 def _write(path: Path, duration_s: int, azimuth_steps: int) -> None:
     """The scenario of the fixture, with ten UWB fixes a second."""
-    from quadlog.pipelines.synthesize import make_recording, synthesize
-    from quadlog.simulation.uwb_sensor import Uwb
+    from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
+    from quadlog.simulation.sensors.uwb import UwbErrors
 
     recording = make_recording("follow", 7, duration_s, azimuth_steps)
-    synthesize(replace(recording, uwb=Uwb(period_ns=UWB_PERIOD_NS)), path)
+    synthesize(replace(recording, uwb=UwbErrors(period_ns=UWB_PERIOD_NS)), path)
 
 
 def _unpack(packed: Path, plain: Path) -> None:

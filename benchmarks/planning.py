@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures import Figure
-from quadlog.metrics.bootstrap import median_interval
-from quadlog.planning.panel import compile_planner
+from quadlog.metrics.intervals import median_interval
 from quadlog.planning.protocol import Bool, Cell
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
-from quadlog.planning.steps import STEP_COL, STEP_ROW
-from quadlog.simulation.planning_forest import forest_world
-from quadlog.simulation.planning_walk import walk_world
+from quadlog.planning.replan import compile_planner
+from quadlog.planning.search.grid_steps import STEP_COL, STEP_ROW
+from quadlog.simulation.worlds.replanning_walk import walk_world
+from quadlog.simulation.worlds.scenes import forest_world
 
 QUERIES, ROUNDS = 60, 5
 FOLLOWED = ("astar", "ia_star", "mt_d_star_lite")

@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.figures import Figure
 from quadlog.messages import Float, RangeSeries
-from quadlog.positioning.fixes import Fixes
-from quadlog.positioning.gauss_newton import solve_gauss_newton
+from quadlog.positioning.fix.least_squares import Fixes
+from quadlog.positioning.fix.trilateration import solve_gauss_newton
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 FIXES = 100_000

@@ -13,10 +13,11 @@ from mcap.reader import make_reader
 
 from benchmarks.figures import Figure
 from benchmarks.web_server import serve
-from quadlog.config import Config
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay
-from quadlog.storage.urls import to_path
+from quadlog.config.schema import Config
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
+from quadlog.storage.remote_path import to_path
 
 LENGTH_S, AZIMUTH_STEPS = 60.0, 1800
 WINDOW = ReplayOptions(start_s=27.0, duration_s=6.0, until="map")
@@ -46,7 +47,7 @@ def measure(folder: Path) -> Iterator[Figure]:
 
 def write_recording(path: Path) -> Path:
     """A minute of the scenario `follow`, as `quadlog synthesize` writes it."""
-    from quadlog.pipelines.synthesize import make_recording, synthesize
+    from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 
     synthesize(make_recording("follow", 1, LENGTH_S, AZIMUTH_STEPS), path)
     return path

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.figures import Figure
-from quadlog.pipelines.engine.cores import cores
+from quadlog.pipelines.executor.machine import cores
 
 ROUNDS, REPLAYS = 15, 3
 FIXTURES = Path(__file__).parents[1] / "fixtures"

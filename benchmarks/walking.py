@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures import Figure
-from quadlog.following.lookahead import FuzzyLookahead
-from quadlog.locomotion import walker
-from quadlog.locomotion.force_qp import free_minimum
-from quadlog.locomotion.mpc_build import in_pyramid
-from quadlog.locomotion.robot import ROBOTS
-from quadlog.locomotion.walker import WalkerSettings
-from quadlog.simulation.course_walk import walk_course
-from quadlog.simulation.courses import line
-from quadlog.simulation.ground import undulating
-from quadlog.simulation.quadruped_model import quadruped_model
-from quadlog.simulation.walking_robot import WalkingRobot
+from quadlog.control.following.lookahead import FuzzyLookahead
+from quadlog.control.locomotion import walker
+from quadlog.control.locomotion.mpc_model import in_pyramid
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.locomotion.wbc_kernels import free_minimum
+from quadlog.simulation.course_walk import line, walk_course
+from quadlog.simulation.robot.height_field import undulating
+from quadlog.simulation.robot.model import quadruped_model
+from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 ROUNDS, MEASURED_S, QP_TICKS = 3, 10.0, 3000
 

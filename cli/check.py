@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, PLACE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, PLACE, say_skipped
 
 
 @click.command(name="check", short_help="Hold the metrics of runs to bounds, for CI.")
@@ -39,11 +39,10 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click takes this for a paragraph whose lines stay
-    from quadlog.errors import ExitCode, UsageError
-    from quadlog.pipelines.check import check_runs, propose_bounds
-    from quadlog.results.check_text import check_json, check_text
-    from quadlog.results.fetched_runs import RECORDS, runs_here
-    from quadlog.text import printable
+    from quadlog.errors import ExitCode, UsageError, printable
+    from quadlog.pipelines.evaluation.check import check_runs, propose_bounds
+    from quadlog.results.compare.check_text import check_json, check_text
+    from quadlog.results.run.find_runs import RECORDS, runs_here
 
     say_skipped(runs)
     if write:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.completion import PlannerName, files
-from quadlog.cli.places import HERE
+from quadlog.cli.terminal.parameters import HERE, PlannerName, files
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -76,10 +75,11 @@ def command(
     --goal-cell), a ROS map_server .yaml (with --start-cell and --goal-cell, from the lower left), or forest:DENSITY
     (simulated walks, trees per m²).
     """
-    from quadlog.cli.progress import open_progress
-    from quadlog.config_file import load_config
-    from quadlog.pipelines.compare_planners import CompareOptions, compare
-    from quadlog.results.comparison_text import format_rows
+    from quadlog.cli.terminal.progress_bars import open_progress
+    from quadlog.config.file import load_config
+    from quadlog.pipelines.comparison.compare import compare
+    from quadlog.pipelines.comparison.problems import CompareOptions
+    from quadlog.results.planner_comparison.tables import format_rows
 
     options = CompareOptions(
         planners=planners,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import PLACE
+from quadlog.cli.terminal.parameters import PLACE
 
 _AMOUNT = click.FloatRange(min=0)
 
@@ -35,10 +35,10 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     import math
 
     from quadlog.errors import ExitCode, UsageError
-    from quadlog.results.diff_text import diff_json, diff_text
-    from quadlog.results.equality import Tolerance
-    from quadlog.results.fetched_runs import runs_here
-    from quadlog.results.run_diff import diff_runs
+    from quadlog.results.compare.diff_text import diff_json, diff_text
+    from quadlog.results.compare.differences import Tolerance
+    from quadlog.results.compare.run_diff import diff_runs
+    from quadlog.results.run.find_runs import runs_here
 
     if not math.isfinite(tolerance + relative):
         raise UsageError("--tolerance and --relative are finite numbers")

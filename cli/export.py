@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, PLACE
+from quadlog.cli.terminal.parameters import HERE, PLACE
 
 SUFFIX = {"tum": "trajectory.tum", "mcap": "derived.mcap", "csv": "csv", "rosmap": "rosmap"}
 
@@ -22,7 +22,7 @@ def command(run: Path, to: str, output: Path | None, force: bool) -> int:
     Without -o the output goes to the current folder and bears the run's name.
     """
     from quadlog.results.export import export_run
-    from quadlog.results.fetched_runs import runs_here
+    from quadlog.results.run.find_runs import runs_here
 
     with runs_here([run]) as (here,):
         for path in export_run(here, to, output or Path(f"{here.resolve().name}-{SUFFIX[to]}"), force):

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli.info import tell_health
-from quadlog.cli.places import HERE, PLACE
+from quadlog.cli.terminal.parameters import HERE, PLACE
 from quadlog.errors import AlreadyExists, ExitCode
 
 

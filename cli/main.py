@@ -4,16 +4,33 @@ from __future__ import annotations
 
 import importlib
 import os
+import platform
 import sys
 import time
 
 import click
 
-from quadlog.cli.versions import print_versions
-from quadlog.errors import ExitCode, Interrupted, QuadlogError
-from quadlog.pipelines.engine.interrupts import ignore_interrupts, take_one_interrupt
-from quadlog.pipelines.engine.memory import is_out_of_memory
-from quadlog.text import clipped, printable
+from quadlog.errors import ExitCode, Interrupted, QuadlogError, clipped, printable
+from quadlog.pipelines.executor.machine import ignore_interrupts, is_out_of_memory, take_one_interrupt
+from quadlog.version import __version__
+
+
+def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
+    """A line for quadlog, for Python, for every package and for every plug-in; then the command ends."""
+    if not asked or ctx.resilient_parsing:
+        return
+    from quadlog.config.plugins import all_plugins
+    from quadlog.config.version import package_versions
+
+    click.echo(f"quadlog, version {__version__}")
+    versions = {"python": platform.python_version(), **package_versions()}
+    width = max(map(len, versions))
+    for name, version in versions.items():
+        click.echo(f"{name:<{width}}  {version}")
+    for each in all_plugins():
+        click.echo(printable(f"{each.kind} {each.name}: {each.distribution} {each.version}"))
+    ctx.exit()
+
 
 COMMANDS = (
     *("info", "init", "replay", "compare-planners", "simulate"),
@@ -109,7 +126,7 @@ def run(arguments: list[str]) -> int:
 
 def _interrupted_words(error: BaseException, arguments: list[str], started_s: float) -> str:
     """By what a command was interrupted, and what is left of its work."""
-    from quadlog.results.files import complete_folders, remove_unfinished
+    from quadlog.storage.atomic_write import complete_folders, remove_unfinished
 
     remove_unfinished()
     words = str(error) if isinstance(error, Interrupted) else str(Interrupted(*error.args))

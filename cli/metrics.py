@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, PLACE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, PLACE, say_skipped
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -41,7 +41,7 @@ def command(
     A CONDITION is NAME OPERATOR NUMBER, with > >= < <= == or !=. A run that lacks the metric fails it, too.
     """
     from quadlog.errors import UsageError
-    from quadlog.metrics.bounds import check_metric, parse_condition
+    from quadlog.metrics.conditions import check_metric, parse_condition
 
     conditions = [parse_condition(text) for text in fail_if]
     if explain is not None:
@@ -53,16 +53,16 @@ def command(
     if explain is not None and to != "table":
         raise UsageError(f"--explain prints text; leave out  --format {to}")
     if not runs:
-        from quadlog.results.explain_text import explain_text
+        from quadlog.results.text.metrics import explain_text
 
         click.echo(explain_text(str(explain), []), nl=False)
         return 0
-    from quadlog.pipelines.metrics import measure_runs
-    from quadlog.pipelines.reference import OnTime, Reference
-    from quadlog.results.fetched_runs import MEASURED, runs_here
-    from quadlog.results.metrics_text import format_metrics
-    from quadlog.storage.urls import to_path
-    from quadlog.text import printable
+    from quadlog.errors import printable
+    from quadlog.pipelines.evaluation.metrics import measure_runs
+    from quadlog.pipelines.evaluation.reference import OnTime, Reference
+    from quadlog.results.run.find_runs import MEASURED, runs_here
+    from quadlog.results.text.metrics import format_metrics
+    from quadlog.storage.remote_path import to_path
 
     how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
     truth = None if reference is None else Reference.read(reference, how)
@@ -75,7 +75,7 @@ def command(
             shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
             click.echo(format_metrics(shown, outcome.spreads, to), nl=False)
         else:
-            from quadlog.pipelines.explain import explain_runs
+            from quadlog.pipelines.evaluation.metrics import explain_runs
 
             click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
     for line in outcome.failing:

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from quadlog.cli.completion import PlannerName, files
-from quadlog.cli.places import HERE, PLACE
-from quadlog.errors import UsageError
-from quadlog.stages import STAGES
-from quadlog.text import printable
+from quadlog.cli.terminal.parameters import HERE, PLACE, PlannerName, files
+from quadlog.errors import UsageError, printable
+from quadlog.results.run.stages import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from quadlog.pipelines.batch_plan import Previewed
-    from quadlog.pipelines.replay import ReplayOutcome
+    from quadlog.pipelines.batch.plan import Previewed
+    from quadlog.pipelines.request import ReplayOutcome
 
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
 PRESETS = ("paper",)
@@ -81,13 +79,12 @@ def command(
     if scheduler and jobs:
         raise UsageError("--scheduler and --jobs exclude each other: a cluster has the workers it has")
 
-    from quadlog.cli.batch_progress import open_batch_progress
-    from quadlog.cli.progress import open_progress
-    from quadlog.config_file import Flag, configure
-    from quadlog.pipelines.batch import replay_alone, replay_batch
-    from quadlog.pipelines.batch_plan import plan_batch, preview_batch
-    from quadlog.pipelines.engine.cores import cores
-    from quadlog.pipelines.replay import Existing, ReplayOptions
+    from quadlog.cli.terminal.progress_bars import open_batch_progress, open_progress
+    from quadlog.config.file import Flag, configure
+    from quadlog.pipelines.batch.batch import replay_alone, replay_batch
+    from quadlog.pipelines.batch.plan import plan_batch, preview_batch
+    from quadlog.pipelines.executor.machine import cores
+    from quadlog.pipelines.request import Existing, ReplayOptions
 
     flags = [
         Flag("--planner", "planner.name", planner),
@@ -128,8 +125,8 @@ def _print_plan(previewed: Sequence[Previewed], jobs: int | None, as_json: bool)
 
 def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
     """All in one line; a cluster's workers are not counted, so its time is that of one."""
-    from quadlog.cli.batch_progress import duration_words
-    from quadlog.pipelines.batch_plan import total_s
+    from quadlog.cli.terminal.progress_bars import duration_words
+    from quadlog.pipelines.batch.plan import total_s
 
     todo = [each for each in previewed if each.expected_s != 0.0]
     words = f"{len(todo)} of {len(previewed)} to replay, {sum(each.planned.size_bytes for each in todo) / 1e6:.1f} MB"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, say_skipped
 
 
 @click.command(name="report", short_help="Plots and pages again, from saved results.")
@@ -14,7 +14,7 @@ from quadlog.cli.places import HERE, say_skipped
 @click.option("--force", is_flag=True, expose_value=False, help="Taken, as by every command that writes; not needed.")
 def command(runs: tuple[Path, ...]) -> int:
     """Rebuild plots/ and report.html of run folders, or the page of a folder of runs; nothing is computed again."""
-    from quadlog.pipelines.reports import rebuild_reports
+    from quadlog.pipelines.report import rebuild_reports
 
     say_skipped(runs)
     for report in rebuild_reports(runs):

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.completion import files
-from quadlog.cli.places import HERE
+from quadlog.cli.terminal.parameters import HERE, files
 
 CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic")
 TERRAINS = ("flat", "3cm", "6cm")
@@ -73,11 +72,10 @@ def command(
     Its runs are OUTPUT/trot-32s/baseline and OUTPUT/trot-32s/3d-curve, of several --seeds the folders seed-000 and so
     on in these. Payload, leg masses, hips and the curve are set as in --set simulation.trot.payload_kg=1.2.
     """
-    from quadlog.cli.progress import open_progress
-    from quadlog.config_file import Flag, configure
-    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
-    from quadlog.pipelines.trot_32s import TrotRequest, trot_32s
-    from quadlog.results.walks_text import walks_text
+    from quadlog.cli.terminal.progress_bars import open_progress
+    from quadlog.config.file import Flag, configure
+    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, TrotRequest, simulate, trot_32s
+    from quadlog.results.text.walks import walks_text
 
     if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
         raise click.UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help.")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.places import HERE
-from quadlog.simulation.scenarios import SCENARIOS
+from quadlog.cli.terminal.parameters import HERE
+from quadlog.simulation.synthetic.registry import SCENARIOS
 
 MAX_DURATION_S = 3600.0
 MAX_AZIMUTH_STEPS = 4000
@@ -67,8 +67,8 @@ def command(
 
     corridor: round the bends of a corridor two metres wide.
     """
-    from quadlog.cli.progress import open_progress
-    from quadlog.pipelines.synthesize import make_recording, synthesize
+    from quadlog.cli.terminal.progress_bars import open_progress
+    from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 
     recording = make_recording(scenario, seed, duration_s, azimuth_steps)
     with open_progress() as progress:

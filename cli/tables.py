@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from quadlog.cli.places import HERE
+from quadlog.cli.terminal.parameters import HERE
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
-    from quadlog.results.paper_rows import PaperTable
-
+    from quadlog.results.papers.table import PaperTable
 
 NAMES = f"TABLE is any of {', '.join(TABLES)}; without one, all of them are made."
 HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV file, a LaTeX file and pictures for each.
@@ -32,8 +31,8 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
 @click.option("--force", is_flag=True, help="Replace what is there, if it would change.")
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
     """Make, write and print."""
-    from quadlog.cli.progress import open_progress
-    from quadlog.pipelines.paper_tables import make_tables
+    from quadlog.cli.terminal.progress_bars import open_progress
+    from quadlog.pipelines.tables.make_tables import make_tables
 
     with open_progress() as progress:
         tables = make_tables(names, output, fast=fast, seed=seed, force=force, progress=progress)
@@ -45,7 +44,7 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
 
 def print_table(table: PaperTable) -> None:
     """What the paper prints of a table, beside ours; all of ours where it prints nothing."""
-    from quadlog.results.paper_page import RIGHT, SHOWN, shown_cells
+    from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
 
     printed = [row for row in table.rows if row.paper is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")

@@ -10,8 +10,8 @@ from typing import Any
 
 import tomli_w
 
-from quadlog.config import Config
-from quadlog.config_file import PRESETS
+from quadlog.config.file import PRESETS
+from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.pipelines.tables.errata import errata_document
 
@@ -37,8 +37,8 @@ UNITS = {
 
 CONFIGURATION = """# Configuration
 
-Every key of `quadlog.toml`. `make docs` writes this page from the models in `quadlog/config.py` and
-`quadlog/config_control.py`; a test fails when it is out of date. `quadlog init RECORDING` writes a file with all of
+Every key of `quadlog.toml`. `make docs` writes this page from the models in `quadlog/config/schema.py` and
+`quadlog/config/control.py`; a test fails when it is out of date. `quadlog init RECORDING` writes a file with all of
 them, explained: what was detected in the recording is filled in, and defaults are comments.
 
 What counts more stands further right: defaults < file < `--preset` < environment < `--set` and options for single keys

@@ -13,7 +13,7 @@ from time import process_time
 from types import FrameType
 
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.pipelines.progress import peak_memory_mb
+from quadlog.pipelines.executor.progress import peak_memory_mb
 
 MOST_GROWTH_BYTES = 500 << 20
 _ADDRESS_SPACE_BYTES = 3 << 30

@@ -17,9 +17,9 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
 
 from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.simulation.lidar_sensor import Scan
-from quadlog.simulation.recording_writer import Db3Recording
-from quadlog.simulation.ros_encoding import TYPE_NAMES, Definition, RosEncoder
+from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, Definition, RosEncoder
+from quadlog.simulation.synthetic.writer import Db3Recording
 
 BASE_NS = 1_700_000_000 * 10**9
 MESSAGES = 24
@@ -35,7 +35,7 @@ class Encoded(NamedTuple):
     payload: bytes
 
 
-def _scene(t_ns: int, i: int) -> Iterator[tuple[str, Message | Scan]]:
+def _scene(t_ns: int, i: int) -> Iterator[tuple[str, Message | SimulatedScan]]:
     """One of every type that the encoder knows, as at the i-th instant."""
     rng = random.Random(i)
     level, zero = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
@@ -47,7 +47,7 @@ def _scene(t_ns: int, i: int) -> Iterator[tuple[str, Message | Scan]]:
         np.arange(8, dtype=np.uint16),
         np.arange(8, dtype=np.int64) * 1000,
     )
-    yield "/points", Scan(cloud, np.ones(8, np.float32), np.zeros(8, np.uint8), np.ones(8))
+    yield "/points", SimulatedScan(cloud, np.ones(8, np.float32), np.zeros(8, np.uint8), np.ones(8))
     yield "/uwb", UwbRanges(t_ns, 0, np.arange(4), np.array([3.0, 4.0, 5.0, 6.0]) + 0.1 * i)
     yield "/imu", Imu(t_ns, "base", level, np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 9.81]))
     yield "/odom", Odometry(t_ns, "odom", "base", place_m, level, np.array([0.5, 0.0, 0.0]), zero)
@@ -68,7 +68,7 @@ def walk(ros: int) -> tuple[Encoded, ...]:
     return _encode(ros, [each for each in scene if each[0] in ("/uwb", "/pose")])
 
 
-def _encode(ros: int, scene: list[tuple[str, Message | Scan]]) -> tuple[Encoded, ...]:
+def _encode(ros: int, scene: list[tuple[str, Message | SimulatedScan]]) -> tuple[Encoded, ...]:
     encoder = RosEncoder(1 if ros == 1 else 2)
     return tuple(
         Encoded(

@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from quadlog.config import Config
-from quadlog.config_file import commented_toml
-from quadlog.errors import AlreadyExists
+from quadlog.config.file import commented_toml
+from quadlog.config.schema import Config
+from quadlog.errors import AlreadyExists, printable
 from quadlog.messages import Float
-from quadlog.pipelines.opening import lidar_in_base, open_configured
-from quadlog.recordings.container import Loss
+from quadlog.pipelines.stages.ingest import lidar_in_base, open_configured
+from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey
-from quadlog.results.files import write_whole
-from quadlog.text import printable
+from quadlog.storage.atomic_write import write_whole
 
 SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
 

@@ -2,116 +2,32 @@
 
 from __future__ import annotations
 
-import enum
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
-from quadlog.config import Config
 from quadlog.errors import CannotWrite, ExitCode
-from quadlog.pipelines.progress import Progress, StageClock
-from quadlog.results.files import is_full
-from quadlog.results.record import InputRecord, describe_input
-from quadlog.results.stage_marks import MARKS_FILE
-from quadlog.stages import reused_words, stages_until
+from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
+from quadlog.results.run.record import InputRecord, describe_input
+from quadlog.results.run.stage_marks import MARKS_FILE
+from quadlog.results.run.stages import reused_words, stages_until
+from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.stages.first_compilation import Compilation
+    from quadlog.pipelines.executor.compilation import Compilation
+    from quadlog.pipelines.stages.context import ReplayContext
     from quadlog.pipelines.stages.ingest import Clouds
-    from quadlog.pipelines.stages.walk import Walk
-
-GOES_ON = "--resume goes on"
-
-
-class Existing(enum.Enum):
-    """What happens to a run folder that is already there."""
-
-    REFUSE = "refuse"
-    FORCE = "force"
-    RESUME = "resume"
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayOptions:
-    """What decides the result beside the recording and the configuration."""
-
-    stamp: Literal["header", "log"] = "header"
-    start_s: float | None = None
-    duration_s: float | None = None
-    until: str = "report"
-    seed: int = 0
-    msg_path: tuple[Path, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """As `run.json` keeps them."""
-        return {
-            "stamp": self.stamp,
-            "start_s": self.start_s,
-            "duration_s": self.duration_s,
-            "until": self.until,
-            "seed": self.seed,
-            "msg_path": [str(path) for path in self.msg_path],
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayRequest:
-    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made."""
-
-    recording: Path
-    run: Path
-    config: Config
-    options: ReplayOptions = ReplayOptions()
-    existing: Existing = Existing.REFUSE
-    command: tuple[str, ...] = ("quadlog", "replay")
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayOutcome:
-    """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why.
-
-    reused: stages that an earlier replay had done, all of them for a run that was finished already.
-    cost: of a replay in a batch, by the last columns of summary.parquet.
-    """
-
-    recording: Path
-    run: Path
-    exit_code: int
-    reason: str = ""
-    metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
-    reused: Sequence[str] = ()
-    refused: bool = False
-    cost: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
-        """A recording that could not be replayed; refused: because its run is there already, and stays."""
-        # The recording stands beside the reason wherever it is shown.
-        reason = reason.removeprefix(f"{request.recording}: ")
-        return cls(request.recording, request.run, ExitCode.FAILED, reason, refused=refused)
-
-    @property
-    def failed(self) -> bool:
-        """Whether there is no run of this request."""
-        return self.exit_code == ExitCode.FAILED
-
-    def to_dict(self) -> dict[str, Any]:
-        """One flat object: where, how it ended, and the metrics as plain numbers."""
-        values = {name: metric["value"] for name, metric in self.metrics.items()}
-        ended = {"exit_code": self.exit_code, "reason": self.reason}
-        return {"run": str(self.run), "recording": str(self.recording), **ended, **values}
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave."""
     described = _input_of_earlier(request) if request.existing is Existing.RESUME else None
     if described is not None:
-        from quadlog.pipelines.finished_runs import outcome_there, refuse_another
+        from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 
         if (finished := outcome_there(request, described)) is not None:
             progress.say(f"{request.run}: already done with the same input, config and version")
@@ -119,8 +35,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         refuse_another(request, described)
 
     from quadlog.pipelines.stages.ingest import open_walk
-    from quadlog.pipelines.stages.reuse import MarkedStages, find_reusable, stages_of
-    from quadlog.pipelines.stages.units import CONTROL, FILTER, MAP, PLAN, POSITION
+    from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, stages_of
+    from quadlog.pipelines.stages.stage import CONTROL, FILTER, MAP, PLAN, POSITION
     from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
@@ -164,7 +80,7 @@ def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
     described = _input_of_earlier(request)
     if described is None:
         return ()
-    from quadlog.pipelines.stages.reuse import find_reusable, stages_of
+    from quadlog.pipelines.stages.resume import find_reusable, stages_of
 
     return stages_of(find_reusable(request, described.identity))
 
@@ -195,7 +111,7 @@ def _clouds(todo: Sequence[str], reused: Sequence[str]) -> Clouds:
     return "filter" if "filter" in todo and "filter" not in reused else None
 
 
-def _locate(compiled: Compilation, walk: Walk) -> None:
+def _locate(compiled: Compilation, walk: ReplayContext) -> None:
     from quadlog.pipelines.stages.position import locate_walk
 
     if walk.streams.ranges is not None:
@@ -203,19 +119,19 @@ def _locate(compiled: Compilation, walk: Walk) -> None:
     locate_walk(walk)
 
 
-def _filter_and_map(walk: Walk) -> None:
+def _filter_and_map(walk: ReplayContext) -> None:
     from quadlog.pipelines.stages.perceive import filter_and_map
 
     filter_and_map(walk)
 
 
-def _filter(walk: Walk) -> None:
+def _filter(walk: ReplayContext) -> None:
     from quadlog.pipelines.stages.perceive import filter_scans
 
     filter_scans(walk)
 
 
-def _replan(compiled: Compilation, walk: Walk) -> None:
+def _replan(compiled: Compilation, walk: ReplayContext) -> None:
     from quadlog.pipelines.stages.plan import replan_walk
 
     if walk.target is not None:
@@ -223,7 +139,7 @@ def _replan(compiled: Compilation, walk: Walk) -> None:
     replan_walk(walk)
 
 
-def _resimulate(compiled: Compilation, walk: Walk) -> None:
+def _resimulate(compiled: Compilation, walk: ReplayContext) -> None:
     from quadlog.pipelines.stages.control import resimulate_walk
 
     if walk.target is not None:

@@ -18,17 +18,17 @@ from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from quadlog.errors import QuadlogError
-    from quadlog.pipelines.from_python import replay
+    from quadlog.pipelines.api import replay
     from quadlog.recordings.recording import Recording, open_recording
-    from quadlog.results.loaded_run import Run, load_run
+    from quadlog.results.run.loaded_run import Run, load_run
 
 _HOMES = {
     "QuadlogError": "quadlog.errors",
     "Recording": "quadlog.recordings.recording",
-    "Run": "quadlog.results.loaded_run",
-    "load_run": "quadlog.results.loaded_run",
+    "Run": "quadlog.results.run.loaded_run",
+    "load_run": "quadlog.results.run.loaded_run",
     "open_recording": "quadlog.recordings.recording",
-    "replay": "quadlog.pipelines.from_python",
+    "replay": "quadlog.pipelines.api",
 }
 
 __all__ = ["QuadlogError", "Recording", "Run", "__version__", "load_run", "open_recording", "replay"]

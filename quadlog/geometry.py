@@ -105,3 +105,53 @@ def seconds_since(t_ns: Int, start_ns: int) -> Float:
     """Nanoseconds as float seconds since start_ns, subtracted before the conversion so that no digit is lost."""
     seconds: Float = (np.asarray(t_ns, dtype=np.int64) - np.int64(start_ns)) * 1e-9
     return seconds
+
+
+def interpolate_poses(
+    t_ns_wanted: Int, t_ns: Int, xy_m: Float, yaw_rad: Float, max_gap_s: float
+) -> tuple[Float, Float, np.ndarray]:
+    """Position (W, 2), yaw (W,) and validity (W,) bool at t_ns_wanted (W,), from poses at t_ns (N,) increasing.
+
+    Linear between the two neighbours, yaw along the shorter way round. Valid
+    where both lie within max_gap_s; before the first and after the last pose
+    that pose is held for max_gap_s. What is not valid is NaN.
+    """
+    if len(t_ns) == 0:
+        nowhere = np.full((len(t_ns_wanted), 3), np.nan)
+        return nowhere[:, :2], nowhere[:, 2], np.zeros(len(t_ns_wanted), dtype=np.bool_)
+    before = np.maximum(np.searchsorted(t_ns, t_ns_wanted, side="right") - 1, 0)
+    after = np.minimum(np.searchsorted(t_ns, t_ns_wanted, side="left"), len(t_ns) - 1)
+    since_ns, until_ns = t_ns_wanted - t_ns[before], t_ns[after] - t_ns_wanted
+    valid = np.maximum(np.abs(since_ns), np.abs(until_ns)) <= max_gap_s * 1e9
+    between_ns = t_ns[after] - t_ns[before]
+    # Where both neighbours are one pose, it is held.
+    share = np.where(between_ns > 0, since_ns, 0) / np.maximum(between_ns, 1)
+    xy = xy_m[before] + share[:, None] * (xy_m[after] - xy_m[before])
+    yaw = wrap_angle(yaw_rad[before] + share * wrap_angle(yaw_rad[after] - yaw_rad[before]))
+    xy[~valid], yaw[~valid] = np.nan, np.nan
+    return xy, yaw, valid
+
+
+def tag_to_base(tag_m: Float, yaw_rad: Float, x_m: float, y_m: float) -> Float:
+    """Positions (N, 2) of base in map, from those of a tag that sits at (x_m, y_m) in base, and yaw (N,)."""
+    return tag_m - _turned(yaw_rad, x_m, y_m)
+
+
+def base_to_tag(base_m: Float, yaw_rad: Float, x_m: float, y_m: float) -> Float:
+    """Positions (N, 2) of the tag in map, from those of base: the reverse of tag_to_base."""
+    return base_m + _turned(yaw_rad, x_m, y_m)
+
+
+def base_covariance(tag_covariance_m2: Float, yaw_rad: Float, yaw_std_rad: Float, x_m: float, y_m: float) -> Float:
+    """Covariance (N, 2, 2) of tag_to_base's positions, from that of the tag's (N, 2, 2) and the std (N,) of yaw.
+
+    To first order, with J = -dR/dyaw (x_m, y_m): the errors of tag and yaw are taken to be independent.
+    """
+    along_m = _turned(yaw_rad, y_m, -x_m) * yaw_std_rad[:, None]
+    covariance: Float = tag_covariance_m2 + along_m[:, :, None] * along_m[:, None, :]
+    return covariance
+
+
+def _turned(yaw_rad: Float, x_m: float, y_m: float) -> Float:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m], axis=-1)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from quadlog import plugins
+from quadlog.config import plugins
 
 Installer = Callable[..., Path]
 

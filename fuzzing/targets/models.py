@@ -7,8 +7,8 @@ from pathlib import Path
 
 def models(folder: Path, data: bytes) -> None:
     """As far as standing on the ground."""
-    from quadlog.simulation.ground import flat
-    from quadlog.simulation.user_model import load_user_model
+    from quadlog.simulation.robot.height_field import flat
+    from quadlog.simulation.robot.user_model import load_user_model
 
     path = folder / "robot.xml"
     path.write_bytes(data)
@@ -17,8 +17,8 @@ def models(folder: Path, data: bytes) -> None:
 
 def model_seeds() -> list[bytes]:
     """The own robot of quadlog, and the least of one as URDF."""
-    from quadlog.locomotion.robot import ROBOTS
-    from quadlog.simulation.quadruped_model import mjcf
+    from quadlog.control.locomotion.robot import ROBOTS
+    from quadlog.simulation.robot.model import mjcf
 
     parts = [_link("base", _inertial(9.0, 0.5))]
     for leg, x_m, y_m in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1), ("RR", -0.2, -0.1)):

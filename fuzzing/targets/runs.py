@@ -17,24 +17,24 @@ import pyarrow.parquet as pq
 
 from fuzzing.oracles import command, expect, replaced
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.results.derived_mcap import write_derived
-from quadlog.results.loaded_run import load_run
-from quadlog.results.maps import MapsWriter, load_maps
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.rosmap import write_rosmap
-from quadlog.results.run_folder import RunFolder
-from quadlog.results.samples import (
+from quadlog.results.foxglove.derived_mcap import write_derived
+from quadlog.results.run.loaded_run import load_run
+from quadlog.results.run.maps import (
     CloudSample,
     GroundMap,
+    MapsWriter,
+    load_maps,
     read_cloud_samples,
     read_ground,
     write_cloud_samples,
     write_ground,
 )
-from quadlog.results.schemas import TABLES
-from quadlog.results.stage_marks import FileMark, StageMark, read_marks, write_marks
-from quadlog.results.tables import write_table
-from quadlog.results.tum import write_tum
+from quadlog.results.run.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.stage_marks import FileMark, StageMark, read_marks, write_marks
+from quadlog.results.run.tables import TABLES, write_table
+from quadlog.storage.formats.ros_map import write_rosmap
+from quadlog.storage.formats.tum import write_tum
 
 _ROWS = 12
 _START_NS = 1_700_000_000 * 10**9

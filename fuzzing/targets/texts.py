@@ -7,17 +7,18 @@ from pathlib import Path
 from zlib import crc32
 
 from fuzzing.oracles import command, expect
-from quadlog.config import Config
-from quadlog.config_file import commented_toml, load_config
+from quadlog.config.file import commented_toml, load_config
+from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
-from quadlog.map_files.movingai import read_movingai_map, read_movingai_scen
-from quadlog.map_files.ros_map import read_rosmap
 from quadlog.recordings.find import find_recordings
-from quadlog.results.expectations import read_expectations
-from quadlog.results.path_file import read_path
-from quadlog.results.schemas import METRIC_NAMES
-from quadlog.results.tum import read_tum
-from quadlog.storage.urls import is_url, redacted, redacted_text, to_path
+from quadlog.results.compare.expectations import read_expectations
+from quadlog.results.run.tables import METRIC_NAMES
+from quadlog.storage.formats.movingai import read_movingai_map, read_movingai_scen
+from quadlog.storage.formats.path_file import read_path
+from quadlog.storage.formats.ros_map import read_rosmap
+from quadlog.storage.formats.tum import read_tum
+from quadlog.storage.remote_path import to_path
+from quadlog.storage.urls import is_url, redacted, redacted_text
 
 
 def toml(folder: Path, data: bytes) -> None:

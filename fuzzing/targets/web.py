@@ -10,9 +10,9 @@ from pathlib import Path
 
 from fuzzing import seeds
 from fuzzing.oracles import expect
-from quadlog.recordings.open_container import open_container
-from quadlog.storage import web_object
-from quadlog.storage.urls import to_path
+from quadlog.recordings.containers.open import open_container
+from quadlog.storage import remote_object as web_object
+from quadlog.storage.remote_path import to_path
 
 _RANGE = re.compile(rb"[Rr]ange: bytes=(\d+)-(\d+)")
 _HEADS = (

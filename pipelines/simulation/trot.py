@@ -8,23 +8,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.config_control import Simulation
+from quadlog.config.control import Simulation
+from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
 from quadlog.errors import InvalidConfigValue
-from quadlog.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
 from quadlog.messages import Float
-from quadlog.metrics.drift import TrottedWalk, drift_metrics
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.simulation.quadruped_model import QuadrupedModel
-from quadlog.simulation.trot_draws import draw_trot
-from quadlog.simulation.trot_robot import TrotRobot, gravity_moment_nm, hip_inertia_kgm2, trot_model
-from quadlog.simulation.trot_walk import (
+from quadlog.metrics.walking import TrottedWalk, drift_metrics
+from quadlog.simulation.robot.model import QuadrupedModel
+from quadlog.simulation.robot.trot import (
     PAIRS,
     PERIOD_S,
     REST_S,
     SAMPLES_HZ,
     OutOfReach,
+    TrotRobot,
     TrotWalk,
+    draw_trot,
+    gravity_moment_nm,
+    hip_inertia_kgm2,
     joint_targets,
+    trot_model,
     walk_trot,
 )
 

@@ -8,33 +8,32 @@ from pathlib import Path
 
 import numpy as np
 
-from quadlog.map_files.ros_map import read_rosmap
-from quadlog.mapping.accumulated import OCCUPIED
-from quadlog.mapping.window import crop, window_at
+from quadlog.mapping.accumulated_map import OCCUPIED
+from quadlog.mapping.grid import crop, window_at
 from quadlog.messages import Float
-from quadlog.pipelines.simulation.one_walk import solver_counts
-from quadlog.pipelines.simulation.seen_ground import seen_ground
-from quadlog.pipelines.simulation.settings import (
+from quadlog.pipelines.simulation.courses import seen_ground
+from quadlog.pipelines.simulation.walk import (
     check_rate,
     disturbance_settings,
     lookahead_control,
     robot_model,
+    solver_counts,
     walker_settings,
 )
+from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
 from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
-from quadlog.pipelines.stages.walk import Walk, WalkedBody
 from quadlog.planning.replan import Replanner
-from quadlog.results.maps import load_maps
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import write_table
-from quadlog.simulation.courses import SPEED_MPS
-from quadlog.simulation.ground import Ground, flat
+from quadlog.results.run.maps import load_maps
+from quadlog.results.run.tables import TABLES, write_table
+from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
-from quadlog.simulation.unicycle_robot import UnicycleRobot
-from quadlog.simulation.walking_robot import WalkingRobot
+from quadlog.simulation.robot.height_field import HeightField, flat
+from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
+from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.storage.formats.ros_map import read_rosmap
 
 
-def resimulate_walk(walk: Walk) -> None:
+def resimulate_walk(walk: ReplayContext) -> None:
     """control, clearances, resim_plans and resim_paths; nothing without a target or a controller."""
     config = walk.config
     maps = load_maps(walk.run.path)
@@ -81,7 +80,7 @@ def _with_what_stands(run: Path) -> Iterator[MapInstant]:
         yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
 
 
-def _robot(walk: Walk, start_pose: Float) -> WalkingRobot | UnicycleRobot:
+def _robot(walk: ReplayContext, start_pose: Float) -> WalkingRobot | UnicycleRobot:
     """A robot with a body on the ground that the run saw, or one without."""
     config = walk.config
     rng = np.random.default_rng([walk.seed, *b"resimulation"])
@@ -93,7 +92,7 @@ def _robot(walk: Walk, start_pose: Float) -> WalkingRobot | UnicycleRobot:
     return WalkingRobot(model, walker_settings(config, model.robot), start_pose, rng, disturbances)
 
 
-def _ground(walk: Walk) -> Ground:
+def _ground(walk: ReplayContext) -> HeightField:
     """The run's own height map where it has one that feet can stand on, else a plane, which is said."""
     seen = seen_ground(walk.run.path)
     if seen is None:
@@ -106,7 +105,7 @@ def _ground(walk: Walk) -> Ground:
     return seen.ground
 
 
-def _settings(walk: Walk) -> PursuitSettings:
+def _settings(walk: ReplayContext) -> PursuitSettings:
     pursuit, robot = walk.config.pursuit, walk.config.robot
     return PursuitSettings(
         speed_mps=SPEED_MPS if pursuit.speed_mps is None else pursuit.speed_mps,

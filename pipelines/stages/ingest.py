@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,30 +11,98 @@ from typing import TYPE_CHECKING, Literal, TypedDict
 
 import numpy as np
 
-from quadlog.config import Config, Mount
+from quadlog.config.schema import Config, Mount
 from quadlog.errors import AmbiguousTopic, EmptyWindow, NothingReadable, QuadlogError
 from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
-from quadlog.pipelines.opening import imu_in_base, lidar_in_base, open_configured
-from quadlog.pipelines.progress import Progress, StageClock
-from quadlog.pipelines.stages.one_pass import read_all, read_small
-from quadlog.pipelines.stages.scans import Scanner, ScanSettings
-from quadlog.pipelines.stages.spill import Spill
-from quadlog.pipelines.stages.tilt import Tilt
+from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
+from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
+from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
 from quadlog.pipelines.stages.uwb import wants_uwb
-from quadlog.pipelines.stages.walk import Walk, needed_lidar
-from quadlog.recordings.recording import Recording
+from quadlog.recordings.clock import Stamp
+from quadlog.recordings.gathering import One
+from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.results.record import InputRecord, describe_file, describe_input_aside
-from quadlog.results.run_folder import RunFolder
-from quadlog.stages import stages_until
-from quadlog.storage.byte_source import LocalBytes
+from quadlog.results.run.record import InputRecord, describe_file, describe_input_aside
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.stages import stages_until
+from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.replay import ReplayRequest
+    from quadlog.pipelines.request import ReplayRequest
+
+
+def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
+    """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
+    return open_recording(
+        path,
+        stamp=stamp,
+        msg_path=msg_path,
+        range_topics={each.topic: (each.tag, each.anchor) for each in config.uwb.range_topics},
+        anchor_ids=[anchor.id for anchor in config.uwb.anchors],
+    )
+
+
+def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, base_frame: str = "") -> Float | None:
+    """(4, 4) transform_lidar_to_base through static tf, None where the frames do not connect."""
+    base = tree.base_frame(base_frame)
+    if topic is None or base is None:
+        return None
+    clouds = [each for each in recording.sample(topic, 1) if isinstance(each, PointCloud)]
+    return tree.static_transform(clouds[0].frame_id, base) if clouds else None
+
+
+MOST_WAITING = 8
+"""Clouds that wait at most: those logged long before their stamps are classified with the tilt known then."""
+
+
+def read_small(recording: Recording, wanted: Gatherer, window: tuple[int | None, int | None]) -> None:
+    """The small topics alone."""
+    for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
+        wanted.take(gathered, recording.stamp)
+
+
+def read_all(
+    recording: Recording,
+    wanted: Gatherer,
+    lidar: str,
+    window: tuple[int | None, int | None],
+    scanner: Scanner,
+    tilt: Tilt,
+    clock: StageClock,
+    progress: Progress,
+) -> int | None:
+    """The small topics, and every cloud of a lidar, which waits until the body's tilt is known up to its last point.
+
+    Returns the instant of the first cloud, None where there was none.
+    """
+    start_ns: int | None = None
+    waiting: deque[tuple[int, PointCloud]] = deque()
+    with clock.laps("ingest", "filter") as lap:
+        for gathered in recording.gathered([*wanted.moving, lidar], tilt.topics(wanted.moving_tf), *window):
+            if gathered.topic != lidar:
+                wanted.take(gathered, recording.stamp)
+                tilt.take(gathered)
+                continue
+            if not isinstance(gathered, One) or not isinstance(gathered.message, PointCloud):
+                continue
+            lap("ingest")
+            t_ns = gathered.t_ns
+            start_ns = t_ns if start_ns is None else start_ns
+            waiting.append((t_ns, gathered.message))
+            while len(waiting) > MOST_WAITING or (waiting and tilt.reaches(end_of_sweep_ns(*waiting[0]))):
+                scanner.take(*waiting.popleft())
+            progress.advance((t_ns - start_ns) * 1e-9)
+            lap("filter")
+        for each in waiting:
+            scanner.take(*each)
+        lap("filter")
+    return start_ns
+
 
 Clouds = Literal["filter", "map"] | None
 
@@ -46,13 +115,13 @@ def open_walk(
     described: InputRecord | None = None,
     clouds: Clouds = None,
     before_clouds: Callable[[], None] = lambda: None,
-) -> Iterator[Walk]:
+) -> Iterator[ReplayContext]:
     """The recording opened and read, in one pass; its run folder is taken before, and given back if that fails.
 
     described: the input, where it is known already. clouds: whether they are classified, and kept for maps, too.
     before_clouds: called before the first of them is read, where they are.
     """
-    from quadlog.pipelines.replay import Existing
+    from quadlog.pipelines.request import Existing
 
     progress.begin("ingest", None)
     with clock.stage("ingest"):
@@ -98,7 +167,7 @@ def _read(
     stack: ExitStack,
     clock: StageClock,
     progress: Progress,
-) -> Walk:
+) -> ReplayContext:
     """The walk with all that is read of the recording; the stack gives back what is kept of its clouds."""
     config, options = request.config, request.options
     with clock.stage("ingest"):
@@ -128,7 +197,7 @@ def _read(
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
         first_ns, last_ns = _seen(recording, roles, streams, window, first_cloud_ns)
         described = describe()
-    return Walk(
+    return ReplayContext(
         config=config,
         seed=options.seed,
         run=run,
@@ -182,7 +251,7 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     }
 
 
-def _tell_ambiguities(walk: Walk) -> None:
+def _tell_ambiguities(walk: ReplayContext) -> None:
     """A replay can do without a reference, but not without saying that there was a choice."""
     if choices := walk.roles.choices("reference"):
         walk.warn(f"no reference is used: {choices}")

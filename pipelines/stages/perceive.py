@@ -6,39 +6,77 @@ Scans were classified when they were read. Now that positions are known, each is
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
-from quadlog.config import Config
-from quadlog.lidar.classify import FEWEST_RETURNS
-from quadlog.lidar.deskew import Skewed
-from quadlog.lidar.ground import is_level
-from quadlog.lidar.points import PointClass
-from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.config.schema import Config
+from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
+from quadlog.lidar.deskew import Skewed, slot_poses
+from quadlog.lidar.ransac_plane import is_level
+from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
 from quadlog.mapping.compact import CompactScan
-from quadlog.mapping.ground_height import GroundHeight
+from quadlog.mapping.grid import window_around
 from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
 from quadlog.mapping.placing import ScanPlacer
-from quadlog.mapping.window import window_around
-from quadlog.messages import Float
-from quadlog.pipelines.stages.scan_poses import ScanPoses, deskewed
+from quadlog.messages import Float, Int
+from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
-from quadlog.pipelines.stages.walk import Walk
-from quadlog.results.maps import MapsWriter
-from quadlog.results.rosmap import write_rosmap
-from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import TableWriter
+from quadlog.results.run.maps import CloudSample, GroundMap, MapsWriter, write_cloud_samples, write_ground
+from quadlog.results.run.tables import TABLES, TableWriter
+from quadlog.storage.formats.ros_map import write_rosmap
+
+
+class ScanPoses:
+    """Poses at stamps and time slots; skewed counts the scans that keep the robot's motion, and why."""
+
+    def __init__(self, walk: ReplayContext) -> None:
+        self.skewed: Counter[Skewed] = Counter()
+        self._robot, self._gap_s = walk.robot, walk.config.lidar.pose_gap_s
+        self._moves = walk.robot is not None and walk.robot.source != "fixed"
+
+    def of(self, rows: Sequence[ScanRow]) -> list[tuple[Float, Float]]:
+        """For each scan the pose (3,) x, y, yaw at its stamp, and those (K, 3) at its slots; NaN where none is near."""
+        bounds = np.cumsum([0, *(1 + len(row.slot_ns) for row in rows)]).tolist()
+        found = self._poses(np.concatenate([part for row in rows for part in ([row.t_ns], row.slot_ns)]))
+        poses = []
+        for row, begin, end in zip(rows, bounds[:-1], bounds[1:], strict=True):
+            at_slots, skewed = slot_poses(row.t_ns, row.slot_ns, found[begin:end])
+            reason = row.skewed or (skewed if self._moves else Skewed.NO_TIMES)
+            if reason is not None and not row.shows_nothing:
+                self.skewed[reason] += 1
+            poses.append((found[begin], at_slots))
+        return poses
+
+    def at(self, t_ns: int, slot_ns: Int) -> tuple[Float, Float]:
+        """The same of one scan, which is not counted."""
+        found = self._poses(np.concatenate([[t_ns], slot_ns]))
+        return found[0], slot_poses(t_ns, slot_ns, found)[0]
+
+    def _poses(self, t_ns: Int) -> Float:
+        if self._robot is None:
+            return np.full((len(t_ns), 3), np.nan)
+        return self._robot.poses_at(np.asarray(t_ns, dtype=np.int64), self._gap_s)
+
+
+def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
+    """Points (N, 3) of base, each by the pose of its time slot (N,) of slot_pose (K, 3), in base at a pose (3,)."""
+    cos, sin = np.cos(slot_pose[:, 2])[slot], np.sin(slot_pose[:, 2])[slot]
+    x_m, y_m = slot_pose[slot, :2].T - pose[:2, None]
+    x_m, y_m = x_m + cos * xyz_m[:, 0] - sin * xyz_m[:, 1], y_m + sin * xyz_m[:, 0] + cos * xyz_m[:, 1]
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.column_stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, xyz_m[:, 2]]).astype(np.float32)
+
 
 AT_ONCE = 64
 """Scans whose poses are looked up together."""
 
 
-def filter_scans(walk: Walk) -> None:
+def filter_scans(walk: ReplayContext) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
     with walk.clock.laps("filter"):
         scanner = _begin(walk)
@@ -48,7 +86,7 @@ def filter_scans(walk: Walk) -> None:
         _end(walk, scanner, poses)
 
 
-def filter_and_map(walk: Walk) -> None:
+def filter_and_map(walk: ReplayContext) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
     grid = walk.config.grid
     shape = (grid.size_cells, grid.size_cells)
@@ -91,7 +129,7 @@ def make_memory(config: Config) -> Memory:
     return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
 
 
-def _begin(walk: Walk) -> Scanner:
+def _begin(walk: ReplayContext) -> Scanner:
     """What the pass over the recording has kept."""
     assert walk.scanner is not None
     walk.use("lidar")
@@ -101,7 +139,7 @@ def _begin(walk: Walk) -> Scanner:
     return walk.scanner
 
 
-def _filtered(walk: Walk, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, Float, Float]]:
+def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, Float, Float]]:
     """Every scan, whose row is kept, with the poses (3,) at its stamp and (K, 3) at its time slots."""
     scans = map(ScanRow.from_bytes, scanner.spill)
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
@@ -114,14 +152,14 @@ def _filtered(walk: Walk, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[
                 walk.progress.advance((row.t_ns - walk.first_ns) * 1e-9)
 
 
-def _end(walk: Walk, scanner: Scanner, poses: ScanPoses) -> None:
+def _end(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> None:
     samples = [_sample(each, *poses.at(each.t_ns, each.slot_ns)) for each in scanner.samples.kept()]
     write_cloud_samples(walk.run.path, samples, [each.name.lower() for each in PointClass])
     _tell_routes(walk, scanner, poses.skewed)
     _tell_of_scans(walk)
 
 
-def _count_scan(walk: Walk, row: ScanRow) -> None:
+def _count_scan(walk: ReplayContext, row: ScanRow) -> None:
     walk.count("scans")
     if row.shows_nothing:
         walk.count("scans_without_points")
@@ -131,7 +169,7 @@ def _count_scan(walk: Walk, row: ScanRow) -> None:
         walk.count("scans_with_steep_ground")
 
 
-def _tell_routes(walk: Walk, scanner: Scanner, skewed: Counter[Skewed]) -> None:
+def _tell_routes(walk: ReplayContext, scanner: Scanner, skewed: Counter[Skewed]) -> None:
     """How scans were looked at, and how many were taken as they came although they should not have been."""
     routes, tilted = scanner.tally.routes, scanner.tally.tilted
     n = routes.total()
@@ -146,7 +184,7 @@ def _tell_routes(walk: Walk, scanner: Scanner, skewed: Counter[Skewed]) -> None:
         walk.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
 
 
-def _tell_of_scans(walk: Walk) -> None:
+def _tell_of_scans(walk: ReplayContext) -> None:
     """What was odd about some of the scans, a line for each kind."""
     said = {
         "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
@@ -161,7 +199,9 @@ def _tell_of_scans(walk: Walk) -> None:
             walk.warn(f"{count} of {n} scans: {text}" + (f" ({walk.lidar_topic()}: {why})" if count == n else ""))
 
 
-def _map_scan(walk: Walk, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: _Mapper) -> None:
+def _map_scan(
+    walk: ReplayContext, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: _Mapper
+) -> None:
     if row.shows_nothing:
         return
     if not np.isfinite(pose).all():
@@ -178,7 +218,7 @@ def _map_scan(walk: Walk, row: ScanRow, pose: Float, slot_pose: Float, maps: Map
         mapper.ground.add(scan, slot_pose)
 
 
-def _write_maps(walk: Walk, mapper: _Mapper) -> None:
+def _write_maps(walk: ReplayContext, mapper: _Mapper) -> None:
     whole = mapper.whole.to_cells()
     if whole is not None:
         cells, window = whole

@@ -9,20 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from quadlog.config import Config
-from quadlog.mapping.window import window_at
-from quadlog.pipelines.stages.walk import Walk
+from quadlog.config.schema import Config
+from quadlog.mapping.grid import window_at
+from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
 from quadlog.planning.rules import Rules
-from quadlog.results.maps import load_maps
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import TableWriter
+from quadlog.results.run.maps import load_maps
+from quadlog.results.run.tables import TABLES, TableWriter
 from quadlog.simulation.resimulation import MapInstant
 
 
-def replan_walk(walk: Walk) -> None:
+def replan_walk(walk: ReplayContext) -> None:
     """plans, paths and astar, from the saved maps; nothing when nothing is followed, which is said."""
     if walk.target is None:
         walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
@@ -95,7 +94,7 @@ def configured_planner(config: Config) -> Planner:
     return make_planner(config.planner.name, Rules(corner_cutting=config.planner.corner_cutting))
 
 
-def replan_settings(walk: Walk) -> ReplanSettings:
+def replan_settings(walk: ReplayContext) -> ReplanSettings:
     """The sections grid, planner and smoothing as the algorithms take them."""
     config: Config = walk.config
     keeps_away = walk.target is not None and walk.target.has_body

@@ -3,32 +3,110 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple, Self
+from pathlib import Path
+from tempfile import SpooledTemporaryFile
+from types import TracebackType
+from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config import Config
-from quadlog.lidar.classify import FEWEST_RETURNS
+from quadlog.config.schema import Config
+from quadlog.lidar.classified_scan import FEWEST_RETURNS, ClassifiedReturns, PointClass
 from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_slots
-from quadlog.lidar.ground import Ground
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.lidar.paper import PaperSettings
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.range_image import RangeImageSettings
-from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.paper_method import PaperSettings
+from quadlog.lidar.range_image_method import RangeImageSettings
+from quadlog.lidar.ransac_plane import GroundPlane
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.compact import CompactSettings, ScanCompactor, reach_of
 from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.messages import Float, Int, PointCloud
-from quadlog.pipelines.stages.sampling import EvenSample
-from quadlog.pipelines.stages.spill import Spill
 from quadlog.pipelines.stages.tilt import Tilt
+from quadlog.storage.atomic_write import part_prefix
+
+Item = TypeVar("Item")
+
+
+class EvenSample(Generic[Item]):
+    """Keeps every 2^k-th item, k growing with the stream, so that at most twice `wanted` are ever held."""
+
+    def __init__(self, wanted: int) -> None:
+        self._wanted = wanted
+        self._stride, self._seen = 1, 0
+        self._held: list[Item] = []
+
+    def offer(self, make: Callable[[], Item]) -> None:
+        """The next item of the stream; `make` is called only when it is kept."""
+        if self._wanted and self._seen % self._stride == 0:
+            if len(self._held) == 2 * self._wanted:
+                self._held = self._held[::2]
+                self._stride *= 2
+            if self._seen % self._stride == 0:
+                self._held.append(make())
+        self._seen += 1
+
+    def kept(self) -> list[Item]:
+        """At most `wanted` items, spread over the stream, the first one among them."""
+        if len(self._held) <= self._wanted:
+            return self._held
+        step = len(self._held) / self._wanted
+        return [self._held[int(index * step)] for index in range(self._wanted)]
+
+
+MOST_IN_MEMORY_BYTES = 16 << 20
+_LENGTH = struct.Struct("<Q")
+
+
+class Spill:
+    """Records of bytes, read back in the order in which they were written.
+
+    Up to a bound they stay in memory, then they go to a file in `folder` that has no name: it is gone with the process,
+    however that ends. Where the system knows no such files it has the name of an unfinished file for an instant.
+    Raises OSError when the disk is full.
+    """
+
+    def __init__(self, folder: Path, most_in_memory_bytes: int = MOST_IN_MEMORY_BYTES) -> None:
+        own = part_prefix(os.getpid())
+        self._file = SpooledTemporaryFile(most_in_memory_bytes, dir=str(folder), prefix=own, suffix=".part")  # noqa: SIM115
+        self._count = 0
+
+    def append(self, *parts: bytes) -> None:
+        """One record, made of parts."""
+        self._file.write(_LENGTH.pack(sum(map(len, parts))))
+        for part in parts:
+            self._file.write(part)
+        self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[bytes]:
+        self._file.seek(0)
+        for _ in range(self._count):
+            (length,) = _LENGTH.unpack(self._file.read(_LENGTH.size))
+            yield self._file.read(length)
+        self._file.seek(0, os.SEEK_END)
+
+    def close(self) -> None:
+        """Give the room back."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
 
 ROUTE_WORDS = {
     "rings": "by the beams their points name",
@@ -68,9 +146,9 @@ class ScanRow(NamedTuple):
         return self.n_ground + self.n_obstacle < FEWEST_RETURNS
 
     @property
-    def ground(self) -> Ground | None:
+    def ground(self) -> GroundPlane | None:
         """The plane, without its inliers."""
-        return Ground(np.array(self.normal), self.d_m, np.empty(0, np.bool_)) if self.ground_found else None
+        return GroundPlane(np.array(self.normal), self.d_m, np.empty(0, np.bool_)) if self.ground_found else None
 
     def append_to(self, spill: Spill) -> None:
         """Write it down."""

@@ -6,14 +6,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadlog.config import Config
+from quadlog.config.schema import Config
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
-from quadlog.messages import Float, Imu, Int, Odometry, Pose
-from quadlog.pipelines.opening import imu_mount
+from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose
+from quadlog.recordings.clock import increasing_rows
 from quadlog.recordings.gathering import Gathered, One
-from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
+
+
+def imu_mount(frame_id: str, tree: TransformTree, base_frame: str = "") -> Float | None:
+    """(3, 3) rotation from an IMU's frame to base through static tf; None where it is not told, or is no rotation."""
+    base = tree.base_frame(base_frame)
+    mount = None if base is None else tree.static_transform(frame_id, base)
+    return None if mount is None or np.array_equal(mount[:3, :3], np.eye(3)) else mount[:3, :3]
+
+
+def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
+    """The same turned into base's axes, where static tf tells how the IMU is mounted; else as it came."""
+    mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
+    if mount is None or base is None:
+        return imu
+    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
+
+    imu_to_base = Rotation.from_matrix(mount)
+    quat_xyzw = imu.quat_xyzw
+    if quat_xyzw is not None:
+        real = np.abs(quat_xyzw).max(axis=1) > 0
+        turned = Rotation.from_quat(quat_xyzw[real]) * imu_to_base.inv()
+        quat_xyzw = np.zeros_like(quat_xyzw)
+        quat_xyzw[real] = turned.as_quat()
+    return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)
+
 
 LOOKED_AT = 50
 """Messages at the beginning by which an IMU's orientation is seen to be there, and to change."""

@@ -4,21 +4,230 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from quadlog.config import Config
+from quadlog.config.schema import Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import RangeSeries
-from quadlog.pipelines.stages.survey import tell_survey
-from quadlog.pipelines.stages.uwb_tables import write_uwb_tables
-from quadlog.pipelines.stages.uwb_words import tell_located
-from quadlog.pipelines.stages.walk import Walk
-from quadlog.pipelines.tag_roles import roles_of
-from quadlog.positioning.body_motion import BodyMotion
+from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages.tag_errors import TagErrors, dilution_of, errors_of_tags, levers_on_robot, roles_of
+from quadlog.positioning.anchor_bias import AnchorBias
+from quadlog.positioning.anchor_survey import SurveyCheck, TagEpochs, check_survey
+from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
+from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import TableWriter
+from quadlog.results.run.maps import DilutionGrid, write_dilution
+from quadlog.results.run.tables import TABLES, TableWriter
+
+
+def tell_survey(walk: ReplayContext, located: Located, anchors: Anchors, settings: LocateSettings) -> None:
+    """Warn of anchors that seem to be swapped or at another place."""
+    for text in survey_warnings(check_located(located, anchors, settings), anchors):
+        walk.warn(text)
+
+
+def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyCheck:
+    """The check, by all tags that were located."""
+    logs = [
+        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
+        for result in located.tags
+    ]
+    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
+
+
+def survey_warnings(check: SurveyCheck, anchors: Anchors) -> list[str]:
+    """A line for each thing that seems to be wrong; several are alternatives."""
+    ids = anchors.ids.tolist()
+    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in check.swapped]
+    for steps in check.turned:
+        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
+    for shifted in check.shifted:
+        x_m, y_m = shifted.place_m
+        texts.append(
+            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
+            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
+        )
+    if len(texts) > 1:
+        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+    return texts
+
+
+DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
+
+
+def write_uwb_tables(walk: ReplayContext, uwb: UwbPositions) -> None:
+    """The links of every tag, the geometry's dilution, and the errors of the tags that sit on the robot."""
+    _write_links(walk, uwb)
+    robot_tag = None if uwb.robot is None else uwb.robot.tag
+    dilution = dilution_of(uwb.located, robot_tag, walk.config, DILUTION_ROWS, DILUTION_COLUMNS)
+    if dilution is not None:
+        grid = DilutionGrid(dilution.origin_m, dilution.cell_m, dilution.tag_height_m, dilution.hdop)
+        write_dilution(walk.run.path, grid)
+    errors = errors_of_tags(uwb.located, levers_on_robot(walk.config, robot_tag), walk.streams.reference)
+    if errors:
+        _write_errors(walk.run.path, errors)
+
+
+def _write_links(walk: ReplayContext, uwb: UwbPositions) -> None:
+    """A row for every tag and configured anchor, also a silent one."""
+    config, streams = walk.config, walk.streams
+    assert streams.ranges is not None
+    anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
+    places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
+    with TableWriter(walk.run.path / "links.parquet", TABLES["links"]) as links:
+        for result in uwb.located.tags:
+            quality = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+            columns = {
+                "tag": result.tag,
+                "anchor": anchor_ids,
+                "n": quality.n,
+                "residual_rms_m": quality.residual_rms_m,
+                "residual_median_m": quality.residual_median_m,
+                "bias_m": quality.bias_m,
+                "bias_std_m": quality.bias_std_m,
+                "bias_applied": quality.bias_applied,
+                "why_not": np.array(quality.why_not),
+                "nlos_share": quality.nlos_share,
+                "weak_first_path_share": weak_first_path_share(
+                    streams.ranges, streams.range_gap_db, result.tag, anchor_ids
+                ),
+            }
+            links.append(places | columns)
+
+
+def _write_errors(run: Path, errors: dict[int, TagErrors]) -> None:
+    with TableWriter(run / "uwb_errors.parquet", TABLES["uwb_errors"]) as table:
+        for tag, of_tag in errors.items():
+            for source, part in (("fixes", of_tag.fixes), ("track", of_tag.track)):
+                error_x_m, error_y_m = part.error_m.T
+                columns = {"error_x_m": error_x_m, "error_y_m": error_y_m, "bound_m": part.bound_m}
+                table.append({"t_ns": part.t_ns, "tag": tag, "source": source} | columns)
+
+
+MISFIT_STD = 5.0
+"""Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
+
+
+def tell_located(walk: ReplayContext, located: Located) -> None:
+    """Counts for `run.json`, and a warning for every range and epoch that could not be used."""
+    counts = located.counts
+    walk.counts |= {"ranges": counts.total, "ranges_used": counts.used}
+    walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
+    for text in located_warnings(located, walk.config, walk.first_ns):
+        walk.warn(text)
+    for text in _located_notes(located, walk.config):
+        walk.note(text)
+
+
+def located_warnings(located: Located, config: Config, first_ns: int) -> list[str]:
+    """Every range and epoch that could not be used, and what does not fit; first_ns: where the log starts."""
+    texts = _range_warnings(located.counts)
+    if config.uwb.method == "huber" and not config.uwb.calibrate and not located.on_line:
+        texts.append(
+            'uwb.method = "huber" needs calibrated ranges: where all are too long by a bias it trusts the wrong ones; '
+            "set uwb.calibrate = true, or take another method"
+        )
+    return texts + [text for result in located.tags for text in _tag_warnings(result, config, first_ns)]
+
+
+def _located_notes(located: Located, config: Config) -> list[str]:
+    """Choices that decided the result."""
+    texts = []
+    if located.on_line:
+        first, *_, last = (anchor.id for anchor in config.uwb.anchors)
+        texts.append(
+            f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
+            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well"
+        )
+    for result in located.tags:
+        if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
+            texts.append(
+                f"tag {result.tag}: single ranges within {result.epoch_s:.2f} s make one fix, a round of its anchors "
+                "in this log (uwb.epoch_s)"
+            )
+        if result.height_solved:
+            std_m = np.median(result.track.z_std_m) if len(result.track) else np.nan
+            texts.append(f"tag {result.tag}: its height is solved for, to {std_m:.2f} m")
+        if result.velocity is not None:
+            texts.append(f"tag {result.tag}: {_velocity_words(result.velocity)}")
+        if result.bias is not None and result.bias.n.any():
+            texts.append(_bias_words(result.tag, result.bias, config))
+    return texts
+
+
+def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]:
+    """Epochs without a fix, ranges that fit no track, and a track that was lost."""
+    texts = []
+    if result.n_too_few or result.n_degenerate:
+        causes = {
+            f"fewer than {'four' if result.height_solved else 'three'} ranges": result.n_too_few,
+            "anchors on a line or a mirror image": result.n_degenerate,
+        }
+        words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
+        texts.append(f"tag {result.tag}: of {len(result.fix_t_ns)} epochs, {words} give no fix")
+    misfit = _misfit_warning(result, config)
+    if misfit is not None:
+        texts.append(misfit)
+    n = len(result.restart_ns)
+    if n:
+        seconds = ", ".join(f"{(t_ns - first_ns) * 1e-9:.1f} s" for t_ns in result.restart_ns[:5].tolist())
+        texts.append(f"tag {result.tag}: its track was lost and started anew {n} times, at {seconds}")
+    return texts
+
+
+def _velocity_words(velocity: MeasuredVelocity) -> str:
+    if velocity.series is None:
+        return f"odometry does not steady its track: {velocity.reason}"
+    return f"odometry steadies its track, known to {velocity.std_mps:.2f} m/s from the log"
+
+
+def _misfit_warning(result: TagResult, config: Config) -> str | None:
+    """Ranges that fit no position at all: ids or places of anchors are wrong, and the worst anchor is named."""
+    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
+    known = np.isfinite(residual_m)
+    if not known.any() or np.median(residual_m[known]) < MISFIT_STD * config.uwb.range_std_m:
+        return None
+    anchors = np.unique(result.ranges.anchor[known])
+    worst = max(anchors, key=lambda anchor: np.median(residual_m[known & (result.ranges.anchor == anchor)]))
+    return (
+        f"tag {result.tag}: half of its ranges miss its track by more than {np.median(residual_m[known]):.2f} m "
+        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check [[uwb.anchors]], anchor {worst} first"
+    )
+
+
+def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
+    if not bias.significant.any():
+        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
+        return (
+            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
+            f"only to {std_m:.2f} m (a longer walk tells more)"
+        )
+    links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
+    words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
+    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
+
+
+def _range_warnings(counts: RangeCounts) -> list[str]:
+    def words(pairs: tuple[tuple[int, int], ...]) -> str:
+        return ", ".join(f"{number} ({count} ranges)" for number, count in pairs)
+
+    causes = {
+        "that are no numbers": counts.not_finite,
+        "of zero or below": counts.not_positive,
+        "below uwb.min_range_m": counts.too_short,
+        "above uwb.max_range_m": counts.too_long,
+    }
+    texts = [f"{count} ranges {cause} are left out" for cause, count in causes.items() if count]
+    if counts.unknown_anchors:
+        texts.append(f"anchors seen, but not in [[uwb.anchors]]: {words(counts.unknown_anchors)}")
+    if counts.other_tags:
+        texts.append(f"tags seen, but not in [[uwb.tags]]: {words(counts.other_tags)}")
+    if counts.silent_anchors:
+        texts.append(f"anchors configured, but silent: {', '.join(map(str, counts.silent_anchors))}")
+    return texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +239,7 @@ class UwbPositions:
     person: TagResult | None
 
 
-def locate_tags(walk: Walk) -> UwbPositions | None:
+def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     """Every tag in the recording located on its own; None when UWB is not used, which is said."""
     config, ranges = walk.config, walk.streams.ranges
     if not config.uwb.anchors:
@@ -56,7 +265,7 @@ def locate_tags(walk: Walk) -> UwbPositions | None:
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)))
 
 
-def _body_motion(walk: Walk) -> BodyMotion | None:
+def _body_motion(walk: ReplayContext) -> BodyMotion | None:
     """What the odometry says of the robot's own motion; None without one that gives velocities."""
     odometry, streams = walk.streams.odometry, walk.streams
     if odometry is None or streams.odometry_linear_mps is None or streams.odometry_angular_radps is None:
@@ -115,7 +324,7 @@ def settings_of(config: Config) -> LocateSettings:
     )
 
 
-def write_uwb(walk: Walk, uwb: UwbPositions) -> None:
+def write_uwb(walk: ReplayContext, uwb: UwbPositions) -> None:
     """fixes.parquet and ranges.parquet, tag after tag; and what tells how good they are."""
     with ExitStack() as stack:
         fixes = stack.enter_context(TableWriter(walk.run.path / "fixes.parquet", TABLES["fixes"]))

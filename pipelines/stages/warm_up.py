@@ -9,15 +9,14 @@ from functools import partial
 
 import numpy as np
 
-from quadlog.config import Config
+from quadlog.config.schema import Config
 from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
 from quadlog.mapping.compact import CompactScan, ScanCompactor
-from quadlog.mapping.ground_height import GroundHeight
+from quadlog.mapping.grid import window_around
 from quadlog.mapping.placing import ScanPlacer
-from quadlog.mapping.window import window_around
 from quadlog.messages import PointCloud, RangeSeries
-from quadlog.pipelines.stages.first_compilation import Compilation, python
+from quadlog.pipelines.executor.compilation import Compilation, python
 from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import ScanSettings
 from quadlog.pipelines.stages.uwb import wants_uwb
@@ -89,11 +88,11 @@ def _map_toy_scan(config: Config) -> None:
 
 def _walk_toy_map(planner: str) -> None:
     """Two replans and a few ticks about an obstacle, from inside its dilation to a goal outside the window."""
-    from quadlog.following.lookahead import FixedLookahead
+    from quadlog.control.following.lookahead import FixedLookahead
     from quadlog.planning.registry import make_planner
     from quadlog.planning.replan import Replanner, ReplanSettings
     from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
-    from quadlog.simulation.unicycle_robot import UnicycleRobot
+    from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 
     window = window_around(np.zeros(2), 0.1, 41)
     occupied = np.zeros(window.shape, dtype=np.bool_)
@@ -114,11 +113,11 @@ def _walk_toy_map(planner: str) -> None:
 
 def _walk_toy_robot(controller: str) -> None:
     """A tenth of a second of a robot with a body."""
-    from quadlog.locomotion.robot import ROBOTS
-    from quadlog.locomotion.walker import WalkerSettings
-    from quadlog.simulation.ground import flat
-    from quadlog.simulation.quadruped_model import quadruped_model
-    from quadlog.simulation.walking_robot import WalkingRobot
+    from quadlog.control.locomotion.robot import ROBOTS
+    from quadlog.control.locomotion.walker import WalkerSettings
+    from quadlog.simulation.robot.height_field import flat
+    from quadlog.simulation.robot.model import quadruped_model
+    from quadlog.simulation.robot.walking_robot import WalkingRobot
 
     model, settings = quadruped_model(ROBOTS["tracking"], flat()), WalkerSettings(whole_body=controller != "fpm")
     WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)

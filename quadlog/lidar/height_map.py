@@ -3,7 +3,7 @@
 Measured against Patchwork++ (pypatchworkpp 1.4.1) on the same clouds: the map
 keeps more of the ground on slopes and in corridors and claims fewer obstacles
 that are none. Constants were chosen on seed 100 of
-quadlog.simulation.labelled_scans, and are never reported on that seed.
+quadlog.simulation.synthetic.labelled_scans, and are never reported on that seed.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.image import Image
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.range_image import Image
 from quadlog.messages import Float, Float32, Int
 
 CELL_M, HALF_CELLS = 0.3, 107

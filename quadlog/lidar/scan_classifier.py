@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.classified_scan import ClassifiedReturns, ClassifiedScan, PointClass
 from quadlog.lidar.deskew import Slots, sweep_slots
-from quadlog.lidar.ground import Ground, is_level
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.range_image import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
-from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
+from quadlog.lidar.range_image_method import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
+from quadlog.lidar.ransac_plane import GroundPlane, is_level
 from quadlog.messages import Float, PointCloud
 
 
@@ -91,7 +89,7 @@ def _as_returns(found: ImageClasses, xyz_m: XyzM, transform: Float, slots: Slots
     )
 
 
-def _above_ground(transform: Float, ground: Ground | None) -> Float:
+def _above_ground(transform: Float, ground: GroundPlane | None) -> Float:
     """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
     x_m, y_m, z_m = transform[:3, 3].tolist()
     if is_level(ground):
@@ -118,5 +116,5 @@ def _points(found: ImageClasses, n_points: int, transform: Float) -> ClassifiedS
     ground = found.ground
     if ground is not None:
         inliers: NDArray[np.bool_] = labels == PointClass.GROUND
-        ground = Ground(ground.normal, ground.d_m, inliers)
+        ground = GroundPlane(ground.normal, ground.d_m, inliers)
     return ClassifiedScan(xyz_m.T, labels, ground, heights_m, found.route)

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.ground import is_level
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.classified_scan import ClassifiedReturns, PointClass
+from quadlog.lidar.ransac_plane import is_level
 from quadlog.mapping.obstacles import ObstacleSettings
-from quadlog.mapping.rays import RayGatherer, Rays
+from quadlog.mapping.ray_tracing import RayGatherer, Rays
 from quadlog.messages import Float, Float32, Int
 
 Int16 = NDArray[np.int16]

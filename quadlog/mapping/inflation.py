@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from quadlog.mapping.occupancy import Grid
+from quadlog.mapping.grid import Grid
 from quadlog.messages import Int
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from quadlog.mapping.window import Window, crop
+from quadlog.mapping.grid import Window, crop
 
 # Grown in whole blocks, so that a walking robot does not copy the map with every scan.
 BLOCK_CELLS = 128

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
+from quadlog.mapping.grid import Grid, Window
 from quadlog.mapping.lattice import Layers
-from quadlog.mapping.occupancy import Grid
 from quadlog.mapping.placing import NO_TOP, PlacedScan
-from quadlog.mapping.window import Window
 
 Int16 = NDArray[np.int16]
 

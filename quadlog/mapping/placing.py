@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
 from quadlog.mapping.compact import CompactScan
-from quadlog.mapping.rays import RayPlacer
-from quadlog.mapping.window import Window
+from quadlog.mapping.grid import Window
+from quadlog.mapping.ray_tracing import RayPlacer
 from quadlog.messages import Float
 
 NO_TOP = np.int16(-32768)

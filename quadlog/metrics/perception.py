@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import PointClass
 
 Bool = NDArray[np.bool_]
 Labels = NDArray[np.uint8]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadlog.metrics.bootstrap import FEWEST_IN_TIME, FEWEST_VALUES, RESAMPLES, SAFE_IN_TIME, block_length
-from quadlog.metrics.planner_comparison import Comparison, PlannerRow
+from quadlog.metrics.intervals import FEWEST_IN_TIME, FEWEST_VALUES, RESAMPLES, SAFE_IN_TIME, block_length
+from quadlog.metrics.planning import Comparison, PlannerRow
 
 _SPENT = {"expanded": "expanded", "generated": "generated", "touched": "tested"}
 _WHAT = {"expanded": "cells", "generated": "cells", "touched": "neighbours"}

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.bootstrap import Interval
-from quadlog.metrics.mean_in_time import mean_interval_in_time
+from quadlog.metrics.intervals import Interval, mean_interval_in_time
 
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
@@ -37,7 +39,7 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class SampleSummary:
     """A value of n samples; mean and sample std of these, and quantiles of their size; interval: 95 %, of the value.
 
     None where there is nothing to say: a deviation or an interval of too few samples, or of samples all alike.
@@ -52,7 +54,7 @@ class Summary:
     interval: Interval | None
 
 
-def summarise(samples: Samples) -> Summary | None:
+def summarise(samples: Samples) -> SampleSummary | None:
     """The summary of a run's samples in time order; None when there are none.
 
     The interval says how the value would scatter over walks as long as this one that go on as it did. It treats
@@ -63,7 +65,7 @@ def summarise(samples: Samples) -> Summary | None:
     if count == 0 or (weights is not None and weights.sum() == 0):
         return None
     p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
-    return Summary(
+    return SampleSummary(
         value=_value(samples),
         n=count if weights is None else int(weights.sum()),
         mean=float(np.mean(x)),
@@ -125,3 +127,97 @@ def _possible(of_mean: Interval | None, x: Float) -> Interval | None:
 def _root(of_square: Interval | None) -> Interval | None:
     """The square's interval as its root's; a square is not negative."""
     return None if of_square is None else (math.sqrt(max(of_square[0], 0.0)), math.sqrt(max(of_square[1], 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A metric's value, n and unit; summary: of the samples behind it, None where none are saved or were read."""
+
+    value: float
+    n: int
+    unit: str
+    summary: SampleSummary | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRun:
+    """A run under the name that tells it from the others, with its metrics in the contract's order."""
+
+    path: Path
+    label: str
+    metrics: Mapping[str, Measured]
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Over the runs that have the metric: mean, sample standard deviation, quantiles, and the extremes.
+
+    interval: 95 %, of the mean over all runs that could have been; None for one run or runs all alike.
+    lowest, highest: which of the values given are the extremes, the first where several are.
+    """
+
+    runs: int
+    mean: float
+    std: float | None
+    p50: float
+    p95: float
+    interval: Interval | None
+    lowest: int
+    highest: int
+
+
+def spread(values: Sequence[float], yes_or_no: bool = False) -> Spread | None:
+    """Of R runs, None without one. The runs count as independent of one another and about normally distributed.
+
+    yes_or_no: values are 0 or 1, whose interval is Wilson's: it stays inside [0, 1], and wide when all are alike.
+    """
+    if not values:
+        return None
+    x = np.asarray(values, dtype=np.float64)
+    p50, p95 = (float(each) for each in np.percentile(x, [50, 95]))
+    alike = bool(np.ptp(x) == 0)  # whose mean rounding would move
+    return Spread(
+        runs=len(x),
+        mean=float(x[0]) if alike else float(np.mean(x)),
+        std=None if len(x) < 2 else 0.0 if alike else float(np.std(x, ddof=1)),
+        p50=p50,
+        p95=p95,
+        interval=_wilson(x) if yes_or_no else _student(x),
+        lowest=int(np.argmin(x)),
+        highest=int(np.argmax(x)),
+    )
+
+
+def _student(x: np.ndarray) -> Interval | None:
+    if len(x) < 2 or np.ptp(x) == 0:
+        return None
+    mean, half = float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
+    half *= float(stdtrit(len(x) - 1, 0.975))
+    return (mean - half, mean + half)
+
+
+def _wilson(x: np.ndarray) -> Interval | None:
+    if len(x) < 2:
+        return None
+    n, share, z = len(x), float(np.mean(x)), float(ndtri(0.975))
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    # Both ends hold the share itself; at 0 and 1 rounding would say otherwise.
+    return (max(min(middle - half, share), 0.0), min(max(middle + half, share), 1.0))
+
+
+APART_NS = 1_000_000_000
+
+
+def worst_instants(t_ns: Int, badness: Float, most: int = 3) -> list[int]:
+    """Indices into N samples, the worst first, none of them within a second of a worse one; at most `most`.
+
+    badness: (N,), larger is worse; what is not above 0 is not bad. Of equals the earlier counts as worse.
+    """
+    chosen: list[int] = []
+    open_ = badness > 0
+    while open_.any() and len(chosen) < most:
+        worst = int(np.argmax(np.where(open_, badness, -np.inf)))
+        chosen.append(worst)
+        open_ &= np.abs(t_ns - t_ns[worst]) >= APART_NS
+    return chosen

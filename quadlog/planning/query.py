@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.mapping.escape import escape_start
-from quadlog.mapping.goal import project_goal
+from quadlog.mapping.goal_projection import escape_start, project_goal
+from quadlog.mapping.grid import Window
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.mapping.window import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool, Cell, Cells
 

@@ -1,41 +1,127 @@
-"""Every planner by name: a new one is a file of its own, a line here and its name; others come as plug-ins."""
+"""Every planner by name: a new one is a file of its own and a line in config/planners.py; others come as plug-ins."""
 
 from __future__ import annotations
 
-from typing import cast
+import math
+import operator
+from importlib import import_module
+from typing import Any, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.config.planners import PLANNER_CLASSES
+from quadlog.config.plugins import PLANNERS as GROUP
+from quadlog.config.plugins import Plugin, describe_failure, find_plugin, plugin_names
 from quadlog.errors import UnknownName
-from quadlog.planning.ara_star import ARAStar
-from quadlog.planning.astar import AStar
-from quadlog.planning.astar_paper import AStarPaper
-from quadlog.planning.checked import CheckedPlanner, check_planner
-from quadlog.planning.clearance_astar import ClearanceAStar
-from quadlog.planning.d_star_lite import DStarLite
-from quadlog.planning.dijkstra import Dijkstra
-from quadlog.planning.ea_star import EAStar
-from quadlog.planning.ia_star import IAStar
-from quadlog.planning.ia_star_bounded import IAStarBounded
-from quadlog.planning.lpa_star import LPAStar
-from quadlog.planning.mt_d_star_lite import MTDStarLite
-from quadlog.planning.protocol import Planner
+from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.plugins import PLANNERS as GROUP
-from quadlog.plugins import Plugin, find_plugin, plugin_names
 
-_ALL: tuple[type[Planner], ...] = (
-    AStar,
-    AStarPaper,
-    IAStar,
-    IAStarBounded,
-    EAStar,
-    ClearanceAStar,
-    DStarLite,
-    MTDStarLite,
-    LPAStar,
-    ARAStar,
-    Dijkstra,
-)
-PLANNERS: dict[str, type[Planner]] = {each.name: each for each in _ALL}
+_MEMBERS = {"name": str, "incremental": bool}
+_METHODS = ("plan", "reset")
+_COUNTS = ("expanded", "generated", "touched", "reused_cells")
+
+
+def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
+    """What an entry point names, as the class it has to be. Raises PluginUnusable, which says what it lacks."""
+    if not isinstance(found, type):
+        raise plugin.unusable(f"is no class but {type(found).__name__}")
+    lacks = [f"{name} ({kind.__name__})" for name, kind in _MEMBERS.items() if not _has(found, name, kind)]
+    lacks += [f"{name}()" for name in _METHODS if not callable(getattr(found, name, None))]
+    if lacks:
+        raise plugin.unusable(f"is no planner: it lacks {', '.join(lacks)}")
+    if found.name != plugin.name:  # type: ignore[attr-defined]
+        raise plugin.unusable(f"calls itself {found.name!r}; name and entry point must agree")  # type: ignore[attr-defined]
+    return found
+
+
+class CheckedPlanner:
+    """See Planner. What the planner raises, and a path that breaks its rules, becomes a PluginUnusable.
+
+    That costs some 50 µs a plan, which its times include.
+    """
+
+    def __init__(self, plugin: Plugin, kind: type[Planner], rules: Rules) -> None:
+        self._plugin = plugin
+        self.name, self.incremental = kind.name, kind.incremental  # type: ignore[misc]
+        try:
+            self._planner = kind(rules)
+        except (Exception, SystemExit) as error:
+            raise self._failed("be made", error) from error
+        self.rules: Rules = getattr(self._planner, "rules", None) or rules
+        if not isinstance(self.rules, Rules):
+            raise plugin.unusable("its rules are no Rules")
+
+    def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
+        """The plug-in's plan, its cells as int32."""
+        try:
+            plan = self._planner.plan(blocked, start, goal, shift)
+        except (Exception, SystemExit) as error:
+            raise self._failed("plan", error) from error
+        try:
+            plan = _in_our_types(plan)
+        except (TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise self._plugin.unusable(f"gives no Plan: {error}") from error
+        fault = _fault(plan, blocked, start, goal, self.rules) if plan.found else ""
+        if fault:
+            raise self._plugin.unusable(f"from {start} to {goal}: {fault}")
+        return plan
+
+    def reset(self) -> None:
+        """Forget the plan before."""
+        try:
+            self._planner.reset()
+        except (Exception, SystemExit) as error:
+            raise self._failed("be reset", error) from error
+
+    def _failed(self, task: str, error: BaseException) -> Exception:
+        return self._plugin.unusable(f"could not {task}: {describe_failure(error)}")
+
+
+def _has(found: type, name: str, kind: type) -> bool:
+    return isinstance(getattr(found, name, None), kind)
+
+
+def _in_our_types(plan: Plan) -> Plan:
+    """The same plan with numbers of Python and cells (L, 2) int32. Raises what `plan` catches."""
+    cells: NDArray[Any] = np.asarray(plan.cells)
+    if plan.found and (cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu"):
+        raise ValueError(f"its cells are {cells.dtype} {cells.shape}, not integers (L, 2)")
+    float(plan.cost)  # raises for what is no real number
+    counts = {name: operator.index(getattr(plan, name)) for name in _COUNTS}
+    if any(count < 0 for count in counts.values()):
+        raise ValueError(f"a count is negative: {counts}")
+    cells = cells.astype(np.int32) if plan.found else np.empty((0, 2), np.int32)
+    return Plan(bool(plan.found), cells, plan.cost + 0, from_scratch=bool(plan.from_scratch), **counts)
+
+
+def _fault(plan: Plan, blocked: Bool, start: Cell, goal: Cell, rules: Rules) -> str:
+    """What is wrong with a path, empty for nothing: where it begins and ends, its cells, its steps, its cost."""
+    cells = plan.cells
+    if len(cells) == 0 or tuple(cells[0]) != tuple(start) or tuple(cells[-1]) != tuple(goal):
+        return "its path does not lead from start to goal"
+    col, row = cells.T
+    inside = (col >= 0) & (row >= 0) & (col < blocked.shape[1]) & (row < blocked.shape[0])
+    if not inside.all() or blocked[row, col].any():
+        return "its path leaves the free cells"
+    dcol, drow = np.diff(cells, axis=0).T
+    if (np.maximum(abs(dcol), abs(drow)) != 1).any():
+        return "its path has steps that are not to a neighbour"
+    corner = blocked[row[:-1], col[1:]] | blocked[row[1:], col[:-1]]
+    if not rules.corner_cutting and corner.any():
+        return "its path cuts a corner"
+    diagonals = int(np.count_nonzero(dcol & drow))
+    cost = rules.cost_of(len(dcol) - diagonals, diagonals)
+    return "" if math.isclose(plan.cost, cost, rel_tol=1e-9) else f"its cost is {plan.cost:g}, its steps cost {cost:g}"
+
+
+def _class_of(place: str) -> type[Planner]:
+    module, name = place.split(":")
+    kind: type[Planner] = getattr(import_module(module), name)
+    return kind
+
+
+PLANNERS: dict[str, type[Planner]] = {name: _class_of(place) for name, place in PLANNER_CLASSES.items()}
 """quadlog's own."""
 OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "ara_star", "dijkstra")
 """Planners whose every path is the cheapest there is, by usual rules."""

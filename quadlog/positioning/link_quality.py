@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.calibration import KNOWN_STD_M, RARE_SHARE, AnchorBias
+from quadlog.positioning.anchor_bias import KNOWN_STD_M, RARE_SHARE, AnchorBias
 from quadlog.positioning.locate import RangeRows
 
 NLOS_STD = 3.0

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.body_motion import BodyMotion, MeasuredVelocity, measure_velocity
-from quadlog.positioning.calibration import AnchorBias, estimate_anchor_bias
-from quadlog.positioning.epochs import Epochs, derive_epoch_s, group_epochs
-from quadlog.positioning.fixes import Fixes
-from quadlog.positioning.fixing import (
+from quadlog.positioning.anchor_bias import AnchorBias, estimate_anchor_bias
+from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
+from quadlog.positioning.fix.least_squares import Fixes
+from quadlog.positioning.fix.trilateration import (
     FixSettings,
     Height,
     Mirror,
@@ -22,10 +22,9 @@ from quadlog.positioning.fixing import (
     fix_tag,
     solve_height,
 )
-from quadlog.positioning.interpolation import interpolate_poses
-from quadlog.positioning.screening import RangeCounts, screen_ranges
-from quadlog.positioning.tracker import Track, TrackedRanges, track_ranges
-from quadlog.positioning.velocity import VelocitySeries
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity, measure_velocity
+from quadlog.positioning.track.range_log import VelocitySeries
+from quadlog.positioning.track.tracker import Track, TrackedRanges, track_ranges
 
 HEIGHT_STD_M = 0.5
 """How far the given height of a tag whose height is tracked may be off: what a person lifts or lowers it by."""

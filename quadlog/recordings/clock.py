@@ -6,16 +6,18 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import ClocksDiffer
 from quadlog.messages import Int, Message, Timed, Transforms
+from quadlog.recordings.containers.container import Container, RawMessage
 
 Stamp = Literal["header", "log"]
 
@@ -149,3 +151,153 @@ class Clock:
             f"{topic}: {len(strays)} header stamps lie more than an hour from its others; those messages are dropped"
             for topic, strays in sorted(self.strays.items())
         ]
+
+
+def increasing_rows(t_ns: Int) -> Int:
+    """Rows (K,) of the times (N,) that increase strictly, as many as can be.
+
+    Of equally many, those that come later than all before them: of two equal
+    stamps the first. One stamp in the far future costs only itself.
+    """
+    if len(t_ns) == 0:
+        return np.zeros(0, np.int64)
+    in_turn = np.flatnonzero(np.concatenate([[True], t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]]))
+    if len(in_turn) == len(t_ns):
+        return in_turn
+    longest = _longest_increasing(t_ns.tolist())
+    return in_turn if len(in_turn) == len(longest) else np.array(longest, np.int64)
+
+
+def _longest_increasing(values: list[int]) -> list[int]:
+    """Rows of a longest strictly increasing subsequence, in O(N log N) (Fredman, 1975)."""
+    ends: list[int] = []  # the smallest value that ends an increasing run of length 1, 2, ...
+    end_rows: list[int] = []
+    before: list[int] = []
+    for row, value in enumerate(values):
+        length = bisect_left(ends, value)
+        before.append(end_rows[length - 1] if length else -1)
+        ends[length : length + 1] = [value]
+        end_rows[length : length + 1] = [row]
+    rows = []
+    row = end_rows[-1]
+    while row >= 0:
+        rows.append(row)
+        row = before[row]
+    return rows[::-1]
+
+
+MARGIN_NS = 500_000_000
+FARTHEST_NS = 10_000_000_000
+"""How far beyond an edge a topic is looked for that is silent at the edge itself."""
+_LOOK_NS = 1_000_000_000
+_ROUNDS = 8
+
+
+class EdgeMessage(NamedTuple):
+    """A message at an edge: when it was logged, and its stamp, or the log time where it has none."""
+
+    topic: str
+    log_time_ns: int
+    t_ns: int
+
+
+Look = Callable[[Iterator[RawMessage]], Iterator[EdgeMessage]]
+
+
+def log_begin(container: Container, topics: Collection[str], start_ns: int, lag_ns: int, look: Look) -> int:
+    """Log time before which nothing lies that is stamped start_ns or later; lag_ns: the smallest lag known so far."""
+    begin_ns = start_ns + lag_ns - MARGIN_NS
+    seen: list[EdgeMessage] = []
+    for _ in range(_ROUNDS):
+        seen = list(look(container.messages(topics, begin_ns, begin_ns + _LOOK_NS)))
+        farther_ns = start_ns + min((each.log_time_ns - each.t_ns for each in seen), default=lag_ns) - MARGIN_NS
+        if farther_ns >= begin_ns:
+            break
+        begin_ns = farther_ns
+    first_ns = {each.topic: each.t_ns for each in reversed(seen)}
+    late = {topic for topic in topics if first_ns.get(topic, start_ns) >= start_ns}
+    high_ns, step_ns, earliest_ns = begin_ns, _LOOK_NS, begin_ns
+    while late and high_ns > begin_ns - FARTHEST_NS:
+        low_ns = max(high_ns - step_ns, begin_ns - FARTHEST_NS)
+        earlier, within = _until(start_ns, look(container.messages(sorted(late), low_ns, high_ns)), late)
+        late -= earlier
+        earliest_ns = min([earliest_ns, *within])
+        high_ns, step_ns = low_ns, 2 * step_ns
+    return earliest_ns
+
+
+def log_end(container: Container, topics: Collection[str], end_ns: int, lag_ns: int, look: Look) -> int:
+    """Log time from which on nothing lies that is stamped before end_ns; lag_ns: the largest lag known so far."""
+    until_ns = end_ns + lag_ns + MARGIN_NS
+    seen: list[EdgeMessage] = []
+    for _ in range(_ROUNDS):
+        seen = list(look(container.messages(topics, until_ns - _LOOK_NS, until_ns)))
+        farther_ns = end_ns + max((each.log_time_ns - each.t_ns for each in seen), default=lag_ns) + MARGIN_NS
+        if farther_ns <= until_ns:
+            break
+        until_ns = farther_ns
+    behind = set(topics) - {each.topic for each in seen if each.t_ns >= end_ns}
+    latest_ns = until_ns
+    if behind:
+        for each in look(container.messages(sorted(behind), until_ns, until_ns + FARTHEST_NS)):
+            if each.t_ns >= end_ns:
+                behind.discard(each.topic)
+            elif each.topic in behind:
+                latest_ns = each.log_time_ns + 1
+            if not behind:
+                break
+    return latest_ns
+
+
+def _until(start_ns: int, seen: Iterator[EdgeMessage], topics: Collection[str]) -> tuple[set[str], list[int]]:
+    """Topics that begin before start_ns, and when each topic's first message from then on was logged.
+
+    Nothing is read beyond the last of these.
+    """
+    waiting, earlier, within = set(topics), set[str](), []
+    while waiting and (each := next(seen, None)) is not None:
+        if each.topic not in waiting:
+            continue
+        if each.t_ns < start_ns:
+            earlier.add(each.topic)
+        else:
+            waiting.discard(each.topic)
+            within.append(each.log_time_ns)
+    return earlier, within
+
+
+REORDERED_NS = 50_000_000
+"""Messages may overtake one another by so much without a clock being at fault."""
+
+
+def backward_steps(t_ns: Int) -> Int:
+    """Rows (K,) at which stamps (N,), as logged, go back by more than REORDERED_NS."""
+    return np.flatnonzero(np.diff(t_ns) < -REORDERED_NS) + 1
+
+
+def repeated_rows(t_ns: Int) -> np.ndarray:
+    """(N,) bool: the rows to leave out, so that stamps (N,), as logged, go on but for what REORDERED_NS allows.
+
+    After a step back, rows are left out until the stamps pass what was
+    covered before: what came first stays, so that all senders on one clock
+    lose the same stretch. Only where fewer than AGREEING_STRAYS stamps ran
+    ahead, of more that follow, is it they that are left out.
+    """
+    repeated = np.zeros(len(t_ns), dtype=bool)
+    if len(t_ns) == 0:
+        return repeated
+    covered_ns = int(t_ns.min())
+    recent = np.empty(0, dtype=np.int64)
+    for run in np.split(np.arange(len(t_ns)), backward_steps(t_ns)):
+        ahead = recent[t_ns[recent] > t_ns[run[0]] + REORDERED_NS]
+        behind = int((t_ns[run] < covered_ns - REORDERED_NS).sum())
+        if len(ahead) < min(AGREEING_STRAYS, behind):
+            repeated[ahead] = True
+            recent = np.setdiff1d(recent, ahead)
+            covered_ns = int(t_ns[recent].max(initial=t_ns.min()))
+        if t_ns[run[0]] < covered_ns - REORDERED_NS:
+            repeated[run] = t_ns[run] <= covered_ns
+        kept = run[~repeated[run]]
+        covered_ns = int(t_ns[kept].max(initial=covered_ns))
+        recent = np.concatenate([recent, kept])[-AGREEING_STRAYS:]
+    return repeated

@@ -6,29 +6,39 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, TypeVar
 
+from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
-from quadlog.plugins import DECODERS, Plugin, find_plugin
-from quadlog.recordings.columns import ColumnDecoder, Ways
-from quadlog.recordings.container import Channel
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders import (
     foxglove,
-    gtec_ranging,
     imu,
-    linktrack,
-    odometry,
     pose,
-    range_message,
-    tf,
-    uwb_range,
 )
-from quadlog.recordings.decoders.livox import livox_decoder
-from quadlog.recordings.decoders.point_cloud2 import point_cloud2_decoder
-from quadlog.recordings.decoders.point_fields import checked_cloud
-from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.decoders import (
+    pose as odometry,
+)
+from quadlog.recordings.decoders import (
+    pose as tf,
+)
+from quadlog.recordings.decoders import (
+    uwb as gtec_ranging,
+)
+from quadlog.recordings.decoders import (
+    uwb as linktrack,
+)
+from quadlog.recordings.decoders import (
+    uwb as range_message,
+)
+from quadlog.recordings.decoders import (
+    uwb as uwb_range,
+)
+from quadlog.recordings.decoders.columns import ColumnDecoder, Ways
+from quadlog.recordings.decoders.foxglove import protobuf_deserialiser
+from quadlog.recordings.decoders.payload import Payload
+from quadlog.recordings.decoders.point_cloud import checked_cloud, livox_decoder, point_cloud2_decoder
+from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
-from quadlog.recordings.protobuf_messages import protobuf_deserialiser
-from quadlog.recordings.ros_messages import Definitions
 
 Result = TypeVar("Result")
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import cast
 
 from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
-from quadlog.recordings.naming import DERIVED_NAME, is_result, recording_files, recording_suffix
-from quadlog.recordings.split import is_split
-from quadlog.storage.remote_path import RemotePath
-from quadlog.storage.urls import is_url, to_path
+from quadlog.recordings.containers.split import is_split
+from quadlog.recordings.file_names import DERIVED_NAME, is_result, recording_files, recording_suffix
+from quadlog.storage.remote_path import RemotePath, to_path
+from quadlog.storage.urls import is_url
 
 MAX_LIST_BYTES = 1 << 24
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from quadlog.messages import Int, Message
 from quadlog.recordings.clock import Clock
-from quadlog.recordings.columns import LARGEST_BYTES, ColumnDecoder, Columns
-from quadlog.recordings.container import Channel, RawMessage
+from quadlog.recordings.containers.container import Channel, RawMessage
+from quadlog.recordings.decoders.columns import LARGEST_BYTES, ColumnDecoder, Columns
+from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoding import column_decoder_for, ways_in_columns
-from quadlog.recordings.ros_messages import Definitions
 
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
 MOST_TRIES = 8

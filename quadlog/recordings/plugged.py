@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
+from quadlog.config.plugins import Plugin, describe_failure
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.plugins import Plugin, describe_failure
 from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]

@@ -12,17 +12,15 @@ from types import TracebackType
 
 import numpy as np
 
-from quadlog.errors import DecodeError, UnknownTopic
+from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
-from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, Stamp
-from quadlog.recordings.container import Budget, Channel, Container, Loss, RawMessage
+from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
+from quadlog.recordings.containers.container import Budget, Channel, Container, Loss, RawMessage
+from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
 from quadlog.recordings.gathering import Gathered, One, Waiting, Within, timed_columns
-from quadlog.recordings.log_window import Seen, log_begin, log_end
-from quadlog.recordings.range_topics import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.ros_messages import Definitions
-from quadlog.storage.urls import to_path
-from quadlog.text import some_of
+from quadlog.storage.remote_path import to_path
 
 
 def open_recording(
@@ -39,7 +37,7 @@ def open_recording(
     range_topics: topic -> (tag, anchor) for topics of single ranges.
     Raises RecordingNotFound, NotARecording or NothingReadable.
     """
-    from quadlog.recordings.open_container import open_container
+    from quadlog.recordings.containers.open import open_container
 
     return Recording(
         open_container(to_path(path)),
@@ -328,13 +326,13 @@ class Recording:
         several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
-    def _look(self, raws: Iterator[RawMessage]) -> Iterator[Seen]:
+    def _look(self, raws: Iterator[RawMessage]) -> Iterator[EdgeMessage]:
         """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
         for raw in raws:
             for lag in self._lags_ns(iter([raw])):
                 usual = -self.clock.usual_ns.get(raw.channel.topic, 0)
                 if lag is None or abs(lag - usual) <= FAR_APART_NS:
-                    yield Seen(raw.channel.topic, raw.log_time_ns, raw.log_time_ns - (lag or 0))
+                    yield EdgeMessage(raw.channel.topic, raw.log_time_ns, raw.log_time_ns - (lag or 0))
 
     def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int | None]:
         """Log time minus stamp of messages that can be decoded, None for those without stamp."""

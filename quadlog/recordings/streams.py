@@ -9,26 +9,14 @@ from math import nan
 
 import numpy as np
 
-from quadlog.messages import (
-    Float,
-    Imu,
-    ImuSeries,
-    Int,
-    Odometry,
-    Pose,
-    PoseSeries,
-    RangeSeries,
-    Transforms,
-    UwbRanges,
-)
-from quadlog.recordings.columns import Columns
-from quadlog.recordings.decoders.tf import is_static
+from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose, PoseSeries, RangeSeries, Transforms, UwbRanges
+from quadlog.recordings.clock import backward_steps, increasing_rows, repeated_rows
+from quadlog.recordings.decoders.columns import Columns
+from quadlog.recordings.decoders.pose import is_static
+from quadlog.recordings.formatting import stamps_go_back
 from quadlog.recordings.gathering import Gathered, Many
-from quadlog.recordings.increasing import increasing_rows
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.repeated_stamps import backward_steps, repeated_rows
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.recordings.words import stamps_go_back
 
 
 @dataclass(frozen=True, slots=True)

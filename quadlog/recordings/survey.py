@@ -3,19 +3,172 @@
 from __future__ import annotations
 
 import math
+import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from statistics import median
 
 import numpy as np
 
-from quadlog.messages import Message, Transforms, UwbRanges
-from quadlog.recordings.container import Channel, RawMessage
-from quadlog.recordings.headers import stamp_reader
-from quadlog.recordings.payload_reader import Payload
-from quadlog.recordings.pulse import Pulse
+from quadlog.errors import DecodeError
+from quadlog.messages import Int, Message, Transforms, UwbRanges
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged
+from quadlog.recordings.containers.container import Channel, Container, RawMessage
+from quadlog.recordings.decoders.payload import Payload, PayloadReader
+from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.recording import Recording
+
+HEADER_TYPE = "std_msgs/msg/Header"
+HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+\s*(#.*)?")
+IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")
+FRONT_BYTES = 1 << 16  # of a definition; its first field stands near the top
+
+
+def stamp_reader(channel: Channel) -> Callable[[Payload], int | None] | None:
+    """A function from payload to header.stamp in nanoseconds (None for a broken payload); None without header."""
+    if channel.message_encoding not in ("ros1", "cdr") or not starts_with_header(channel):
+        return None
+
+    def read(payload: Payload) -> int | None:
+        try:
+            return PayloadReader(payload, channel.message_encoding, channel.topic).header().stamp_ns
+        except DecodeError:
+            return None
+
+    return read
+
+
+def starts_with_header(channel: Channel) -> bool:
+    """Whether the message's first field is a std_msgs/Header, by the embedded definition or the standard one."""
+    return _starts_with_header(
+        channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema[:FRONT_BYTES]
+    )
+
+
+@lru_cache(maxsize=64)
+def _starts_with_header(type_name: str, message_encoding: str, schema_encoding: str, front: bytes) -> bool:
+    text = front.decode("utf-8", "replace")
+    if not text.strip("\0 \n"):
+        fields = standard_types(message_encoding, type_name).get(type_name, ([], []))[1]
+        return bool(fields) and fields[0][1][1] == HEADER_TYPE
+    if schema_encoding == "ros2idl":
+        name = type_name.rpartition("/")[2]
+        bodies = [body for struct, body in IDL_STRUCT.findall(text) if struct == name]
+        return bool(bodies) and re.sub(r"@\w+\s*(\([^()]*\))?", "", bodies[0]).strip().startswith(
+            "std_msgs::msg::Header"
+        )
+    for line in text.splitlines():
+        bare = line.split("#")[0].strip()
+        if bare and "=" not in bare:
+            return HEADER_LINE.fullmatch(bare) is not None
+    return False
+
+
+RATE_INTERVALS = 10
+GAP_MEDIANS = 3
+BINS_PER_OCTAVE = 50  # an interval's bin is 1.4 % wide
+_KEPT_TIMES, _MOST_TIMES = 1 << 18, 1 << 24
+
+
+@dataclass(eq=False)
+class Pulse:
+    """Counters, the last few times and a histogram of intervals.
+
+    first_ns, last_ns: the earliest and the latest log time. hz_min, hz_max: the slowest
+    and the fastest of all runs of ten successive intervals, zero where there is none.
+    """
+
+    messages: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+    longest_ns: int = 0
+    _shortest_run_ns: int = 0
+    _longest_run_ns: int = 0
+    _recent_ns: Int = field(default_factory=lambda: np.empty(0, np.int64))
+    _intervals: Counter[int] = field(default_factory=Counter)
+
+    def take(self, t_ns: Int) -> None:
+        """The next log times (N,), in order."""
+        if len(t_ns) == 0:
+            return
+        self.messages += len(t_ns)
+        first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
+        times_ns = np.concatenate([self._recent_ns, t_ns])
+        # Of the times that were there before, only the last one begins an interval that is new.
+        self._take_intervals(np.diff(times_ns[max(len(self._recent_ns) - 1, 0) :]))
+        self._take_runs(times_ns[RATE_INTERVALS:] - times_ns[:-RATE_INTERVALS])
+        self._recent_ns = times_ns[-RATE_INTERVALS:].copy()
+
+    def _take_intervals(self, intervals_ns: Int) -> None:
+        intervals_ns = intervals_ns[intervals_ns > 0]
+        if len(intervals_ns):
+            self.longest_ns = max(self.longest_ns, int(intervals_ns.max()))
+            bins, counts = np.unique((np.log2(intervals_ns) * BINS_PER_OCTAVE).astype(np.int64), return_counts=True)
+            self._intervals.update(dict(zip(bins.tolist(), counts.tolist(), strict=True)))
+
+    def _take_runs(self, runs_ns: Int) -> None:
+        runs_ns = runs_ns[runs_ns > 0]
+        if len(runs_ns):
+            shortest_ns, longest_ns = int(runs_ns.min()), int(runs_ns.max())
+            self._shortest_run_ns = min(self._shortest_run_ns or shortest_ns, shortest_ns)
+            self._longest_run_ns = max(self._longest_run_ns, longest_ns)
+
+    def rates_hz(self) -> tuple[float, float] | None:
+        """The slowest and the fastest; the mean rate twice where there are fewer than ten intervals, else None."""
+        if self._longest_run_ns:
+            return RATE_INTERVALS * 1e9 / self._longest_run_ns, RATE_INTERVALS * 1e9 / self._shortest_run_ns
+        if self.first_ns is None or self.last_ns is None or self.last_ns <= self.first_ns:
+            return None
+        mean_hz = (self.messages - 1) * 1e9 / (self.last_ns - self.first_ns)
+        return mean_hz, mean_hz
+
+    def gaps(self) -> int:
+        """Intervals of more than three medians, to the width of a bin."""
+        below, half = 0, sum(self._intervals.values()) / 2
+        for interval, count in sorted(self._intervals.items()):
+            below += count
+            if below >= half:
+                limit = interval + math.log2(GAP_MEDIANS) * BINS_PER_OCTAVE
+                return sum(count for each, count in self._intervals.items() if each > limit)
+        return 0
+
+
+def indexed_pulses(container: Container) -> dict[Channel, Pulse]:
+    """Every channel's pulse from the indexes alone. Raises Damaged where they do not tell.
+
+    Times are put in order as far as files and chunks overlap; so many have to be kept.
+    """
+    pulses = {channel: Pulse() for channel in container.channels}
+    waiting: dict[int, tuple[Channel, list[Int]]] = {}
+    kept, limit = 0, _KEPT_TIMES
+    for times in container.log_times():
+        if kept > limit:
+            kept = _take_before(times.floor_ns, waiting, pulses)
+            if kept > _MOST_TIMES:
+                raise Damaged("the times of its chunks overlap too much")
+            limit = 2 * kept + _KEPT_TIMES
+        waiting.setdefault(id(times.channel), (times.channel, []))[1].append(times.t_ns)
+        kept += len(times.t_ns)
+    _take_before(MAX_TIME_NS + 1, waiting, pulses)
+    return pulses
+
+
+def _take_before(t_ns: int, waiting: dict[int, tuple[Channel, list[Int]]], pulses: dict[Channel, Pulse]) -> int:
+    """Hand on all times before t_ns; how many are left."""
+    left = 0
+    for channel, batches in waiting.values():
+        times_ns = np.sort(np.concatenate(batches), kind="stable")
+        due = int(np.count_nonzero(times_ns < t_ns))
+        pulses[channel].take(times_ns[:due])
+        batches[:] = [times_ns[due:]]
+        left += len(times_ns) - due
+    return left
+
 
 OFFSETS_KEPT = 1000
 _BATCH = 4096
@@ -55,7 +208,7 @@ class TopicSurvey:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class RangeLink:
     """The ranges between one tag and one anchor; None for the ends of ranges that are all no finite numbers."""
 
     tag: int
@@ -73,7 +226,7 @@ class Survey:
     """
 
     topics: tuple[TopicSurvey, ...]
-    links: dict[str, tuple[Link, ...]]
+    links: dict[str, tuple[RangeLink, ...]]
     messages: int
     messages_read: int
     start_ns: int | None
@@ -151,9 +304,9 @@ def _take_ranges(reaches: dict[tuple[int, int], _Reach], message: UwbRanges) -> 
                 reach.low_m, reach.high_m = min(reach.low_m, range_m), max(reach.high_m, range_m)
 
 
-def _link(tag: int, anchor: int, reach: _Reach) -> Link:
+def _link(tag: int, anchor: int, reach: _Reach) -> RangeLink:
     known = reach.low_m <= reach.high_m
-    return Link(tag, anchor, reach.messages, reach.low_m if known else None, reach.high_m if known else None)
+    return RangeLink(tag, anchor, reach.messages, reach.low_m if known else None, reach.high_m if known else None)
 
 
 class _Stamps:

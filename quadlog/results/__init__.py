@@ -8,16 +8,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quadlog.results.maps import load_maps as load_maps
-    from quadlog.results.run_folder import read_metrics as read_metrics
-    from quadlog.results.run_folder import read_run_json as read_run_json
-    from quadlog.results.tables import read_table as read_table
+    from quadlog.results.run.maps import load_maps as load_maps
+    from quadlog.results.run.run_folder import read_metrics as read_metrics
+    from quadlog.results.run.run_folder import read_run_json as read_run_json
+    from quadlog.results.run.tables import read_table as read_table
 
 _HOMES = {
-    "load_maps": "quadlog.results.maps",
-    "read_metrics": "quadlog.results.run_folder",
-    "read_run_json": "quadlog.results.run_folder",
-    "read_table": "quadlog.results.tables",
+    "load_maps": "quadlog.results.run.maps",
+    "read_metrics": "quadlog.results.run.run_folder",
+    "read_run_json": "quadlog.results.run.run_folder",
+    "read_table": "quadlog.results.run.tables",
 }
 
 

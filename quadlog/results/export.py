@@ -9,14 +9,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
-from quadlog.results.derived_mcap import write_derived
-from quadlog.results.files import whole_file
-from quadlog.results.run_folder import read_run_json
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import has_table, read_table
-from quadlog.results.tum import write_tum
-from quadlog.text import csv_cell
+from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName, csv_cell
+from quadlog.results.foxglove.derived_mcap import write_derived
+from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.tables import TABLES, has_table, read_table
+from quadlog.storage.atomic_write import whole_file
+from quadlog.storage.formats.tum import write_tum
 
 
 def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Path]:

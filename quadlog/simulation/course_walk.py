@@ -2,19 +2,167 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.following.lookahead import LookaheadControl
+from quadlog.control.following.lookahead import LookaheadControl
+from quadlog.control.following.pure_pursuit import FollowState, PathFollower
 from quadlog.messages import Float
-from quadlog.metrics.effort import Effort
-from quadlog.simulation.course_robot import CourseRobot
-from quadlog.simulation.courses import Course
-from quadlog.simulation.pursuit_ticks import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
+from quadlog.metrics.walking import Effort
+from quadlog.simulation.robot.disturbances import Disturbances
+
+
+class CourseRobot(Protocol):
+    """A robot that can be sent along a path; see WalkingRobot and UnicycleRobot."""
+
+    @property
+    def tick_s(self) -> float: ...
+    @property
+    def t_s(self) -> float: ...
+    @property
+    def fallen(self) -> bool: ...
+    @property
+    def disturbances(self) -> Disturbances: ...
+    @property
+    def effort(self) -> Effort | None: ...
+    @property
+    def mass_kg(self) -> float: ...
+    @property
+    def pose(self) -> Float: ...
+    @property
+    def position_m(self) -> Float: ...
+    @property
+    def rpy(self) -> tuple[float, float, float]: ...
+    @property
+    def velocity(self) -> tuple[float, float, float]: ...
+    @property
+    def torques_nm(self) -> Float: ...
+    @property
+    def foot_loads_n(self) -> Float: ...
+    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None: ...
+
+
+SPACING_M = 0.02
+SPEED_MPS = 0.6
+"""Of the line and the circle [Tracking, section 5], and of every path without a speed of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A path (K, 2) in map to be walked from its first point to its last, starting in its direction."""
+
+    name: str
+    path_m: Float
+    speed_mps: float
+
+    @property
+    def start_pose(self) -> Float:
+        """(3,) x_m, y_m, yaw_rad of the first point."""
+        ahead = self.path_m[np.flatnonzero((self.path_m != self.path_m[0]).any(axis=1))[:1]]
+        dx, dy = (ahead[0] - self.path_m[0]).tolist() if len(ahead) else (1.0, 0.0)
+        return np.array([*self.path_m[0], math.atan2(dy, dx)])
+
+
+def line() -> Course:
+    """From (0, 0) to (10, 10) at 0.6 m/s [Tracking, section 5.1]."""
+    return Course("line", _pieces(0.0, 0.0, math.pi / 4, [(10 * math.sqrt(2), 0.0)]), SPEED_MPS)
+
+
+def circle() -> Course:
+    """Once round, radius 5 m, from (0, 0) along +x and to the left, at 0.6 m/s [Tracking, section 5.1]."""
+    return Course("circle", _pieces(0.0, 0.0, 0.0, [(10 * math.pi, 1 / 5)]), SPEED_MPS)
+
+
+def s_curve() -> Course:
+    """6 m straight, a quarter, a half and a quarter of a circle of 3 m, left, right, left, 6 m straight, at 0.5 m/s.
+
+    [Tracking, section 5.2] prints a picture of it; the lengths are ours.
+    """
+    quarter_m = 1.5 * math.pi
+    bends = [(quarter_m, 1 / 3), (2 * quarter_m, -1 / 3), (quarter_m, 1 / 3)]
+    return Course("s-curve", _pieces(0.0, 0.0, 0.0, [(6.0, 0.0), *bends, (6.0, 0.0)]), 0.5)
+
+
+TROT = "trot-32s"
+"""The experiment of [Foot, section 4], which `quadlog simulate` takes beside the courses: it has no path."""
+COURSES: dict[str, Callable[[], Course]] = {"line": line, "circle": circle, "s-curve": s_curve}
+
+
+def _pieces(x_m: float, y_m: float, heading_rad: float, pieces: list[tuple[float, float]]) -> Float:
+    """Points (K, 2) along pieces of a length in metres and a curvature in 1/m each, from a pose on."""
+    points = [np.array([[x_m, y_m]])]
+    for length_m, curvature_1pm in pieces:
+        s_m = np.linspace(0.0, length_m, math.ceil(length_m / SPACING_M) + 1)[1:]
+        turned_rad = heading_rad + curvature_1pm * s_m
+        if curvature_1pm == 0:
+            x, y = x_m + s_m * math.cos(heading_rad), y_m + s_m * math.sin(heading_rad)
+        else:
+            x = x_m + (np.sin(turned_rad) - math.sin(heading_rad)) / curvature_1pm
+            y = y_m - (np.cos(turned_rad) - math.cos(heading_rad)) / curvature_1pm
+        points.append(np.column_stack([x, y]))
+        x_m, y_m, heading_rad = float(x[-1]), float(y[-1]), float(turned_rad[-1])
+    return np.concatenate(points)
+
+
+TICK_COLUMNS = (
+    *("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps"),
+    *("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad"),
+    *("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps"),
+    *(f"tau_{joint:02d}_nm" for joint in range(12)),
+    *(f"fz_{leg}_n" for leg in range(4)),
+    "fallen",
+)
+"""What is written for every tick, in this order: control.parquet without its times."""
+POSE, VELOCITY, REFERENCE, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
+    TICK_COLUMNS.index(name) for name in ("x_m", "vx_mps", "ref_x_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen")
+)
+
+
+class FollowedPath:
+    """A path (K, 2) under way: where the robot is on it, and where it takes itself to be by the pose it knows."""
+
+    def __init__(self, path_m: Float, speed_mps: float, max_yaw_rate_radps: float) -> None:
+        self.speed_mps, self.max_yaw_rate_radps = speed_mps, max_yaw_rate_radps
+        self.truth, self.known = PathFollower(path_m), PathFollower(path_m)
+
+
+def follow_tick(
+    row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, age_s: float, dt_s: float
+) -> FollowState | None:
+    """Writes a row (len(TICK_COLUMNS),) of NaN, the command for the next dt_s in it; returns where the robot truly is.
+
+    path: age_s old; without one the robot is told to stand, and is nowhere. It is steered by the pose that it knows,
+    disturbed as that may be; what is written of it is true.
+    """
+    x_m, y_m, yaw_rad = robot.pose.tolist()
+    row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
+    row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
+    known_x_m, known_y_m, known_yaw_rad = robot.disturbances.measured(robot.t_s, robot.pose).tolist()
+    place = None
+    if path is not None:
+        place = path.truth.step(x_m, y_m, yaw_rad)
+        known = path.known.step(known_x_m, known_y_m, known_yaw_rad)
+        ahead = lookahead.step(known.near.distance_m, dt_s, robot.velocity[0])
+        command = path.known.pursue(
+            known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, path.speed_mps, path.max_yaw_rate_radps
+        )
+        timed = path.truth.reference_at(age_s * path.speed_mps)
+        away_m = math.hypot(timed.x_m - x_m, timed.y_m - y_m)
+        near = place.near
+        row[REFERENCE:LOOKAHEAD] = near.x_m, near.y_m, place.error_m, near.distance_m, away_m, place.heading_error_rad
+        row[LOOKAHEAD:COMMAND] = ahead
+        row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
+    has_body = not math.isnan(robot.mass_kg)
+    # A robot without a body has the speed that it is told at once.
+    row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
+    row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
+    return place
+
 
 NS = 1_000_000_000
 # A robot that takes so many times as long as the course at its speed, and this longer, arrives no more.

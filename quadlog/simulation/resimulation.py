@@ -15,16 +15,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.errors import TooLarge
-from quadlog.following.lookahead import LookaheadControl
 from quadlog.geometry import seconds_since
-from quadlog.mapping.window import Window
+from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.clearance import body_clearance, occupied_centres
-from quadlog.simulation.course_robot import CourseRobot
-from quadlog.simulation.pursuit_ticks import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
+from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, CourseRobot, FollowedPath, follow_tick
+from quadlog.simulation.worlds.world import body_clearance, occupied_centres
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from email.utils import parsedate_to_datetime
@@ -11,8 +13,7 @@ from functools import cache
 from typing import Any, Protocol
 
 from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
-from quadlog.storage.failures import explained
-from quadlog.storage.urls import protocol_of, redacted
+from quadlog.storage.urls import explained, protocol_of, redacted
 
 _STREAMED_BYTES = 8 << 20
 # Of a server that never answers one knows after a minute and a half.
@@ -21,7 +22,7 @@ _TRIES, _TRIES_WITHIN = 2, 3
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ObjectInfo:
     """What a server tells: size_bytes None where it does not; ranges: whether it gives parts."""
 
     size_bytes: int | None
@@ -41,7 +42,7 @@ class RemoteObject(Protocol):
     """An object as it was when it was opened; told is of that moment."""
 
     url: str
-    told: Told
+    told: ObjectInfo
 
     def fetch(self, start: int, end: int) -> bytes:
         """The bytes from start to end, end excluded; several threads may ask at once.
@@ -59,8 +60,6 @@ def open_object(url: str) -> RemoteObject:
     """The object behind a URL. Raises FileNotFoundError, StorageUnknown, StorageFailed."""
     protocol = protocol_of(url)
     if protocol in ("http", "https"):
-        from quadlog.storage.web_object import WebObject
-
         return WebObject(url)
     return BucketObject(url)
 
@@ -128,13 +127,13 @@ def _is_unmet_condition(error: BaseException) -> bool:
     return False
 
 
-def told_by(info: Mapping[str, Any]) -> Told:
+def told_by(info: Mapping[str, Any]) -> ObjectInfo:
     """What fsspec's info of a file tells; each system has names of its own for the version."""
     size = info.get("size")
     etag = next((str(info[name]) for name in ("ETag", "etag", "md5Hash", "content_md5") if info.get(name)), None)
     times = ("LastModified", "last_modified", "updated", "mtime", "modified", "created")
     modified = next((str(info[name]) for name in times if info.get(name)), None)
-    return Told(size if isinstance(size, int) and size >= 0 else None, True, etag, modified)
+    return ObjectInfo(size if isinstance(size, int) and size >= 0 else None, True, etag, modified)
 
 
 def filesystem(url: str) -> Any:
@@ -181,3 +180,176 @@ def _patience(protocol: str, quoted: bool) -> dict[str, Any]:
         # Listings are asked for anew: another machine may be writing there.
         return {"config_kwargs": {**waits, **own.get("config_kwargs", {})}, "use_listings_cache": False}
     return {}
+
+
+_CONTENT_RANGE = re.compile(r"bytes (?:(\d{1,18})-(\d{1,18})|\*)/(\d{1,18})")
+_WAITS_S = (0.1, 0.5, 2.0)
+_SLOWEST_BYTES_PER_S = 20_000
+_PATIENCE_S = 60.0
+_BLOCK_BYTES = 1 << 20
+
+
+class _Again(Exception):
+    """An answer that a second try may mend."""
+
+
+class WebObject:
+    """A file behind http:// or https:// (RemoteObject)."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._web = filesystem(url)
+        with explained(url):
+            self.told = self._run(self._probe())
+
+    def fetch(self, start: int, end: int) -> bytes:
+        """The bytes from start to end, end excluded. Raises StorageFailed, StorageChanged."""
+        with self._still_there():
+            return self._run(self._fetch(start, end))
+
+    def stream(self) -> Iterator[bytes]:
+        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
+        with self._still_there():
+            response = self._run(self._begin(self._condition(), None))
+            try:
+                if response.status != 200:
+                    self._refuse(response)
+                if response.headers.get("ETag") != self.told.etag:
+                    raise StorageChanged(redacted(self.url))
+                whole = response.headers.get("Content-Encoding", "identity") == "identity"
+                self._compare(response, response.content_length if whole else None)
+                while block := self._run(response.content.read(_BLOCK_BYTES)):
+                    yield block
+            finally:
+                response.close()
+
+    @contextmanager
+    def _still_there(self) -> Iterator[None]:
+        """What was opened and is gone has changed: a FileNotFoundError would be taken for damage of a disk."""
+        try:
+            with explained(self.url):
+                yield
+        except FileNotFoundError:
+            raise StorageChanged(redacted(self.url)) from None
+
+    def _condition(self) -> dict[str, str]:
+        """Headers with which a server that knows conditions refuses to answer from another file."""
+        if self.told.etag is not None and not self.told.etag.startswith("W/"):
+            return {"If-Match": self.told.etag}
+        return {"If-Unmodified-Since": self.told.last_modified} if self.told.last_modified else {}
+
+    def _compare(self, response: Any, size: int | None) -> None:
+        """Raise StorageChanged for an answer that tells another size or version of the whole file."""
+        etag = response.headers.get("ETag", self.told.etag)
+        # The date also beside equal ETags: some servers make theirs of the size alone.
+        now, then = response.headers.get("Last-Modified"), self.told.last_modified
+        other_size = None not in (size, self.told.size_bytes) and size != self.told.size_bytes
+        if other_size or etag != self.told.etag or (now and then and now != then):
+            raise StorageChanged(redacted(self.url))
+
+    def _run(self, coroutine: Any) -> Any:
+        from fsspec.asyn import sync
+
+        async def wait() -> Any:
+            return await coroutine
+
+        return sync(self._web.loop, wait)
+
+    async def _begin(self, headers: dict[str, str], size: int | None) -> Any:
+        """The response once its headers are there, the body unread."""
+        import aiohttp
+
+        session = await self._web.set_session()
+        options = {name: value for name, value in self._web.kwargs.items() if name != "headers"}
+        # Never compressed: lengths and offsets are those of the file itself.
+        sent = {**self._web.kwargs.get("headers", {}), "Accept-Encoding": "identity", **headers}
+        if size is not None:
+            longest_s = _PATIENCE_S + size / _SLOWEST_BYTES_PER_S
+            options["timeout"] = aiohttp.ClientTimeout(total=longest_s, sock_connect=CONNECT_S, sock_read=READ_S)
+        return await session.get(self._web.encode_url(self.url), headers=sent, **options)
+
+    async def _probe(self) -> ObjectInfo:
+        """One byte tells size, version and whether ranges are understood, also where a signature allows GET alone."""
+
+        async def look(response: Any) -> ObjectInfo:
+            """What the answer to a question for one byte says of the whole."""
+            version = {"etag": response.headers.get("ETag"), "last_modified": response.headers.get("Last-Modified")}
+            if response.status == 206:
+                _, _, size = self._content_range(response)
+                return ObjectInfo(size, ranges=True, **version)
+            if response.status == 416:
+                found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+                return ObjectInfo(int(found[3]) if found else 0, ranges=bool(found), **version)
+            whole = response.headers.get("Content-Encoding", "identity") == "identity"
+            return ObjectInfo(response.content_length if whole else None, ranges=False, **version)
+
+        return await self._try({"Range": "bytes=0-0"}, 1, look, fine=(200, 206, 416))
+
+    async def _fetch(self, start: int, end: int) -> bytes:
+        async def take(response: Any) -> bytes:
+            """The body, once the answer says that it is the stretch asked for, of the same file."""
+            first, last, size = self._content_range(response)
+            self._compare(response, size)
+            if (first, last) != (start, end - 1):
+                raise StorageFailed(redacted(self.url), "the server answers with another range than it was asked for")
+            return await response.content.readexactly(end - start)
+
+        headers = {"Range": f"bytes={start}-{end - 1}", **self._condition()}
+        return await self._try(headers, end - start, take, fine=(206,))
+
+    async def _try(self, headers: dict[str, str], size: int, take: Any, fine: tuple[int, ...]) -> Any:
+        """What `take` makes of an answer with a fine status; a few tries where waiting may help."""
+        import aiohttp
+
+        hopeless = (aiohttp.ClientConnectorDNSError, aiohttp.InvalidURL, aiohttp.ClientConnectorCertificateError)
+        final = (*hopeless, FileNotFoundError)
+        for wait_s in _WAITS_S:
+            try:
+                return await self._ask(headers, size, take, fine)
+            except final:
+                raise
+            except (_Again, aiohttp.ClientConnectionError, aiohttp.ClientPayloadError, EOFError, OSError):
+                await asyncio.sleep(wait_s)
+        try:
+            return await self._ask(headers, size, take, fine)
+        except (aiohttp.ClientPayloadError, EOFError) as error:
+            raise StorageFailed(redacted(self.url), "the server ends its answers too early") from error
+        except _Again as error:
+            raise StorageFailed(redacted(self.url), f"{error}, {len(_WAITS_S) + 1} times") from error
+
+    async def _ask(self, headers: dict[str, str], size: int, take: Any, fine: tuple[int, ...]) -> Any:
+        response = await self._begin(headers, size)
+        try:
+            if response.status >= 500 or response.status == 429:
+                raise _Again(f"the server answers with status {response.status}")
+            if response.status not in fine:
+                self._refuse(response)
+            return await take(response)
+        finally:
+            # A whole file that nobody asked for is not read to its end.
+            if response.status == 206:
+                response.release()
+            else:
+                response.close()
+
+    def _refuse(self, response: Any) -> None:
+        """Raise what an answer without content means."""
+        if response.status in (404, 410):
+            raise FileNotFoundError(redacted(self.url))
+        found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+        if response.status == 412 or (response.status == 416 and found and int(found[3]) != self.told.size_bytes):
+            raise StorageChanged(redacted(self.url))
+        response.raise_for_status()
+        if response.status == 200:
+            # Ranges were understood a moment ago: with If-Match this is another file, without it another server.
+            raise StorageChanged(redacted(self.url))
+        raise StorageFailed(redacted(self.url), f"the server answers with status {response.status}")
+
+    def _content_range(self, response: Any) -> tuple[int, int, int]:
+        found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+        if found is None or found[1] is None or response.headers.get("Content-Encoding", "identity") != "identity":
+            raise StorageFailed(redacted(self.url), "the server sends a part without saying which")
+        first, last, size = int(found[1]), int(found[2]), int(found[3])
+        if not first <= last < size:
+            raise StorageFailed(redacted(self.url), "the server sends a part that lies outside the file")
+        return first, last, size

@@ -9,14 +9,74 @@ from __future__ import annotations
 
 import io
 import posixpath
+import shutil
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, cast
 
 from quadlog.errors import CannotWrite, StorageFailed, TooLarge
-from quadlog.storage.failures import explained, reason_of
-from quadlog.storage.remote_object import RemoteObject, Told, filesystem, open_object, told_by
-from quadlog.storage.urls import protocol_of, redacted, split_query
+from quadlog.storage.remote_object import ObjectInfo, RemoteObject, filesystem, open_object, told_by
+from quadlog.storage.urls import (
+    _local_path,
+    explained,
+    is_url,
+    protocol_of,
+    reason_of,
+    redacted,
+    split_query,
+)
+
+
+def to_path(text: str | Path) -> Path:
+    """A place as a Path; behind a URL as a RemotePath, which has those methods of Path that quadlog uses.
+
+    `file://` is a plain path. Nothing is looked up yet. Raises StorageUnknown for a URL that cannot be one.
+    """
+    # A Path, and a RemotePath too, whose text leaves out its secrets.
+    if not isinstance(text, str):
+        return text
+    if not is_url(text):
+        return Path(text)
+    protocol = protocol_of(text)
+    if protocol in ("file", "local"):
+        return _local_path(text)
+
+    return cast(Path, RemotePath(text))
+
+
+def copy_object(remote: RemoteObject, target: Path) -> None:
+    """All bytes of an object into a new file.
+
+    Raises TooLarge where it would fill more than half of the disk's free room, StorageFailed, StorageChanged.
+    """
+    told, shown = remote.told.size_bytes, redacted(remote.url)
+    # Half of what is free: the rest of the machine lives there too.
+    room = shutil.disk_usage(target.parent).free // 2
+    if told is not None and told > room:
+        raise TooLarge(f"{shown}: bytes to copy to {target.parent}", told, room)
+    written = 0
+    with target.open("xb") as file:
+        for block in remote.stream():
+            written += len(block)
+            if written > room:
+                raise TooLarge(f"{shown}: bytes to copy to {target.parent}", written, room)
+            file.write(block)
+    if told is not None and written != told:
+        raise StorageFailed(shown, f"{written} bytes came where the server had told of {told}")
+
+
+def copied(remote: RemoteObject, name: str) -> tempfile.TemporaryDirectory[str]:
+    """A temporary folder with the object in it, under a name of this program's choice. Raises as copy_object."""
+    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
+    try:
+        copy_object(remote, Path(folder.name) / name)
+    except BaseException:
+        folder.cleanup()
+        raise
+    return folder
+
 
 _NO_LISTING = "a web server's folders cannot be listed; name the recordings in them"
 _PATTERN = frozenset("*?[")
@@ -33,11 +93,11 @@ class Stat:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RemoteEntry:
     """What stands at a URL when it is looked at."""
 
     kind: Literal["file", "folder", "nothing"]
-    told: Told | None = None
+    told: ObjectInfo | None = None
 
 
 class RemotePath:
@@ -48,7 +108,7 @@ class RemotePath:
 
     __slots__ = ("_entry", "url")
 
-    def __init__(self, url: str, entry: Entry | None = None) -> None:
+    def __init__(self, url: str, entry: RemoteEntry | None = None) -> None:
         self.url = url
         self._entry = entry
 
@@ -127,7 +187,7 @@ class RemotePath:
             raise StorageFailed(str(self), "the server does not tell its size")
         return Stat(told.size_bytes, told.modified_ns())
 
-    def look(self) -> Entry:
+    def look(self) -> RemoteEntry:
         """What stands there: looked up until there is something, or known from the listing that named it."""
         found = self._entry or self._look()
         self._entry = None if found.kind == "nothing" else found
@@ -164,7 +224,7 @@ class RemotePath:
             if {"", ".", ".."}.isdisjoint(name.split("/")):
                 folder = info.get("type") == "directory"
                 url = f"{self.url.partition('://')[0]}://{'/' if str(info['name']).startswith('/') else ''}{name}"
-                yield RemotePath(url, Entry("folder") if folder else Entry("file", told_by(info)))
+                yield RemotePath(url, RemoteEntry("folder") if folder else RemoteEntry("file", told_by(info)))
 
     def open_object(self) -> RemoteObject:
         """The object as it is now. Raises FileNotFoundError."""
@@ -211,19 +271,19 @@ class RemotePath:
         except Exception as error:  # whatever a library raises for a server that refuses
             raise CannotWrite(str(self), reason_of(error, self.url)) from error
 
-    def _look(self) -> Entry:
+    def _look(self) -> RemoteEntry:
         try:
             if self.is_web() and self.url.endswith("/"):
                 raise StorageFailed(str(self), _NO_LISTING)
             if self.is_web():
-                return Entry("file", self.open_object().told)
+                return RemoteEntry("file", self.open_object().told)
             system = filesystem(self.url)
             with explained(self.url):
                 system.invalidate_cache(system._strip_protocol(self.url))
                 info = system.info(system._strip_protocol(self.url))
         except FileNotFoundError:
-            return Entry("nothing")
-        return Entry("file", told_by(info)) if info.get("type") == "file" else Entry("folder")
+            return RemoteEntry("nothing")
+        return RemoteEntry("file", told_by(info)) if info.get("type") == "file" else RemoteEntry("folder")
 
     def is_web(self) -> bool:
         """Whether a web server gives it, which lists nothing and takes nothing."""

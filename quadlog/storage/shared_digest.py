@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 
-from quadlog.storage.byte_source import LocalBytes
+from quadlog.storage.byte_ranges import LocalBytes
 
 GAP_BYTES = 1 << 20
 """What nobody reads between two stretches, as the indexes of messages, is read for the digest up to this length."""

@@ -8,11 +8,11 @@ import pytest
 
 from quadlog.cli import compare_planners
 from quadlog.cli.main import cli, run
-from quadlog.planning.panel import Panel
 from quadlog.planning.registry import PLANNERS
-from quadlog.results.comparison_tables import PLANNERS as COLUMNS
-from quadlog.results.comparison_text import FORMATS
-from quadlog.simulation.planning_forest import MOST_PER_M2
+from quadlog.planning.replan import Panel
+from quadlog.results.planner_comparison.tables import FORMATS
+from quadlog.results.planner_comparison.tables import PLANNERS as COLUMNS
+from quadlog.simulation.worlds.scenes import MOST_PER_M2
 
 PLAN = ["--planner", "ia_star", "--planner", "mt_d_star_lite"]
 FOREST = ["compare-planners", "forest:0.1", *PLAN, "--episodes", "2"]

@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import Writer
 
 from quadlog.cli.main import run
-from quadlog.recordings.container import EXCERPT
+from quadlog.recordings.containers.container import EXCERPT
 
 
 @pytest.fixture

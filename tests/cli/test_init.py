@@ -6,7 +6,7 @@ import pytest
 from mcap.writer import Writer
 
 from quadlog.cli.main import run
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 
 
 @pytest.fixture

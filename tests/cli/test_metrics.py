@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results.record import InputRecord, RunRecord
-from quadlog.results.run_folder import RunFolder
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import write_table
-from quadlog.results.tum import write_tum
+from quadlog.results.run.record import InputRecord, RunRecord
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.tables import TABLES, write_table
+from quadlog.storage.formats.tum import write_tum
 
 T_NS = np.arange(200, dtype=np.int64) * 20_000_000
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.pipelines.engine import dask_cluster
+from quadlog.pipelines.executor import dask_cluster
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 

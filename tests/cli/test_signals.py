@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results import comparison_text
+from quadlog.results.planner_comparison import tables as comparison_text
 
 MAIN = "from quadlog.cli.main import main; main()"
 # They would take hours.

@@ -9,10 +9,10 @@ import pytest
 from quadlog.cli.main import run
 from quadlog.cli.simulate import CONTROLLERS, TERRAINS
 from quadlog.cli.simulate import _terrain as option_terrain
-from quadlog.config_control import Simulation
-from quadlog.config_file import load_config
-from quadlog.pipelines.simulation.where import BANDS_M
-from quadlog.results.samples import GroundMap, read_ground, write_ground
+from quadlog.config.control import Simulation
+from quadlog.config.file import load_config
+from quadlog.pipelines.simulation.courses import BANDS_M
+from quadlog.results.run.maps import GroundMap, read_ground, write_ground
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]
 

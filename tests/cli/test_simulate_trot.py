@@ -5,8 +5,8 @@ import json
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.pipelines.simulation import trot_folder
-from quadlog.simulation import trot_walk
+from quadlog.pipelines.simulation import run_folder as trot_folder
+from quadlog.simulation.robot import trot as trot_walk
 
 
 @pytest.fixture(autouse=True)

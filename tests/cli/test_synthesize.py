@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from quadlog.cli.main import run
 from quadlog.cli.synthesize import command
-from quadlog.simulation.recording_writer import WRITERS
+from quadlog.simulation.synthetic.writer import WRITERS
 
 SMALL = ["--duration", "0.2", "--azimuth-steps", "16"]
 

@@ -6,10 +6,10 @@ import pytest
 
 from quadlog.cli.main import run
 from quadlog.cli.tables import print_table
-from quadlog.pipelines import paper_tables
-from quadlog.pipelines.tables import following_uwb
+from quadlog.pipelines.tables import make_tables as paper_tables
+from quadlog.pipelines.tables.following import uwb_table as following_uwb
 from quadlog.pipelines.tables.registry import TABLES
-from quadlog.results.paper_rows import PaperRow, PaperTable, RowGroup
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
+from quadlog.cli.info import dilution_lines, link_table, reach_lines, tag_lines
 from quadlog.cli.main import run
-from quadlog.cli.uwb_text import dilution_lines, link_table, reach_lines, tag_lines
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 LINK: dict[str, Any] = {

@@ -9,7 +9,7 @@ import numpy
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.plugins import DECODERS, PLANNERS
+from quadlog.config.plugins import DECODERS, PLANNERS
 from quadlog.version import __version__
 
 BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "quadprog", "scipy")
@@ -44,7 +44,7 @@ def test_no_package_is_imported_for_its_version(package):
 
 def test_completing_asks_for_no_version():
     """The option's callback runs while a command line is completed, too."""
-    from quadlog.cli.versions import print_versions
+    from quadlog.cli.main import print_versions
 
     context = click.Context(click.Command("quadlog"), resilient_parsing=True)
     print_versions(context, click.Option(["--version"]), True)

@@ -9,11 +9,11 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from quadlog.results.comparison_tables import COMPARISON_TABLES
-from quadlog.results.names import OWN_FILES
-from quadlog.results.paper_page import COLUMNS
-from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.schemas import METRIC_NAMES, TABLES
+from quadlog.results.papers.page import COLUMNS
+from quadlog.results.planner_comparison.tables import COMPARISON_TABLES
+from quadlog.results.run.names import OWN_FILES
+from quadlog.results.run.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run.tables import METRIC_NAMES, TABLES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text()
 SECTIONS = {

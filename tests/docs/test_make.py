@@ -12,12 +12,12 @@ from types import ModuleType
 
 import pytest
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
-from quadlog.config_section import Section
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.config.section import Section
 from quadlog.errors import InvalidConfigValue
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.schemas import METRIC_NAMES
+from quadlog.results.run.tables import METRIC_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "configuration.md").read_text()

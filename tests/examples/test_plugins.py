@@ -153,7 +153,7 @@ def test_the_planner_finds_a_way_exactly_where_there_is_one(example, seed, densi
 
 
 BROKEN_WHEN_ASKED = """
-from quadlog.planning.astar import AStar
+from quadlog.planning.planners.astar import AStar
 class Broken(AStar):
     name = "broken"
     def plan(self, *_):

@@ -12,15 +12,15 @@ import pyarrow.parquet as pq
 import pytest
 from dask.local import SynchronousExecutor
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
-from quadlog.pipelines import batch
-from quadlog.pipelines.batch_plan import Planned, plan_batch
-from quadlog.pipelines.engine.engine import Engine
-from quadlog.pipelines.engine.telling import Listener, told_to
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayOutcome, ReplayRequest, replay
-from quadlog.pipelines.synthesize import make_recording, synthesize
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.pipelines.batch import batch
+from quadlog.pipelines.batch.plan import Planned, plan_batch
+from quadlog.pipelines.executor.executor import Engine
+from quadlog.pipelines.executor.progress import Listener, Silent, told_to
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHORT_S = 3.0

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from quadlog.pipelines import batch
-from quadlog.pipelines.batch import replay_batch
-from quadlog.pipelines.batch_progress import BatchLines
+from quadlog.pipelines.batch import batch
+from quadlog.pipelines.batch.batch import replay_batch
+from quadlog.pipelines.batch.progress import BatchLines
 
 # A port of its own, beside whatever else runs on this machine, and no pages behind it.
 QUIET = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}

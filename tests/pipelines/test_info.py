@@ -13,13 +13,13 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from quadlog.cli.main import run
-from quadlog.config import Config
+from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.info import describe_recording
-from quadlog.pipelines.progress import Silent
-from quadlog.recordings.container import EXCERPT
+from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
-from quadlog.storage.urls import to_path
+from quadlog.storage.remote_path import to_path
 
 T0 = 1_700_000_000 * 10**9
 TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
 from quadlog.errors import AlreadyExists
 from quadlog.geometry import transform_from_rpy
 from quadlog.pipelines.init import mount_of, propose_config, write_new

@@ -15,21 +15,15 @@ from numpy.lib import recfunctions
 from rosbags.typesys import Stores, get_typestore
 
 from quadlog.cli.main import run as run_cli
-from quadlog.mapping.window import window_at
+from quadlog.mapping.grid import window_at
 from quadlog.results import load_maps
-from quadlog.simulation.clearance import occupied_centres
-from quadlog.simulation.follow import synthesize
-from quadlog.simulation.lidar_sensor import Scan
-from quadlog.simulation.recording_writer import McapRecording
-from quadlog.simulation.ros_encoding import POINT, TYPE_NAMES, RosEncoder
-from quadlog.simulation.scene import Cylinder, Obstacle
-from quadlog.simulation.synthesized import (
-    IMU_TOPIC,
-    LIDAR_TOPIC,
-    ROBOT_TRUTH_TOPIC,
-    START_NS,
-    TF_STATIC_TOPIC,
-)
+from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.sensors.scene import Cylinder, Obstacle
+from quadlog.simulation.synthetic.follow import synthesize
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
+from quadlog.simulation.synthetic.ros_encoding import POINT, TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.writer import McapRecording
+from quadlog.simulation.worlds.world import occupied_centres
 
 RECORDING = synthesize(seed=0, duration_s=1.6, azimuth_steps=240)
 SCANS = 16
@@ -37,7 +31,7 @@ BAD = (2, 3, 7, 11)
 METHODS = ("range_image", "paper")
 FALSE_SHARE = {"range_image": 0.005, "paper": 0.02}
 """Occupied cells with nothing there; the paper's filter keeps more false points of a thin scan."""
-CLOUD = TYPE_NAMES[Scan]
+CLOUD = TYPE_NAMES[SimulatedScan]
 DATATYPES = {"u2": 4, "f4": 7}
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
@@ -46,7 +40,7 @@ Row = tuple[int, str, str, bytes]
 """Log time, topic, type and payload of a message."""
 
 
-def sensed(scan: Scan) -> Points:
+def sensed(scan: SimulatedScan) -> Points:
     points = np.empty(len(scan.cloud.xyz_m), POINT)
     for axis, name in enumerate("xyz"):
         points[name] = scan.cloud.xyz_m[:, axis]

@@ -9,22 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.config_file import load_config
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import ReplayOptions, ReplayRequest, replay
+from quadlog.config.file import load_config
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.results import load_maps
-from quadlog.simulation.follow import synthesize
-from quadlog.simulation.pedestrian import part_centres, ray_ranges
-from quadlog.simulation.recording_writer import McapRecording, write_recording
-from quadlog.simulation.scene import Cylinder, Obstacle
-from quadlog.simulation.synthesized import (
-    IMU_TOPIC,
-    LIDAR_TOPIC,
-    ROBOT_TRUTH_TOPIC,
-    START_NS,
-    TF_STATIC_TOPIC,
-)
-from quadlog.simulation.walk import Walk
+from quadlog.simulation.sensors.lidar import part_centres, ray_ranges
+from quadlog.simulation.sensors.scene import Cylinder, Obstacle
+from quadlog.simulation.sensors.trajectory import Walk
+from quadlog.simulation.synthetic.follow import synthesize
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
+from quadlog.simulation.synthetic.writer import McapRecording, write_recording
 
 RECORDING = synthesize(seed=0, duration_s=4.5, azimuth_steps=450)
 SITE = RECORDING.site

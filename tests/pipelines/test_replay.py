@@ -12,14 +12,15 @@ from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.tools import file_interface
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, EmptyWindow, MissingInput
-from quadlog.pipelines.finished_runs import finished_outcome
-from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay
+from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results import load_maps
-from quadlog.simulation.follow import synthesize
-from quadlog.simulation.scene import Cylinder
+from quadlog.simulation.sensors.scene import Cylinder
+from quadlog.simulation.synthetic.follow import synthesize
 
 CONTRACT_FILES = {
     *("run.json", "config.toml", "metrics.json", "report.html", "derived.mcap", "foxglove-layout.json"),

@@ -11,9 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quadlog.config_file import load_config
-from quadlog.pipelines.progress import Kept
-from quadlog.pipelines.replay import ReplayOptions, ReplayOutcome, ReplayRequest, replay
+from quadlog.config.file import load_config
+from quadlog.pipelines.executor.progress import Kept
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 
 ANCHORS_M = (
     (-3.4203, 3.0053, 1.0442),

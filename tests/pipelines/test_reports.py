@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import NotARun
-from quadlog.pipelines import reports
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines import report as reports
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
-from quadlog.pipelines.reports import rebuild_reports
-from quadlog.results.tables import read_table
+from quadlog.pipelines.report import rebuild_reports
+from quadlog.results.run.tables import read_table
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,18 @@ from typing import Any
 
 import pytest
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
 from quadlog.pipelines import replay as story
-from quadlog.pipelines.finished_runs import finished_outcome
-from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.replay import Existing, ReplayOutcome, ReplayRequest, replay, reusable_stages
-from quadlog.pipelines.stages import report, unit_keys
-from quadlog.results.equality import Tolerance
-from quadlog.results.report import write_plots, write_report
-from quadlog.results.run_diff import diff_runs, first_difference
+from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.replay import replay, reusable_stages
+from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages import report
+from quadlog.pipelines.stages import resume as unit_keys
+from quadlog.pipelines.stages.resume import finished_outcome
+from quadlog.results.compare.differences import Tolerance
+from quadlog.results.compare.run_diff import diff_runs, first_difference
+from quadlog.results.page.report import write_plots, write_report
 
 Ask = Callable[..., ReplayRequest]
 UNTIL = {"ingest": 0, "position": 1, "map": 3, "plan": 4, "control": 5}

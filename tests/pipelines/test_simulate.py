@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import (
     AlreadyExists,
     InvalidConfigValue,
@@ -18,13 +18,13 @@ from quadlog.errors import (
     UnreadableFile,
     UsageError,
 )
-from quadlog.pipelines.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
-from quadlog.pipelines.simulation import walk_folder
-from quadlog.results.report import write_report
-from quadlog.results.run_folder import read_metrics, read_run_json
-from quadlog.results.tables import read_table
-from quadlog.simulation.frames import CannotDraw
+from quadlog.pipelines.simulation import run_folder as walk_folder
+from quadlog.results.page.report import write_report
+from quadlog.results.run.run_folder import read_metrics, read_run_json
+from quadlog.results.run.tables import read_table
+from quadlog.simulation.robot.rendering import CannotDraw
 
 NO_PICTURES = ("results.frames=0",)
 

@@ -15,14 +15,14 @@ from mcap.records import DataEnd, Footer
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import UsageError
-from quadlog.pipelines.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.simulate import SimulateRequest, simulate
-from quadlog.pipelines.simulation import walk_folder
-from quadlog.results.run_folder import read_metrics, read_run_json
-from quadlog.results.samples import read_ground
-from quadlog.results.tables import read_table
+from quadlog.pipelines.simulation import run_folder as walk_folder
+from quadlog.results.run.maps import read_ground
+from quadlog.results.run.run_folder import read_metrics, read_run_json
+from quadlog.results.run.tables import read_table
 
 
 @pytest.fixture(scope="module")

@@ -18,11 +18,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite
 from quadlog.pipelines import replay as story
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay, reusable_stages
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay, reusable_stages
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages import report
 
 ALL = ("position", "filter", "map", "plan", "control")
@@ -30,10 +31,11 @@ MARKS = ("position", "map", "plan", "control")
 CHILD = """
 import sys
 from pathlib import Path
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import QuadlogError
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import Existing, ReplayOptions, ReplayRequest, replay
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages import report
 fixtures, run = map(Path, sys.argv[1:])
 config = load_config(fixtures / "follow.toml", ["simulation.controller=kinematic"], {})
@@ -153,7 +155,7 @@ def test_a_full_disk_ends_with_one_line_and_a_run_that_goes_on(
 
 
 def test_a_picture_that_finds_no_room_is_told_as_well(ask, tmp_path, monkeypatch):
-    from quadlog.results.report import write_plots
+    from quadlog.results.page.report import write_plots
 
     def draw(run: Path, record: Any) -> dict[str, bytes]:
         with full_disk(5000):
@@ -165,7 +167,7 @@ def test_a_picture_that_finds_no_room_is_told_as_well(ask, tmp_path, monkeypatch
 
 
 def test_a_mark_that_finds_no_room_is_no_mark(ask, tmp_path, monkeypatch):
-    from quadlog.pipelines.stages import reuse
+    from quadlog.pipelines.stages import resume as reuse
 
     write, written = reuse.write_marks, []
 

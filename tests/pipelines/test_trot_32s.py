@@ -6,16 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, InvalidConfigValue
-from quadlog.pipelines.progress import Kept, Silent
-from quadlog.pipelines.simulate import SimulatedRun
-from quadlog.pipelines.simulation import trot_folder
-from quadlog.pipelines.trot_32s import TrotRequest, trot_32s
-from quadlog.results.report import write_report
-from quadlog.results.run_folder import read_metrics, read_run_json
-from quadlog.results.tables import read_table
-from quadlog.simulation import trot_walk
+from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.simulate import SimulatedRun, TrotRequest, trot_32s
+from quadlog.pipelines.simulation import run_folder as trot_folder
+from quadlog.results.page.report import write_report
+from quadlog.results.run.run_folder import read_metrics, read_run_json
+from quadlog.results.run.tables import read_table
+from quadlog.simulation.robot import trot as trot_walk
 
 
 def _request(output: Path, *keys: str, **options) -> TrotRequest:

@@ -16,8 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from quadlog.cli.main import run as run_cli
 from quadlog.messages import UwbRanges
-from quadlog.simulation.recording_writer import McapRecording, write_recording
-from quadlog.simulation.synthesized import SynthesizedMessage
+from quadlog.simulation.synthetic.recording import SynthesizedMessage
+from quadlog.simulation.synthetic.writer import McapRecording, write_recording
 
 START_NS = 1_700_000_000 * 10**9
 HOUR_NS = 3600 * 10**9

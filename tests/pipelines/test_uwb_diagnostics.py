@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
-from quadlog.positioning.dilution import dilution_at
+from quadlog.positioning.fix.dilution import dilution_at
 
 LIAS_ANCHORS_M = (
     (-3.4203, 3.0053, 1.0442),

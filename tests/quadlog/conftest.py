@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +14,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from quadlog.recordings.container import Channel, Loss, RawMessage
+from quadlog.recordings.containers.container import Channel, Loss, RawMessage
+from quadlog.storage.atomic_write import part_prefix
 
 
 class Ros:
@@ -142,3 +145,11 @@ def ros(request: pytest.FixtureRequest) -> Ros:
 @pytest.fixture(scope="session")
 def both_ros() -> SimpleNamespace:
     return SimpleNamespace(ros1=Ros("ros1"), cdr=Ros("cdr"))
+
+
+@pytest.fixture(scope="session")
+def left_part() -> str:
+    """The name of a file that a process of this host had begun, and that is dead now."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return f"{part_prefix(process.pid)}00000000.part"

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.config_file import load_config
-from quadlog.text import csv_table, printable, set_flag
+from quadlog.config.file import load_config
+from quadlog.errors import csv_table, printable, set_flag
 
 NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20)
 

@@ -12,10 +12,11 @@ import numpy as np
 from quadlog.errors import DecodeError
 from quadlog.geometry import apply_transform, transform_from_quat
 from quadlog.messages import Float, PointCloud, Pose
-from quadlog.recordings.decoders.point_fields import Block, Column, MakeCloud, check_block, cloud_from_block
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.payload import Payload, frame_name
+from quadlog.recordings.decoders.point_cloud import Block, Column, MakeCloud, check_block, cloud_from_block
 from quadlog.recordings.decoders.pose import normalised, place, unit_quaternion, within_reach
-from quadlog.recordings.decoders.stamps import frame_name
-from quadlog.recordings.payload_reader import Payload
+from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
 
 # foxglove.PackedElementField numeric types, in their order from 1.
 NUMERIC_TYPES = ("u1", "i1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8")
@@ -135,3 +136,29 @@ def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:
 
 def _numeric(kind: int | str) -> int:
     return NUMERIC_NAMES.index(kind) + 1 if isinstance(kind, str) else int(kind)
+
+
+def protobuf_deserialiser(channel: Channel) -> Callable[[Payload], Any]:
+    """A function from payload to protobuf message; raises DecodeError, here or per payload."""
+    # A tenth of a second of imports, for recordings that need them.
+    from google.protobuf.message import DecodeError as ProtobufError
+    from mcap.records import Schema
+    from mcap_protobuf.decoder import DecoderFactory
+
+    if len(channel.schema) > LARGEST_DEFINITION_BYTES:
+        raise DecodeError(channel.topic, f"its definition is larger than {LARGEST_DEFINITION_BYTES} bytes")
+    schema = Schema(id=1, name=channel.type_name, encoding="protobuf", data=channel.schema)
+    try:
+        decode = DecoderFactory().decoder_for("protobuf", schema)
+    except Exception as error:  # descriptors from strangers fail in many ways
+        reason = f"{channel.type_name}: its descriptors cannot be used ({type(error).__name__})"
+        raise DecodeError(channel.topic, reason) from error
+    assert decode is not None  # only for other encodings
+
+    def deserialise(payload: Payload) -> Any:
+        try:
+            return decode(bytes(payload))
+        except ProtobufError as error:
+            raise DecodeError(channel.topic, f"not a {channel.type_name}: {error}") from error
+
+    return deserialise

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from quadlog.messages import Float, Imu
-from quadlog.recordings.columns import Columns, stamps_ns, unit_rows
+from quadlog.recordings.decoders.columns import Columns, each_of, header_of, stamps_ns, unit_rows
+from quadlog.recordings.decoders.payload import frame_id, frame_name, stamp_ns
 from quadlog.recordings.decoders.pose import unit_quaternion, vector
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
-from quadlog.recordings.payload_layout import each_of, header_of
 
 IMU = (
     header_of("header")

@@ -10,10 +10,9 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
-from quadlog.messages import Float, Pose
-from quadlog.recordings.columns import Columns, reachable_rows, stamps_ns, unit_rows
-from quadlog.recordings.decoders.stamps import frame_id, frame_name, stamp_ns
-from quadlog.recordings.payload_layout import TEXT, each_of, header_of
+from quadlog.messages import Float, Odometry, Pose, Transforms
+from quadlog.recordings.decoders.columns import TEXT, Columns, each_of, header_of, reachable_rows, stamps_ns, unit_rows
+from quadlog.recordings.decoders.payload import frame_id, frame_name, stamp_ns
 
 POSE_STAMPED = header_of("header") | each_of("pose.position", "xyz") | each_of("pose.orientation", "xyzw")
 POSE_WITH_COVARIANCE = (
@@ -92,3 +91,65 @@ def normalised(xyzw: Sequence[float], topic: str) -> Float:
         raise DecodeError(topic, "its quaternion is not finite")
     unit = (x / length, y / length, z / length, w / length) if length > 0 else (0.0, 0.0, 0.0, 1.0)
     return np.array(unit, np.float64)
+
+
+ODOMETRY = (
+    header_of("header")
+    | {"child_frame_id": TEXT}
+    | each_of("pose.pose.position", "xyz")
+    | each_of("pose.pose.orientation", "xyzw")
+    | each_of("twist.twist.linear", "xyz")
+    | each_of("twist.twist.angular", "xyz")
+)
+
+
+def decode_odometry(message: Any, topic: str) -> Odometry:
+    """Pose and twist, their covariances left out."""
+    pose, twist = message.pose.pose, message.twist.twist
+    return Odometry(
+        stamp_ns(message),
+        frame_id(message),
+        frame_name(message.child_frame_id),
+        place(pose.position, topic),
+        unit_quaternion(pose.orientation, topic),
+        vector(twist.linear),
+        vector(twist.angular),
+    )
+
+
+def odometry_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 15) of ODOMETRY."""
+    quat_xyzw, sound = unit_rows(numbers[:, 5:9])
+    values = np.concatenate([numbers[:, 2:5], quat_xyzw, numbers[:, 9:]], axis=1)
+    frame, child = (frame_name(text) for text in texts)
+    return [Columns(Odometry, stamps_ns(numbers[:, :2]), values, frame, child)], sound & reachable_rows(values[:, :3])
+
+
+TF = {f"transforms.{path}": count for path, count in TRANSFORM_STAMPED.items()}
+_NUMBERS = 9
+
+
+def decode_tf(message: Any, topic: str) -> Transforms:
+    """All transforms of a message; static by the topic's name, as tf2 has it.
+
+    Every transform carries its own stamp; the message's is that of the first, None where it is empty.
+    """
+    transforms = tuple(decode_transform(each, topic) for each in message.transforms)
+    stamp_ns = transforms[0].stamp_ns if transforms else None
+    return Transforms(stamp_ns, transforms, is_static(topic))
+
+
+def is_static(topic: str) -> bool:
+    """Whether a topic of transforms carries static ones."""
+    return topic.rsplit("/", 1)[-1] == "tf_static"
+
+
+def tf_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers of TF: two names and nine numbers for each transform, which has columns of its own."""
+    found: list[Columns] = []
+    sound = np.ones(len(numbers), dtype=bool)
+    for i in range(len(texts) // 2):
+        columns, own = pose_in_columns(texts[2 * i : 2 * i + 2], numbers[:, _NUMBERS * i : _NUMBERS * (i + 1)])
+        found += columns
+        sound &= own
+    return found, sound

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Collection
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from quadlog.errors import WorkerDied
 from quadlog.results.plots import style
-from quadlog.results.plots.control import draw_commands, draw_lookahead, draw_posture, draw_torques
-from quadlog.results.plots.expanded import draw_expanded
-from quadlog.results.plots.grid import draw_grid
-from quadlog.results.plots.ranges import draw_ranges
-from quadlog.results.plots.residuals import draw_residuals
+from quadlog.results.plots.control import (
+    draw_commands,
+    draw_displacement,
+    draw_euler_angles,
+    draw_lookahead,
+    draw_posture,
+    draw_torques,
+    draw_tracking_error,
+)
+from quadlog.results.plots.planning import draw_expanded, draw_grid
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.scans import draw_scan, draw_scans
-from quadlog.results.plots.terrain import draw_terrain
-from quadlog.results.plots.tracking import draw_tracking_error
-from quadlog.results.plots.trajectory import draw_trajectory
-from quadlog.results.plots.trot import draw_displacement, draw_euler_angles
-from quadlog.results.plots.uwb_error import draw_uwb_error
-from quadlog.results.plots.uwb_geometry import draw_uwb_geometry
-from quadlog.results.plots.uwb_links import draw_uwb_links
+from quadlog.results.plots.trajectory import draw_terrain, draw_trajectory
+from quadlog.results.plots.uwb_position import draw_uwb_error, draw_uwb_geometry
+from quadlog.results.plots.uwb_ranges import draw_ranges, draw_residuals, draw_uwb_links
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -214,3 +218,46 @@ def render_plots(run: RunData, names: Collection[str] | None = None) -> dict[str
     finally:
         gc.unfreeze()
     return {name: png for name, png in rendered.items() if png is not None}
+
+
+class SharedDrawing:
+    """Figures that the helper begins with at once, while this process does something else first."""
+
+    def __init__(self, run: RunData, helper: Executor | None = None) -> None:
+        """helper: one process, which takes tasks in their order."""
+        self._run = run
+        submit = None if helper is None else helper.submit
+        self._asked = {} if submit is None else {plot.name: submit(_draw_one, run.path, plot.name) for plot in PLOTS}
+
+    def finish(self) -> dict[str, bytes]:
+        """Draw what the helper has not begun, the last figure first, and return all: as render_plots does.
+
+        Raises NotARun for damaged files.
+        """
+        if not self._asked:
+            return render_plots(self._run)
+        drawn: dict[str, bytes] = {}
+        for name in reversed(self._asked):
+            if not self._asked[name].cancel():
+                break  # the helper has come this far
+            drawn |= render_plots(self._run, [name])
+        for name, future in self._asked.items():
+            if not future.cancelled():
+                drawn |= self._drawn_by_helper(name, future)
+        return {plot.name: drawn[plot.name] for plot in PLOTS if plot.name in drawn}
+
+    def _drawn_by_helper(self, name: str, future: Future[dict[str, bytes]]) -> dict[str, bytes]:
+        try:
+            return future.result()
+        except WorkerDied:
+            return render_plots(self._run, [name])
+
+
+@lru_cache(maxsize=1)
+def _run_at(path: Path) -> RunData:
+    """Read by the helper once for all its figures of a run."""
+    return RunData(path)
+
+
+def _draw_one(path: Path, name: str) -> dict[str, bytes]:
+    return render_plots(_run_at(path), [name])

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.results.plots import places, style
-from quadlog.results.plots.body import draw_body
+from quadlog.results.plots import layout as places
+from quadlog.results.plots import style
+from quadlog.results.plots.layout import draw_body
 from quadlog.results.plots.run_data import RunData
 
 if TYPE_CHECKING:

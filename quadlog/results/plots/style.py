@@ -6,6 +6,8 @@ drawing needs no display and leaves no global state behind.
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,12 +15,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
-from quadlog.results.plots.png import to_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_RGB = 2  # colour type: 8 bits each of red, green and blue
+_LEVEL = 1
+
+
+def to_png(rgb: NDArray[np.uint8]) -> bytes:
+    """The PNG of a picture (rows, columns, 3); nothing but the picture is in it."""
+    from isal import isal_zlib
+
+    rows, columns, _ = rgb.shape
+    filtered = np.zeros((rows, 1 + 3 * columns), np.uint8)  # each row begins with its filter: 0, none
+    filtered[:, 1:] = rgb.reshape(rows, 3 * columns)
+    header = struct.pack(">IIBBBBB", columns, rows, 8, _RGB, 0, 0, 0)
+    pixels = isal_zlib.compress(filtered.tobytes(), _LEVEL)
+    return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", pixels) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
 
 # Okabe & Ito's palette. One meaning per colour in all figures.
 BLACK, GREY, LIGHT = "#1a1a1a", "#6e6e6e", "#d9d9d9"

@@ -7,17 +7,56 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.results.plots import places, style
-from quadlog.results.plots.occupancy import seen_around
-from quadlog.results.plots.run_data import RunData, Table
+from quadlog.results.plots import layout as places
+from quadlog.results.plots import style
+from quadlog.results.plots.run_data import RunData, Table, seen_around
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+BAR_IN = 1.2  # the colour bar with its labels, down to −99.999 m
+
+
+def draw_terrain(run: RunData) -> Figure | None:
+    """Mean height of ground points per cell, in metres of `map`; cells without ground points stay empty."""
+    from matplotlib.ticker import MaxNLocator
+
+    ground = run.ground
+    if ground is None:
+        return None
+    height_m, cell_m = ground.height_m, float(ground.cell_m)
+    known_row, known_column = np.nonzero(np.isfinite(height_m))
+    if not len(known_row):
+        return None
+    rows = slice(int(known_row.min()), int(known_row.max()) + 1)
+    columns = slice(int(known_column.min()), int(known_column.max()) + 1)
+    cut = height_m[rows, columns]
+    left, bottom = float(ground.origin_m[0]) + columns.start * cell_m, float(ground.origin_m[1]) + rows.start * cell_m
+    extent = (left, left + cut.shape[1] * cell_m, bottom, bottom + cut.shape[0] * cell_m)
+    low_m, high_m = np.percentile(cut[np.isfinite(cut)], [1, 99])
+    figure, axes = places.new_map(extent, BAR_IN, places.TITLE_IN)
+    # At least 2 cm of range: sensor noise on a flat floor should look flat.
+    image = axes.imshow(
+        np.ma.masked_invalid(cut),
+        origin="lower",
+        extent=extent,
+        cmap="cividis",
+        zorder=style.ABOVE_GRID,
+        vmin=float(low_m),
+        vmax=float(max(high_m, low_m + 0.02)),
+    )
+    axes.set_title(
+        f"{style.count(len(known_row))} cells of {cell_m:g} m; 98 % of heights within {high_m - low_m:.3f} m"
+    )
+    few = MaxNLocator(6, steps=[1, 2, 5, 10])  # such ticks have short labels
+    places.add_bar(axes, image, "height of the ground (m)", extend="both", ticks=few)
+    return figure
+
+
 MARGIN_M = 2.0
 SHOWN_PLANS = 12
-BAR_IN = 0.85  # the colour bar with its labels
+COLOUR_BAR_IN = 0.85  # the colour bar with its labels
 
 
 def draw_trajectory(run: RunData) -> Figure | None:
@@ -32,7 +71,7 @@ def draw_trajectory(run: RunData) -> Figure | None:
     walked = paths or [_xy(fixes or {})]
     seen_m = seen_around(np.concatenate(walked), run.occupancy)
     extent_m = _view([*walked, seen_m], [anchor[1:] for anchor in anchors])
-    figure, axes = places.new_map(extent_m, BAR_IN if run.occupancy is not None else places.EDGE_IN)
+    figure, axes = places.new_map(extent_m, COLOUR_BAR_IN if run.occupancy is not None else places.EDGE_IN)
     _draw_map(run, axes)
     # A follower walks where its target walked: the later line is thinner, so that the earlier shows beside it.
     _draw_walk(axes, walks["poses"], "robot", style.ROBOT, 3.6)

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import ReplayRequest, replay
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayRequest
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadlog.pipelines.comparison.asking import ask_everything
-from quadlog.pipelines.comparison.forest_source import forest_source
-from quadlog.pipelines.comparison.map_source import movingai_source
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.sources import forest_source, movingai_source
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules
-from quadlog.results.comparison_tables import REPLANS, SCENARIOS
+from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
 
 NAMES = ["astar", "clearance_astar", "ia_star"]
 

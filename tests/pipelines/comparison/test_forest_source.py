@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from quadlog.errors import UsageError
-from quadlog.pipelines.comparison.forest_source import forest_source
+from quadlog.pipelines.comparison.sources import forest_source
 from quadlog.planning.rules import Rules
 
 

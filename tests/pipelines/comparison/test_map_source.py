@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadlog.errors import UnreadableFile, UsageError
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.asking import ask_everything
-from quadlog.pipelines.comparison.map_source import movingai_source, ros_map_source
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.sources import movingai_source, ros_map_source
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
-from quadlog.results.rosmap import write_rosmap
+from quadlog.storage.formats.ros_map import write_rosmap
 
 EXACT = Rules(costs="exact")
 CELLS = (1.0, math.sqrt(2))

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from quadlog.errors import RecordingNotFound, UsageError
-from quadlog.pipelines.compare_planners import CompareOptions
-from quadlog.pipelines.comparison.open_sources import open_sources
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.comparison.sources import open_sources
+from quadlog.pipelines.executor.progress import Silent
 
 
 def test_each_kind_by_what_it_is_called(planned_run, write_map, tmp_path):

@@ -8,12 +8,11 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from numpy.testing import assert_array_equal
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import MissingInput
-from quadlog.pipelines.comparison.asking import ask_everything
-from quadlog.pipelines.comparison.recording_source import recording_source
-from quadlog.pipelines.comparison.run_source import run_source
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.sources import recording_source, run_source
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules
 
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import MissingInput, NotARun, UnreadableConfig
-from quadlog.pipelines.comparison.asking import ask_everything
-from quadlog.pipelines.comparison.run_source import run_source
-from quadlog.pipelines.progress import Silent
+from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.sources import run_source
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.stages.plan import configured_planner, growth_of
 from quadlog.planning.rules import Rules
-from quadlog.results.maps import load_maps
-from quadlog.results.tables import read_table
+from quadlog.results.run.maps import load_maps
+from quadlog.results.run.tables import read_table
 
 
 @pytest.fixture

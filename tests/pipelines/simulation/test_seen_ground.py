@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadlog.errors import NotARun
-from quadlog.pipelines.simulation.seen_ground import LEAST_POINTS, NEAR_M, SeenGround, seen_ground
-from quadlog.results.samples import GroundMap, write_ground
-from quadlog.simulation.ground import Ground
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, NEAR_M, SeenGround, seen_ground
+from quadlog.results.run.maps import GroundMap, write_ground
+from quadlog.simulation.robot.height_field import HeightField
 
 CELL_M = 0.2
 
@@ -102,7 +102,7 @@ def test_steepness_and_ground_are_those_of_the_whole_where_the_path_crosses_it(t
     seen = _seen(_write(tmp_path, rng.uniform(0, 0.1, (20, 20))))
     across = np.array([[-2.0, -2.0], [2.0, -2.0], [2.0, 0.0], [-2.0, 0.0], [-2.0, 2.0], [2.0, 2.0]])
     for friction in (0.2, 0.5, 0.6, 0.7, 1.0):
-        whole: Ground = seen.ground
+        whole: HeightField = seen.ground
         assert (seen.too_steep_along(across, friction) is None) == (whole.too_steep_for(friction) is None)
 
 

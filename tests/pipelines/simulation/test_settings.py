@@ -6,20 +6,20 @@ from dataclasses import fields
 
 import pytest
 
-from quadlog.config import Config
-from quadlog.config_control import Disturbances
-from quadlog.config_file import load_config
+from quadlog.config.control import DisturbancesConfig
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings
+from quadlog.control.locomotion.gait import GAITS
+from quadlog.control.locomotion.mpc import MpcSettings
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue
-from quadlog.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings
-from quadlog.locomotion.gait import GAITS
-from quadlog.locomotion.mpc import MpcSettings
-from quadlog.locomotion.robot import ROBOTS
-from quadlog.locomotion.walker import WalkerSettings
-from quadlog.locomotion.wbc import WbcSettings
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES
-from quadlog.pipelines.simulation import settings
-from quadlog.simulation.disturbances import DISTURBED, NONE
-from quadlog.simulation.ground import FRICTION
+from quadlog.pipelines.simulation import walk as settings
+from quadlog.simulation.robot.disturbances import DISTURBED, NONE
+from quadlog.simulation.robot.height_field import FRICTION
 
 ROBOT = ROBOTS["tracking"]
 
@@ -43,7 +43,7 @@ def test_every_gait_can_be_chosen():
 def test_disturbed_is_what_the_simulation_means_by_it():
     config = load_config(None, list(DISTURBED_OVERRIDES), {})
     assert settings.disturbance_settings(config.simulation.disturbances) == DISTURBED
-    assert set(Disturbances.model_fields) == {field.name for field in fields(DISTURBED)}
+    assert set(DisturbancesConfig.model_fields) == {field.name for field in fields(DISTURBED)}
 
 
 def test_controllers_differ_in_look_ahead_and_whole_body_control():

@@ -5,10 +5,10 @@ import hashlib
 import numpy as np
 import pytest
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import InvalidConfigValue, QuadlogError
 from quadlog.pipelines.simulation.trot import CURVES, PlannedTrot, plan_trot, planned_peak_m, trot_metrics, trot_once
-from quadlog.simulation.trot_robot import TrotRobot
+from quadlog.simulation.robot.trot import TrotRobot
 
 EXACT = ("friction_spread=0", "foot_radius_spread=0", "posture_spread_deg=0")
 

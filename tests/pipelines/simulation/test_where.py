@@ -3,13 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.config import Config
-from quadlog.config_file import commented_toml, load_config
+from quadlog.config.file import commented_toml, load_config
+from quadlog.config.schema import Config
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
-from quadlog.pipelines.simulation.seen_ground import LEAST_POINTS
-from quadlog.pipelines.simulation.where import MARGIN_M, find_course, ground_remarks, make_ground
-from quadlog.results.samples import GroundMap, write_ground
-from quadlog.simulation.courses import Course
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, MARGIN_M, find_course, ground_remarks, make_ground
+from quadlog.results.run.maps import GroundMap, write_ground
+from quadlog.simulation.course_walk import Course
 
 BEND = Course("bend", np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]), 0.6)
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 
-from quadlog.recordings.mcap_reader import open_mcap
-from quadlog.simulation.follow import synthesize
-from quadlog.simulation.recording_writer import WRITERS
-from quadlog.simulation.ros_encoding import TYPE_NAMES, RosEncoder
-from quadlog.simulation.synthesized import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
+from quadlog.recordings.containers.mcap import open_mcap
+from quadlog.simulation.synthetic.follow import synthesize
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
+from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.writer import WRITERS
 
 RECORDING = synthesize(seed=0, duration_s=3.2, azimuth_steps=240)
 WANTED = (TF_STATIC_TOPIC, IMU_TOPIC, ROBOT_TRUTH_TOPIC, LIDAR_TOPIC)

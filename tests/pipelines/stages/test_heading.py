@@ -11,16 +11,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.geometry import interpolate_angle, quat_from_yaw, wrap_angle
 from quadlog.messages import Imu, Odometry, Pose, UwbRanges
-from quadlog.pipelines.progress import Silent, StageClock
-from quadlog.pipelines.replay import ReplayOptions, ReplayRequest
+from quadlog.pipelines.executor.progress import Silent, StageClock
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.ingest import open_walk
 from quadlog.pipelines.stages.position import locate_walk
-from quadlog.pipelines.stages.walk import Walk
-from quadlog.simulation.recording_writer import WRITERS, write_recording
-from quadlog.simulation.synthesized import SynthesizedMessage
+from quadlog.simulation.synthetic.recording import SynthesizedMessage
+from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 
 START_NS = 1_767_225_600_000_000_000
 ANCHORS_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
@@ -111,7 +111,7 @@ def magnetised(t_s: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def located(folder: Path, made: Made, *overrides: str) -> Iterator[Walk]:
+def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext]:
     """The recording written, read and located."""
     anchors = ", ".join(f"{{ id = {i}, x_m = {x}, y_m = {y}, z_m = {z} }}" for i, (x, y, z) in enumerate(ANCHORS_M))
     (folder / "quadlog.toml").write_text(CONFIG.format(anchors=anchors))
@@ -123,12 +123,12 @@ def located(folder: Path, made: Made, *overrides: str) -> Iterator[Walk]:
         yield walk
 
 
-def yaw_error(walk: Walk, made: Made) -> np.ndarray:
+def yaw_error(walk: ReplayContext, made: Made) -> np.ndarray:
     _, yaw = made.base((walk.robot.t_ns - START_NS) * 1e-9)
     return wrap_angle(walk.robot.yaw_rad - yaw)
 
 
-def note(walk: Walk, start: str) -> str:
+def note(walk: ReplayContext, start: str) -> str:
     return next(each for each in walk.notes if each.startswith(start))
 
 

@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.errors import ClocksDiffer
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import ReplayOptions, ReplayRequest, replay
-from quadlog.results.tables import read_table
-from quadlog.simulation.synthesized import ROBOT_TRUTH_TOPIC, START_NS
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.results.run.tables import read_table
+from quadlog.simulation.synthetic.recording import ROBOT_TRUTH_TOPIC, START_NS
 
 SETTINGS = [f"topics.position={ROBOT_TRUTH_TOPIC}", "topics.target=ahead", "grid.size_cells=81"]
 SOUND = (0, 32, "", [])

@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quadlog.config_file import load_config
+from quadlog.config.file import load_config
 from quadlog.lidar.deskew import Skewed
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.compact import CompactScan
 from quadlog.messages import Float, Imu, Int, PointCloud, Pose
-from quadlog.pipelines.stages.scan_poses import deskewed
-from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings
-from quadlog.pipelines.stages.spill import Spill
+from quadlog.pipelines.stages.perceive import deskewed
+from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings, Spill
 from quadlog.pipelines.stages.tilt import Tilt
-from quadlog.recordings.columns import Columns
+from quadlog.recordings.decoders.columns import Columns
 from quadlog.recordings.gathering import Many
 from quadlog.recordings.tf_tree import TransformTree
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.pipelines.stages.spill import Spill
+from quadlog.pipelines.stages.scans import Spill
 
 
 @given(records=st.lists(st.lists(st.binary(max_size=40), max_size=3)), bound=st.integers(1, 60))

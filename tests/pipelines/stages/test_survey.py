@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from quadlog.messages import RangeSeries
-from quadlog.pipelines.stages.survey import check_located, survey_warnings
+from quadlog.pipelines.stages.uwb import check_located, survey_warnings
+from quadlog.positioning.anchor_survey import ShiftedAnchor, SurveyCheck
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
-from quadlog.positioning.survey_check import ShiftedAnchor, SurveyCheck
 
 ANCHORS_M = np.array([[0.0, 0, 1.2], [9, 0.5, 1.2], [8, 7, 1.2], [-0.5, 6, 1.2], [4, -2, 1.2], [3, 9, 1.2]])
 IDS = np.array([10, 11, 12, 13, 14, 15])

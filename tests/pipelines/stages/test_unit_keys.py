@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
-from quadlog.pipelines.replay import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages import unit_keys as module
-from quadlog.pipelines.stages.unit_keys import unit_keys
-from quadlog.pipelines.stages.units import units_until
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages import resume as module
+from quadlog.pipelines.stages.resume import unit_keys
+from quadlog.pipelines.stages.stage import units_until
 
 ROBOT = '<mujoco><worldbody><body name="{name}"><geom size="1"/></body></worldbody></mujoco>'
 # A value beside the default for what a rule below cannot make one of.

@@ -12,20 +12,20 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
-from quadlog.config import Config
-from quadlog.config_file import load_config
-from quadlog.config_section import Section
-from quadlog.pipelines.progress import Silent, StageClock
-from quadlog.pipelines.replay import ReplayRequest
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.config.section import Section
+from quadlog.pipelines.executor.progress import Silent, StageClock
+from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.stages import control, ingest, perceive, plan, position
+from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.scans import ScanSettings
-from quadlog.pipelines.stages.units import Unit, units_until
-from quadlog.pipelines.stages.walk import Walk
-from quadlog.results.files import files_written
-from quadlog.results.names import OWN_FILES
-from quadlog.stages import STAGES
+from quadlog.pipelines.stages.stage import Unit, units_until
+from quadlog.results.run.names import OWN_FILES
+from quadlog.results.run.stages import STAGES
+from quadlog.storage.atomic_write import files_written
 
-WORK: dict[str, Callable[[Walk], None]] = {
+WORK: dict[str, Callable[[ReplayContext], None]] = {
     "position": position.locate_walk,
     "filter": perceive.filter_scans,
     "map": perceive.filter_and_map,

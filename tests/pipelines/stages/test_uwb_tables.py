@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadlog.pipelines.progress import Silent
-from quadlog.pipelines.replay import ReplayOutcome, ReplayRequest, replay
-from quadlog.positioning.dilution import dilution_at
-from quadlog.results.dilution import read_dilution
-from quadlog.results.tables import read_table
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
+from quadlog.positioning.fix.dilution import dilution_at
+from quadlog.results.run.maps import read_dilution
+from quadlog.results.run.tables import read_table
 
 
 @pytest.fixture(scope="module")

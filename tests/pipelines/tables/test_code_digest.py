@@ -8,8 +8,8 @@ import pytest
 
 import quadlog
 from quadlog import pipelines
-from quadlog.pipelines.tables import code_digest as module
-from quadlog.pipelines.tables.code_digest import code_digest
+from quadlog.pipelines.tables import make_tables as module
+from quadlog.pipelines.tables.make_tables import code_digest
 
 
 @pytest.fixture

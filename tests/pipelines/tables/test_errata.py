@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadlog.pipelines.tables.errata import ERRATA, errata_appendix, errata_document
-from quadlog.pipelines.tables.printed_planning import CELL_RATIO, PRINTED_RATIO
+from quadlog.pipelines.tables.planning.planner_walks import CELL_RATIO, PRINTED_RATIO
 from quadlog.pipelines.tables.registry import TABLES
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "errata.md"

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from quadlog.pipelines.tables.judging import Z_95, bootstrap_ratio, bootstrap_rms, compare, rms_interval, share_interval
+from quadlog.pipelines.tables.intervals import (
+    Z_95,
+    bootstrap_ratio,
+    bootstrap_rms,
+    compare,
+    rms_interval,
+    share_interval,
+)
 
 
 def test_the_normal_quantile_is_scipys():

@@ -6,14 +6,14 @@ import signal
 import pytest
 
 from quadlog.errors import QuadlogError
-from quadlog.pipelines.tables import measuring
-from quadlog.pipelines.tables.measuring import LONGEST_FIRST, SHARED_OUT, measure_tables
+from quadlog.pipelines.tables import make_tables as measuring
+from quadlog.pipelines.tables.make_tables import LONGEST_FIRST, SHARED_OUT, measure_tables
 from quadlog.pipelines.tables.registry import TABLES
 
 MODULE = """
 import os, signal
 from quadlog.errors import QuadlogError
-from quadlog.results.paper_rows import PaperRow, PaperTable, RowGroup
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup
 
 def make_table(fast, seed):
     {first}

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.pipelines.tables import following_2, planning_1, planning_2
-from quadlog.pipelines.tables.printed_planning import CELL_RATIO, LENGTH_M, TIME_S
-from quadlog.results.paper_page import section_text
+from quadlog.pipelines.tables.following import table_2 as following_2
+from quadlog.pipelines.tables.planning import table_1 as planning_1
+from quadlog.pipelines.tables.planning import table_2 as planning_2
+from quadlog.pipelines.tables.planning.planner_walks import CELL_RATIO, LENGTH_M, TIME_S
+from quadlog.results.papers.page import section_text
 
 FEW = {planning_1: ("FAST_WALKS", 2), planning_2: ("FAST_EPISODES", 2), following_2: ("FAST_WALKS", 1)}
 

@@ -8,9 +8,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.pipelines.tables import s_curve_rows, tracked_courses, tracked_s_curve, tracking_5, tracking_courses
-from quadlog.pipelines.tables.tracked_walks import CURVES, Tracked
-from quadlog.results.paper_page import section_text
+from quadlog.pipelines.tables.tracking import (
+    courses as tracked_courses,
+)
+from quadlog.pipelines.tables.tracking import (
+    courses as tracking_courses,
+)
+from quadlog.pipelines.tables.tracking import (
+    table_5 as s_curve_rows,
+)
+from quadlog.pipelines.tables.tracking import (
+    table_5 as tracked_s_curve,
+)
+from quadlog.pipelines.tables.tracking import (
+    table_5 as tracking_5,
+)
+from quadlog.pipelines.tables.tracking.walks import CURVES, Tracked
+from quadlog.results.papers.page import section_text
 
 T_S = np.linspace(0, 60, 50)
 

@@ -5,27 +5,31 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from quadlog.following.lookahead import HONEST, PAPER
-from quadlog.pipelines.simulation.settings import disturbance_settings, fuzzy_settings, lookahead_control
-from quadlog.pipelines.tables import tracked_walks
-from quadlog.pipelines.tables.tracked_s_curve import CONTROLLERS, KNOWN_BEST_M, LENGTHS_M, TUNED, best_fixed_m, fixed
-from quadlog.pipelines.tables.tracked_walks import (
+from quadlog.control.following.lookahead import HONEST, PAPER
+from quadlog.pipelines.simulation.walk import disturbance_settings, fuzzy_settings, lookahead_control
+from quadlog.pipelines.tables.tracking import walks as tracked_walks
+from quadlog.pipelines.tables.tracking.table_5 import CONTROLLERS, KNOWN_BEST_M, LENGTHS_M, TUNED, best_fixed_m, fixed
+from quadlog.pipelines.tables.tracking.walks import (
     CHOOSING_SEEDS,
     CURVES,
+    ETA,
+    LOOKAHEAD,
     SEEDS_PER_TABLE,
+    SIGMA,
+    TIME,
     Steering,
-    Task,
     Tracked,
+    TrackingTask,
     held_out_seeds,
+    mean_row,
     walk_all,
     walk_task,
 )
-from quadlog.pipelines.tables.tracking_figures import ETA, LOOKAHEAD, SIGMA, TIME, mean_row
-from quadlog.simulation.disturbances import DISTURBED, NONE
+from quadlog.simulation.robot.disturbances import DISTURBED, NONE
 
 
 def task(steering, disturbed=False, course="s-curve", terrain="course", seed=2000):
-    return Task(course, terrain, steering, disturbed, seed)
+    return TrackingTask(course, terrain, steering, disturbed, seed)
 
 
 def test_what_is_reported_was_never_chosen_on():

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
+from quadlog.pipelines.tables.figure_index import SHOWN, figures_appendix
 from quadlog.pipelines.tables.registry import TABLES
-from quadlog.pipelines.tables.where_figures_are import SHOWN, figures_appendix
 
 FIGURES = {"[Following]": 18, "[Planning]": 21, "[Tracking]": 29, "[Foot]": 6}
 NUMBERED = {"[Following]": 2, "[Planning]": 2, "[Tracking]": 5, "[Foot]": 2}

@@ -41,7 +41,7 @@ def large_ring_scan():
 
 @pytest.fixture(scope="session")
 def synthesized_scans():
-    """List of (N, 3) float32 of the committed recording that quadlog.simulation.follow made."""
+    """List of (N, 3) float32 of the committed recording that quadlog.simulation.synthetic.follow made."""
     return read_clouds(Path(__file__).parents[3] / "fixtures" / "follow.mcap")
 
 

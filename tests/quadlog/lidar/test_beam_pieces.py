@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.beam_pieces import drop_pieces
+from quadlog.lidar.ground_columns import drop_pieces
 
 COLUMNS = 360
 PIECE = slice(100, 110)

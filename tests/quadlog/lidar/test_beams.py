@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.beams import ELEVATION_BINS, beams_by_elevation, beams_by_ring
-from quadlog.lidar.polar import to_polar
+from quadlog.lidar.range_image import ELEVATION_BINS, beams_by_elevation, beams_by_ring, to_polar
 
 RANGES_M = (0.3, 30.0)
 

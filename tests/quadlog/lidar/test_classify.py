@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.geometry import apply_transform, transform_from_rpy
-from quadlog.lidar.classify import FEWEST_RETURNS, ClassifiedScan, cropped_to_base
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import FEWEST_RETURNS, ClassifiedScan, PointClass, cropped_to_base
 
 
 def test_points_are_moved_to_base_and_cropped_there() -> None:

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.lidar import ground as ground_module
-from quadlog.lidar.ground import Ground, fit_ground, height_above_ground, is_level, ransac_iterations
-from quadlog.open3d_import import import_open3d
+from quadlog.lidar import ransac_plane as ground_module
+from quadlog.lidar.ransac_plane import GroundPlane, fit_ground, height_above_ground, is_level, ransac_iterations
+from quadlog.simulation.sensors.scene import import_open3d
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_same_seed_same_plane_in_another_process(ring_scan, tmp_path) -> None:
     here = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
     again = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
     script = (
-        "import numpy as np, sys; from quadlog.lidar.ground import fit_ground\n"
+        "import numpy as np, sys; from quadlog.lidar.ransac_plane import fit_ground\n"
         "g = fit_ground(np.load(sys.argv[1]), 0.1, 0.99, 0.3, 100, seed=7)\n"
         "print(g.normal.tobytes().hex(), g.d_m.hex(), int(g.inliers.sum()))"
     )
@@ -125,9 +125,9 @@ def test_three_points_of_a_draw_differ() -> None:
     assert (triples < 4).all()
 
 
-def plane_of(normal: tuple[float, float, float], point: tuple[float, float, float]) -> Ground:
+def plane_of(normal: tuple[float, float, float], point: tuple[float, float, float]) -> GroundPlane:
     unit = np.array(normal) / np.linalg.norm(normal)
-    return Ground(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
+    return GroundPlane(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
 
 
 def test_heights_are_vertical_above_a_tilted_plane() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.ground_profile import SECTOR_COLUMNS, GroundProfile, level_plane
+from quadlog.lidar.ground_labels import SECTOR_COLUMNS, GroundProfile, level_plane
 
 COLUMNS, SECTORS = 4 * SECTOR_COLUMNS, 4
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
 
 MOUNT = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
 

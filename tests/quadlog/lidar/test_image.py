@@ -3,9 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.beams import beams_by_ring, phase_and_strangers
-from quadlog.lidar.image import Image
-from quadlog.lidar.polar import to_polar
+from quadlog.lidar.range_image import Image, beams_by_ring, phase_and_strangers, to_polar
 
 RANGES_M = (0.3, 30.0)
 LEVEL = np.stack([np.eye(4, dtype=np.float32)[:3], np.zeros((3, 4), np.float32)])

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
-from quadlog.simulation import forest
-from quadlog.simulation.labelled_scans import labelled_scans
-from quadlog.simulation.lidar_sensor import Lidar
-from quadlog.simulation.synthesized import IMU_TOPIC, START_NS
+from quadlog.simulation.sensors.lidar import Lidar
+from quadlog.simulation.synthetic import forest
+from quadlog.simulation.synthetic.labelled_scans import labelled_scans
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS
 
 MS = 1_000_000
 T_NS = 1_767_225_600_000_000_000

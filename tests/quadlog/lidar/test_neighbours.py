@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
-from quadlog.lidar.neighbours import mean_neighbour_distances
+from quadlog.lidar.statistical_outliers import mean_neighbour_distances
 
 SHAPES = ("normal", "uniform", "plane", "line", "circle", "clusters", "few places", "lattice", "twice", "far outlier")
 

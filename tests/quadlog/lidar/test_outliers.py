@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from quadlog.lidar.outliers import statistical_outliers
-from quadlog.open3d_import import import_open3d
+from quadlog.lidar.statistical_outliers import statistical_outliers
+from quadlog.simulation.sensors.scene import import_open3d
 
 
 def by_definition(xyz_m: np.ndarray, neighbours: int, std_ratio: float) -> tuple[np.ndarray, np.ndarray]:

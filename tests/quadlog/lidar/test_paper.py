@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.paper import PaperSettings, classify_scan_paper
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
 ALL_ROUND = PaperSettings(field_of_view_deg=360.0)

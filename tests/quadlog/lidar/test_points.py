@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from quadlog.lidar.points import PointClass, in_field_of_view, valid_points
+from quadlog.lidar.classified_scan import PointClass, in_field_of_view, valid_points
 
 
 def test_classes_are_the_numbers_that_files_hold() -> None:

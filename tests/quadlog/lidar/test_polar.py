@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from quadlog.lidar.points import valid_points
-from quadlog.lidar.polar import to_polar
+from quadlog.lidar.classified_scan import valid_points
+from quadlog.lidar.range_image import to_polar
 
 
 @settings(max_examples=100, deadline=None)

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.range_image import RangeImageSettings, classify_scan_range_image
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import PointCloud
-from quadlog.simulation.labelled_scans import is_true_obstacle, labelled_scans
+from quadlog.simulation.synthetic.labelled_scans import is_true_obstacle, labelled_scans
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
 ALL_ROUND = RangeImageSettings()

@@ -3,15 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.classify import ClassifiedScan
+from quadlog.lidar.classified_scan import ClassifiedReturns, ClassifiedScan, PointClass
 from quadlog.lidar.deskew import Slots
-from quadlog.lidar.ground import Ground, height_above_ground
-from quadlog.lidar.points import PointClass
-from quadlog.lidar.returns import ClassifiedReturns
+from quadlog.lidar.ransac_plane import GroundPlane, height_above_ground
 from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
+from quadlog.mapping.grid import Window
 from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.mapping.placing import PlacedScan, ScanPlacer
-from quadlog.mapping.window import Window
 
 
 @pytest.fixture(scope="session")
@@ -22,7 +20,7 @@ def compacted():
         xyz_m,
         label: PointClass | np.ndarray = PointClass.OBSTACLE,
         height_m=None,
-        ground: Ground | None = None,
+        ground: GroundPlane | None = None,
         lidar_m=(0.0, 0.0, 0.5),
         slot=None,
         middle_ns=(0,),

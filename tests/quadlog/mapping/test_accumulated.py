@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.mapping.accumulated import FREE, OCCUPIED, AccumulatedMap
+from quadlog.mapping.accumulated_map import FREE, OCCUPIED, AccumulatedMap
+from quadlog.mapping.grid import Window, window_around
 from quadlog.mapping.placing import NO_TOP, PlacedScan
-from quadlog.mapping.rays import NO_RAY
-from quadlog.mapping.window import Window, window_around
+from quadlog.mapping.ray_tracing import NO_RAY
 
 
 def grid(window: Window, *cells: tuple[int, int]) -> np.ndarray:

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.geometry import apply_transform, transform_from_rpy
-from quadlog.lidar.ground import Ground
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.ransac_plane import GroundPlane
+from quadlog.mapping.grid import window_around
 from quadlog.mapping.placing import NO_TOP
-from quadlog.mapping.window import window_around
 
 WINDOW = window_around(np.zeros(2), 0.1, 401)
 
@@ -23,9 +23,9 @@ def hit(top_mm: np.ndarray) -> set[tuple[int, int]]:
     return set(zip(cols.tolist(), rows.tolist(), strict=True))
 
 
-def plane(normal: tuple[float, float, float], point: tuple[float, float, float]) -> Ground:
+def plane(normal: tuple[float, float, float], point: tuple[float, float, float]) -> GroundPlane:
     unit = np.array(normal) / np.linalg.norm(normal)
-    return Ground(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
+    return GroundPlane(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
 
 
 @settings(deadline=None, max_examples=30)

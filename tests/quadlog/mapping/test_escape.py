@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from quadlog.mapping.escape import escape_start
+from quadlog.mapping.goal_projection import escape_start
 from quadlog.mapping.inflation import inflate
 
 

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
-from quadlog.mapping.goal import project_goal, reachable_cells
-from quadlog.mapping.window import Window
+from quadlog.mapping.goal_projection import project_goal, reachable_cells
+from quadlog.mapping.grid import Window
 
 WINDOW = Window(-20, 35, 0.1, (40, 60))
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import binned_statistic_2d
 
 from quadlog.geometry import apply_transform, transform_from_rpy
-from quadlog.lidar.points import PointClass
-from quadlog.mapping.ground_height import GroundHeight
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.mapping.accumulated_map import GroundHeight
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadlog.mapping.grid import Window
 from quadlog.mapping.lattice import GrowingLattice
-from quadlog.mapping.window import Window
 
 windows = st.builds(
     lambda col0, row0, rows, cols: Window(col0, row0, 0.1, (rows, cols)),

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.grid import Window
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
 from quadlog.mapping.placing import NO_TOP, PlacedScan
-from quadlog.mapping.rays import NO_RAY
-from quadlog.mapping.window import Window
+from quadlog.mapping.ray_tracing import NO_RAY
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
 STEP_NS = 100_000_000

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.lidar.points import PointClass
-from quadlog.mapping.rays import NO_RAY
-from quadlog.mapping.window import Window, window_around
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.mapping.grid import Window, window_around
+from quadlog.mapping.ray_tracing import NO_RAY
 
 WINDOW = window_around(np.zeros(2), 0.1, 201)
 SENSOR_M = 0.5
@@ -88,7 +88,7 @@ def test_every_cell_in_sight_of_a_sweep_is_crossed(sweep_returns, placed, column
 def sweep_returns(compacted):
     """A compact scan of a sweep in which 16 beams all end 20 m away."""
     from quadlog.geometry import transform_from_rpy
-    from quadlog.lidar.range_image import RangeImageSettings
+    from quadlog.lidar.range_image_method import RangeImageSettings
     from quadlog.lidar.scan_classifier import ScanClassifier
     from quadlog.mapping.compact import CompactSettings, ScanCompactor
     from quadlog.mapping.obstacles import ObstacleSettings

@@ -9,18 +9,18 @@ _SCANS = """
 import sys
 import numpy as np
 from numba.core.registry import CPUDispatcher
-from quadlog.lidar.range_image import RangeImageSettings
+from quadlog.lidar.range_image_method import RangeImageSettings
 from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.mapping.accumulated import AccumulatedMap
+from quadlog.mapping.accumulated_map import AccumulatedMap
 from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
-from quadlog.mapping.ground_height import GroundHeight
+from quadlog.mapping.accumulated_map import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
 from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.mapping.placing import ScanPlacer
-from quadlog.mapping.window import window_around
+from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
-from quadlog.simulation.labelled_scans import labelled_scans
+from quadlog.simulation.synthetic.labelled_scans import labelled_scans
 
 scan = next(labelled_scans("corridor", 7, 1))
 xyz_m, ring, times = scan.xyz_lidar_m, scan.ring, scan.offset_ns

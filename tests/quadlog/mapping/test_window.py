@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.mapping.window import Window, crop, window_around, window_at
+from quadlog.mapping.grid import Window, crop, window_around, window_at
 
 cells_m = st.sampled_from([0.05, 0.1, 0.25, 1.0])
 places = st.integers(-(10**6), 10**6)

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from quadlog.metrics import bootstrap
-from quadlog.metrics.bootstrap import block_length, median_interval, ratio_interval_in_time
+from quadlog.metrics import intervals as bootstrap
+from quadlog.metrics.intervals import block_length, median_interval, ratio_interval_in_time
 
 
 def test_the_medians_interval_is_scipys() -> None:

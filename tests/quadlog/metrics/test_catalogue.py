@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.schemas import METRIC_NAMES
+from quadlog.results.run.tables import METRIC_NAMES
 
 REFERENCES = (Path(__file__).parents[3] / "docs" / "references.md").read_text()
 UNITS = {"_m": "m", "_s": "s", "_rad": "rad", "_nm": "N·m", "_degps": "deg/s"}

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.clock_offset import estimate_clock_offset
+from quadlog.metrics.alignment import align_rigidly, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, associate
-from quadlog.metrics.rigid_alignment import align_rigidly
 
 S = 1_000_000_000
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import linregress
 
-from quadlog.metrics.drift import TrottedWalk, drift_metrics
+from quadlog.metrics.walking import TrottedWalk, drift_metrics
 
 REST, PERIOD, CYCLES, PERIOD_S = 100, 50, 30, 1.0
 SAMPLES = REST + PERIOD * CYCLES + 1

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from quadlog.metrics.effort import effort_metrics
+from quadlog.metrics.walking import effort_metrics
 
 WALK = {
     "energy_j": 500.0,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.frame_offset import find_frame_offset, frame_offset_words
+from quadlog.metrics.alignment import find_frame_offset, frame_offset_words
 
 
 def walk(n: int = 200, noise_m: float = 0.05, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

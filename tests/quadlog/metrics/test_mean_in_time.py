@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from quadlog.metrics.bootstrap import SAFE_IN_TIME
-from quadlog.metrics.mean_in_time import mean_interval_in_time
+from quadlog.metrics.intervals import SAFE_IN_TIME, mean_interval_in_time
 
 WALKS = 300
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from quadlog.lidar.points import PointClass
+from quadlog.lidar.classified_scan import PointClass
 from quadlog.metrics.perception import Detection, detect, ground_detection, outlier_detection
 
 GROUND, OBSTACLE, FALSE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE), np.uint8(PointClass.OUTLIER)

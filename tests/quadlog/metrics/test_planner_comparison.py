@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from quadlog.metrics.planner_comparison import Comparison, PlannerRow, compare_planners
-from quadlog.results.comparison_tables import PLANNERS
+from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
+from quadlog.results.planner_comparison.tables import PLANNERS
 
 NAN = float("nan")
 

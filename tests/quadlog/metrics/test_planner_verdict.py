@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.metrics.planner_comparison import Comparison, compare_planners
 from quadlog.metrics.planner_verdict import notes, verdict
+from quadlog.metrics.planning import Comparison, compare_planners
 
 NAMES = ("astar", "ia_star", "lpa_star", "mt_d_star_lite")
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from quadlog.metrics.alignment import align_rigidly, aligned_square_m2, project_to_plane
 from quadlog.metrics.positioning import Trajectory
-from quadlog.metrics.rigid_alignment import align_rigidly, aligned_square_m2, project_to_plane
 
 
 def trajectory(seed, n=50, flat=False):

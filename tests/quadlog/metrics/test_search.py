@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.metrics.search import Replans, search_metrics
+from quadlog.metrics.planning import Replans, search_metrics
 
 
 def replans(**columns):

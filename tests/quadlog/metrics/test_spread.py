@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from quadlog.metrics.spread import spread
+from quadlog.metrics.summary import spread
 
 values = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30)
 

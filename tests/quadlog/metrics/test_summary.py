@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from quadlog.metrics.mean_in_time import mean_interval_in_time
+from quadlog.metrics.intervals import mean_interval_in_time
 from quadlog.metrics.summary import Samples, finite_samples, summarise
 
 STATISTICS = ("mean", "std", "rms", "sum", "max")

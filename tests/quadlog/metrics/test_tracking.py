@@ -5,7 +5,7 @@ import statistics
 import numpy as np
 import pytest
 
-from quadlog.metrics.tracking import TrackedWalk, count_collisions, tracking_metrics
+from quadlog.metrics.walking import TrackedWalk, count_collisions, tracking_metrics
 
 
 def walk(n=50, **columns):

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.metrics.worst import worst_instants
+from quadlog.metrics.summary import worst_instants
 
 S = 1_000_000_000
 

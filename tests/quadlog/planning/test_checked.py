@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadlog.config.plugins import PLANNERS as GROUP
+from quadlog.config.plugins import Plugin
 from quadlog.errors import PluginUnusable, UnknownName
-from quadlog.planning.checked import CheckedPlanner
 from quadlog.planning.protocol import Plan
-from quadlog.planning.registry import PLANNERS, make_planner, planner_names, planner_type
+from quadlog.planning.registry import PLANNERS, CheckedPlanner, make_planner, planner_names, planner_type
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.plugins import PLANNERS as GROUP
-from quadlog.plugins import Plugin
 
 PLUGIN = Plugin(GROUP, "odd", "quadlog-odd", "1.0", None)  # type: ignore[arg-type]
 
@@ -152,7 +151,7 @@ def test_a_planner_neither_ends_quadlog_nor_hides_why_it_failed(kind):
 
 
 GOOD = """
-from quadlog.planning.astar import AStar
+from quadlog.planning.planners.astar import AStar
 class Mine(AStar):
     name = "mine"
 """

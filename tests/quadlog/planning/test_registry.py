@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.config import Planner as PlannerSection
+from quadlog.config.planners import PLANNER_NAMES
+from quadlog.config.schema import PlannerConfig as PlannerSection
 from quadlog.errors import UnknownName
-from quadlog.planning.names import PLANNER_NAMES
 from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
 from quadlog.planning.rules import USUAL, Rules
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.grid import Window, window_around
 from quadlog.mapping.inflation import inflate
-from quadlog.mapping.window import Window, window_around
-from quadlog.planning.astar import AStar
-from quadlog.planning.polyline import arc_lengths
+from quadlog.planning.path import arc_lengths
+from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 

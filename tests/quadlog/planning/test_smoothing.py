@@ -8,9 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from quadlog.planning.astar import AStar
-from quadlog.planning.polyline import arc_lengths
-from quadlog.planning.smoothing import control_points, inflection_indices, smooth_path, spline_point, straight_path
+from quadlog.planning.path import (
+    arc_lengths,
+    control_points,
+    inflection_indices,
+    smooth_path,
+    spline_point,
+    straight_path,
+)
+from quadlog.planning.planners.astar import AStar
 
 FREE = np.zeros((100, 100), dtype=bool)
 ORIGIN_M = np.array([-3.0, 2.0])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.positioning.anchor_order import MAX_EPOCHS, TagEpochs, find_exchanges, layout_misfit, thin_rows
+from quadlog.positioning.anchor_survey import MAX_EPOCHS, TagEpochs, find_exchanges, layout_misfit, thin_rows
 from quadlog.positioning.epochs import Epochs
 
 IRREGULAR_M = np.array([[0.0, 0.0, 1.2], [8.0, 1.0, 1.2], [7.0, 7.0, 1.2], [1.0, 5.0, 1.2], [4.0, -1.5, 1.2]])

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.positioning.anchor_order import TagEpochs
-from quadlog.positioning.anchor_shifts import AnchorShift, fit_anchor_shift
+from quadlog.positioning.anchor_survey import AnchorShift, TagEpochs, fit_anchor_shift
 from quadlog.positioning.epochs import Epochs
 
 ANCHORS_M = np.array([[0.0, 0.0, 1.2], [8.0, 1.0, 1.2], [7.0, 7.0, 1.2], [1.0, 5.0, 1.2], [4.0, -1.5, 1.2]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import Float
-from quadlog.positioning.calibration import AnchorBias, estimate_anchor_bias, track_epochs
+from quadlog.positioning.anchor_bias import AnchorBias, estimate_anchor_bias, track_epochs
 from quadlog.positioning.epochs import Epochs
 
 BIAS_M = np.array([0.25, 0.0, 0.1, 0.18])

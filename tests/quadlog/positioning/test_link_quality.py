@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadlog.messages import RangeSeries
-from quadlog.positioning.calibration import KNOWN_STD_M, AnchorBias
+from quadlog.positioning.anchor_bias import KNOWN_STD_M, AnchorBias
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share, why_not_applied
 from quadlog.positioning.locate import RangeRows
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.positioning import ranging
-from quadlog.positioning.ranging import (
+from quadlog.positioning import two_way_ranging as ranging
+from quadlog.positioning.two_way_ranging import (
     COUNTER_BITS,
     SPEED_OF_LIGHT_IN_AIR_MPS,
     TICK_S,

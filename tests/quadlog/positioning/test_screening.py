@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.messages import RangeSeries
-from quadlog.positioning.screening import screen_ranges
+from quadlog.positioning.epochs import screen_ranges
 
 TAGS, ANCHORS = np.array([0, 3]), np.array([10, 11, 12])
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from quadlog.messages import Float
-from quadlog.positioning.shared_errors import (
+from quadlog.positioning.anchor_bias import (
     SharedErrors,
     bias_covariance_at,
     column_medians,

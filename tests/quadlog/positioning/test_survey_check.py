@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from quadlog.messages import Float
-from quadlog.positioning import survey_check
-from quadlog.positioning.anchor_order import TagEpochs
-from quadlog.positioning.anchor_shifts import AnchorShift
+from quadlog.positioning import anchor_survey as survey_check
+from quadlog.positioning.anchor_survey import MATTERS_M, AnchorShift, SurveyCheck, TagEpochs, check_survey
 from quadlog.positioning.epochs import Epochs, group_epochs
-from quadlog.positioning.survey_check import MATTERS_M, SurveyCheck, check_survey
 
 ANCHORS_M = np.array(
     [[0.0, 0.0, 1.2], [8.0, 1.0, 2.2], [7.0, 7.0, 1.2], [1.0, 5.0, 2.2], [4.0, -1.5, 1.2], [3.0, 8.0, 1.8]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.geometry import wrap_angle
-from quadlog.positioning.heading import align_yaw
-from quadlog.positioning.lever_arm import tag_to_base
+from quadlog.geometry import tag_to_base, wrap_angle
+from quadlog.positioning.heading.heading import align_yaw
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
 

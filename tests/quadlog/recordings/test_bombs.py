@@ -13,7 +13,7 @@ import pytest
 import zstandard
 
 from quadlog.errors import TooLarge
-from quadlog.recordings.open_container import MOST_CHANNELS, open_container
+from quadlog.recordings.containers.open import MOST_CHANNELS, open_container
 
 MEBIBYTE = 1 << 20
 Parts = Iterable[tuple[bytes, int]]
@@ -21,8 +21,8 @@ Parts = Iterable[tuple[bytes, int]]
 READ_ALL = """
 import json, sys
 from quadlog.errors import QuadlogError
-from quadlog.pipelines.progress import peak_memory_mb
-from quadlog.recordings.open_container import open_container
+from quadlog.pipelines.executor.progress import peak_memory_mb
+from quadlog.recordings.containers.open import open_container
 messages, causes = 0, []
 try:
     with open_container(__import__("pathlib").Path(sys.argv[1])) as container:

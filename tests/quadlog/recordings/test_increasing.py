@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.recordings.increasing import increasing_rows
+from quadlog.recordings.clock import increasing_rows
 
 TIMES = st.lists(st.integers(-5, 12), max_size=11)
 

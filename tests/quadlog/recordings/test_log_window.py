@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.recordings.container import Channel, RawMessage
-from quadlog.recordings.log_window import MARGIN_NS, Seen, log_begin, log_end
+from quadlog.recordings.clock import MARGIN_NS, EdgeMessage, log_begin, log_end
+from quadlog.recordings.containers.container import Channel, RawMessage
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -30,7 +30,7 @@ class Logged:
         return (raw for raw in self.raws if raw.channel.topic in topics and start_ns <= raw.log_time_ns < end_ns)
 
     def window(self, topics, start_ns, end_ns, lag_ns=0):
-        look = lambda raws: (Seen(raw.channel.topic, raw.log_time_ns, int(raw.payload)) for raw in raws)  # noqa: E731
+        look = lambda raws: (EdgeMessage(raw.channel.topic, raw.log_time_ns, int(raw.payload)) for raw in raws)  # noqa: E731
         return log_begin(self, topics, start_ns, lag_ns, look), log_end(self, topics, end_ns, lag_ns, look)
 
     def stamped(self, topics, start_ns, end_ns):

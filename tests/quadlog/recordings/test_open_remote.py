@@ -14,12 +14,12 @@ import zstandard
 from aiohttp import web as http
 
 from quadlog.errors import NotARecording, RecordingNotFound, StorageChanged, StorageFailed
-from quadlog.recordings.open_container import open_container
-from quadlog.recordings.pulse import indexed_pulses
+from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.recording import open_recording
-from quadlog.storage import web_object
-from quadlog.storage.remote_bytes import BLOCK_BYTES
-from quadlog.storage.urls import to_path
+from quadlog.recordings.survey import indexed_pulses
+from quadlog.storage import remote_object as web_object
+from quadlog.storage.byte_ranges import BLOCK_BYTES
+from quadlog.storage.remote_path import to_path
 
 
 @pytest.fixture(autouse=True)

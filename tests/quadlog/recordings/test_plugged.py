@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadlog.config import Topics
+from quadlog.config.plugins import DECODERS
+from quadlog.config.schema import Topics
 from quadlog.errors import DecodeError, PluginNameTaken, PluginUnusable
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.plugins import DECODERS
-from quadlog.recordings.container import Channel
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import detect_roles

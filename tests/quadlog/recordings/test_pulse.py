@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.recordings.bounded import Damaged
-from quadlog.recordings.container import Channel, LogTimes
-from quadlog.recordings.pulse import Pulse, indexed_pulses
+from quadlog.recordings.containers.bounded_reader import Damaged
+from quadlog.recordings.containers.container import Channel, LogTimes
+from quadlog.recordings.survey import Pulse, indexed_pulses
 
 CHANNEL = Channel("/a", "std_msgs/msg/String", "cdr", "ros2msg", b"string data")
 

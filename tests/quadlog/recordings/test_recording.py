@@ -9,8 +9,8 @@ import pytest
 
 from quadlog.errors import ClocksDiffer, UnknownTopic
 from quadlog.messages import Odometry, UwbRanges
-from quadlog.recordings.container import Channel
-from quadlog.recordings.log_window import MARGIN_NS
+from quadlog.recordings.clock import MARGIN_NS
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording, open_recording
 
 S = 10**9

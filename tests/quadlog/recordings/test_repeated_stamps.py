@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.recordings.repeated_stamps import REORDERED_NS, backward_steps, repeated_rows
+from quadlog.recordings.clock import REORDERED_NS, backward_steps, repeated_rows
 
 MS = 10**6
 

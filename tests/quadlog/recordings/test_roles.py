@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadlog.config import Topics
+from quadlog.config.schema import Topics
 from quadlog.errors import AmbiguousTopic, UnknownTopic
-from quadlog.recordings import ros_messages
-from quadlog.recordings.container import Channel
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders import ros_messages
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.roles import Roles, detect_roles
 

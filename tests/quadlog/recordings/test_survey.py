@@ -19,12 +19,11 @@ from mcap.reader import make_reader
 from mcap.writer import IndexType
 
 from quadlog.errors import QuadlogError
-from quadlog.recordings.bounded import Damaged
-from quadlog.recordings.container import Budget, Channel
-from quadlog.recordings.pulse import indexed_pulses
+from quadlog.recordings.containers.bounded_reader import Damaged
+from quadlog.recordings.containers.container import Budget, Channel
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.survey import survey
-from quadlog.storage.byte_source import LocalBytes
+from quadlog.recordings.survey import indexed_pulses, survey
+from quadlog.storage.byte_ranges import LocalBytes
 
 MS = 10**6
 T0 = 1_700_000_000_000 * MS

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,22 @@ import pytest
 from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from quadlog.results.derived_mcap import write_derived
-from quadlog.results.dilution import DilutionGrid, write_dilution
-from quadlog.results.files import part_prefix
-from quadlog.results.layout import write_layout
-from quadlog.results.maps import MapsWriter
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.rosmap import write_rosmap
-from quadlog.results.run_folder import RunFolder
-from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import write_table
-from quadlog.results.tum import write_tum
+from quadlog.results.foxglove.derived_mcap import write_derived
+from quadlog.results.foxglove.layout import write_layout
+from quadlog.results.run.maps import (
+    CloudSample,
+    DilutionGrid,
+    GroundMap,
+    MapsWriter,
+    write_cloud_samples,
+    write_dilution,
+    write_ground,
+)
+from quadlog.results.run.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.tables import TABLES, write_table
+from quadlog.storage.formats.ros_map import write_rosmap
+from quadlog.storage.formats.tum import write_tum
 
 START_NS = 1_700_000_000_123_456_789
 CONFIG: dict[str, Any] = {
@@ -65,14 +68,6 @@ def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return open_page
-
-
-@pytest.fixture(scope="session")
-def left_part() -> str:
-    """The name of a file that a process of this host had begun, and that is dead now."""
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    return f"{part_prefix(process.pid)}00000000.part"
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import AlreadyExists
-from quadlog.results.files import part_prefix
-from quadlog.results.run_folder import RunFolder
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.storage.atomic_write import part_prefix
 
 
 def content_of_files(folder: Path) -> dict[str, bytes]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from quadlog.results.chart_panels import to_script_json
-from quadlog.results.report import write_report
+from quadlog.results.page.charts import to_script_json
+from quadlog.results.page.report import write_report
 
 Browse = Callable[..., tuple[str, list[str]]]
 HOSTILE = "</script><script>document.title = 'owned'</script><img src=x onerror=\"document.title = 'owned'\">"

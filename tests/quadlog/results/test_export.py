@@ -7,10 +7,9 @@ import pandas as pd
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
-from quadlog.map_files.ros_map import read_rosmap
 from quadlog.results.export import EXPORTERS, export_run
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.storage.formats.ros_map import read_rosmap
 
 
 def test_the_formats_are_the_contracts() -> None:

@@ -8,8 +8,8 @@ import pytest
 from aiohttp import web as http
 
 from quadlog.errors import RecordingNotFound
-from quadlog.results.record import InputRecord, RunRecord, describe_input, input_bytes
-from quadlog.storage.urls import to_path
+from quadlog.results.run.record import InputRecord, RunRecord, describe_input, input_bytes
+from quadlog.storage.remote_path import to_path
 
 
 def test_a_file_is_told_by_size_and_etag(web: Any) -> None:

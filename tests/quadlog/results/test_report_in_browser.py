@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.results.folder_report import write_folder_report
-from quadlog.results.report import write_report
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import write_table
+from quadlog.results.page.folder_report import write_folder_report
+from quadlog.results.page.report import write_report
+from quadlog.results.run.tables import TABLES, write_table
 
 
 def _click_first(page: Path, header: str) -> Path:

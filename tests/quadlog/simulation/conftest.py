@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from quadlog.messages import Float
-from quadlog.simulation import follow
-from quadlog.simulation.scene import Box, Obstacle
-from quadlog.simulation.synthesized import SynthesizedRecording
+from quadlog.simulation.sensors.scene import Box, Obstacle
+from quadlog.simulation.synthetic import follow
+from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 Distance = Callable[[Float], Float]
 

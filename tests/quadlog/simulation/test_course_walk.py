@@ -6,17 +6,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from quadlog.following.lookahead import FixedLookahead, FuzzyLookahead
-from quadlog.locomotion.robot import ROBOTS
-from quadlog.locomotion.walker import WalkerSettings
-from quadlog.results.schemas import TABLES
-from quadlog.simulation import ground
-from quadlog.simulation.course_walk import longest_s, walk_course
-from quadlog.simulation.courses import COURSES, Course
-from quadlog.simulation.disturbances import NONE
-from quadlog.simulation.quadruped_model import TIMESTEP_S, quadruped_model
-from quadlog.simulation.unicycle_robot import UnicycleRobot
-from quadlog.simulation.walking_robot import WalkingRobot
+from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.results.run.tables import TABLES
+from quadlog.simulation.course_walk import COURSES, Course, longest_s, walk_course
+from quadlog.simulation.robot import height_field as ground
+from quadlog.simulation.robot.disturbances import NONE
+from quadlog.simulation.robot.model import TIMESTEP_S, quadruped_model
+from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
+from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 BEND = Course("bend", np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.3]]), 0.5)
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from quadlog.simulation.courses import COURSES, SPACING_M, Course
+from quadlog.simulation.course_walk import COURSES, SPACING_M, Course
 
 
 def _length_m(course: Course) -> float:

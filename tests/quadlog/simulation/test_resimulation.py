@@ -6,20 +6,20 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from quadlog.control.following.lookahead import FixedLookahead
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import TooLarge
-from quadlog.following.lookahead import FixedLookahead
-from quadlog.locomotion.robot import ROBOTS
-from quadlog.locomotion.walker import WalkerSettings
-from quadlog.mapping.window import window_around
+from quadlog.mapping.grid import window_around
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
-from quadlog.results.schemas import TABLES
-from quadlog.simulation.disturbances import DisturbanceSettings
-from quadlog.simulation.ground import flat
-from quadlog.simulation.quadruped_model import quadruped_model
+from quadlog.results.run.tables import TABLES
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
-from quadlog.simulation.unicycle_robot import UnicycleRobot
-from quadlog.simulation.walking_robot import WalkingRobot
+from quadlog.simulation.robot.disturbances import DisturbanceSettings
+from quadlog.simulation.robot.height_field import flat
+from quadlog.simulation.robot.model import quadruped_model
+from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
+from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import StorageFailed
-from quadlog.storage import remote_bytes
-from quadlog.storage.remote_bytes import BLOCK_BYTES, RemoteBytes
-from quadlog.storage.remote_object import Told
+from quadlog.storage import byte_ranges as remote_bytes
+from quadlog.storage.byte_ranges import BLOCK_BYTES, RemoteBytes
+from quadlog.storage.remote_object import ObjectInfo
 
 SIZE = 7 * BLOCK_BYTES + 1234
 CONTENT = random.Random(0).randbytes(SIZE)
@@ -30,7 +30,7 @@ class Served:
     """An object in memory that counts how often each of its bytes is asked for."""
 
     url = "s3://lab/walk?sig=1"
-    told = Told(SIZE)
+    told = ObjectInfo(SIZE)
 
     def __init__(self) -> None:
         self.asked: list[tuple[int, int]] = []

@@ -9,9 +9,9 @@ import pytest
 from aiohttp import web as http
 
 from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
-from quadlog.storage import copying, remote_object, remote_path
-from quadlog.storage.copying import copied, copy_object
-from quadlog.storage.remote_path import RemotePath
+from quadlog.storage import remote_object, remote_path
+from quadlog.storage import remote_path as copying
+from quadlog.storage.remote_path import RemotePath, copied, copy_object
 
 CONTENT = random.Random(5).randbytes(100_000)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.storage import shared_digest
-from quadlog.storage.byte_source import LocalBytes
+from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
 
 stretches = st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 2000)), max_size=30)

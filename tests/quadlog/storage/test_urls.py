@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import StorageFailed, StorageUnknown
-from quadlog.storage.remote_path import RemotePath
-from quadlog.storage.urls import is_url, redacted, redacted_text, to_path
+from quadlog.storage.remote_path import RemotePath, to_path
+from quadlog.storage.urls import is_url, redacted, redacted_text
 
 LETTERS = st.characters(codec="ascii", categories=("L", "N"))
 SECRET = st.text(LETTERS, min_size=6, max_size=20).map("Q{}Q".format)

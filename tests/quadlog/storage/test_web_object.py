@@ -13,8 +13,8 @@ import pytest
 from aiohttp import web as http
 
 from quadlog.errors import QuadlogError, StorageChanged, StorageFailed
-from quadlog.storage import web_object
-from quadlog.storage.web_object import WebObject
+from quadlog.storage import remote_object as web_object
+from quadlog.storage.remote_object import WebObject
 
 CONTENT = random.Random(3).randbytes(200_000)
 EARLIER, LATER = "Mon, 01 Jan 2024 00:00:00 GMT", "Tue, 02 Jan 2024 00:00:00 GMT"

@@ -24,7 +24,7 @@ from foxglove.messages import (
 from mcap.reader import make_reader
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.container import Channel
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoding import decoder_for
 
 T_NS = 1_700_000_000_000_000_005

@@ -8,9 +8,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.messages import UwbRanges
-from quadlog.recordings.container import Channel
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.ros_messages import BUNDLED
 from quadlog.recordings.decoding import decoder_for
-from quadlog.recordings.ros_messages import BUNDLED
 
 FOLDER = BUNDLED / "nlink_parser" / "msg"
 T_NS = 1_700_000_000_000_000_005

@@ -7,8 +7,8 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.livox import decode_livox
-from quadlog.recordings.ros_messages import BUNDLED
+from quadlog.recordings.decoders.point_cloud import decode_livox
+from quadlog.recordings.decoders.ros_messages import BUNDLED
 
 T_NS = 1_700_000_000_000_000_000
 

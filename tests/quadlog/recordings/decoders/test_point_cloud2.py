@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.point_cloud2 import DATATYPES, point_cloud2_decoder
+from quadlog.recordings.decoders.point_cloud import DATATYPES, point_cloud2_decoder
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}

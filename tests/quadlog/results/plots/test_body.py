@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.results.plots.body import draw_body
+from quadlog.results.plots.layout import draw_body
 from quadlog.results.plots.style import new_figure
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadlog.results.plots.comparison import draw_cells, draw_ratios
+from quadlog.results.plots.planner_comparison import draw_cells, draw_ratios
 from quadlog.results.plots.style import ROBOT, TARGET, render_png
 
 ASTAR = np.array([100, 80, 60, 40])

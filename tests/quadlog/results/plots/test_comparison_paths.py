@@ -7,8 +7,8 @@ import pytest
 from matplotlib.image import AxesImage
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadlog.results.plots import comparison_paths
-from quadlog.results.plots.comparison_paths import PathScene, draw_paths, same_paths
+from quadlog.results.plots import planner_comparison as comparison_paths
+from quadlog.results.plots.planner_comparison import PathScene, draw_paths, same_paths
 from quadlog.results.plots.style import render_png
 
 OCCUPIED = np.zeros((4, 6), dtype=bool)

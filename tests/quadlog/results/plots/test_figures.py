@@ -9,8 +9,7 @@ from PIL import Image
 from quadlog.errors import NotARun
 from quadlog.results.plots.figures import PLOTS, render_plots
 from quadlog.results.plots.run_data import RunData
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.run.tables import TABLES, read_table, write_table
 
 # What each figure cannot be drawn without.
 NEEDS = {

@@ -9,11 +9,10 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from quadlog.errors import NotARun
-from quadlog.results.maps import MapsWriter, load_maps
-from quadlog.results.plots.grid import draw_grid
+from quadlog.results.plots.planning import draw_grid
 from quadlog.results.plots.run_data import RunData
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.run.maps import MapsWriter, load_maps
+from quadlog.results.run.tables import TABLES, read_table, write_table
 
 
 def _with_config(run: Path, **sections: Any) -> None:

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.results.maps import MapsWriter, load_maps
-from quadlog.results.plots import occupancy
-from quadlog.results.plots.occupancy import accumulate, seen_around
+from quadlog.results.plots import run_data as occupancy
+from quadlog.results.plots.run_data import accumulate, seen_around
+from quadlog.results.run.maps import MapsWriter, load_maps
 
 
 def _write(path: Path, maps: list[tuple[tuple[float, float], np.ndarray]], cell_m: float = 0.5) -> None:

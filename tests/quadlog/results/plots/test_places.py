@@ -13,15 +13,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from quadlog.results.dilution import DilutionGrid, write_dilution
-from quadlog.results.maps import MapsWriter
-from quadlog.results.plots import places, style
+from quadlog.results.plots import layout as places
+from quadlog.results.plots import style
 from quadlog.results.plots.figures import PLOTS
 from quadlog.results.plots.run_data import RunData
-from quadlog.results.samples import CloudSample, GroundMap, write_cloud_samples, write_ground
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
-from quadlog.results.tum import write_tum
+from quadlog.results.run.maps import (
+    CloudSample,
+    DilutionGrid,
+    GroundMap,
+    MapsWriter,
+    write_cloud_samples,
+    write_dilution,
+    write_ground,
+)
+from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.storage.formats.tum import write_tum
 
 DRAW = {plot.name: plot.draw for plot in PLOTS}
 FIVE = ("trajectory", "uwb_geometry", "scan", "terrain", "grid")

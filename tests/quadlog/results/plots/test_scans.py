@@ -8,7 +8,7 @@ import pytest
 
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.scans import CLASS_COLOR, STRIP_M, draw_scan
-from quadlog.results.samples import CloudSample, write_cloud_samples
+from quadlog.results.run.maps import CloudSample, write_cloud_samples
 
 CLASSES = ["invalid", "cropped", "outlier", "ground", "obstacle"]
 

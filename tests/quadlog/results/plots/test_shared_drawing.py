@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from quadlog.errors import NotARun, WorkerDied
-from quadlog.results.plots import shared_drawing
-from quadlog.results.plots.figures import PLOTS
+from quadlog.results.plots import figures as shared_drawing
+from quadlog.results.plots.figures import PLOTS, SharedDrawing
 from quadlog.results.plots.run_data import RunData
-from quadlog.results.plots.shared_drawing import SharedDrawing
 
 
 class Helper(Executor):

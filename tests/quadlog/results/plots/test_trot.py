@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from quadlog.results.plots.control import draw_displacement, draw_euler_angles
 from quadlog.results.plots.run_data import RunData
-from quadlog.results.plots.trot import draw_displacement, draw_euler_angles
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.run.tables import TABLES, read_table, write_table
 
 
 def _trotted(run: Path) -> RunData:

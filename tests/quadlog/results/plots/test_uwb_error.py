@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.style import render_png
-from quadlog.results.plots.uwb_error import draw_uwb_error
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
+from quadlog.results.plots.uwb_position import draw_uwb_error
+from quadlog.results.run.tables import TABLES, read_table, write_table
 
 
 def panels(run: Path) -> Any:

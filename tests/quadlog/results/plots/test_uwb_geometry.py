@@ -8,13 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from quadlog.results.dilution import DilutionGrid, read_dilution, write_dilution
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.style import render_png
-from quadlog.results.plots.uwb_geometry import SHOWN_ELLIPSES, draw_uwb_geometry
-from quadlog.results.schemas import TABLES
-from quadlog.results.tables import read_table, write_table
-from quadlog.results.tum import write_tum
+from quadlog.results.plots.uwb_position import SHOWN_ELLIPSES, draw_uwb_geometry
+from quadlog.results.run.maps import DilutionGrid, read_dilution, write_dilution
+from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.storage.formats.tum import write_tum
 
 
 def drawn(run: Path) -> Any:

@@ -1,0 +1,93 @@
+"""`quadlog.replay`: what `quadlog replay` does with one recording, for a caller in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from quadlog.config.file import configure
+from quadlog.errors import UnknownName, UsageError
+from quadlog.pipelines.batch.plan import kept_names
+from quadlog.pipelines.batch.remote import replay_anywhere
+from quadlog.pipelines.batch.summary import summarise
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
+from quadlog.recordings.clock import Stamp
+from quadlog.results.run.loaded_run import Run, load_run
+from quadlog.results.run.stages import STAGES
+from quadlog.storage.remote_path import to_path
+
+Stage = Literal["ingest", "position", "filter", "map", "plan", "control", "report"]
+MAX_SEED = 2**32 - 1
+
+
+def replay(
+    recording: Path | str,
+    *,
+    config: Path | str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    preset: str | None = None,
+    output: Path | str = "runs",
+    start_s: float | None = None,
+    duration_s: float | None = None,
+    until: Stage = "report",
+    stamp: Stamp = "header",
+    seed: int = 0,
+    msg_path: Sequence[Path | str] = (),
+    force: bool = False,
+    resume: bool = False,
+) -> Run:
+    """Replay one recording into a run folder below `output`, and load it. Prints nothing. Both may be URLs.
+
+    config: a quadlog.toml. settings: single keys of it, which count more than the file's and the environment's:
+    `{"planner.name": "astar"}` or `{"planner": {"name": "astar"}}`. The rest is what the options of `quadlog replay`
+    of the same names are. What was chosen, warned of and lost stands in the run's `record`.
+
+    Raises a QuadlogError for whatever a caller can mend: UsageError and UnknownName for options that do not exist or
+    do not fit together, those of the configuration, AlreadyExists for a run that is there and neither `force` nor
+    `resume`, and those of opening and replaying the recording. What could be salvaged of a damaged recording is no
+    error: `record["losses"]` lists what could not.
+    """
+    options = _options(start_s, duration_s, until, stamp, seed, msg_path)
+    if force and resume:
+        raise UsageError("force and resume exclude each other")
+    existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
+    path = to_path(recording)
+    configured = configure(None if config is None else Path(config), preset=preset, settings=settings or {})
+    request = ReplayRequest(
+        recording=path,
+        run=to_path(output) / kept_names([path], to_path(output))[0],
+        config=configured.config,
+        options=options,
+        existing=existing,
+        command=("quadlog.replay", str(recording)),
+        notes=configured.notes,
+    )
+    outcome = replay_anywhere(request, Silent())
+    summarise({request.run.parent}, [outcome], Silent())
+    return load_run(request.run)
+
+
+def _options(
+    start_s: float | None, duration_s: float | None, until: str, stamp: str, seed: int, msg_path: Sequence[Path | str]
+) -> ReplayOptions:
+    """The options, checked as the command line checks them. Raises UnknownName, UsageError."""
+    if until not in STAGES:
+        raise UnknownName("stage", until, STAGES)
+    if stamp not in get_args(Stamp):
+        raise UnknownName("stamp", stamp, get_args(Stamp))
+    if start_s is not None and not start_s >= 0:
+        raise UsageError(f"start_s is {start_s}; it cannot be negative")
+    if duration_s is not None and not duration_s > 0:
+        raise UsageError(f"duration_s is {duration_s}; it must be positive")
+    if not 0 <= seed <= MAX_SEED:
+        raise UsageError(f"seed is {seed}; it lies between 0 and {MAX_SEED}")
+    return ReplayOptions(
+        stamp="log" if stamp == "log" else "header",
+        start_s=None if start_s is None else float(start_s),
+        duration_s=None if duration_s is None else float(duration_s),
+        until=until,
+        seed=int(seed),
+        msg_path=tuple(map(Path, msg_path)),
+    )

@@ -1,0 +1,155 @@
+"""Many recordings, one replay each: a failure never stops the rest, and stands in summary.parquet with its reason."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+from quadlog.errors import CannotWrite, ExitCode, RunExists
+from quadlog.pipelines.batch.plan import Planned, existing_runs
+from quadlog.pipelines.batch.progress import BatchProgress
+from quadlog.pipelines.batch.remote import replay_anywhere
+from quadlog.pipelines.batch.run import BatchRun
+from quadlog.pipelines.batch.summary import summarise
+from quadlog.pipelines.batch.task import BatchTask, measured
+from quadlog.pipelines.executor.executor import open_engine
+from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
+
+SHOWN_FAILURES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class BatchOutcome:
+    """Every run in the order of the recordings, and the exit code of the whole."""
+
+    runs: tuple[ReplayOutcome, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 all done, 1 none done, 3 anything lost or failed on the way."""
+        codes = {run.exit_code for run in self.runs}
+        if codes == {ExitCode.FAILED}:
+            return ExitCode.FAILED
+        return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
+
+    def failure_lines(self) -> list[str]:
+        """How many failed of several, and why the first ones did; the reason of a recording that was alone."""
+        failed = [run for run in self.runs if run.failed]
+        if not failed:
+            return []
+        if len(self.runs) == 1:
+            return [f"quadlog: {failed[0].recording}: {failed[0].reason}"]
+        lines = [f"{len(failed)} of {len(self.runs)} recordings failed:"]
+        lines += [f"  {run.recording}: {run.reason}" for run in failed[:SHOWN_FAILURES]]
+        left = len(failed) - SHOWN_FAILURES
+        return lines if left <= 0 else [*lines, f"  and {left} more, which summary.parquet lists with their reasons"]
+
+
+def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
+    """Replay a single recording in this process. Raises its error."""
+    cost: dict[str, Any] = {}
+    with measured(cost, planned.request.run, planned.size_bytes):
+        outcome = replay_anywhere(planned.request, progress)
+    outcome = replace(outcome, cost=cost)
+    summarise({planned.request.run.parent}, [outcome], progress)
+    return BatchOutcome((outcome,))
+
+
+def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
+    """Replay all, the largest first: in as many worker processes as jobs, or on a Dask cluster.
+
+    What happens to a recording is its own outcome. Raises ClusterUnusable and VersionsDiffer before anything is
+    replayed. Ctrl-C stops all workers and leaves what `--resume` goes on from.
+    """
+    folders = {each.request.run.parent for each in batch}
+    refused = _refused(batch)
+    with _seen_by_all(folders if scheduler else set()) as shared:
+        order = sorted(range(len(batch)), key=lambda number: (-batch[number].size_bytes, number))
+        run = BatchRun([_task(batch, number, shared) for number in order if number not in refused], progress)
+        try:
+            with open_engine(min(jobs, len(batch)), scheduler, run.hear) as engine:
+                if engine.greeting:
+                    progress.say(engine.greeting)
+                run.go(engine)
+        finally:
+            _clear_unfinished(batch)
+    ended = refused | run.outcomes
+    outcomes = [
+        replace(ended[number], recording=each.request.recording, run=each.request.run)
+        for number, each in enumerate(batch)
+    ]
+    summarise(folders, outcomes, progress)
+    return BatchOutcome(tuple(outcomes))
+
+
+def _clear_unfinished(batch: Sequence[Planned]) -> None:
+    """Remove what stopped workers of this machine had not finished: a signal may come before they know of a file."""
+    for each in batch:
+        run = each.request.run
+        if isinstance(run, Path) and run.is_dir() and not (run / "run.json").is_file():
+            for folder in (run, run / "plots"):
+                with suppress(OSError):
+                    remove_stale_parts(folder)
+
+
+def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) -> BatchTask:
+    """REFUSE has been looked after, and a worker that takes over from a killed one finds what that one began."""
+    request, size_bytes = batch[number].request, batch[number].size_bytes
+    passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
+    if refuses:
+        request = replace(request, existing=Existing.RESUME)
+    return BatchTask(number, _from_anywhere(request) if shared else request, size_bytes, passing, refuses)
+
+
+def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
+    """Workers elsewhere have a working folder of their own."""
+    options = replace(request.options, msg_path=tuple(map(_absolute, request.options.msg_path)))
+    return replace(request, recording=_absolute(request.recording), run=_absolute(request.run), options=options)
+
+
+def _absolute(path: Path) -> Path:
+    return path.absolute() if isinstance(path, Path) else path  # a URL
+
+
+def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
+    """Outcomes by number of recordings whose runs are there already and neither replaced nor resumed."""
+    there = existing_runs(batch)
+    refused = {}
+    for number, each in enumerate(batch):
+        if each.request.existing is Existing.REFUSE and each.request.run in there:
+            error = RunExists(each.request.run)
+            refused[number] = ReplayOutcome.of_failure(each.request, str(error), refused=True)
+    return refused
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
+@contextmanager
+def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
+    """A passing file in each output folder, by which workers elsewhere know that they see the same one."""
+    with ExitStack() as stack:
+        shared = {}
+        for folder in folders:
+            if not isinstance(folder, Path):
+                continue  # a URL: the same for all
+            try:
+                if not folder.exists():
+                    folder.mkdir(parents=True)
+                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: no worker was to be had
+                passing = stack.enter_context(
+                    NamedTemporaryFile(dir=folder, prefix=part_prefix(os.getpid()), suffix=".part")
+                )
+            except OSError as error:
+                raise CannotWrite(folder, error.strerror or str(error)) from error
+            shared[folder] = Path(passing.name).absolute()
+        yield shared

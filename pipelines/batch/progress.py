@@ -1,0 +1,111 @@
+"""How a batch says where it is: what its workers tell while they replay, and how much of the whole is done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from quadlog.pipelines.executor.progress import Progress, Silent, peak_memory_mb, tell, worker_name
+
+TOLD_EVERY_S = 0.5
+
+
+@dataclass(slots=True)
+class BatchCounts:
+    """Of a batch's recordings: how many, of which size, and what is done of them by how much work."""
+
+    recordings: int
+    size_bytes: int
+    done: int = 0
+    failed: int = 0
+    done_bytes: int = 0
+    worked_s: float = 0.0
+
+    def count(self, size_bytes: int, failed: bool, wall_s: float | None) -> None:
+        """One more is over. wall_s: how long it was replayed; None when it was not, because it is done already."""
+        self.done += 1
+        self.failed += failed
+        if wall_s is None:
+            self.size_bytes -= size_bytes  # tells nothing of how long the others take
+        else:
+            self.done_bytes += size_bytes
+            self.worked_s += wall_s
+
+    def left_s(self, workers: int) -> float | None:
+        """Seconds until all is done, if bytes take as long as they did until now; None before any are."""
+        if not self.done_bytes or not workers:
+            return None
+        return (self.size_bytes - self.done_bytes) * self.worked_s / self.done_bytes / workers
+
+
+class BatchProgress(Progress, Protocol):
+    """What the command line shows while many recordings are replayed."""
+
+    def expect(self, tally: BatchCounts, workers: int) -> None:
+        """The batch starts, on so many workers at a time; the tally is kept true by its owner."""
+
+    def hear(self, step: Mapping[str, Any]) -> None:
+        """A worker says where it is, as `Told` has it; from any thread."""
+
+    def finish(self, run: str, words: str) -> None:
+        """The recording of this run folder is over: `done`, or what else there is to say of it."""
+
+
+class BatchLines(Silent):
+    """A line for each recording, and nothing between: a log file's progress, or a test's."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._tally = say, BatchCounts(0, 0)
+
+    def say(self, text: str) -> None:
+        """One line."""
+        self._say(text)
+
+    def expect(self, tally: BatchCounts, workers: int) -> None:
+        """Nothing to show yet."""
+        self._tally = tally
+
+    def hear(self, step: Mapping[str, Any]) -> None:
+        """A line for each step would be thousands."""
+
+    def finish(self, run: str, words: str) -> None:
+        """One line."""
+        self._say(f"[{self._tally.done}/{self._tally.recordings}] {run}: {words}")
+
+
+class TaskProgress(Silent):
+    """The progress of a replay in a batch: where it is is told, not too often; warnings are kept for the end."""
+
+    def __init__(self, number: int, run: str) -> None:
+        """number: of the recording in the batch; run: the name of its folder."""
+        self.warnings: list[str] = []
+        self._who = {"number": number, "run": run, "worker": worker_name()}
+        self._stage, self._total, self._steps = "", 0, 0
+        self._recorded_s: float | None = None
+        self._began_s = self._told_s = 0.0
+
+    def begin(self, stage: str, total: int | None) -> None:
+        """A stage is told at once."""
+        self._stage, self._total, self._steps, self._recorded_s = stage, total or 0, 0, None
+        self._began_s = time.monotonic()
+        self._tell(self._began_s)
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        """A step is told when the last word is some time ago."""
+        self._steps += 1
+        self._recorded_s = recorded_s
+        if (now_s := time.monotonic()) - self._told_s >= TOLD_EVERY_S:
+            self._tell(now_s)
+
+    def say(self, text: str) -> None:
+        """Keep a warning; choices stand in the run's record."""
+        if text.startswith("warning: "):
+            self.warnings.append(text)
+
+    def _tell(self, now_s: float) -> None:
+        self._told_s = now_s
+        factor = None if self._recorded_s is None else self._recorded_s / max(now_s - self._began_s, 1e-9)
+        where = {"stage": self._stage, "steps": self._steps, "total": self._total, "realtime_factor": factor}
+        tell(self._who | where | {"peak_memory_mb": peak_memory_mb()})

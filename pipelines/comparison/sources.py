@@ -1,0 +1,278 @@
+"""Simulated walks through random forests, as [Planning, section 4] has them: 40 by 40 cells, a goal far beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.errors import MissingInput, UsageError
+from quadlog.mapping.grid import Window, window_at
+from quadlog.mapping.inflation import INFLATIONS
+from quadlog.pipelines.comparison.problems import Episode, ProblemSource, Question
+from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages.context import RobotTrack, TargetTrack
+from quadlog.pipelines.stages.plan import growth_of, recorded_maps
+from quadlog.planning.protocol import Bool, Cell
+from quadlog.planning.query import Query, make_query
+from quadlog.planning.registry import make_planner
+from quadlog.planning.rules import Rules
+from quadlog.recordings.find import find_recordings
+from quadlog.results.run.find_runs import fetch_runs, is_run
+from quadlog.results.run.maps import load_maps
+from quadlog.results.run.names import run_names
+from quadlog.results.run.tables import has_table, read_table
+from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
+from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
+from quadlog.simulation.worlds.world import World
+from quadlog.storage.formats.movingai import check_scen, read_movingai_map, read_movingai_scen
+from quadlog.storage.formats.ros_map import read_rosmap
+from quadlog.storage.remote_path import RemotePath, to_path
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.comparison.problems import CompareOptions
+
+PREFIX = "forest:"
+
+
+def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation: str, seed: int) -> ProblemSource:
+    """Walks through `name`, as forest:0.2 for 0.2 trees/m²; every planner is asked what the leader was asked.
+
+    dilation: of `inflation.INFLATIONS`. Raises UsageError for a density that is none.
+    """
+    density_per_m2 = _density(name)
+
+    def walks() -> Iterator[Episode]:
+        for number in range(episodes):
+            rng = np.random.default_rng([seed, number, *b"planning forest"])
+            world = forest_world(density_per_m2, rng, dilation=dilation)
+            yield questions_along(world, walk_world(world, make_planner(leader, rules)))
+
+    about = (
+        f"simulated walks of 15 to 25 m through {density_per_m2:g} trees/m², led by {leader} one cell a replan, window "
+        f"40 by 40 cells of 0.1 m, obstacles grown by 0.3 m ({dilation}), seed {seed}"
+    )
+    return ProblemSource(name, about, walks, episodes)
+
+
+def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
+    """What was to be planned at each instant of a walk through a world."""
+    for instant in walk.instants:
+        occupied = instant.occupied
+        query = make_query(
+            instant.window, occupied, instant.robot_xy_m, instant.goal_xy_m, world.dilation_m, world.dilation
+        )
+        yield Question(instant.t_ns, query, occupied)
+
+
+def _density(name: str) -> float:
+    try:
+        density_per_m2 = float(name.removeprefix(PREFIX))
+    except ValueError:
+        density_per_m2 = -1.0
+    if not 0 <= density_per_m2 <= MOST_PER_M2:
+        raise UsageError(f"{name}: trees per m² between 0 and {MOST_PER_M2:g}, as in  forest:0.2")
+    return density_per_m2
+
+
+NO_CELLS = np.empty((0, 2), dtype=np.int32)
+Ends = tuple[Cell, Cell]
+
+
+def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None) -> ProblemSource:
+    """A .map taken raw, its cells 1 m wide: an episode for each line of the .scen, or one from start to goal.
+
+    Raises UnreadableFile, TooLarge, and UsageError when there is nothing to ask.
+    """
+    blocked = read_movingai_map(path)
+    rows, cols = blocked.shape
+    about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
+    if scen is None:
+        return _single(name, f"{about}, one query", blocked, Window(0, 0, 1.0, (rows, cols)), _needed(name, ends), True)
+    queries = read_movingai_scen(scen)
+    check_scen(queries, (rows, cols), scen)
+    if not queries:
+        raise UsageError(f"{scen}: holds no query")
+
+    def episodes() -> Iterator[Episode]:
+        for query in queries:
+            yield [_question(blocked, Window(0, 0, 1.0, (rows, cols)), (query.start, query.goal), blocked)]
+
+    about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
+    return ProblemSource(
+        name, about, episodes, len(queries), is_static=True, queries=tuple(queries), row_zero_on_top=True
+    )
+
+
+def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, dilation: str) -> ProblemSource:
+    """A map_server map, its obstacles grown by dilation_m; unknown cells are blocked, and do not grow.
+
+    Cells count from the lower left. Raises UnreadableFile, TooLarge, and UsageError without start and goal.
+    """
+    ros_map = read_rosmap(path)
+    unknown = ros_map.cells < 0
+    blocked = INFLATIONS[dilation](ros_map.blocked, dilation_m / ros_map.cell_m) | unknown
+    rows, cols = blocked.shape
+    about = (
+        f"a map of {cols} by {rows} cells of {ros_map.cell_m:g} m, obstacles grown by {dilation_m:g} m ({dilation}), "
+        "unknown cells blocked, one query"
+    )
+    window = window_at(ros_map.origin_m, ros_map.cell_m, blocked.shape)
+    return _single(name, about, blocked, window, _needed(name, ends), False, ros_map.blocked | unknown)
+
+
+def _single(
+    name: str, about: str, blocked: Bool, window: Window, ends: Ends, on_top: bool, occupied: Bool | None = None
+) -> ProblemSource:
+    rows, cols = blocked.shape
+    for option, (col, row) in zip(("--start-cell", "--goal-cell"), ends, strict=True):
+        if not (0 <= col < cols and 0 <= row < rows):
+            raise UsageError(f"{option} {col},{row} lies outside {name}, whose cells are 0,0 to {cols - 1},{rows - 1}")
+    question = _question(blocked, window, ends, blocked if occupied is None else occupied)
+    return ProblemSource(name, about, lambda: iter([[question]]), 1, is_static=True, row_zero_on_top=on_top)
+
+
+def _question(blocked: Bool, window: Window, ends: Ends, occupied: Bool) -> Question:
+    return Question(0, Query(window, blocked, ends[0], ends[1], False, NO_CELLS), occupied)
+
+
+def _needed(name: str, ends: Ends | None) -> Ends:
+    if ends is None:
+        other = " or --scen FILE.scen" if name.endswith(".map") else ""
+        raise UsageError(f"{name}: where from and where to? Give --start-cell COL,ROW and --goal-cell COL,ROW{other}")
+    return ends
+
+
+def run_source(run: Path, name: str) -> ProblemSource:
+    """One episode: the walk that the run folder holds. Raises NotARun, and MissingInput for one without a target."""
+    maps, config = load_maps(run), load_config(run / "config.toml", environ={})
+    if not has_table(run, "target"):
+        raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
+    robot, target = _robot_of(run), _target_of(run)
+    rows, cols = maps.shape
+    about = f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
+    dilation_m, shape = growth_of(config)
+
+    def episodes() -> Iterator[Episode]:
+        yield _questions(run, config, robot, target)
+
+    return ProblemSource(name, f"{about}{dilation_m:g} m ({shape})", episodes, 1)
+
+
+def _questions(run: Path, config: Config, robot: RobotTrack, target: TargetTrack) -> Iterator[Question]:
+    """One for each map at which it is known where robot and target were; MissingInput where there is none."""
+    dilation_m, shape = growth_of(config)
+    is_empty = True
+    for instant in recorded_maps(run):
+        pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
+        target_m = target.at(np.array([instant.t_ns]))[0]
+        if pose is not None and np.isfinite(target_m).all():
+            query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
+            is_empty = False
+            yield Question(instant.t_ns, query, instant.occupied)
+    if is_empty:
+        raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
+
+
+def _robot_of(run: Path) -> RobotTrack:
+    poses = read_table(run, "poses")
+    return RobotTrack(
+        poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]]), poses["yaw_rad"], _source_of(poses["source"])
+    )
+
+
+def _target_of(run: Path) -> TargetTrack:
+    target = read_table(run, "target")
+    return TargetTrack(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), _source_of(target["source"]))
+
+
+def _source_of(column: np.ndarray) -> str:
+    return str(column[0]) if len(column) else ""
+
+
+def recording_source(
+    recording: Path, name: str, config: Config, folder: Path, seed: int, progress: Progress
+) -> tuple[ProblemSource, str]:
+    """(its questions, what of it was lost); the run goes to `folder`. Raises what a replay raises."""
+    request = ReplayRequest(recording, folder, config, ReplayOptions(until="map", seed=seed))
+    try:
+        outcome = replay(request, progress)
+    except MissingInput as error:
+        # Where a replay of several recordings says which one it is, and may stop before the maps.
+        remedy = "planners are compared on maps, which need one" if error.stage == "filter" else error.remedy
+        raise MissingInput(error.stage, f"{recording}: {error.needed}", remedy) from error
+    if not has_table(folder, "target"):
+        remedy = "choose one with  --set topics.target=ahead  or, for a robot that stands, fixed"
+        raise MissingInput("plan", f"{recording} shows no target", remedy)
+    return run_source(folder, name), outcome.reason
+
+
+YAML = (".yaml", ".yml")
+
+
+def open_sources(
+    arguments: Sequence[str], options: CompareOptions, scratch: Path, progress: Progress
+) -> tuple[list[ProblemSource], list[str]]:
+    """(the sources, none twice, what of recordings was lost). Runs made of recordings go to `scratch`.
+
+    An argument is a run folder, forest:DENSITY, a MovingAI .map, a map_server .yaml, or whatever leads to recordings,
+    which come last.
+    """
+    _check_fit(arguments, options)
+    sources: list[ProblemSource] = []
+    losses: list[str] = []
+    recordings: list[str] = []
+    for name in dict.fromkeys(arguments):
+        source = _open(name, options, scratch / str(len(sources)))
+        if source is None:
+            recordings.append(name)
+        else:
+            sources.append(source)
+    found = find_recordings(recordings) if recordings else []
+    for recording, run in zip(found, run_names(found), strict=True):
+        source, loss = recording_source(
+            recording, str(recording), options.config, scratch / run, options.seed, progress
+        )
+        sources.append(source)
+        losses += [loss] if loss else []
+    return sources, losses
+
+
+def _check_fit(arguments: Sequence[str], options: CompareOptions) -> None:
+    """Raises UsageError for a query that no source takes."""
+    has_cells = [cell is not None for cell in (options.start_cell, options.goal_cell)]
+    if any(has_cells) != all(has_cells):
+        raise UsageError("--start-cell and --goal-cell go together")
+    if options.scen is not None and any(has_cells):
+        raise UsageError("--scen has starts and goals of its own, without --start-cell and --goal-cell")
+    if options.scen is not None and not all(name.endswith(".map") for name in arguments):
+        raise UsageError("--scen FILE.scen is for MovingAI .map files")
+    if any(has_cells) and not all(name.endswith((".map", *YAML)) for name in arguments):
+        raise UsageError("--start-cell and --goal-cell are for MovingAI .map and ROS map_server .yaml files")
+
+
+def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | None:
+    """The source, None for what is to be looked for as a recording. A run behind a URL is copied to `scratch`."""
+    ends = None
+    if options.start_cell is not None and options.goal_cell is not None:
+        ends = options.start_cell, options.goal_cell
+    path = to_path(name)
+    if isinstance(path, RemotePath):
+        return run_source(fetch_runs(path, scratch), str(path)) if is_run(to_path(name)) else None
+    dilation_m, dilation = growth_of(options.config)
+    if name.startswith(PREFIX):
+        shape = "square" if options.preset == "paper" else "euclidean"
+        return forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
+    if path.suffix == ".map":
+        return movingai_source(path, name, options.scen, ends)
+    if path.suffix in YAML:
+        return ros_map_source(path, name, ends, dilation_m, dilation)
+    if (path / "run.json").is_file() or (path / "maps.npz").is_file():
+        return run_source(path, name)
+    return None

@@ -1,0 +1,1 @@
+"""Metrics, checks and references of saved runs."""

@@ -1,0 +1,216 @@
+"""`quadlog metrics`: what is known of the metrics of saved runs, from their files alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.conditions import Condition
+from quadlog.metrics.summary import (
+    Measured,
+    MeasuredRun,
+    Samples,
+    SampleSummary,
+    Spread,
+    spread,
+    summarise,
+    worst_instants,
+)
+from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
+from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
+from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
+from quadlog.results.run.tables import start_ns
+from quadlog.results.text.metrics import RunAtWorst, WorstInstant, explain_text
+
+_NS = 1_000_000_000
+
+
+def explain_runs(name: str, runs: Sequence[MeasuredRun], reference: Reference | None) -> str:
+    """The metric explained, with the three worst instants of each run."""
+    return explain_text(name, [_at_worst(name, run, reference) for run in runs])
+
+
+def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAtWorst:
+    measured = run.metrics.get(name)
+    if measured is None:
+        return RunAtWorst(run.label, None, 0, ())
+    try:
+        samples = _samples(name, run.path, reference)
+        instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
+    except QuadlogError as error:
+        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
+    why = "a run saves no samples of it" if samples is None else "at no instant bad"
+    return RunAtWorst(run.label, measured.value, measured.n, instants, why)
+
+
+def _samples(name: str, run: Path, reference: Reference | None) -> Samples | None:
+    if name not in SAMPLED:
+        return None
+    if reference is not None and name in REFERENCE_METRICS:
+        return compare_with_reference(run, reference).samples.get(name)
+    samples, problems = read_samples(run, [name])
+    if problems:
+        raise QuadlogError(problems[0])
+    return samples.get(name)
+
+
+def _instants(name: str, samples: Samples, first_ns: int) -> list[WorstInstant]:
+    values = samples.values
+    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
+    return [
+        WorstInstant(int(samples.t_ns[i]), (int(samples.t_ns[i]) - first_ns) / _NS, float(values[i]))
+        for i in worst_instants(samples.t_ns, badness)
+    ]
+
+
+_SAME = 1e-9  # relative: what adding up in another order may differ by
+_TOLD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MetricsOutcome:
+    """The runs that could be read; spreads: of each metric over them, in their order.
+
+    said: lines on how they were read; problems: a line for everything that could not be; failing: a line for every
+    condition that holds on a run, or cannot be told.
+    """
+
+    runs: list[MeasuredRun]
+    spreads: dict[str, Spread]
+    said: list[str]
+    problems: list[str]
+    failing: list[str]
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """CHECK_FAILED before WITH_LOSS before DONE."""
+        if self.failing:
+            return ExitCode.CHECK_FAILED
+        return ExitCode.WITH_LOSS if self.problems else ExitCode.DONE
+
+
+def measure_runs(
+    paths: Sequence[Path], reference: Reference | None, conditions: Sequence[Condition], in_detail: bool | None = None
+) -> MetricsOutcome:
+    """Every metric of every run among the paths (see `find_runs`), in their order.
+
+    in_detail: whether the samples behind the values are read too; None for a run that is alone.
+    A condition on a metric that a run does not have, on a run that cannot be read, or on a recording of the folder that
+    could not be replayed, counts as failing: a check that could not be made has not been passed.
+
+    Raises NotARun for a path without a run, and what is wrong with the runs when not one of them can be read.
+    """
+    found = find_runs(paths)
+    detail = len(found) == 1 if in_detail is None else in_detail
+    runs: list[MeasuredRun] = []
+    said: list[str] = []
+    problems: list[str] = []
+    failing: list[str] = []
+    for path, label in zip(found, run_labels(found), strict=True):
+        try:
+            measured, lines, damage = _measure(path, reference, detail)
+        except QuadlogError as error:
+            if len(found) == 1:
+                raise
+            problems.append(str(error))
+            failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
+            continue
+        runs.append(MeasuredRun(path, label, measured))
+        said += lines
+        problems += damage
+        failing += _failing(path, measured, conditions)
+    for path, why in failed_recordings(paths).items():
+        problems.append(why)
+        failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
+    if not runs:
+        raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
+    return MetricsOutcome(runs, spread_of(runs), said, problems, failing)
+
+
+def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
+    """How each metric differs over the runs that have it."""
+    spreads: dict[str, Spread] = {}
+    for name in CATALOGUE:
+        over = spread([run.metrics[name].value for run in runs if name in run.metrics], yes_or_no=name == "fallen")
+        if over is not None:
+            spreads[name] = over
+    return spreads
+
+
+def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
+    """The metrics of one run in the contract's order, lines for people, and what is damaged."""
+    read_run_json(run)
+    metrics, problems = _saved_metrics(run)
+    said: list[str] = []
+    if detail or problems:
+        found, damage = _from_samples(run, metrics if not problems else None)
+        problems += damage + _contradictions(run, metrics, found)
+        for name, summary in found.items():
+            metrics[name] = _summarised(name, summary, metrics.get(name))
+    if reference is not None:
+        metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
+        compared = compare_with_reference(run, reference)
+        said += compared.said
+        metrics |= {name: _summarised(name, each, None) for name, each in _summaries(compared.samples).items()}
+    return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
+
+
+def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
+    """metrics.json as far as it can be read, and a line when it cannot."""
+    try:
+        sound, damaged = read_sound_metrics(run)
+    except NotARun as error:
+        return {}, [f"{error}; shown is what the tables give"]
+    metrics = {
+        name: Measured(float(each["value"]), int(each.get("n", 0)), printable(each.get("unit", "")))
+        for name, each in sound.items()
+        if name in CATALOGUE
+    }
+    problems = [f"{run / 'metrics.json'}: is damaged: {', '.join(damaged[:5])} without a value"] if damaged else []
+    return metrics, problems
+
+
+def _from_samples(run: Path, metrics: Mapping[str, Measured] | None) -> tuple[dict[str, SampleSummary], list[str]]:
+    samples, problems = read_samples(run, metrics)
+    return _summaries(samples), problems
+
+
+def _summaries(samples: Mapping[str, Samples]) -> dict[str, SampleSummary]:
+    found = {name: summarise(each) for name, each in samples.items()}
+    return {name: each for name, each in found.items() if each is not None and each.value == each.value}
+
+
+def _contradictions(run: Path, metrics: Mapping[str, Measured], found: Mapping[str, SampleSummary]) -> list[str]:
+    """A line when metrics.json holds values that the run's own tables do not give."""
+    both = [(name, metrics[name].value, summary.value) for name, summary in found.items() if name in metrics]
+    differ = [
+        f"{name} {saved:.9g} there, {again:.9g} by its tables"
+        for name, saved, again in both
+        if abs(saved - again) > _SAME * max(abs(saved), abs(again))
+    ]
+    more = f" and {len(differ) - _TOLD} more" if len(differ) > _TOLD else ""
+    words = f"{run / 'metrics.json'}: is not of this run's tables: {', '.join(differ[:_TOLD])}{more}"
+    return [words] if differ else []
+
+
+def _summarised(name: str, summary: SampleSummary, saved: Measured | None) -> Measured:
+    if saved is not None:
+        return Measured(saved.value, saved.n, saved.unit, summary)
+    return Measured(summary.value, summary.n, CATALOGUE[name].unit, summary)
+
+
+def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Condition]) -> list[str]:
+    lines = []
+    for each in conditions:
+        measured = metrics.get(each.name)
+        if measured is None:
+            lines.append(f"{run}: {each}: cannot be told, the run has no {each.name}")
+        elif each.holds(measured.value):
+            lines.append(f"{run}: {each} holds: {measured.value:.9g} {measured.unit}".rstrip())
+    return lines

@@ -1,0 +1,228 @@
+"""A run against a reference trajectory from elsewhere, paired in time as evo does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import ValidationError
+
+from quadlog.config.schema import Config
+from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
+from quadlog.geometry import quat_from_yaw
+from quadlog.messages import Float, Int, PoseSeries
+from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
+from quadlog.metrics.positioning import Trajectory, associate, pair_errors
+from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
+from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.tables import has_table, read_table
+from quadlog.storage.formats.tum import read_tum
+
+
+def robot_tag_of(run: Path) -> tuple[Config, int | None]:
+    """The run's config, and the tag that the robot carried by it; None when there is none. Raises NotARun."""
+    try:
+        config = Config.model_validate(read_run_json(run).get("config", {}))
+    except ValidationError as error:
+        raise NotARun(run / "run.json", f"is damaged: config: {error.errors()[0]['msg']}") from error
+    name = "ranges" if has_table(run, "ranges") else "fixes"
+    tags = np.unique(read_table(run, name, ["tag"])["tag"])
+    return config, roles_of(config, [int(tag) for tag in tags]).get("robot")
+
+
+def residual_samples(run: Path) -> dict[str, Samples]:
+    """Of uwb_residual_m, from fixes.parquet: a residual of each fix, which counts as often as it has ranges."""
+    _, robot_tag = robot_tag_of(run)
+    table = read_table(run, "fixes", ["t_ns", "tag", "residual_rms_m", "n_ranges"])
+    used = (table["tag"] == robot_tag) & np.isfinite(table["residual_rms_m"]) & (table["n_ranges"] > 0)
+    residuals = Samples(table["t_ns"][used], table["residual_rms_m"][used], "rms", table["n_ranges"][used])
+    return {"uwb_residual_m": residuals}
+
+
+def saved_error_samples(run: Path) -> dict[str, Samples]:
+    """Of uwb_rmse_m and uwb_bias_m against the recording's own reference, from uwb_errors.parquet."""
+    _, robot_tag = robot_tag_of(run)
+    table = read_table(run, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m"])
+    own = (table["tag"] == robot_tag) & (table["source"] == "fixes")
+    return error_samples(table["t_ns"][own], np.column_stack([table["error_x_m"][own], table["error_y_m"][own]]))
+
+
+def error_samples(t_ns: Int, error_m: Float) -> dict[str, Samples]:
+    """Of uwb_rmse_m and uwb_bias_m, from fix less truth (N, 2), NaN without a truth.
+
+    A bias's samples are the errors in the direction of their mean, whose mean is the mean's length.
+    """
+    known_m = error_m[np.isfinite(error_m).all(axis=1)]
+    mean_m = known_m.mean(axis=0) if len(known_m) else np.zeros(2)
+    length_m = float(np.hypot(*mean_m))
+    direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
+    distance_m = np.hypot(error_m[:, 0], error_m[:, 1])
+    return {
+        "uwb_rmse_m": finite_samples(t_ns, distance_m, "rms"),
+        "uwb_bias_m": finite_samples(t_ns, error_m @ direction, "mean"),
+    }
+
+
+REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", "ate_rmse_m", "rpe_rmse_m")
+_NS = 1_000_000_000
+_SEEN_M = 1e-3
+_LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
+
+
+@dataclass(frozen=True, slots=True)
+class OnTime:
+    """How poses are paired and compared, each as evo's option: --t_max_diff, --t_offset, --align, --project_to_plane.
+
+    offset_s is added to the run's times; planar: both in the plane z = 0.
+
+    Raises UsageError for what is no time.
+    """
+
+    max_difference_s: float = 0.01
+    offset_s: float = 0.0
+    align: bool = False
+    planar: bool = False
+
+    def __post_init__(self) -> None:
+        # Neither comparison is true of NaN.
+        if not (0 <= self.max_difference_s <= _LONGEST_S and abs(self.offset_s) <= _LONGEST_S):
+            raise UsageError(f"--t-max-diff and --t-offset are finite seconds, at most {_LONGEST_S}")
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A trajectory that counts as true, and how runs are compared with it."""
+
+    path: Path
+    poses: PoseSeries
+    how: OnTime
+
+    @classmethod
+    def read(cls, path: Path, how: OnTime) -> Self:
+        """From a TUM file. Raises UnreadableFile, TooLarge."""
+        return cls(path, read_tum(path), how)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Its poses as metrics take them."""
+        return Trajectory(self.poses.t_ns, self.poses.position_m, self.poses.quat_xyzw)
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired."""
+
+    samples: dict[str, Samples]
+    said: tuple[str, ...]
+
+
+def compare_with_reference(run: Path, reference: Reference) -> Compared:
+    """The trajectory's errors pair by pair, and those of the robot's UWB fixes. Raises as `compare_trajectory` does."""
+    compared = compare_trajectory(run, reference)
+    return Compared(compared.samples | _uwb_samples(run, reference), compared.said)
+
+
+def compare_trajectory(run: Path, reference: Reference) -> Compared:
+    """The trajectory's errors pair by pair.
+
+    Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
+    """
+    estimate, how = _trajectory_of(run), reference.how
+    truth = reference.trajectory
+    in_reference, in_estimate = associate(truth.t_ns, estimate.t_ns, how.max_difference_s, how.offset_s)
+    if len(in_reference) == 0:
+        raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
+    said = [f"{reference.path}: {len(in_reference)} poses of {run} paired; {_ranges(truth.t_ns, estimate.t_ns, how)}"]
+    truth, estimate = truth.rows(in_reference), estimate.rows(in_estimate)
+    if how.align:
+        aligned = align_rigidly(estimate, truth)
+        if aligned is None:
+            raise NotARun(run, f"cannot be aligned with {reference.path}: poses on one line fit in any turn about it")
+        estimate = aligned
+    if how.planar:
+        truth, estimate = project_to_plane(truth), project_to_plane(estimate)
+    absolute_m, relative_m = pair_errors(truth, estimate)
+    said += _height_words(truth, estimate)
+    samples = {"ate_rmse_m": Samples(estimate.t_ns, absolute_m, "rms")}
+    if len(relative_m):
+        samples["rpe_rmse_m"] = Samples(estimate.t_ns[1:], relative_m, "rms")
+    return Compared(samples, tuple(said))
+
+
+def _trajectory_of(run: Path) -> Trajectory:
+    """The poses that trajectory.tum holds, which evo would be given; from poses.parquet where a run has it."""
+    if has_table(run, "poses"):
+        return _trajectory_of_poses(run)
+    path = run / "trajectory.tum"
+    if not path.is_file():
+        raise NotARun(run, "has no trajectory to compare: neither poses.parquet nor trajectory.tum")
+    try:
+        poses = read_tum(path)
+    except UnreadableFile as error:
+        raise NotARun(path, f"is damaged: {error.reason}") from error
+    return Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
+
+
+def _trajectory_of_poses(run: Path) -> Trajectory:
+    table = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad", "source"])
+    if set(table["source"]) == {"fixed"}:
+        raise NotARun(run, "has no trajectory to compare: its poses are fixed")
+    position_m = np.column_stack([table["x_m"], table["y_m"], np.zeros(len(table["t_ns"]))])
+    known = np.flatnonzero(np.isfinite(position_m).all(axis=1) & np.isfinite(table["yaw_rad"]))
+    if len(known) == 0:
+        raise NotARun(run, "has no trajectory to compare: poses.parquet holds no pose")
+    return Trajectory(table["t_ns"], position_m, quat_from_yaw(table["yaw_rad"])).rows(known)
+
+
+def _uwb_samples(run: Path, reference: Reference) -> dict[str, Samples]:
+    """Of the fixes of the robot's tag, unaligned, where the reference has poses around them."""
+    if not has_table(run, "fixes"):
+        return {}
+    config, robot_tag = robot_tag_of(run)
+    if robot_tag is None:
+        return {}
+    fixes = read_table(run, "fixes", ["t_ns", "tag", "x_m", "y_m"])
+    own = fixes["tag"] == robot_tag
+    t_ns = fixes["t_ns"][own]
+    truth_m = tag_truth(t_ns + round(reference.how.offset_s * _NS), reference.poses, lever_of(config, robot_tag))
+    samples = error_samples(t_ns, np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m)
+    return {name: each for name, each in samples.items() if len(each.values)}
+
+
+def _why_nothing_matches(truth: Trajectory, estimate: Trajectory, how: OnTime) -> str:
+    """Both ranges, their overlap, and what might be the matter, in one line."""
+    words = f"no two poses within {how.max_difference_s:g} s; {_ranges(truth.t_ns, estimate.t_ns, how)}"
+    return f"{words}; {_offset_words(estimate_clock_offset(truth, estimate))}"
+
+
+def _offset_words(found: ClockOffset | None) -> str:
+    """A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results."""
+    if found is None:
+        return "no offset can be told: too short, too little motion, or another walk"
+    if found.rival_s is not None:
+        return f"the offset is ambiguous: {found.offset_s:.3f} s and {found.rival_s:.3f} s fit about as well"
+    apart = f"positions {found.residual_m:.3f} m apart once aligned"
+    return f"estimated offset {found.offset_s:.3f} s ({apart}): --t-offset {found.offset_s:.3f}"
+
+
+def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:
+    offset_ns = round(how.offset_s * _NS)
+    first, last = int(estimate_ns[0]) + offset_ns, int(estimate_ns[-1]) + offset_ns
+    overlap_s = max(0, min(int(truth_ns[-1]), last) - max(int(truth_ns[0]), first)) / _NS
+    reference = f"{_seconds(int(truth_ns[0]))} to {_seconds(int(truth_ns[-1]))} s"
+    return f"reference {reference}, run {_seconds(first)} to {_seconds(last)} s, overlap {overlap_s:.3f} s"
+
+
+def _seconds(t_ns: int) -> str:
+    return f"{t_ns / _NS:.3f}"
+
+
+def _height_words(truth: Trajectory, estimate: Trajectory) -> list[str]:
+    height_m = truth.position_m[:, 2] - estimate.position_m[:, 2]
+    apart_m = float(np.sqrt(np.mean(height_m**2)))
+    if apart_m < _SEEN_M:
+        return []
+    return [f"heights differ by {apart_m:.3f} m rms, which counts; --project-to-plane xy leaves them out"]

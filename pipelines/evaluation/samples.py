@@ -1,0 +1,139 @@
+"""The samples behind a run's metrics, as far as its tables hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import QuadlogError
+from quadlog.metrics.summary import Samples, Statistic, finite_samples
+from quadlog.metrics.walking import contact_begins
+from quadlog.pipelines.evaluation.reference import (
+    OnTime,
+    Reference,
+    compare_trajectory,
+    residual_samples,
+    saved_error_samples,
+)
+from quadlog.results.run.tables import read_table
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A saved file, the metrics whose samples it holds, and how they are read from it.
+
+    newer: runs are still about that were made before quadlog saved it.
+    """
+
+    file: str
+    metrics: tuple[str, ...]
+    read: Callable[[Path], dict[str, Samples]]
+    newer: bool = False
+
+
+def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Samples], list[str]]:
+    """The samples of the metrics that are wanted, and a line for each file that does not give them.
+
+    With None, of all metrics of which the files alone tell that they apply; a missing file then tells that they do not.
+    """
+    samples: dict[str, Samples] = {}
+    problems: list[str] = []
+    names = SELF_EVIDENT if wanted is None else frozenset(wanted)
+    for source in _SOURCES:
+        may_lack = wanted is None or source.newer
+        if names.isdisjoint(source.metrics) or (may_lack and not (run / source.file).is_file()):
+            continue
+        try:
+            found = source.read(run)
+        except QuadlogError as error:
+            problems.append(str(error))
+        else:
+            samples |= {name: each for name, each in found.items() if name in names}
+    return samples, problems
+
+
+def _control(run: Path) -> dict[str, Samples]:
+    errors: tuple[tuple[str, Statistic, str], ...] = (
+        ("eta_m", "mean", "error_m"),
+        ("sigma_m", "std", "error_m"),
+        ("eta_time_m", "mean", "time_error_m"),
+        ("sigma_time_m", "std", "time_error_m"),
+        ("max_error_m", "max", "error_m"),
+        ("cross_track_rmse_m", "rms", "cross_track_m"),
+        ("heading_rmse_rad", "rms", "heading_error_rad"),
+        ("fallen", "max", "fallen"),
+    )
+    table = read_table(run, "control", ["t_ns", "tau_00_nm", *dict.fromkeys(column for _, _, column in errors)])
+    # A robot without joints cannot fall.
+    has_body = bool(np.isfinite(table["tau_00_nm"]).any())
+    return {
+        name: finite_samples(table["t_ns"], table[column], statistic)
+        for name, statistic, column in errors
+        if name != "fallen" or has_body
+    }
+
+
+def _clearances(run: Path) -> dict[str, Samples]:
+    table = read_table(run, "clearances")
+    t_ns, clearance_m = table["t_ns"], table["clearance_m"]
+    inside = ~np.isnan(clearance_m)
+    begins = contact_begins(clearance_m)
+    return {
+        "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
+        "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
+        "following_distance_mean_m": finite_samples(t_ns, table["target_distance_m"], "mean"),
+    }
+
+
+def _plans(run: Path) -> dict[str, Samples]:
+    columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
+    table = read_table(run, "plans", columns)
+    compared = table["found"] & (table["optimal_cost"] > 0)
+    excess = np.full(len(compared), np.nan)
+    excess[compared] = table["cost"][compared] / table["optimal_cost"][compared] - 1
+    t_ns = table["t_ns"]
+    return {
+        "expanded_total": finite_samples(t_ns, table["expanded"], "sum"),
+        "generated_total": finite_samples(t_ns, table["generated"], "sum"),
+        "expanded_mean": finite_samples(t_ns, table["expanded"], "mean"),
+        "fallback_share": finite_samples(t_ns[1:], table["from_scratch"][1:], "mean"),
+        "suboptimality_mean": finite_samples(t_ns, excess, "mean"),
+        "success_rate": finite_samples(t_ns, table["found"], "mean"),
+    }
+
+
+def _own_reference(run: Path) -> dict[str, Samples]:
+    return compare_trajectory(run, Reference.read(run / "reference.tum", OnTime(planar=True))).samples
+
+
+_SOURCES = (
+    _Source(
+        "control.parquet",
+        (
+            *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
+            *("heading_rmse_rad", "fallen"),
+        ),
+        _control,
+    ),
+    _Source(
+        "clearances.parquet", ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
+    ),
+    _Source(
+        "plans.parquet",
+        (
+            *("expanded_total", "generated_total", "expanded_mean", "fallback_share", "suboptimality_mean"),
+            "success_rate",
+        ),
+        _plans,
+    ),
+    _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m"), saved_error_samples),
+    _Source("fixes.parquet", ("uwb_residual_m",), residual_samples),
+    _Source("reference.tum", ("ate_rmse_m", "rpe_rmse_m"), _own_reference),
+)
+SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
+"""The metrics whose samples a run saves."""
+# The others need an incremental planner, or a reference in the frame of the poses, which no table tells.
+SELF_EVIDENT = SAMPLED - {"fallback_share", "ate_rmse_m", "rpe_rmse_m"}

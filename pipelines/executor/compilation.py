@@ -1,0 +1,141 @@
+"""The very first start, when compiled code is not in the cache yet: it is said, and shared with another process.
+
+Compiling holds a lock within one process, so a second core only helps
+another one; what that one compiled is found in the cache afterwards.
+"""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from threading import Event, Thread
+from types import TracebackType
+from typing import IO, Any, Self
+
+from numba.core import event
+
+from quadlog.pipelines.executor.machine import cores
+
+SAID = "compiling for the first time on this machine, which takes some seconds; later starts find it in the cache"
+LONGEST_S = 600.0
+"""Another process that takes longer hangs, and is not waited for."""
+
+
+class _OnFirst(event.Listener):
+    """Calls a function when the first compilation starts."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self._call: Callable[[], None] | None = call
+
+    def on_start(self, event: Any) -> None:
+        call, self._call = self._call, None
+        if call is not None:
+            call()
+
+    def on_end(self, event: Any) -> None:
+        """Nobody waits for it."""
+
+
+@contextmanager
+def on_first_compilation(call: Callable[[], None]) -> Iterator[None]:
+    """Calls a function at once when the body has to compile anything, and only the first time."""
+    with event.install_listener("numba:compile", _OnFirst(call)):
+        yield
+
+
+class Compilation:
+    """Parts of the code, each compiled by running it once, before it is needed (`before`).
+
+    parts: a function each, by name. elsewhere: the command for another process that compiles the parts it is given by
+    name, in that order, and prints each one's name when it is done. That process starts when the first thing turns out
+    to be missing in the cache, gets those of `shared` that have not begun, and is stopped with the context. Its failure
+    is no failure: what it has not compiled is compiled here when it is needed. say: told once when anything is missing.
+    """
+
+    def __init__(
+        self,
+        parts: Mapping[str, Callable[[], object]],
+        shared: Sequence[str],
+        elsewhere: Sequence[str],
+        say: Callable[[str], None],
+    ) -> None:
+        self.seconds = 0.0
+        self._parts, self._shared, self._elsewhere, self._say = parts, shared, elsewhere, say
+        self._begun: set[str] = set()
+        self._done_elsewhere: dict[str, Event] = {}
+        self._context = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._context.enter_context(on_first_compilation(self._start))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._context.close()
+
+    def before(self, *names: str) -> None:
+        """Compile those of the named parts that there are, or wait for them; `seconds` adds up how long that took."""
+        started = time.perf_counter()
+        for name in names:
+            if name in self._parts and name not in self._begun:
+                self._begun.add(name)
+                if name in self._done_elsewhere:
+                    self._done_elsewhere[name].wait(LONGEST_S)
+                with _uncollected():
+                    self._parts[name]()
+        self.seconds += time.perf_counter() - started
+
+    def _start(self) -> None:
+        self._say(SAID)
+        names = [name for name in self._shared if name in self._parts and name not in self._begun]
+        if not names or cores() < 2:
+            return
+        process = subprocess.Popen(  # noqa: S603 (constants)
+            [*self._elsewhere, *names],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self._done_elsewhere = {name: Event() for name in names}
+        reading = Thread(target=_follow, args=(process.stdout, self._done_elsewhere), daemon=True)
+        reading.start()
+        self._context.callback(_stop, process, reading)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the garbage collector: compiling builds millions of objects, and looking through them takes a tenth."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _follow(lines: IO[str], done: Mapping[str, Event]) -> None:
+    """Marks each name that is printed as done, and all of them at the end, for nothing more will come."""
+    with lines:
+        for line in lines:
+            if line.strip() in done:
+                done[line.strip()].set()
+    for each in done.values():
+        each.set()
+
+
+def _stop(process: subprocess.Popen[str], reading: Thread) -> None:
+    process.kill()
+    process.wait()
+    reading.join()
+
+
+def python(*arguments: str) -> list[str]:
+    """Arguments to this same Python, for which the folder it is started in holds no modules."""
+    return [sys.executable, "-P", *arguments]

@@ -1,0 +1,350 @@
+"""Processes on this machine that take one task each; one that dies costs only its own task."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from multiprocessing.reduction import ForkingPickler
+from types import FrameType, TracebackType
+from typing import Any, NoReturn, ParamSpec, TypeVar
+
+from quadlog.errors import WorkerDied
+from quadlog.pipelines.executor.machine import AGAIN_S, LAST_WORDS_S
+from quadlog.pipelines.executor.progress import Listener, told_to
+from quadlog.storage.atomic_write import remove_unfinished
+
+LEFT = 128 + signal.SIGTERM
+"""The exit code of a worker that was told to end."""
+TOLD, DONE, RAISED = "told", "done", "raised"
+"""What a worker sends: something said within a task, a task's result, a task's error."""
+CLEAN_UP_S = 30.0
+"""How long an orphan may take until it notices, amid a task, that it is to end."""
+UNWIND_S = 2.0
+"""How long a worker that is to end may take to clean up."""
+
+_leaving = threading.Event()
+
+
+def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
+    """Answer each pickled (call, args, kwargs) with DONE or RAISED, and end the process when there are no more.
+
+    initializer: is called before the first.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one with the terminal decides
+    signal.signal(signal.SIGTERM, _leave)
+    sys.unraisablehook = _lost
+    threading.Thread(target=_see_it_end, name="quadlog-leaving", daemon=True).start()
+    threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
+    sending, begin = threading.Lock(), initializer
+
+    def send(packed: bytes) -> None:
+        with sending:
+            connection.send_bytes(packed)
+
+    with connection, told_to(lambda message: send(_pack(TOLD, message))):
+        while True:
+            try:
+                task = connection.recv_bytes()
+            except (EOFError, OSError):
+                break
+            try:
+                if begin is not None:
+                    begin(*initargs)
+                    begin = None
+                call, args, kwargs = ForkingPickler.loads(task)
+                answer = _pack(DONE, call(*args, **kwargs))
+            except Exception as error:
+                answer = _raised(error)
+            if _leaving.is_set():  # and yet the task has come to an end, or to an error that is none of its own
+                sys.exit(LEFT)
+            send(answer)
+    # All tasks are done and closed what they opened; to take apart what they loaded would take longer than some tasks.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _pack(kind: str, value: object) -> bytes:
+    return bytes(ForkingPickler.dumps((kind, value)))
+
+
+def _raised(error: Exception) -> bytes:
+    """The error with the traceback it has here; one that does not come out of a pickle again goes as its words."""
+    told = f"in a worker process:\n{''.join(traceback.format_exception(error))}"
+    error.add_note(told)
+    try:
+        answer = _pack(RAISED, error)
+        ForkingPickler.loads(answer)
+    except Exception:
+        words = RuntimeError(f"{type(error).__name__}: {error}")
+        words.add_note(told)
+        answer = _pack(RAISED, words)
+    return answer
+
+
+def _leave(number: int, _: FrameType | None) -> NoReturn:
+    """SIGTERM: unwind, so that temporary folders and unfinished files go; a second one does not disturb that."""
+    signal.signal(number, signal.SIG_IGN)
+    _leaving.set()
+    # What this breaks off amid C code may come out as any error, and would be taken for a bug by whoever prints it.
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 2)
+    os.close(silence)
+    sys.exit(LEFT)
+
+
+def _lost(lost: sys.UnraisableHookArgs) -> None:
+    """What C code that calls Python cannot pass on, as LLVM's, is printed; to leave is raised again a little later."""
+    sys.__unraisablehook__(lost)
+    ours = lost.exc_type is SystemExit and threading.current_thread() is threading.main_thread()
+    if ours and _leaving.is_set():
+        signal.signal(signal.SIGALRM, _leave)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+
+def _see_it_end() -> None:
+    """Whatever may catch or lose the exception that `_leave` raises."""
+    _leaving.wait()
+    threading.Event().wait(UNWIND_S)
+    remove_unfinished()
+    os._exit(LEFT)
+
+
+def _leave_with_parent() -> None:
+    """Nobody waits for the result of an orphan."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
+    threading.Event().wait(CLEAN_UP_S)
+    os._exit(LEFT)
+
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+# One heap for all threads of a worker: with glibc's own for each, it grows by 5 % with every recording.
+_ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
+Initializer = tuple[Callable[..., object] | None, tuple[Any, ...]]
+
+# The environment is everybody's; and starting a process reaps others, also those that another thread waits for.
+_processes = threading.Lock()
+
+
+class LocalProcess:
+    """A spawned process that answers tasks."""
+
+    def __init__(self, initializer: Initializer) -> None:
+        """Fresh, because a forked one would inherit locks of libraries' threads."""
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = multiprocessing.Pipe()
+        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs, *initializer), daemon=True)
+        with _processes, _environment():
+            self._process.start()
+        theirs.close()
+
+    def answer(self, task: bytes, listener: Listener | None) -> tuple[str, Any]:
+        """DONE and the result, or RAISED and the error, of a pickled task. Raises WorkerDied when the process ends."""
+        try:
+            self._connection.send_bytes(task)
+            while True:
+                packed = self._connection.recv_bytes()
+                kind, value = ForkingPickler.loads(packed)
+                if kind != TOLD:
+                    return kind, value
+                if listener is not None:
+                    listener(value)
+        except (EOFError, OSError):
+            raise WorkerDied(self.end()) from None
+
+    def is_alive(self) -> bool:
+        """Whether it can still take a task."""
+        with _processes:
+            return self._process.is_alive()
+
+    def terminate(self) -> None:
+        """Ask it to clean up and end."""
+        with _processes:
+            self._process.terminate()
+
+    def kill(self) -> None:
+        """End it."""
+        with _processes:
+            self._process.kill()
+
+    def end(self) -> int:
+        """Let it go, wait until it has gone, and return its exit code; minus the signal's number if one killed it."""
+        self._connection.close()
+        wait([self._process.sentinel])
+        with _processes:
+            self._process.join()
+        return self._process.exitcode or 0
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    """Workers share the cores by tasks, not by threads: set here, because libraries read it when they load."""
+    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    os.environ.update(_ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    future: Future[Any]
+    call: Callable[..., Any]
+    args: tuple[Any, ...]
+    kwargs: dict[str, Any]
+
+
+class LocalPool(Executor):
+    """An executor of spawned processes, each with one thread for BLAS and numba, that takes tasks in their order.
+
+    Every process is served by a thread of this one and is started when there is a task for it. When it dies, be it
+    killed or out of memory, its task's future gets WorkerDied and a fresh process takes the next task. Used in a
+    `with`, an exception stops all workers at once instead of waiting for them.
+    """
+
+    def __init__(
+        self,
+        workers: int,
+        initializer: Callable[..., object] | None = None,
+        initargs: tuple[Any, ...] = (),
+        listener: Listener | None = None,
+    ) -> None:
+        """initializer(*initargs) is called in each process before its first task; listener: hears what tasks `tell`."""
+        self._workers, self._initializer, self._listener = workers, (initializer, initargs), listener
+        self._todo: deque[_Task] = deque()
+        self._changed = threading.Condition()
+        self._threads: list[threading.Thread] = []
+        self._running: set[LocalProcess] = set()
+        self._idle = 0
+        self._closed = self._stopped = False
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """The future of a call, which waits its turn. Raises RuntimeError after `shutdown`."""
+        future: Future[T] = Future()
+        with self._changed:
+            if self._closed:
+                raise RuntimeError("the pool has been shut down")
+            self._todo.append(_Task(future, fn, args, kwargs))
+            if self._idle < len(self._todo) and len(self._threads) < self._workers:
+                thread = threading.Thread(target=self._serve, name="quadlog-worker", daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            self._changed.notify()
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; those submitted are done first, unless they are to be cancelled and have not begun."""
+        with self._changed:
+            self._closed = True
+            while cancel_futures and self._todo:
+                self._todo.popleft().future.cancel()
+            self._changed.notify_all()
+        if wait:
+            for thread in self._threads:
+                thread.join()
+
+    def terminate_workers(self) -> None:
+        """Stop at once: what has not begun is cancelled, what runs cleans up and ends with WorkerDied."""
+        with self._changed:
+            self._stopped = True
+            running = list(self._running)
+        for process in running:
+            process.terminate()
+        late = threading.Timer(LAST_WORDS_S, _kill, (running,))
+        late.start()
+        try:
+            self.shutdown(cancel_futures=True)
+        finally:
+            late.cancel()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if value is None:
+            self.shutdown()
+        else:
+            self.terminate_workers()
+
+    def _serve(self) -> None:
+        """One worker's thread: give it tasks, hear what it says, replace it when it dies."""
+        # Python handles signals in its main thread; a process inherits what the thread that starts it has blocked.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        process: LocalProcess | None = None
+        while (task := self._next()) is not None:
+            if task.future.set_running_or_notify_cancel():
+                process = self._do(task, process)
+            del task  # what it holds is not needed while waiting for the next one
+        self._forget(process)
+
+    def _do(self, task: _Task, process: LocalProcess | None) -> LocalProcess | None:
+        """Have a task done by the process, or by a fresh one. Returns the one for the next task, if there is one."""
+        try:
+            packed = bytes(ForkingPickler.dumps((task.call, task.args, task.kwargs)))
+            if process is None or not process.is_alive():
+                self._forget(process)
+                process = self._start()
+            kind, value = process.answer(packed, self._listener)
+        except WorkerDied as error:
+            self._forget(process)
+            process = None
+            task.future.set_exception(error)
+        except BaseException as error:  # a task or an answer that no pickle holds, or the listener's: no answer is owed
+            if process is not None:
+                process.kill()
+            self._forget(process)
+            process = None
+            task.future.set_exception(error)
+        else:
+            (task.future.set_exception if kind == RAISED else task.future.set_result)(value)
+        return process
+
+    def _next(self) -> _Task | None:
+        """The first of the queue, once there is one; None when there will be no more."""
+        with self._changed:
+            self._idle += 1
+            while not self._todo and not self._closed:
+                self._changed.wait()
+            self._idle -= 1
+            return self._todo.popleft() if self._todo else None
+
+    def _start(self) -> LocalProcess:
+        with self._changed:
+            if self._stopped:
+                raise WorkerDied(-signal.SIGTERM)
+            process = LocalProcess(self._initializer)
+            self._running.add(process)
+        return process
+
+    def _forget(self, process: LocalProcess | None) -> None:
+        if process is not None:
+            with self._changed:
+                self._running.discard(process)
+            process.end()
+
+
+def _kill(processes: Sequence[LocalProcess]) -> None:
+    for process in processes:
+        process.kill()

@@ -1,0 +1,94 @@
+"""How much of the machine is ours."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import threading
+import time
+from types import FrameType
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+LAST_WORDS_S = 5.0
+"""How long a worker that is stopped may take to clean up before it is killed."""
+AGAIN_S = 0.01
+"""How long after an interrupt was lost in C code it is raised again."""
+
+_taken_s = float("-inf")
+
+
+def take_one_interrupt() -> None:
+    """From now on any of the signals is a KeyboardInterrupt, with the signal's name unless it is Ctrl-C.
+
+    Further ones are ignored for a while: amid the clean-up, one would leave workers to themselves. An interrupt that C
+    code cannot pass on is raised again. A process that was started to ignore a signal still does.
+    """
+    for number, usual in ((signal.SIGINT, signal.default_int_handler), *((each, signal.SIG_DFL) for each in _OTHERS)):
+        if signal.getsignal(number) is usual:
+            signal.signal(number, _interrupt)
+    sys.unraisablehook = _raise_lost_again
+
+
+_OTHERS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def ignore_interrupts() -> None:
+    """For the last moments of a process that has already said how its work ended."""
+    for number in (signal.SIGINT, *_OTHERS):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
+    global _taken_s
+    now_s = time.monotonic()
+    if now_s - _taken_s >= LAST_WORDS_S:
+        _taken_s = now_s
+        _raise(number)
+
+
+def _raise(number: int) -> None:
+    raise KeyboardInterrupt(*([] if number == signal.SIGINT else [signal.Signals(number).name]))
+
+
+def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
+    """Called for an exception in a destructor or a callback from C, which otherwise is printed and forgotten."""
+    if lost.exc_type is not KeyboardInterrupt or threading.current_thread() is not threading.main_thread():
+        sys.__unraisablehook__(lost)
+        return
+    name = lost.exc_value.args[0] if lost.exc_value is not None and lost.exc_value.args else "SIGINT"
+    signal.signal(signal.SIGALRM, lambda _number, _frame: _raise(signal.Signals[name]))
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+
+_WORDS = (
+    *("cannot allocate memory", "can't start new thread", "failed to map segment", "cannot map zero-fill pages"),
+    *("cannot create shared object descriptor", "bad_alloc"),
+)
+"""Of the C library, its loader, Python's threads and C++. Which exception has them is up to who passes them on."""
+_OTHER_CAUSES = ("static tls block", "operation not permitted", "permission denied")
+"""With these, memory is there: a library that came too late for its place, and a disk nothing may be run from."""
+
+
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """Whether lack of memory is the error, what caused it, or what was being handled when it came."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        if isinstance(error, MemoryError) or _tells_of_it(error):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _tells_of_it(error: BaseException) -> bool:
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    told = str(error).lower() if isinstance(error, ImportError | OSError | RuntimeError) else ""
+    return any(words in told for words in _WORDS) and not any(words in told for words in _OTHER_CAUSES)

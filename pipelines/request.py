@@ -1,0 +1,97 @@
+"""From one recording to one run folder: the story of `quadlog replay`, top to bottom."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from quadlog.config.schema import Config
+from quadlog.errors import ExitCode
+
+if TYPE_CHECKING:
+    pass
+
+GOES_ON = "--resume goes on"
+
+
+class Existing(enum.Enum):
+    """What happens to a run folder that is already there."""
+
+    REFUSE = "refuse"
+    FORCE = "force"
+    RESUME = "resume"
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """What decides the result beside the recording and the configuration."""
+
+    stamp: Literal["header", "log"] = "header"
+    start_s: float | None = None
+    duration_s: float | None = None
+    until: str = "report"
+    seed: int = 0
+    msg_path: tuple[Path, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `run.json` keeps them."""
+        return {
+            "stamp": self.stamp,
+            "start_s": self.start_s,
+            "duration_s": self.duration_s,
+            "until": self.until,
+            "seed": self.seed,
+            "msg_path": [str(path) for path in self.msg_path],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayRequest:
+    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made."""
+
+    recording: Path
+    run: Path
+    config: Config
+    options: ReplayOptions = ReplayOptions()
+    existing: Existing = Existing.REFUSE
+    command: tuple[str, ...] = ("quadlog", "replay")
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOutcome:
+    """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why.
+
+    reused: stages that an earlier replay had done, all of them for a run that was finished already.
+    cost: of a replay in a batch, by the last columns of summary.parquet.
+    """
+
+    recording: Path
+    run: Path
+    exit_code: int
+    reason: str = ""
+    metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
+    reused: Sequence[str] = ()
+    refused: bool = False
+    cost: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
+        """A recording that could not be replayed; refused: because its run is there already, and stays."""
+        # The recording stands beside the reason wherever it is shown.
+        reason = reason.removeprefix(f"{request.recording}: ")
+        return cls(request.recording, request.run, ExitCode.FAILED, reason, refused=refused)
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no run of this request."""
+        return self.exit_code == ExitCode.FAILED
+
+    def to_dict(self) -> dict[str, Any]:
+        """One flat object: where, how it ended, and the metrics as plain numbers."""
+        values = {name: metric["value"] for name, metric in self.metrics.items()}
+        ended = {"exit_code": self.exit_code, "reason": self.reason}
+        return {"run": str(self.run), "recording": str(self.recording), **ended, **values}

@@ -1,0 +1,192 @@
+"""The ground that a run saw, for a robot to walk on: its `ground.npz`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from quadlog.config.schema import Config
+from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
+from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
+from quadlog.messages import Float
+from quadlog.results.run.maps import read_ground
+from quadlog.results.run.names import run_name
+from quadlog.results.run.record import describe_input
+from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
+from quadlog.simulation.robot import height_field as grounds
+from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map
+from quadlog.storage.formats.path_file import read_path
+
+LEAST_POINTS = 5
+"""A cell of the ground that was seen less is as high as those around it: far away, a point may be anything's."""
+NEAR_M = 0.5
+"""So far from the nearest cell that was seen the ground is still what that cell says."""
+WALKED_M = 1.0
+"""So far from its course a robot that follows it may set a foot. Farther off, walls and bushes may pass for ground."""
+# What no ground that a robot saw is beyond: a file may say anything.
+_MOST_M, _CELLS_M = 1e6, (1e-3, 1e3)
+
+
+@dataclass(frozen=True, slots=True)
+class SeenGround:
+    """ground: gaps filled by the nearest seen cell. seen_m: centres (N, 2) of the cells that were seen. run: whose."""
+
+    run: Path
+    ground: HeightField
+    seen_m: Float
+
+    def beyond(self, path_m: Float) -> str | None:
+        """How much of a path (K, 2) in map lies beyond what was seen, and from where on; None for nothing of it."""
+        places_m, step_m = _places_along(path_m, NEAR_M / 5)
+        away_m, _ = cKDTree(self.seen_m).query(places_m, distance_upper_bound=NEAR_M)
+        beyond = ~np.isfinite(away_m)
+        if not beyond.any():
+            return None
+        x_m, y_m = places_m[beyond.argmax()]
+        return (
+            f"{beyond.sum() * step_m:.1f} of the course's {len(places_m) * step_m:.1f} m, the first at "
+            f"({x_m:.1f}, {y_m:.1f}) m, lie beyond the ground that {self.run} saw: each such place is taken to be as "
+            f"high as its nearest edge"
+        )
+
+    def too_steep_along(self, path_m: Float, friction: float) -> str | None:
+        """Why a foot cannot hold somewhere beside a path (K, 2) in map, None when it can; see Ground.too_steep_for."""
+        for x_m, y_m in _places_along(path_m, WALKED_M)[0].tolist():
+            beside = self.ground.over(Extent(x_m - WALKED_M, y_m - WALKED_M, x_m + WALKED_M, y_m + WALKED_M))
+            if (reason := beside.too_steep_for(friction)) is not None:
+                return reason
+        return None
+
+    def provenance(self) -> str:
+        """One line about where it comes from."""
+        file = describe_input(self.run / "ground.npz")
+        return f"the ground is what {self.run} saw (ground.npz, SHA-256 {file.sha256})"
+
+
+def seen_ground(run: Path) -> SeenGround | None:
+    """What a run saw of its ground, None when nothing of it. Raises NotARun and TooLarge."""
+    seen = read_ground(run)
+    if max(np.abs(seen.origin_m).max(), np.nanmax(np.abs(seen.height_m), initial=0.0)) > _MOST_M:
+        raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
+    if not _CELLS_M[0] <= seen.cell_m <= _CELLS_M[1]:
+        raise NotARun(run / "ground.npz", f"is damaged: cells of {seen.cell_m:g} m")
+    height_m = np.where(seen.count >= LEAST_POINTS, seen.height_m, np.nan)
+    rows, cols = np.nonzero(np.isfinite(height_m))
+    if not len(rows):
+        return None
+    seen_m = seen.origin_m + (np.stack([cols, rows], axis=1) + 0.5) * seen.cell_m
+    return SeenGround(run, from_height_map(height_m, seen.cell_m, seen.origin_m), seen_m)
+
+
+def _places_along(path_m: Float, step_m: float) -> tuple[Float, float]:
+    """(N, 2) middles of equal pieces of a path, about step_m long, and how long they are."""
+    arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
+    pieces = max(math.ceil(arc_m[-1] / step_m), 1)
+    step_m = float(arc_m[-1]) / pieces
+    middles_m = (np.arange(pieces) + 0.5) * step_m
+    return np.column_stack([np.interp(middles_m, arc_m, path_m[:, k]) for k in range(2)]), step_m
+
+
+# As re-simulation has it: a day at 50 Hz.
+MAX_TICKS = 5_000_000
+BANDS_M = {"3cm": 0.03, "6cm": 0.06}
+PLANES = ("course", "flat")
+MARGIN_M = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Remarks:
+    """What a run tells of its ground, and what a user should know before trusting it."""
+
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def find_course(name: str, config: Config) -> Course:
+    """The course of that name, or the path of a file, at the configured speed or, without one, at its own.
+
+    Raises UnknownName, UnreadableFile and TooLarge.
+    """
+    course = COURSES[name]() if name in COURSES else Course(run_name(Path(name).stem), _path_of(name), SPEED_MPS)
+    if config.pursuit.speed_mps is not None:
+        course = replace(course, speed_mps=config.pursuit.speed_mps)
+    ticks = longest_s(course) * config.pursuit.rate_hz
+    if ticks > MAX_TICKS:
+        raise TooLarge(f"ticks of a walk along {name}", int(ticks), MAX_TICKS)
+    return course
+
+
+def _path_of(name: str) -> Float:
+    path = Path(name)
+    if not path.suffix and not path.exists():
+        raise UnknownName("course", name, [*COURSES, TROT, "a path in a .tum or .csv file"])
+    try:
+        points_m = checked_path(read_path(path))
+    except ValueError as error:
+        raise UnreadableFile(path, str(error)) from None
+    length_m = float(np.hypot(*np.diff(points_m, axis=0).T).sum())
+    if length_m <= FINISHED_M:
+        raise UnreadableFile(path, f"is walked before it begins: {length_m:g} m, and {FINISHED_M:g} m off is arrived")
+    return points_m
+
+
+def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightField:
+    """The ground that [simulation] terrain names, drawn from the seed; name: of the course, as find_course has it.
+
+    Raises TooSteep for ground that feet would slip on, TooLarge for a path that spans too much of it, UnknownName for
+    a terrain that is neither a name nor a folder, and NotARun for a folder without a ground.
+    """
+    terrain = config.simulation.terrain
+    friction = config.simulation.friction
+    if terrain in (*PLANES, *BANDS_M):
+        ground = _drawn(terrain, name, course, seed)
+        too_steep = ground.too_steep_for(friction)
+    else:
+        seen = _seen(terrain)
+        ground = seen.ground.over(_around(course))
+        too_steep = seen.too_steep_along(course.path_m, friction)
+    if too_steep is not None:
+        raise TooSteep(too_steep)
+    return ground
+
+
+def ground_remarks(course: Course, config: Config) -> Remarks:
+    """What is to be said of the ground of a course, whatever the seed. Raises as make_ground does."""
+    terrain = config.simulation.terrain
+    if terrain in (*PLANES, *BANDS_M):
+        return Remarks()
+    seen = _seen(terrain)
+    beyond = seen.beyond(course.path_m)
+    return Remarks((seen.provenance(),), () if beyond is None else (beyond,))
+
+
+def _drawn(terrain: str, name: str, course: Course, seed: int) -> HeightField:
+    if terrain in BANDS_M:
+        return grounds.undulating(BANDS_M[terrain], seed=seed, extent=_extent(name, course))
+    return grounds.s_course(seed=seed) if terrain == "course" and name == "s-curve" else grounds.flat()
+
+
+def _seen(terrain: str) -> SeenGround:
+    run = Path(terrain)
+    if not run.is_dir():
+        raise UnknownName("terrain", terrain, [*PLANES, *BANDS_M, "a run folder"])
+    if not (run / "ground.npz").is_file():
+        raise NotARun(run, "is no terrain without a ground.npz: no ground was seen there, or it was a plane")
+    seen = seen_ground(run)
+    if seen is None:
+        raise NotARun(run, f"saw no ground: none of its cells holds {LEAST_POINTS} points")
+    return seen
+
+
+def _extent(name: str, course: Course) -> Extent:
+    """The ground of [Tracking]'s line and circle, which draws the same for both; of another course what it needs."""
+    return grounds.COURSES if name in ("line", "circle") else _around(course)
+
+
+def _around(course: Course) -> Extent:
+    low_m, high_m = course.path_m.min(axis=0) - MARGIN_M, course.path_m.max(axis=0) + MARGIN_M
+    return Extent(*low_m.tolist(), *high_m.tolist())

@@ -1,0 +1,267 @@
+"""The run folder of one walk of trot-32s: table, metrics, plots and the page; `run.json` last."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
+from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, Remarks
+from quadlog.pipelines.simulation.trot import TrottedCurve, trot_metrics
+from quadlog.pipelines.simulation.walk import SimulatedWalk
+from quadlog.results.foxglove.derived_mcap import write_derived
+from quadlog.results.foxglove.layout import write_layout
+from quadlog.results.page.report import write_frame_strip, write_page, write_plots
+from quadlog.results.run.maps import GroundMap, write_ground
+from quadlog.results.run.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.tables import TABLES, write_table
+from quadlog.simulation.course_walk import COURSES, TROT, Course
+from quadlog.simulation.robot.height_field import HeightField
+from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.simulation.robot.rendering import CannotDraw, render_frames
+from quadlog.storage.formats.tum import write_tum
+from quadlog.version import __version__
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TrotDescription:
+    """What was simulated; startup_s: what loading and compiling took before."""
+
+    curve: str
+    config: Config
+    seed: int
+    command: tuple[str, ...]
+    startup_s: float
+
+
+def fill_trot_folder(
+    folder: RunFolder, description: TrotDescription, trotted: TrottedCurve, say: Callable[[str], None]
+) -> dict[str, dict[str, Any]]:
+    """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
+    run, walk, clock = folder.path, trotted.walk, StageClock()
+    with clock.stage("report"):
+        folder.write_config(description.config.model_dump(exclude_none=True))
+        control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
+        write_table(run / "control.parquet", TABLES["control"], control)
+        write_tum(run / "trajectory.tum", walk.t_ns, control["x_m"], control["y_m"], control["yaw_rad"])
+        metrics = {name: asdict(metric) for name, metric in trot_metrics(trotted).items()}
+        folder.write_metrics(metrics)
+        _write_frames(folder, trotted, description.config.results.frames, say)
+        pictures = write_plots(run, _record(description, trotted, clock))
+    record = _record(description, trotted, clock)
+    write_page(run, pictures, record)
+    folder.write_run_json(record)
+    return metrics
+
+
+def trot_verdict(trotted: TrottedCurve) -> str:
+    """That and when the robot fell; empty if it did not."""
+    fallen = trotted.walk.fallen
+    return f"fell after {trotted.walk.t_ns[np.argmax(fallen)] / NS:.2f} s" if fallen.any() else ""
+
+
+def _write_frames(folder: RunFolder, trotted: TrottedCurve, wanted: int, say: Callable[[str], None]) -> None:
+    if wanted == 0:
+        return
+    walk = trotted.walk
+    samples = np.unique(np.linspace(0, len(walk.qpos) - 1, wanted).round().astype(np.int64))
+    try:
+        frames = render_frames(trotted.model.model, walk.qpos[samples])
+    except CannotDraw as error:
+        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
+        return
+    write_frame_strip(folder.path, frames, walk.t_ns[samples] / NS)
+
+
+def _record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
+    config, walk, robot = description.config, trotted.walk, trotted.planned.robot
+    lasted_s = float(walk.t_ns[-1]) / NS
+    return RunRecord(
+        quadlog_version=__version__,
+        command=list(description.command),
+        config=config.model_dump(exclude_none=True),
+        options={"course": TROT, "controller": description.curve, "seed": description.seed},
+        input=_input(trotted),
+        seed=description.seed,
+        recorded_s=lasted_s,
+        counts={"samples": len(walk.t_ns)},
+        warnings=[f"the robot {ended}"] if (ended := trot_verdict(trotted)) else [],
+        notes=[
+            f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
+            f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, and a posture",
+        ],
+        stages=[
+            StageRecord("control", trotted.seconds, peak_memory_mb()),
+            StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
+        ],
+        startup_s=description.startup_s,
+        realtime_factor=lasted_s / trotted.seconds,
+    )
+
+
+def _input(trotted: TrottedCurve) -> InputRecord:
+    """The joint angles that the robot is sent to."""
+    targets = trotted.planned.targets_rad.tobytes()
+    return InputRecord(TROT, len(targets), hashlib.sha256(targets).hexdigest())
+
+
+@dataclass(frozen=True, slots=True)
+class WalkDescription:
+    """What was simulated: course_argument is the course's name, or the file it came from."""
+
+    course_argument: str
+    course: Course
+    ground: HeightField
+    remarks: Remarks
+    config: Config
+    seed: int
+    command: tuple[str, ...]
+    startup_s: float
+
+
+def fill_folder(
+    folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk, say: Callable[[str], None]
+) -> dict[str, dict[str, Any]]:
+    """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
+    run, clock = folder.path, StageClock()
+    with clock.stage("report"):
+        folder.write_config(description.config.model_dump(exclude_none=True))
+        _write_tables(run, description, simulated)
+        metrics = _plain(walk_metrics(simulated))
+        folder.write_metrics(metrics)
+        write_derived(run, record=_walk_record(description, simulated, clock))
+        write_layout(run)
+        _write_walk_frames(run, simulated, description.config.results.frames, say)
+        pictures = write_plots(run, _walk_record(description, simulated, clock))
+    record = _walk_record(description, simulated, clock)
+    write_page(run, pictures, record)
+    folder.write_run_json(record)
+    return metrics
+
+
+def walk_metrics(simulated: SimulatedWalk) -> Metrics:
+    """How well the course was followed, what it cost, and how fast it was simulated."""
+    walk = simulated.walk
+    control = walk.control
+    tracked = TrackedWalk(
+        t_ns=control["t_ns"],
+        error_m=control["error_m"],
+        cross_track_m=control["cross_track_m"],
+        time_error_m=control["time_error_m"],
+        heading_error_rad=control["heading_error_rad"],
+        fallen=control["fallen"].astype(np.bool_) if simulated.model is not None else None,
+    )
+    metrics = tracking_metrics(tracked, walk.completed_ns)
+    if walk.effort is not None:
+        ticks = round(_lasted_s(simulated) / TIMESTEP_S)
+        metrics |= effort_metrics(walk.mass_kg, ticks, **asdict(walk.effort))
+    metrics["realtime_factor"] = Metric(_lasted_s(simulated) / simulated.seconds, 1, "")
+    return metrics
+
+
+def walk_verdict(simulated: SimulatedWalk) -> str:
+    """How the walk ended, where it did not end at the course's end; else empty."""
+    control = simulated.walk.control
+    # Adding 0 makes a plain 0 of -0.
+    x_m, y_m = (round(float(control[name][-1]), 2) + 0.0 for name in ("x_m", "y_m"))
+    where = f"after {_lasted_s(simulated):.2f} s at ({x_m:.2f}, {y_m:.2f}) m"
+    if control["fallen"][-1]:
+        return f"fell {where}"
+    return "" if simulated.walk.completed_ns is not None else f"gave up {where}: it should have arrived long before"
+
+
+def _lasted_s(simulated: SimulatedWalk) -> float:
+    t_ns = simulated.walk.control["t_ns"]
+    return float(t_ns[-1] - t_ns[0]) / NS
+
+
+def _plain(metrics: Metrics) -> dict[str, dict[str, Any]]:
+    return {name: asdict(metric) for name, metric in metrics.items()}
+
+
+def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedWalk) -> None:
+    control, path_m = simulated.walk.control, description.course.path_m
+    write_table(run / "control.parquet", TABLES["control"], control)
+    # The course is the one plan of the walk.
+    course = {"t_ns": np.zeros(len(path_m), np.int64), "i": np.arange(len(path_m))}
+    x_m, y_m = path_m.T
+    write_table(
+        run / "paths.parquet", TABLES["paths"], course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
+    )
+    write_tum(run / "trajectory.tum", control["t_ns"], control["x_m"], control["y_m"], control["yaw_rad"])
+    ground = description.ground
+    if not ground.is_plane:
+        # A corner's height stands for the cell about it.
+        origin_m = np.array(ground.origin_m) - ground.cell_m / 2
+        # It is known everywhere, so that it can be a terrain again.
+        seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
+        write_ground(run, GroundMap(origin_m, ground.cell_m, ground.height_m.astype(np.float64), seen))
+
+
+def _write_walk_frames(run: Path, simulated: SimulatedWalk, wanted: int, say: Callable[[str], None]) -> None:
+    if simulated.model is None or simulated.joints is None or wanted == 0:
+        return
+    ticks = np.unique(np.linspace(0, len(simulated.joints) - 1, wanted).round().astype(np.int64))
+    try:
+        frames = render_frames(simulated.model.model, simulated.joints[ticks])
+    except CannotDraw as error:
+        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
+        return
+    t_ns = simulated.walk.control["t_ns"]
+    write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
+
+
+def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:
+    config = description.config
+    simulation = config.simulation
+    return RunRecord(
+        quadlog_version=__version__,
+        command=list(description.command),
+        config=config.model_dump(exclude_none=True),
+        options={"course": description.course_argument, "controller": simulation.controller, "seed": description.seed},
+        input=_walk_input(description),
+        seed=description.seed,
+        recorded_s=_lasted_s(simulated),
+        counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
+        warnings=_warnings(description, simulated),
+        notes=list(description.remarks.notes),
+        stages=[
+            StageRecord("control", simulated.seconds, peak_memory_mb()),
+            StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
+        ],
+        startup_s=description.startup_s,
+        realtime_factor=_lasted_s(simulated) / simulated.seconds,
+    )
+
+
+def _walk_input(description: WalkDescription) -> InputRecord:
+    """The file the path came from; of a course of quadlog's own, its points."""
+    name = description.course_argument
+    if name not in COURSES:
+        return describe_input(Path(name))
+    points = np.ascontiguousarray(description.course.path_m, np.float64).tobytes()
+    return InputRecord(name, len(points), hashlib.sha256(points).hexdigest())
+
+
+def _warnings(description: WalkDescription, simulated: SimulatedWalk) -> list[str]:
+    warnings = list(description.remarks.warnings)
+    if ended := walk_verdict(simulated):
+        warnings.append(f"the robot {ended}")
+    if simulated.failed_solves:
+        warnings.append(f"{simulated.failed_solves} solves failed, and older or simpler forces had to do: see counts")
+    weight_n, most_n = simulated.walk.mass_kg * GRAVITY_MPS2, description.config.mpc.f_max_n
+    # Two feet carry in a trot, and have to push harder than the weight to go up.
+    if weight_n > 1.5 * most_n:
+        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
+    return warnings

@@ -1,0 +1,116 @@
+"""The story of `quadlog synthesize`: a scenario, its messages, a recording, and the config that fits it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import tomli_w
+
+from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
+from quadlog.errors import AlreadyExists, CannotWrite, UnknownName, UsageError
+from quadlog.pipelines.executor.progress import Progress, Silent
+from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic.recording import (
+    PERSON_TAG,
+    ROBOT_TRUTH_TOPIC,
+    START_NS,
+    SynthesizedMessage,
+    SynthesizedRecording,
+)
+from quadlog.simulation.synthetic.registry import SCENARIOS
+from quadlog.simulation.synthetic.writer import WRITERS, write_recording
+from quadlog.storage.atomic_write import whole_file, write_whole
+
+CONFIG_HEADER = (
+    "# What a replay of this synthesized recording has to be told; the anchors' biases are for it to find.\n\n"
+)
+
+
+def make_recording(scenario: str, seed: int, duration_s: float, azimuth_steps: int) -> SynthesizedRecording:
+    """A scenario by name, with its truth; nothing is computed or written yet. Raises UnknownName."""
+    if scenario not in SCENARIOS:
+        raise UnknownName("scenario", scenario, SCENARIOS)
+    made: SynthesizedRecording = importlib.import_module(SCENARIOS[scenario]).synthesize(
+        seed=seed, duration_s=duration_s, azimuth_steps=azimuth_steps
+    )
+    return made
+
+
+def synthesize(
+    recording: SynthesizedRecording,
+    output: Path,
+    container: str | None = None,
+    config_output: Path | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, int]:
+    """Write a recording, and where asked the config that replays it; both appear whole. Returns messages per topic.
+
+    container: a key of WRITERS, None for what the output's extension says.
+    Raises UsageError, AlreadyExists and CannotWrite.
+    """
+    container = _container(output, container)
+    for path in (output, *([config_output] if config_output else [])):
+        _refuse(path, force)
+    with whole_file(output) as part:
+        counts = write_recording(WRITERS[container](part), _watched(recording, progress or Silent()))
+    if config_output is not None:
+        write_whole(config_output, recording_config(recording).encode())
+    return counts
+
+
+def recording_config(recording: SynthesizedRecording) -> str:
+    """The quadlog.toml of a recording: anchors, tags, the lidar's place and the topic of the truth."""
+    anchors = [
+        Anchor(id=index, x_m=x, y_m=y, z_m=z) for index, (x, y, z) in enumerate(recording.site.anchors_m.tolist())
+    ]
+    tags = [
+        Tag(
+            id=tag.id,
+            role="person" if tag.id == PERSON_TAG else "robot",
+            height_m=tag.height_m,
+            x_m=tag.x_m,
+            y_m=tag.y_m,
+        )
+        for tag in recording.tags
+    ]
+    x, y, z = recording.transform_lidar_to_base[:3, 3].tolist()
+    config = Config(
+        topics=Topics(reference=ROBOT_TRUTH_TOPIC),
+        uwb=UwbConfig(anchors=anchors, tags=tags),
+        lidar=LidarConfig(mount=Mount(x_m=x, y_m=y, z_m=z)),
+    )
+    return CONFIG_HEADER + tomli_w.dumps(config.model_dump(exclude_unset=True))
+
+
+def _container(output: Path, container: str | None) -> str:
+    extension = output.suffix.lower().removeprefix(".")
+    if container is None:
+        if extension not in WRITERS:
+            raise UsageError(f"{output}: its extension names no container; use .{', .'.join(WRITERS)} or --format")
+        return extension
+    if container not in WRITERS:
+        raise UnknownName("format", container, WRITERS)
+    if extension in WRITERS and extension != container:
+        raise UsageError(f"{output}: --format {container} does not fit the extension .{extension}")
+    return container
+
+
+def _refuse(path: Path, force: bool) -> None:
+    if path.is_dir():
+        raise CannotWrite(path, "it is a folder")
+    if path.exists() and not force:
+        raise AlreadyExists(path)
+    if not path.parent.is_dir():
+        raise CannotWrite(path, "its folder does not exist")
+
+
+def _watched(recording: SynthesizedRecording, progress: Progress) -> Iterator[SynthesizedMessage]:
+    """The recording's messages, with a step of progress for each scan."""
+    progress.begin("scans", int(recording.duration_s * 1e9) // recording.lidar.sweep_ns)
+    for message in recording.messages():
+        if isinstance(message.message, SimulatedScan):
+            progress.advance((message.log_time_ns - START_NS) * 1e-9)
+        yield message

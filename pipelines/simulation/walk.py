@@ -1,0 +1,172 @@
+"""From the configuration to the settings of robot, controller and disturbances."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.config.control import DisturbancesConfig, MpcConfig, Pursuit, Wbc
+from quadlog.config.schema import Config
+from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
+from quadlog.control.locomotion.mpc import MpcSettings
+from quadlog.control.locomotion.robot import ROBOTS, Robot
+from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.locomotion.wbc import WbcSettings
+from quadlog.errors import InvalidConfigValue, UnknownName
+from quadlog.messages import Float
+from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
+from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
+from quadlog.simulation.robot.disturbances import DisturbanceSettings
+from quadlog.simulation.robot.height_field import HeightField
+from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel, quadruped_model
+from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
+from quadlog.simulation.robot.user_model import load_user_model
+from quadlog.simulation.robot.walking_robot import WalkingRobot
+
+MODEL_FILES = (".xml", ".mjcf", ".urdf")
+
+
+def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
+    """The robot of [robot] model on its ground. Raises UnknownName, and what loading a user's file raises."""
+    name, friction = config.robot.model, config.simulation.friction
+    if name in ROBOTS:
+        return quadruped_model(ROBOTS[name], ground, friction)
+    if Path(name).suffix.lower() not in MODEL_FILES:
+        raise UnknownName("robot", name, [*ROBOTS, f"a file ({', '.join(MODEL_FILES)})"])
+    return load_user_model(Path(name), ground, friction)
+
+
+def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
+    """Gait, MPC and whole-body control, within the robot's torque limits."""
+    simulation = config.simulation
+    return WalkerSettings(
+        gait=simulation.gait,
+        clearance_m=simulation.clearance_m,
+        swing=simulation.swing,
+        aside_m=simulation.swing_aside_m,
+        whole_body=simulation.controller != "fpm",
+        mpc_every_s=config.mpc.every_s,
+        mpc=mpc_settings(config.mpc),
+        wbc=replace(wbc_settings(config.wbc), torque_limit_nm=robot.torque_limit_nm),
+    )
+
+
+def mpc_settings(mpc: MpcConfig) -> MpcSettings:
+    """[mpc]."""
+    return MpcSettings(**mpc.model_dump(exclude={"every_s"}))
+
+
+def wbc_settings(wbc: Wbc) -> WbcSettings:
+    """[wbc]."""
+    return WbcSettings(**wbc.model_dump())
+
+
+def disturbance_settings(disturbances: DisturbancesConfig) -> DisturbanceSettings:
+    """[simulation.disturbances]."""
+    return DisturbanceSettings(**disturbances.model_dump())
+
+
+def fuzzy_settings(pursuit: Pursuit) -> FuzzySettings:
+    """[pursuit.fuzzy], about [pursuit] lookahead_m."""
+    fuzzy = pursuit.fuzzy.model_dump()
+    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
+    return FuzzySettings(l0_m=pursuit.lookahead_m, **lambdas, **fuzzy)
+
+
+def lookahead_control(config: Config) -> LookaheadControl:
+    """Fuzzy for fpmw and fpm, else fixed. A new one for every walk: it remembers its last error."""
+    if config.simulation.controller in ("fpmw", "fpm"):
+        return FuzzyLookahead(fuzzy_settings(config.pursuit))
+    return FixedLookahead(config.pursuit.lookahead_m)
+
+
+def check_rate(rate_hz: float) -> None:
+    """Control ticks with the simulation: every whole number of its steps. Raises InvalidConfigValue."""
+    steps = 1 / (rate_hz * TIMESTEP_S)
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
+        own_hz = round(1 / TIMESTEP_S)
+        reason = f"must divide the simulation's {own_hz} Hz, as 50, 100 or {own_hz} do (got {rate_hz:g})"
+        raise InvalidConfigValue("pursuit.rate_hz", reason, "simulate")
+
+
+# Beside the seed itself, which draws the ground.
+_DISTURBS = 1
+_CARRYING_ON = ("shifted", "shared", "projected")
+"""What MPC and whole-body control do when their solvers fail."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedWalk:
+    """joints: (T, nq) MuJoCo's coordinates at each tick of control, None without a body, as model is.
+
+    counts: how often each solver ended how; seconds: spent walking, the robot's making left out.
+    """
+
+    walk: CourseWalk
+    model: QuadrupedModel | None
+    joints: Float | None
+    counts: dict[str, int]
+    seconds: float
+
+    @property
+    def failed_solves(self) -> int:
+        """How often older or simpler forces had to do."""
+        return sum(count for name, count in self.counts.items() if name.endswith(_CARRYING_ON))
+
+
+def walk_once(
+    course: Course, config: Config, ground: HeightField, seed: int, most_s: float | None = None
+) -> SimulatedWalk:
+    """Walk the course; the seed draws what disturbs. Raises what a user's robot model raises."""
+    rng = np.random.default_rng([seed, _DISTURBS])
+    disturbances = disturbance_settings(config.simulation.disturbances)
+    pursuit = config.pursuit
+    snapshots: list[Float] = []
+    watch: Callable[[], None] | None = None
+    robot: WalkingRobot | UnicycleRobot
+    model = None
+    if config.simulation.controller == "kinematic":
+        robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
+    else:
+        model = robot_model(config, ground)
+        robot = WalkingRobot(model, walker_settings(config, model.robot), course.start_pose, rng, disturbances)
+        walking = robot
+        if config.results.frames:
+            watch = lambda: snapshots.append(walking.joints)  # noqa: E731 (a name for it would say no more)
+    started = time.perf_counter()
+    walk = walk_course(
+        course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s, watch
+    )
+    seconds = time.perf_counter() - started
+    joints = np.array(snapshots) if snapshots else None
+    return SimulatedWalk(walk, model, joints, solver_counts(robot), seconds)
+
+
+def solver_counts(robot: WalkingRobot | UnicycleRobot) -> dict[str, int]:
+    """How often each solver of a robot ended how; nothing without a body."""
+    if isinstance(robot, UnicycleRobot):
+        return {}
+    walker = robot.walker
+    counts: dict[str, int] = {}
+    solvers: dict[str, Counter] = {"mpc": walker.mpc.counts, "wbc": walker.wbc.counts}
+    for solver, statuses in solvers.items():
+        counts |= {f"{solver}_{status.replace(' ', '_')}": count for status, count in sorted(statuses.items())}
+    if walker.wbc.damped:
+        counts["wbc_damped"] = walker.wbc.damped
+    return counts
+
+
+def warm_up(course: Course, config: Config, ground: HeightField, say: Callable[[str], None]) -> float:
+    """Load and compile what a walk needs by a tenth of a second of it; returns the seconds it took.
+
+    say: told in one line when there is anything to compile.
+    """
+    started = time.perf_counter()
+    with on_first_compilation(lambda: say(SAID)):
+        walk_once(course, config, ground, 0, most_s=0.1)
+    return time.perf_counter() - started

@@ -1,0 +1,227 @@
+"""Where the robot and the target were, at any instant a later stage asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.errors import CannotWrite, MissingInput
+from quadlog.geometry import interpolate_poses
+from quadlog.messages import Float, Int
+from quadlog.metrics.walking import Effort
+from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.pipelines.stages.scans import Scanner
+from quadlog.recordings.containers.container import Loss
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams
+from quadlog.results.run.record import InputRecord
+from quadlog.results.run.run_folder import RunFolder
+
+TARGET_GAP_S = 1.0
+"""A target seen this recently is still there; longer gaps are not bridged."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotTrack:
+    """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,), where they come from, and what that calls map.
+
+    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known.
+    """
+
+    t_ns: Int
+    xy_m: Float
+    yaw_rad: Float
+    source: str
+    frame_id: str = ""
+    covariance_m2: Float | None = None
+    yaw_std_rad: Float | None = None
+
+    def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
+        """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""
+        if self.source == "fixed":
+            return np.tile([*self.xy_m[0], self.yaw_rad[0]], (len(t_ns), 1))
+        xy_m, yaw_rad, _ = interpolate_poses(t_ns, self.t_ns, self.xy_m, self.yaw_rad, max_gap_s)
+        return np.column_stack([xy_m, yaw_rad])
+
+    def pose_at(self, t_ns: int, max_gap_s: float) -> Float | None:
+        """(3,) at one instant, or None."""
+        pose: Float = self.poses_at(np.array([t_ns]), max_gap_s)[0]
+        return pose if np.isfinite(pose).all() else None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetTrack:
+    """Positions of what is followed in map: t_ns (N,), xy_m (N, 2).
+
+    has_body: whether it stands in the world and returns the lidar's rays; a
+    point ahead of the robot does not.
+    """
+
+    t_ns: Int
+    xy_m: Float
+    source: str
+
+    @property
+    def has_body(self) -> bool:
+        """Whether returns near it are its own."""
+        return self.source not in ("ahead", "fixed")
+
+    def at(self, t_ns: Int) -> Float:
+        """(M, 2) at instants (M,), NaN where it was not seen."""
+        if self.source == "fixed":
+            return np.tile(self.xy_m[0], (len(t_ns), 1))
+        still = np.zeros(len(self.t_ns))
+        xy_m, _, _ = interpolate_poses(t_ns, self.t_ns, self.xy_m, still, TARGET_GAP_S)
+        return xy_m
+
+
+def needed_lidar(roles: Roles) -> str:
+    """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
+    topic = roles.topic("lidar")
+    if topic is None:
+        raise MissingInput("filter", roles.why_none("lidar"), "stop before it with  --until position")
+    return topic
+
+
+class WalkedBody(NamedTuple):
+    """What walking took a re-simulated robot's body, in so many ticks of the simulation."""
+
+    mass_kg: float
+    ticks: int
+    effort: Effort
+
+
+class WhatWasRead(NamedTuple):
+    """What the recording could not give, and warned of, when its clouds were read by an earlier replay."""
+
+    losses: list[Loss]
+    warnings: list[str]
+
+
+@dataclass
+class ReplayContext:
+    """One replay under way; stages read what earlier ones put here and add their own.
+
+    start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
+    first_ns, last_ns: what was really seen of it. scanner: what is kept of its clouds, None where
+    they are not read. used: role -> topics that were really used for it.
+    body: of the re-simulated robot, None without one; what metrics need beyond the tables.
+    keep: files of stages whose results are there already, as reused says; left: of all stages so far; read_before: what
+    reading the clouds had found, where they are not read again.
+    """
+
+    config: Config
+    seed: int
+    run: RunFolder
+    input: InputRecord
+    recording: Recording
+    roles: Roles
+    streams: Streams
+    clock: StageClock
+    progress: Progress
+    transform_lidar_to_base: Float
+    start_ns: int | None
+    end_ns: int | None
+    first_ns: int
+    last_ns: int
+    scanner: Scanner | None = None
+    robot: RobotTrack | None = None
+    target: TargetTrack | None = None
+    used: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    body: WalkedBody | None = None
+    notes: list[str] = field(default_factory=list)
+    own_warnings: list[str] = field(default_factory=list)
+    reused: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    left: set[str] = field(default_factory=set)
+    read_before: WhatWasRead | None = None
+    _folder_begun: bool = False
+    _said: set[str] = field(default_factory=set)
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What of the recording could not be had, so far."""
+        return list(self.recording.losses if self.read_before is None else self.read_before.losses)
+
+    @property
+    def read_warnings(self) -> list[str]:
+        """What the recording warned of, as far as it was read."""
+        return list(self.recording.warnings if self.read_before is None else self.read_before.warnings)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should know, each once, in the order it was found."""
+        return list(dict.fromkeys([*self.read_warnings, *self.streams.warnings, *self.own_warnings]))
+
+    @property
+    def recorded_s(self) -> float:
+        """Length of what was replayed."""
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    def begin_folder(self) -> None:
+        """Make the run folder this walk's, if it is not yet: what is kept stays, other results of before are gone.
+
+        Called when the first file is ready to be written, so that a replay that cannot work harms no earlier run.
+        """
+        if not self._folder_begun:
+            self.run.begin(self.config.model_dump(exclude_none=True), self.keep)
+            self._folder_begun = True
+
+    def check_left(self) -> None:
+        """Raises CannotWrite when a file that a stage has left is there no more: half a run must not look finished."""
+        for name in sorted(self.left):
+            if not (self.run.path / name).is_file():
+                raise CannotWrite(self.run.path / name, "another process has removed it")
+
+    def warn(self, text: str) -> None:
+        """A line for stderr, `run.json` and the report."""
+        self.own_warnings.append(text)
+        self.say_what_is_new()
+
+    def note(self, text: str) -> None:
+        """A choice that decided the result: a line for stderr, `run.json` and the report."""
+        self.notes.append(text)
+        self.progress.say(text)
+
+    def say_what_is_new(self) -> None:
+        """Every loss and warning that was not said yet, on stderr: readers find some only at the end."""
+        lines = [f"warning: {text}" for text in self.warnings]
+        lines += [f"lost: {loss.topic + ': ' if loss.topic else ''}{loss.detail}" for loss in self.losses]
+        for line in lines:
+            if line not in self._said:
+                self._said.add(line)
+                self.progress.say(line)
+
+    def use(self, role: str, *topics: str) -> None:
+        """Note that topics were used in a role; without topics, those that were detected for it."""
+        self.used[role] = topics or self.roles.topics(role)
+
+    def count(self, name: str, amount: int = 1) -> None:
+        """Add to a count of `run.json`."""
+        self.counts[name] = self.counts.get(name, 0) + amount
+
+    def lidar_topic(self) -> str:
+        """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
+        return needed_lidar(self.roles)
+
+    def robot_pose_at(self, t_ns: int) -> Float | None:
+        """The pose (3,) x_m, y_m, yaw_rad of base in map at an instant, None where no pose is near enough."""
+        return None if self.robot is None else self.robot.pose_at(t_ns, self.config.lidar.pose_gap_s)
+
+    def targets_at(self, t_ns: np.ndarray) -> Float:
+        """Where the target is in map at instants (N,): (N, 2), NaN where unknown."""
+        if self.target is None:
+            return np.full((len(t_ns), 2), np.nan)
+        return self.target.at(t_ns)
+
+    def target_at(self, t_ns: int) -> Float | None:
+        """Where a person or thing to keep clear of the map is (2,); None for a target that has no body."""
+        if self.target is None or not self.target.has_body:
+            return None
+        xy_m = self.target.at(np.array([t_ns]))[0]
+        return xy_m if np.isfinite(xy_m).all() else None

@@ -1,0 +1,377 @@
+"""Which runs need not be made again, and which must not be: what an output folder holds, against what is asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path, PurePosixPath
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+from pydantic import ValidationError
+
+from quadlog.config.plugins import DECODERS, PLANNERS, all_plugins, is_installed
+from quadlog.config.schema import Config
+from quadlog.config.version import package_versions
+from quadlog.errors import ExitCode, NotARun, QuadlogError, RunOfAnother, UnknownRunFormat
+from quadlog.messages import Float
+from quadlog.metrics.walking import Effort
+from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
+from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Unit, units_until
+from quadlog.recordings.containers.container import Loss
+from quadlog.results.run.record import RUN_FORMAT, InputRecord, describe_input
+from quadlog.results.run.run_folder import RunFolder, read_metrics, read_run_json
+from quadlog.results.run.stage_marks import (
+    MARKS_FILE,
+    Marked,
+    StageMark,
+    files_are_whole,
+    mark_files,
+    read_marks,
+    write_marks,
+)
+from quadlog.results.run.stages import STAGES, stages_until
+from quadlog.results.run.tables import has_table, read_table
+from quadlog.storage.atomic_write import files_written
+from quadlog.version import __version__
+
+
+def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
+    """The outcome of an earlier run with the very same input, config, options and version; None when there is none."""
+    if not (request.run / "run.json").is_file():
+        return None
+    return outcome_there(request, describe_input(request.recording))
+
+
+def outcome_there(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
+    """The same, when the input is described already. A run that went further than is asked for is finished, too."""
+    config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
+    folder = RunFolder(request.run)
+    for until in STAGES[STAGES.index(request.options.until) :]:
+        if folder.is_finished(described.identity, config, __version__, options | {"until": until}):
+            return _outcome(request, until)
+    return None
+
+
+def refuse_another(request: ReplayRequest, described: InputRecord) -> None:
+    """Raises RunOfAnother for a finished run of another recording: it is neither this one's to keep nor to complete."""
+    try:
+        told = read_run_json(request.run)["input"]
+    except (NotARun, UnknownRunFormat, KeyError):
+        return
+    if isinstance(told, dict) and InputRecord.identity_in(told) != described.identity:
+        path = str(told.get("path", ""))
+        if not _may_be_one(path, str(request.recording)):
+            raise RunOfAnother(request.run, path)
+
+
+def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
+    """Of a run that is finished as far as `until`, if it still has what its stages left, and its page."""
+    marks = read_marks(request.run)
+    if until == "report" and not (request.run / "report.html").is_file():
+        return None
+    if not all(unit.name in marks and files_are_whole(request.run, marks[unit.name]) for unit in units_until(until)):
+        return None
+    try:
+        record, metrics = read_run_json(request.run), read_metrics(request.run)
+    except NotARun:
+        return None
+    if any(not is_installed(**each) for each in record.get("plugins", [])):
+        return None
+    reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
+    code = ExitCode.WITH_LOSS if reason else ExitCode.DONE
+    reused = stages_until(request.options.until)[1:]
+    return ReplayOutcome(request.recording, request.run, code, reason, metrics, reused)
+
+
+def _may_be_one(saved: str, asked: str) -> bool:
+    """Whether two texts may name one recording: one of them may be seen from a folder within the other's."""
+    one, other = (PurePosixPath(text.replace("\\", "/")).parts for text in (saved, asked))
+    shorter = min(len(one), len(other))
+    return bool(shorter) and one[-shorter:] == other[-shorter:]
+
+
+class _Stage(Marked):
+    """What a stage took when it ran."""
+
+    seconds: float
+    peak_memory_mb: float
+
+
+class _Loss(Marked):
+    """See Loss."""
+
+    cause: str
+    detail: str
+    topic: str | None
+    count: int | None
+
+
+class _Effort(Marked):
+    """See Effort."""
+
+    energy_j: float
+    distance_m: float
+    torque_max_nm: float
+    saturation_share: float
+    pitch_rms_rad: float
+    height_rms_m: float
+
+
+class _Body(Marked):
+    """See WalkedBody."""
+
+    mass_kg: float
+    ticks: int
+    effort: _Effort
+
+
+class _Robot(Marked):
+    """What a RobotTrack has that is in no table."""
+
+    source: str
+    frame_id: str
+
+
+class Known(Marked):
+    """All that a walk knew when a unit was done: what the unit found out, and those before it.
+
+    losses, read_warnings: of the recording, as far as it was read by then. The order of all is kept.
+    """
+
+    first_ns: int
+    last_ns: int
+    robot: _Robot | None
+    target_source: str | None
+    used: dict[str, list[str]]
+    counts: dict[str, int]
+    notes: list[str]
+    warnings: list[str]
+    losses: list[_Loss]
+    read_warnings: list[str]
+    body: _Body | None
+    stages: dict[str, _Stage]
+
+
+def note_known(walk: ReplayContext, unit: Unit) -> Known:
+    """What a walk knows, now that a unit is done."""
+    robot, target, body, clock = walk.robot, walk.target, walk.body, walk.clock
+    return Known(
+        first_ns=int(walk.first_ns),
+        last_ns=int(walk.last_ns),
+        robot=None if robot is None else _Robot(source=robot.source, frame_id=robot.frame_id),
+        target_source=None if target is None else target.source,
+        used={role: list(topics) for role, topics in walk.used.items()},
+        counts={name: int(count) for name, count in walk.counts.items()},
+        notes=walk.notes,
+        warnings=walk.own_warnings,
+        losses=[_Loss(**asdict(loss)) for loss in walk.losses],
+        read_warnings=walk.read_warnings,
+        body=None if body is None else _body(body),
+        stages={
+            name: _Stage(seconds=clock.seconds[name], peak_memory_mb=clock.peak_memory_mb[name])
+            for name in unit.stages
+            if name in clock.seconds
+        },
+    )
+
+
+def known_of(mark: StageMark) -> Known | None:
+    """What a mark has noted; None for one that quadlog did not write so."""
+    try:
+        return Known.model_validate(mark.known)
+    except (ValidationError, RecursionError):
+        return None
+
+
+def hand_over(known: Known, unit: Unit, walk: ReplayContext) -> None:
+    """Bring a walk to where it was when the unit was done. Raises NotARun for damaged tables."""
+    run, body = walk.run.path, known.body
+    walk.first_ns, walk.last_ns = known.first_ns, known.last_ns
+    if known.robot is not None:
+        walk.robot = _read_robot(run, known.robot)
+    if known.target_source is not None:
+        walk.target = _read_target(run, known.target_source)
+    walk.used = {role: tuple(topics) for role, topics in known.used.items()}
+    walk.counts = dict(known.counts)
+    walk.notes, walk.own_warnings = list(known.notes), list(known.warnings)
+    walk.body = None if body is None else WalkedBody(body.mass_kg, body.ticks, Effort(**body.effort.model_dump()))
+    if "filter" in unit.stages:
+        losses = [Loss(**loss.model_dump()) for loss in known.losses]
+        walk.read_before = WhatWasRead(losses, list(known.read_warnings))
+    for name, stage in known.stages.items():
+        walk.clock.seconds[name], walk.clock.peak_memory_mb[name] = stage.seconds, stage.peak_memory_mb
+
+
+def _body(body: WalkedBody) -> _Body:
+    effort = {name: float(value) for name, value in asdict(body.effort).items()}
+    return _Body(mass_kg=float(body.mass_kg), ticks=int(body.ticks), effort=_Effort(**effort))
+
+
+def _read_robot(run: Path, known: _Robot) -> RobotTrack:
+    poses = read_table(run, "poses")
+    xy_m = np.column_stack([poses["x_m"], poses["y_m"]])
+    covariance_m2: Float | None = None
+    yaw_std_rad: Float | None = None
+    if has_table(run, "pose_uncertainty"):
+        spread = read_table(run, "pose_uncertainty")
+        xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
+        covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
+        yaw_std_rad = spread["yaw_std_rad"]
+    return RobotTrack(poses["t_ns"], xy_m, poses["yaw_rad"], known.source, known.frame_id, covariance_m2, yaw_std_rad)
+
+
+def _read_target(run: Path, source: str) -> TargetTrack:
+    target = read_table(run, "target")
+    return TargetTrack(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), source)
+
+
+_MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
+"""Where definitions are looked for below a folder of --msg-path."""
+
+
+def unit_keys(request: ReplayRequest, identity: str) -> dict[Unit, str]:
+    """The key of each unit that a request asks for; each has those before it in it. identity: the input's."""
+    keys: dict[Unit, str] = {}
+    key = _digest(_common(request, identity))
+    for unit in units_until(request.options.until):
+        config = {name: _value(request.config, name) for name in unit.reads}
+        key = _digest([key, unit.stages, config, _named_by_config(unit, request.config)])
+        keys[unit] = key
+    return keys
+
+
+def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
+    """What every unit depends on; not until which one is asked for."""
+    options = request.options
+    return {
+        "input": identity,
+        "options": [options.stamp, options.start_s, options.duration_s, options.seed],
+        "definitions": [_folder_digest(folder) for folder in options.msg_path],
+        "decoders": _plugins(DECODERS),
+        "quadlog": [__version__, RUN_FORMAT],
+        "packages": package_versions(),
+        # Compiled code may round otherwise on another kind of machine.
+        "machine": [platform.python_version(), platform.system(), platform.machine()],
+    }
+
+
+def _named_by_config(unit: Unit, config: Config) -> Any:
+    """The content of what a unit's configuration only names."""
+    if unit == POSITION:
+        return _file_digest(Path(config.topics.position))
+    if unit == PLAN:
+        return [each for each in _plugins(PLANNERS) if each[0] == config.planner.name]
+    if unit == CONTROL and config.simulation.has_body:
+        return _model_digest(config.robot.model)
+    return None
+
+
+def _value(config: Config, name: str) -> Any:
+    """The value of a dotted key, or the whole section, as JSON has it."""
+    value: Any = config
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value.model_dump(mode="json") if hasattr(value, "model_dump") else value
+
+
+def _plugins(group: str) -> list[tuple[str, str, str]]:
+    """Name, distribution and version of each: which of the decoders take part shows only in the recording."""
+    return [(each.name, each.distribution, each.version) for each in all_plugins() if each.group == group]
+
+
+def _file_digest(path: Path) -> str | None:
+    """Of a file's content; None for what is no file. One that cannot be read is never the same."""
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return uuid4().hex
+
+
+def _folder_digest(folder: Path) -> str:
+    """Of the message definitions in a folder, by name."""
+    return _digest([(path.relative_to(folder).as_posix(), _file_digest(path)) for path in _definitions(folder)])
+
+
+def _definitions(folder: Path) -> Iterator[Path]:
+    for pattern in _MSG_PATTERNS:
+        yield from sorted(folder.glob(pattern))
+
+
+def _model_digest(model: str) -> str | None:
+    """Of a robot's file with all that it includes; None for quadlog's own robots, told by name."""
+    from quadlog.control.locomotion.robot import ROBOTS
+
+    if model in ROBOTS:
+        return None
+    from quadlog.simulation.robot.model_files import content_digest
+
+    try:
+        return content_digest(Path(model))
+    except QuadlogError:
+        return uuid4().hex  # whoever walks with it says what is wrong
+
+
+def _digest(content: dict[str, Any] | Sequence[Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+Earlier = Mapping[Unit, StageMark]
+"""The units that an earlier replay has done, in order, all from the first one on."""
+
+
+def find_reusable(request: ReplayRequest, identity: str) -> Earlier:
+    """What is done of a request: the same key as now, and every file as it was left. identity: the input's."""
+    found: dict[Unit, StageMark] = {}
+    marks = read_marks(request.run)
+    for unit, key in unit_keys(request, identity).items() if marks else ():
+        mark = marks.get(unit.name)
+        if mark is None or mark.key != key or known_of(mark) is None or not files_are_whole(request.run, mark):
+            break
+        found[unit] = mark
+    return found
+
+
+def stages_of(earlier: Earlier) -> tuple[str, ...]:
+    """The stages that need not be done again."""
+    return tuple(stage for unit in earlier for stage in unit.stages)
+
+
+class MarkedStages:
+    """Does each unit of a walk once: what is done already is handed over, the rest is done now and marked."""
+
+    def __init__(self, walk: ReplayContext, request: ReplayRequest, earlier: Earlier) -> None:
+        self._walk, self._earlier = walk, earlier
+        self._keys = unit_keys(request, walk.input.identity)
+        self._marks: list[StageMark] = []
+        walk.reused = stages_of(earlier)
+        walk.keep = (MARKS_FILE, *(file.name for mark in earlier.values() for file in mark.files)) if earlier else ()
+
+    def do(self, unit: Unit, work: Callable[[ReplayContext], None]) -> None:
+        """One unit, those before it being done. Raises what the work raises."""
+        walk = self._walk
+        if (mark := self._earlier.get(unit)) is not None:
+            known = Known.model_validate(mark.known)
+            walk.begin_folder()
+            hand_over(known, unit, walk)
+            self._note(mark)
+            return
+        with files_written() as written:
+            work(walk)
+        known = note_known(walk, unit)
+        # Not what is there: a mark must miss what another process has removed meanwhile.
+        files = mark_files(walk.run.path, [name for name in unit.files if walk.run.path / name in written])
+        self._note(StageMark(stage=unit.name, key=self._keys[unit], files=files, known=known.model_dump()))
+        write_marks(walk.run.path, self._marks)
+
+    def _note(self, mark: StageMark) -> None:
+        self._marks.append(mark)
+        self._walk.left |= {MARKS_FILE, *(file.name for file in mark.files)}

@@ -1,0 +1,1 @@
+"""Tables of the paper on 3-D foot curves."""

@@ -1,0 +1,251 @@
+"""The walks of the table foot-drift: symmetric and asymmetric robots, with and without y(t), many at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from quadlog.config.control import Simulation
+from quadlog.messages import Float
+from quadlog.pipelines.executor.local_pool import LocalPool
+from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.simulation.trot import trot_metrics, trot_once
+from quadlog.pipelines.tables.intervals import Interval
+from quadlog.results.papers.table import PaperRow
+
+NS = 1_000_000_000
+SYMMETRIC = "symmetric"
+AHEAD, BEHIND = "2.4 kg ahead, right", "1.2 kg behind, left"
+ROBOTS: dict[str, dict[str, float]] = {
+    SYMMETRIC: {},
+    "symmetric, 0.3 m high": {"height_m": 0.3},
+    "1.2 kg ahead, right": {"payload_kg": 1.2, "payload_x_m": 0.15, "payload_y_m": -0.1},
+    AHEAD: {"payload_kg": 2.4, "payload_x_m": 0.15, "payload_y_m": -0.1},
+    BEHIND: {"payload_kg": 1.2, "payload_x_m": -0.15, "payload_y_m": 0.1},
+    "left legs 30 % heavier": {"leg_mass_spread": 0.3},
+    "left hips 20 mm ahead": {"hip_offset_m": 0.02},
+    "some of each": {
+        "payload_kg": 0.6,
+        "payload_x_m": 0.1,
+        "payload_y_m": -0.05,
+        "leg_mass_spread": 0.1,
+        "hip_offset_m": -0.01,
+    },
+}
+"""By what the table calls them: keys of [simulation.trot]. Chosen on CHOOSING_SEEDS, two of them to drift as far as the
+paper's robot does."""
+CHOOSING_SEEDS = (100, 101)
+"""Whatever is chosen, is chosen on these."""
+FIRST_SEED, SEEDS_PER_TABLE = 5000, 100
+"""Where seeds that are reported start, and how many a table may take."""
+
+
+def reported_seeds(count: int, seed: int) -> range:
+    """The walks' seeds of a table's seed; those of two tables' seeds have none in common."""
+    assert count <= SEEDS_PER_TABLE
+    first = FIRST_SEED + SEEDS_PER_TABLE * seed
+    return range(first, first + count)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What swings as: k of eq. 12, None for the baseline; lateral and shape as [simulation.trot] has them."""
+
+    k: float | None
+    lateral: str = "alternating"
+    shape: str = "parabola"
+
+
+BASELINE = Curve(None)
+DERIVED = Curve(175.0)
+"""As the paper derives it, k being ours: 10 mm aside."""
+EASED = Curve(175.0, shape="eased")
+ALTERNATING = (Curve(350.0), DERIVED, Curve(88.0))
+SAME_SIDE = tuple(Curve(k, "same") for k in (-350.0, -700.0, 700.0, 350.0))
+
+
+@dataclass(frozen=True, slots=True)
+class DriftTask:
+    """One walk of one of ROBOTS."""
+
+    robot: str
+    curve: Curve
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drifted:
+    """What is kept of a walk: metrics by name, the peak of y(t), and y_m, yaw_rad (T,) at t_s (T,)."""
+
+    figures: dict[str, float]
+    peak_m: float
+    t_s: Float
+    y_m: Float
+    yaw_rad: Float
+
+
+Drifts = dict[DriftTask, Drifted]
+
+
+def walk_all(tasks: Iterable[DriftTask]) -> Drifts:
+    """Each walk once, on as many cores as there are."""
+    todo = list(dict.fromkeys(tasks))
+    workers = min(cores(), len(todo))
+    if workers <= 1:
+        return {task: walk_task(task) for task in todo}
+    # Compiled once, here: the workers find it in the cache.
+    first = walk_task(todo[0])
+    with LocalPool(workers) as pool:
+        return dict(zip(todo, [first, *pool.map(walk_task, todo[1:])], strict=True))
+
+
+def walk_task(task: DriftTask) -> Drifted:
+    """One walk, as `quadlog simulate trot-32s` has it."""
+    curve, simulation = task.curve, settings(task.robot, task.curve)
+    trotted = trot_once(simulation, "baseline" if curve.k is None else "3d-curve", task.seed)
+    walk = trotted.walk
+    figures = {name: metric.value for name, metric in trot_metrics(trotted).items() if name != "realtime_factor"}
+    y_m, yaw_rad = walk.position_m[:, 1].copy(), np.unwrap(walk.rpy_rad[:, 2])
+    return Drifted(figures, trotted.planned.peak_m, walk.t_ns / NS, y_m, yaw_rad)
+
+
+def settings(robot: str, curve: Curve) -> Simulation:
+    """[simulation] of a robot and a curve."""
+    trot: dict[str, object] = {**ROBOTS[robot], "lateral": curve.lateral, "lateral_shape": curve.shape}
+    if curve.k is not None:
+        trot["foot_curve_k"] = curve.k
+    return Simulation.model_validate({"trot": trot})
+
+
+def choose(drifts: Drifts, robot: str, curves: Iterable[Curve]) -> Curve:
+    """The curve with which a robot turns least on CHOOSING_SEEDS."""
+
+    def turns(curve: Curve) -> float:
+        rates = [drifts[DriftTask(robot, curve, seed)].figures["yaw_rate_degps"] for seed in CHOOSING_SEEDS]
+        return float(np.mean(np.abs(rates)))
+
+    return min(curves, key=turns)
+
+
+@dataclass(frozen=True, slots=True)
+class DriftStatistic:
+    """A metric, what a row calls it, its factor to the row's unit, and whether its size alone counts."""
+
+    key: str
+    called: str
+    unit: str
+    factor: float = 1.0
+    size: bool = False
+
+    def of(self, drifts: Drifts, robot: str, curve: Curve, seeds: Sequence[int]) -> Float:
+        """(N,) by seed."""
+        values = np.array([drifts[DriftTask(robot, curve, seed)].figures[self.key] for seed in seeds])
+        return self.factor * (np.abs(values) if self.size else values)
+
+
+DRIFT = DriftStatistic("lateral_drift_m", "drift", "mm", 1e3, size=True)
+TURN = DriftStatistic("yaw_rate_degps", "yaw rate", "°/s", size=True)
+SIGNED_DRIFT = DriftStatistic("lateral_drift_m", "drift to the left", "mm", 1e3)
+SIGNED_TURN = DriftStatistic("yaw_rate_degps", "yaw rate to the left", "°/s")
+FORWARD = DriftStatistic("forward_m", "way forward", "m")
+ROLL = DriftStatistic("roll_range_deg", "roll, peak to peak", "°")
+PITCH = DriftStatistic("pitch_range_deg", "pitch, peak to peak", "°")
+CLAIMED = {DRIFT: 40.0 - 280.0, TURN: 0.03 - 0.25}
+"""What the paper's curve changes of sizes."""
+
+
+def mean_interval(values: Float) -> tuple[float, Interval]:
+    """Mean of N > 1 values and its 95 % interval after Student."""
+    mean = float(np.mean(values))
+    half = float(student.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return mean, (mean - half, mean + half)
+
+
+def mean_row(
+    drifts: Drifts, robot: str, curve: Curve, seeds: Sequence[int], figure: DriftStatistic, where: str
+) -> PaperRow:
+    """The mean of a figure; where: how the row begins."""
+    mean, interval = mean_interval(figure.of(drifts, robot, curve, seeds))
+    return PaperRow(f"{where}: {figure.called} ({figure.unit})", mean, None, *interval)
+
+
+def changes(drifts: Drifts, robot: str, curve: Curve, seeds: Sequence[int], figure: DriftStatistic) -> Float:
+    """(N,) a figure with the curve less that of the baseline, by seed."""
+    return figure.of(drifts, robot, curve, seeds) - figure.of(drifts, robot, BASELINE, seeds)
+
+
+def change_row(
+    drifts: Drifts, robot: str, curve: Curve, seeds: Sequence[int], figure: DriftStatistic, where: str, note: str = ""
+) -> PaperRow:
+    """What a curve changes. It reproduces where the interval lies wholly on the claimed side of 0.
+
+    That the drift is smaller and the way longer is claimed; how much is in the columns.
+    """
+    mean, interval = mean_interval(changes(drifts, robot, curve, seeds, figure))
+    verdict = side(interval)
+    wanted = 1 if figure is FORWARD else -1
+    paper = CLAIMED.get(figure)
+    sentence = {0: "Our interval holds 0.", -wanted: "The other way round."}.get(verdict, "")
+    quantity = f"{where}: change of {figure.called} ({figure.unit})"
+    if paper is None and figure is not FORWARD:
+        return PaperRow(quantity, mean, None, *interval, note=note)
+    return PaperRow(
+        quantity,
+        mean,
+        0.0 if paper is None else paper,
+        *interval,
+        verdict == wanted,
+        " ".join(filter(None, ["Claimed: more than 0." if paper is None else "", note, sentence])),
+    )
+
+
+def side(interval: Interval) -> int:
+    """-1 or 1 where the interval lies on one side of 0, else 0."""
+    low, high = interval
+    return -1 if high < 0 else int(low > 0)
+
+
+FULL_WALKS, FAST_WALKS = 10, 3
+FULL_SWEEP, FAST_SWEEP = 3, 2
+SWEPT_ROBOTS = (SYMMETRIC, AHEAD, BEHIND)
+SWEPT = (Curve(700.0), *ALTERNATING, Curve(44.0), EASED, *SAME_SIDE)
+FAST_SWEPT = (DERIVED, SAME_SIDE[0], SAME_SIDE[-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study:
+    """drifts: of every walk on a reported seed. chosen: by robot the best of ALTERNATING and of SAME_SIDE, or none.
+
+    swept: the curves of the sweep, each walked on sweep_seeds by SWEPT_ROBOTS; all others on seeds.
+    """
+
+    drifts: Drifts
+    seeds: range
+    sweep_seeds: range
+    swept: tuple[Curve, ...]
+    chosen: dict[str, tuple[Curve, Curve]]
+
+
+def measure_drifts(fast: bool, seed: int) -> Study:
+    """All walks; fast ones are fewer, and nothing is chosen for a robot."""
+    seeds = reported_seeds(FAST_WALKS if fast else FULL_WALKS, seed)
+    sweep_seeds, swept = seeds[: FAST_SWEEP if fast else FULL_SWEEP], FAST_SWEPT if fast else SWEPT
+    chosen = {} if fast else _choose_all()
+    tasks = [
+        DriftTask(robot, curve, each)
+        for robot in ROBOTS
+        for curve in (BASELINE, DERIVED, *chosen.get(robot, ()))
+        for each in seeds
+    ]
+    tasks += [DriftTask(robot, curve, each) for robot in SWEPT_ROBOTS for curve in swept for each in sweep_seeds]
+    return Study(walk_all(tasks), seeds, sweep_seeds, swept, chosen)
+
+
+def _choose_all() -> dict[str, tuple[Curve, Curve]]:
+    curves = (*ALTERNATING, *SAME_SIDE)
+    tried = walk_all(DriftTask(robot, curve, each) for robot in ROBOTS for curve in curves for each in CHOOSING_SEEDS)
+    return {robot: (choose(tried, robot, ALTERNATING), choose(tried, robot, SAME_SIDE)) for robot in ROBOTS}

@@ -1,0 +1,333 @@
+"""Rows of the table planning-ea: how far from obstacles EA* stays, by how many rings, and what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import bellman_ford
+
+from quadlog.mapping.inflation import inflate_square
+from quadlog.messages import Float
+from quadlog.pipelines.tables.intervals import compare, share_interval
+from quadlog.pipelines.tables.planning.planner_walks import HELD_OUT_SEED, HONEST, PAPER, PRESETS, Preset
+from quadlog.planning.path import turning
+from quadlog.planning.planners.ea_star import LEVEL_CHARGE, SAME_LEVEL, ClearanceAStar, EAStar, danger_levels
+from quadlog.planning.protocol import Bool, Cell, Cells, Planner
+from quadlog.planning.registry import make_planner
+from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_COST, STEP_ROW
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
+from quadlog.results.plots import style
+from quadlog.results.plots.style import count, render_png
+from quadlog.simulation.worlds.scenes import SCENES
+from quadlog.simulation.worlds.world import CELL_M, World
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RINGS = (1, 2, 3)
+EXTENDED = "Extended by n cells, an obstacle lies n + 1 cells from the path."
+SHOWN = {"single-obstacle": "square of 1.6 m", "passage": "passage of 1.5 m", "complex": "complex scene"}
+"""Scenes of quadlog.simulation.worlds.scenes, and what the table calls them."""
+FORMS: dict[str, type[EAStar] | type[ClearanceAStar]] = {"ea_star": EAStar, "clearance_astar": ClearanceAStar}
+
+
+def planners_of(preset: Preset) -> dict[str, Planner]:
+    """A*, then both forms of EA* with every number of rings, by the name they have in the table."""
+    forms = {f"{name}, n = {n}": form(preset.rules, rings=n) for name, form in FORMS.items() for n in RINGS}
+    return {preset.baseline: make_planner(preset.baseline, preset.rules), **forms}
+
+
+def ends_of(world: World) -> tuple[Cell, Cell]:
+    """Start and goal (col, row) in the world's own window, where the whole of it is planned on."""
+    (col, row), (goal_col, goal_row) = (
+        world.window.cell_of(place_m).tolist() for place_m in (world.start_xy_m, world.goal.at(0))
+    )
+    return (col, row), (goal_col, goal_row)
+
+
+def clearance_cells(occupied: Bool, cells: Cells) -> int:
+    """The least Chebyshev distance of a path (L, 2) from an obstacle: 1 where it passes beside one."""
+    away = ndimage.distance_transform_cdt(~occupied, metric="chessboard")
+    return int(away[cells[:, 1], cells[:, 0]].min())
+
+
+def clearance_m(occupied: Bool, cells: Cells) -> float:
+    """The least distance of a path's centres from an obstacle: to the nearest centre, less half a cell."""
+    away = ndimage.distance_transform_edt(~occupied)
+    return (float(away[cells[:, 1], cells[:, 0]].min()) - 0.5) * CELL_M
+
+
+def scene_group(preset: Preset) -> RowGroup:
+    """Figs 19 to 21 by one preset."""
+    rows: list[PaperRow] = []
+    for scene, called in SHOWN.items():
+        world = SCENES[scene]()
+        for name, planner in planners_of(preset).items():
+            rows += _path_rows(scene, f"{preset.name}, {called}", name, planner, world)
+    text = (
+        f"Each planner plans once over the whole scene, by the rules: {preset.rules}. Obstacles are not grown: that is "
+        "what the rings are for. Clearance in cells: rows or columns to the nearest obstacle cell, whichever is more, "
+        "so that 1 is beside it. The paper prints pictures, and of numbers only that Fig. 19 extends its obstacle by "
+        "1, 2 and 3 cells."
+    )
+    return RowGroup(f"Figs 19 to 21, preset {preset.name}", text, tuple(rows))
+
+
+def _path_rows(scene: str, where: str, name: str, planner: Planner, world: World) -> list[PaperRow]:
+    plan = planner.plan(world.occupied, *ends_of(world))
+    length_m, turn_rad = turning(plan.cells * CELL_M)
+    cells = float(clearance_cells(world.occupied, plan.cells))
+    quantity = f"{where}: clearance, {name} (cells)"
+    note = f"{clearance_m(world.occupied, plan.cells):.2f} m from centre to rim."
+    clearance = PaperRow(quantity, cells, note=note)
+    if name.startswith("ea_star") and scene == "single-obstacle":
+        clearance = compare(quantity, float(name[-1]) + 1, 1.0, cells, note=f"{note} {EXTENDED}")
+    length = PaperRow(f"{where}: length, {name} (m)", round(length_m, 9), note=f"Turns by {turn_rad:.1f} rad in all.")
+    return [clearance, length]
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A start and a goal (col, row) with the square between them."""
+
+    start: Cell
+    goal: Cell
+
+
+def draw_crossings(world: World, count: int, rng: np.random.Generator) -> list[Crossing]:
+    """So many starts and goals on free cells outside of all rings, the straight line between them over an obstacle."""
+    rows, cols = world.occupied.shape
+    away = ndimage.distance_transform_cdt(~world.occupied, metric="chessboard")
+    crossings: list[Crossing] = []
+    while len(crossings) < count:
+        ends = rng.integers([0, 0], [cols, rows], size=(2, 2))
+        line = np.rint(np.linspace(ends[0], ends[1], max(rows, cols) + 1)).astype(int)
+        is_outside = (away[ends[:, 1], ends[:, 0]] > max(RINGS) + 1).all()
+        if is_outside and world.occupied[line[:, 1], line[:, 0]].any():
+            (col, row), (goal_col, goal_row) = ends.tolist()
+            crossings.append(Crossing((col, row), (goal_col, goal_row)))
+    return crossings
+
+
+def crossing_group(count: int, seed: int) -> RowGroup:
+    """The square of 1.6 m again, from anywhere to anywhere beyond it."""
+    world = SCENES["single-obstacle"]()
+    rng = np.random.default_rng([HELD_OUT_SEED + seed, *b"crossings"])
+    crossings = draw_crossings(world, count, rng)
+    rows = []
+    for preset in PRESETS:
+        for name, planner in planners_of(preset).items():
+            if name == preset.baseline:
+                continue
+            kept = sum(_keeps_off(planner, world, crossing, int(name[-1])) for crossing in crossings)
+            share, interval = share_interval(kept, count)
+            quantity = f"{preset.name}: share of ways that keep off all rings, {name} (1)"
+            rows.append(PaperRow(quantity, share, None, *interval, note=f"{kept} of {count}."))
+    text = (
+        "A picture shows one way. Here start and goal are drawn anywhere in the scene of the square, outside of all "
+        "rings and so that the straight line between them is blocked. A way keeps off when it enters none of the n "
+        "rings. Intervals after Wilson."
+    )
+    return RowGroup("The square from everywhere", text, tuple(rows))
+
+
+def _keeps_off(planner: Planner, world: World, crossing: Crossing, rings: int) -> bool:
+    plan = planner.plan(world.occupied, crossing.start, crossing.goal)
+    return clearance_cells(world.occupied, plan.cells) > rings
+
+
+MARKS = ("+", "o", "x", "*")
+"""Of A* and of one, two and three rings, as in Fig. 19."""
+AROUND_M = 1.6
+
+
+def draw_clearances(preset: Preset) -> Figure:
+    """A row of panels per scene, a column per form of EA*."""
+    figure = style.new_figure(6.4)
+    panels = figure.subplots(len(SHOWN), len(FORMS), squeeze=False)
+    planners = planners_of(preset)
+    for row, (scene, called) in zip(panels, SHOWN.items(), strict=True):
+        world = SCENES[scene]()
+        for panel, form in zip(row, FORMS, strict=True):
+            chosen = {"A*": preset.baseline} | {f"n = {n}": f"{form}, n = {n}" for n in RINGS}
+            plans = {label: planners[name].plan(world.occupied, *ends_of(world)) for label, name in chosen.items()}
+            _draw_scene(panel, world, {label: world.window.centre_of(plan.cells) for label, plan in plans.items()})
+            panel.set_title(f"{called}: {form}")
+    for panel in panels[-1]:
+        panel.set_xlabel("x (m)")
+    for panel in panels[:, 0]:
+        panel.set_ylabel("y (m)")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), markerscale=1.8)
+    return figure
+
+
+def _draw_scene(panel: Axes, world: World, paths: dict[str, Float]) -> None:
+    left, bottom = world.window.origin_m.tolist()
+    rows, cols = world.window.shape
+    extent = (left, left + cols * world.window.cell_m, bottom, bottom + rows * world.window.cell_m)
+    look = {"cmap": "Greys", "vmin": 0, "vmax": 1.3, "zorder": style.ABOVE_GRID}
+    panel.imshow(world.occupied, origin="lower", extent=extent, **look)  # type: ignore[arg-type]
+    colors = (style.BLACK, style.ROBOT, style.TARGET, style.PLAN)
+    for (label, path), mark, color in zip(paths.items(), MARKS, colors, strict=True):
+        hollow = "none" if mark == "o" else color
+        panel.plot(*path.T, mark, color=color, label=label, markersize=2.8, markeredgewidth=0.7, markerfacecolor=hollow)
+        panel.plot(*path.T, color=color, linewidth=0.7)
+    every = np.concatenate(list(paths.values()))
+    low, high = every.min(axis=0) - AROUND_M, every.max(axis=0) + AROUND_M
+    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    panel.grid(visible=False)
+
+
+PASSAGE_CELLS = 15
+NARROWED_BY = (0, 3, 5, 6)
+"""Cells of growth that leave 15, 9, 5 and 3 cells of the passage open."""
+GROWN = "obstacles grown by n cells, astar"
+
+
+def passage_group() -> RowGroup:
+    """How narrow a passage may be, for rings and for obstacles that are grown by as much."""
+    rows = [
+        PaperRow(f"narrowest passage left open, n = {n}, {name} (cells)", float(narrowest(name, n)))
+        for name in (*FORMS, GROWN)
+        for n in RINGS
+    ]
+    widths = ", ".join(str(PASSAGE_CELLS - 2 * growth) for growth in NARROWED_BY)
+    text = (
+        f"The passage of 1.5 m, {PASSAGE_CELLS} cells, narrowed so that {widths} cells are left; there is no other "
+        "way. Rings make a way dear and block none, not even of 3 cells, the narrowest tried. Obstacles that "
+        "are grown by n cells instead close it."
+    )
+    return RowGroup("Fig. 20: the passage", text, tuple(rows))
+
+
+def narrowest(name: str, rings: int) -> int:
+    """The narrowest of the passages, in cells, through which one of FORMS with so many rings, or GROWN, has a way."""
+    world = SCENES["passage"]()
+    left_open = []
+    for growth in NARROWED_BY:
+        blocked = inflate_square(world.occupied, growth + (rings if name == GROWN else 0))
+        planner = make_planner("astar") if name == GROWN else FORMS[name](rings=rings)
+        if planner.plan(blocked, *ends_of(world)).found:
+            left_open.append(PASSAGE_CELLS - 2 * growth)
+    return min(left_open)
+
+
+def telescoping_group() -> RowGroup:
+    """The printed charges without the printed search: the cheapest way there is."""
+    world = SCENES["single-obstacle"]()
+    plain = make_planner("astar").plan(world.occupied, *ends_of(world)).cells
+    paths = {"astar": plain}
+    paths |= {f"cheapest way, n = {n}": cheapest_path(world.occupied, n, *ends_of(world)) for n in RINGS}
+    measures: dict[str, Callable[[Cells], float]] = {
+        "length (m)": lambda cells: round(turning(cells * CELL_M)[0], 9),
+        "clearance (cells)": lambda cells: float(clearance_cells(world.occupied, cells)),
+    }
+    rows = [
+        PaperRow(f"{name}: {measure}", of(cells)) for name, cells in paths.items() for measure, of in measures.items()
+    ]
+    text = (
+        "The square again, with every step charged as eq. 13 prints it. But the cheapest way of all is looked for, by "
+        "the algorithm of Bellman and Ford, which closes nothing."
+    )
+    return RowGroup("Eq. 13: what the charges are worth", text, tuple(rows))
+
+
+def cheapest_path(occupied: Bool, rings: int, start: Cell, goal: Cell) -> Cells:
+    """The path (L, 2) of least steps and printed charges, from start to goal (col, row)."""
+    rows, cols = occupied.shape
+    from_cell, to_cell, cost = _charged_steps(occupied, rings)
+    graph = coo_array((cost, (from_cell, to_cell)), shape=(rows * cols, rows * cols)).tocsr()
+    first, last = (row * cols + col for col, row in (start, goal))
+    _, before = bellman_ford(graph, indices=first, return_predecessors=True)
+    way = [last]
+    while way[-1] != first:
+        way.append(int(before[way[-1]]))
+    return np.array([(cell % cols, cell // cols) for cell in reversed(way)], dtype=np.int32)
+
+
+def _charged_steps(occupied: Bool, rings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(from, to, cost) of every legal step between flat cells [Planning, eq. 13]."""
+    walled = np.pad(occupied, 1, constant_values=True)
+    levels = np.pad(danger_levels(occupied, rings).astype(np.int64), 1)
+    row, col = np.nonzero(~walled)
+    steps = []
+    for k in range(8):
+        to_row, to_col = row + STEP_ROW[k], col + STEP_COL[k]
+        free = ~walled[to_row, to_col]
+        if k >= FIRST_DIAGONAL:
+            free &= ~walled[row, to_col] & ~walled[to_row, col]
+        at, to = (row[free], col[free]), (to_row[free], to_col[free])
+        rise = levels[to] - levels[at]
+        # Thousandths of a straight step, in tenths.
+        cost = STEP_COST[k] + (LEVEL_CHARGE * rise - SAME_LEVEL * (rise == 0)) / 100
+        flat = [(each_row - 1) * occupied.shape[1] + each_col - 1 for each_row, each_col in (at, to)]
+        steps.append((*flat, cost))
+    from_cell, to_cell, cost = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+    return from_cell, to_cell, cost
+
+
+FULL_CROSSINGS, FAST_CROSSINGS = 1000, 100
+ERRATA = (
+    (
+        "Eqs 12 and 13 charge a cell's danger on entering it and give it back on leaving, so along any way the charges "
+        "add up to the danger of its last cell less that of its first: they telescope, and a detour is never cheaper. "
+        "EA* makes its detours because its heuristic knows nothing of what will be given back, and what is closed "
+        "stays closed. The cheapest way by the printed charges is A*'s, as measured. Charges that add up need no such "
+        "luck: clearance_astar."
+    ),
+    (
+        "The 0.02 that eq. 13 takes off for a step within a level does not telescope, but lengths in tens and "
+        "fourteens differ by 2 or more, so that below 100 steps it only breaks ties."
+    ),
+    (
+        "Eq. 10's min gives the cell three columns and one row from an obstacle the distance 1 and the highest danger. "
+        "Rings are meant, at one Chebyshev distance each, and so it is done here."
+    ),
+    "Around eq. 13, eqs (11) and (12) mean (12) and (13), and what is said to grow linearly by (12) grows by (11).",
+)
+
+
+def make_table(fast: bool, seed: int) -> PaperTable:
+    """The table from one seed, which draws the starts and goals alone; fast draws a tenth of them."""
+    crossings = FAST_CROSSINGS if fast else FULL_CROSSINGS
+    return PaperTable(
+        name="planning-ea",
+        title="Clearance that EA* keeps [Planning, Figs 19 to 21]",
+        caption="EA* makes cells near obstacles dear, so that a way keeps off them and narrow passages stay open. How "
+        "far off does it keep, with one, two and three rings? `ea_star` as printed, `clearance_astar` with charges "
+        "that add up along the way. The square and the passage have the printed sizes; the rest of the scenes is ours. "
+        "Presets: `paper` with the printed heuristic, `honest` with one that never overrates the steps.",
+        sizes=f"One way per planner and scene, {count(crossings)} ways round the square, seed {seed}, "
+        f"drawn from seed {HELD_OUT_SEED + seed}.",
+        seed=seed,
+        fast=fast,
+        groups=(
+            scene_group(PAPER),
+            scene_group(HONEST),
+            crossing_group(crossings, seed),
+            passage_group(),
+            telescoping_group(),
+        ),
+        pictures=(_picture(),),
+        errata=ERRATA,
+    )
+
+
+def _picture() -> TablePicture:
+    png = render_png(partial(draw_clearances, PAPER))
+    assert png is not None
+    return TablePicture(
+        "ways",
+        "A square, a passage and a complex scene from above, with the ways of A* and of both forms of EA* by one, two "
+        "and three rings.",
+        "As Figs 19 to 21, preset paper: left as printed, right with charges that add up. A mark is a cell.",
+        png,
+    )

@@ -1,0 +1,338 @@
+"""Walks of the tracking tables: a course, its ground and disturbances drawn from a seed, many of them at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from quadlog.config.schema import Config
+from quadlog.control.following.lookahead import FuzzySettings
+from quadlog.messages import Float
+from quadlog.metrics.intervals import FEWEST_VALUES
+from quadlog.pipelines.executor.local_pool import LocalPool
+from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.simulation.courses import find_course, make_ground
+from quadlog.pipelines.simulation.run_folder import walk_metrics
+from quadlog.pipelines.simulation.walk import SimulatedWalk, walk_once, warm_up
+from quadlog.pipelines.tables.intervals import Interval, compare, share_interval
+from quadlog.results.papers.table import PaperRow
+from quadlog.results.plots import style
+from quadlog.simulation.robot.disturbances import DISTURBED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+HELD_OUT_SEED = 2000
+"""Seeds that are reported start here."""
+CHOOSING_SEEDS = (100, 101)
+"""Whatever is chosen, is chosen on these."""
+SEEDS_PER_TABLE = 100
+CONDITIONS = {"ideal": False, "disturbed": True}
+"""What the tables call them, and whether `quadlog simulate --disturbed` is meant."""
+NS = 1_000_000_000
+CURVES = (
+    *("x_m", "y_m", "ref_x_m", "ref_y_m", "heading_error_rad", "vx_mps", "yaw_rate_radps", "lookahead_m"),
+    *("k_v", "k_w", "tau_00_nm", "tau_01_nm", "tau_02_nm"),
+)
+"""What the paper draws of a walk; torques are those of the front left leg."""
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """controller: as `quadlog simulate` has it. lookahead_m: l, or l0 of the fuzzy rules, the paper's unless given."""
+
+    name: str
+    controller: str
+    lookahead_m: float = 2.0
+    fuzzy: FuzzySettings | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingTask:
+    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture."""
+
+    course: str
+    terrain: str
+    steering: Steering
+    disturbed: bool
+    seed: int
+    drawn: bool = False
+
+    @property
+    def config(self) -> Config:
+        """As a file of `quadlog simulate` would have it."""
+        steering, fuzzy = self.steering, {}
+        if steering.fuzzy is not None:
+            fuzzy = asdict(steering.fuzzy)
+            fuzzy |= {"lambda_v_s2_per_m": fuzzy.pop("lambda_v"), "lambda_w_s": fuzzy.pop("lambda_w")}
+            assert fuzzy.pop("l0_m") == steering.lookahead_m
+        given: dict[str, Any] = {
+            "pursuit": {"lookahead_m": steering.lookahead_m, "fuzzy": fuzzy},
+            "simulation": {
+                "controller": steering.controller,
+                "terrain": self.terrain,
+                "disturbances": asdict(DISTURBED) if self.disturbed else {},
+            },
+            "results": {"frames": 0},
+        }
+        return Config.model_validate(given)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """What is kept of a walk: figures by name, one that does not apply is absent, and error_m (T,) at t_s (T,).
+
+    curves: columns (T,) of control.parquet; none unless they are to be drawn.
+    """
+
+    figures: dict[str, float]
+    t_s: Float
+    error_m: Float
+    curves: Mapping[str, Float] = field(default_factory=dict)
+
+    def of(self, name: str) -> float:
+        """A figure, NaN when it is absent."""
+        return self.figures.get(name, math.nan)
+
+
+def held_out_seeds(count: int, seed: int) -> range:
+    """The walks' seeds of a table's seed; those of two tables' seeds have none in common."""
+    assert count <= SEEDS_PER_TABLE
+    first = HELD_OUT_SEED + SEEDS_PER_TABLE * seed
+    return range(first, first + count)
+
+
+def walk_all(tasks: Sequence[TrackingTask]) -> list[Tracked]:
+    """The walks in the order of the tasks, on as many cores as there are."""
+    # Compiled once, here: the workers find it in the cache.
+    _warm_up(tasks[0])
+    workers = min(cores(), len(tasks))
+    if workers == 1:
+        return [walk_task(task) for task in tasks]
+    with LocalPool(workers) as pool:
+        return list(pool.map(walk_task, tasks))
+
+
+def walk_task(task: TrackingTask, most_s: float | None = None) -> Tracked:
+    """One walk; most_s: stop after so long."""
+    config = task.config
+    course = find_course(task.course, config)
+    ground = make_ground(task.course, course, config, task.seed)
+    simulated = walk_once(course, config, ground, task.seed, most_s)
+    walk, control = tracked(simulated), simulated.walk.control
+    return replace(walk, curves={name: np.asarray(control[name]) for name in CURVES}) if task.drawn else walk
+
+
+def tracked(simulated: SimulatedWalk) -> Tracked:
+    """A walk's metrics, but for how fast it was simulated, and figures of its look-ahead and velocity."""
+    control = simulated.walk.control
+    metrics = walk_metrics(simulated)
+    figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
+    lookahead_m = control["lookahead_m"]
+    figures |= {
+        "lookahead_mean_m": float(np.mean(lookahead_m)),
+        "lookahead_range_m": float(np.ptp(lookahead_m)),
+        "x_error_rms_m": _rms(control["x_m"] - control["ref_x_m"]),
+        "y_error_rms_m": _rms(control["y_m"] - control["ref_y_m"]),
+        "speed_mean_mps": float(np.mean(control["vx_mps"])),
+        "speed_std_mps": float(np.std(control["vx_mps"])),
+        "yaw_rate_std_radps": float(np.std(control["yaw_rate_radps"])),
+    }
+    gains = {name: control[name] for name in ("k_v", "k_w") if name in control}
+    figures |= {f"{name}_range": float(np.ptp(gain)) for name, gain in gains.items() if np.isfinite(gain).all()}
+    t_ns = control["t_ns"]
+    return Tracked(figures, (t_ns - t_ns[0]) / NS, np.asarray(control["error_m"], np.float64))
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _warm_up(task: TrackingTask) -> None:
+    config = task.config
+    course = find_course(task.course, config)
+    warm_up(course, config, make_ground(task.course, course, config, task.seed), Silent().say)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingStatistic:
+    """One of the figures of Tracked, what a row calls it, and by what it is multiplied to have the row's unit."""
+
+    key: str
+    called: str
+    unit: str
+    factor: float = 1.0
+
+    def of(self, walks: Sequence[Tracked]) -> Float:
+        """(N,) of the walks that have it."""
+        values = self.factor * np.array([walk.of(self.key) for walk in walks])
+        return values[np.isfinite(values)]
+
+
+ETA = TrackingStatistic("eta_m", "η", "m")
+SIGMA = TrackingStatistic("sigma_m", "σ", "m")
+ETA_TIME = TrackingStatistic("eta_time_m", "η beside the place in time", "m")
+SIGMA_TIME = TrackingStatistic("sigma_time_m", "σ beside the place in time", "m")
+TIME = TrackingStatistic("completion_time_s", "completion time", "s")
+PITCH = TrackingStatistic("pitch_rms_rad", "pitch rms", "°", math.degrees(1.0))
+HEIGHT = TrackingStatistic("height_rms_m", "height rms", "mm", 1e3)
+YAW_ERROR = TrackingStatistic("heading_rmse_rad", "yaw error, rms", "rad")
+TORQUE = TrackingStatistic("torque_max_nm", "largest joint torque", "N m")
+SATURATED = TrackingStatistic("torque_saturation_share", "share of torques at their limit", "1")
+LOOKAHEAD = TrackingStatistic("lookahead_mean_m", "mean look-ahead", "m")
+LOOKAHEAD_RANGE = TrackingStatistic("lookahead_range_m", "range of look-ahead", "m")
+
+
+def mean_interval(values: Float) -> tuple[float, Interval | None]:
+    """Mean over N seeds and its 95 % interval after Student, which starts no lower than 0; None for one seed."""
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return mean, None
+    half = _quantile(len(values)) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return mean, (max(mean - half, 0.0), mean + half)
+
+
+def ratio_interval(parts: Float, wholes: Float) -> tuple[float, Interval | None]:
+    """Geometric mean of N paired ratios of positive figures and its 95 % interval, Student's of their logarithms."""
+    logs = np.log(parts / wholes)
+    middle = float(np.mean(logs))
+    if len(logs) < 2:
+        return math.exp(middle), None
+    half = _quantile(len(logs)) * float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
+    return math.exp(middle), (math.exp(middle - half), math.exp(min(middle + half, 700.0)))
+
+
+def _quantile(count: int) -> float:
+    return float(student.ppf(0.975, count - 1))
+
+
+def mean_row(
+    where: str,
+    figure: TrackingStatistic,
+    walks: Sequence[Tracked],
+    paper: float | None = None,
+    printed_step: float = 1.0,
+    note: str = "",
+    why_not: str = "",
+) -> list[PaperRow]:
+    """The mean of a figure over the walks that have it, judged where the paper prints it; no row when none has.
+
+    Of fewer than FEWEST_VALUES walks the interval is so wide that it would hold almost any number: it does not judge.
+    """
+    values = figure.of(walks)
+    if len(values) == 0:
+        return []
+    if len(values) < len(walks):
+        note = " ".join(filter(None, [note, f"Of {len(values)} of {len(walks)} walks."]))
+    quantity = f"{where}: {figure.called} ({figure.unit})"
+    mean, interval = mean_interval(values)
+    low, high = interval or (None, None)
+    if paper is not None:
+        judging = interval if len(values) >= FEWEST_VALUES else None
+        row = compare(quantity, paper, printed_step, mean, judging, note, why_not)
+        return [replace(row, low=low, high=high)]
+    return [PaperRow(quantity, mean, None, low, high, note=note)]
+
+
+def fall_row(where: str, walks: Sequence[Tracked]) -> PaperRow:
+    """The share of walks that fell."""
+    fell = sum(walk.of("fallen") == 1 for walk in walks)
+    share, interval = share_interval(fell, len(walks))
+    return PaperRow(f"{where}: share of walks that fall (1)", share, None, *interval, note=f"{fell} of {len(walks)}.")
+
+
+def ratio_row(
+    quantity: str,
+    figure: TrackingStatistic,
+    parts: Sequence[Tracked],
+    wholes: Sequence[Tracked],
+    paper: float | None = None,
+    note: str = "",
+) -> list[PaperRow]:
+    """A figure of one way of walking over another's, by seeds that have both.
+
+    With a printed ratio above 1 it is judged: it reproduces where ours, and its interval, lie above 1. That holds for
+    the order; how much is in the columns.
+    """
+    pairs = np.array([[a.of(figure.key), b.of(figure.key)] for a, b in zip(parts, wholes, strict=False)])
+    pairs = pairs[np.isfinite(pairs).all(axis=1)]
+    if len(pairs) == 0:
+        return []
+    ours, interval = ratio_interval(pairs[:, 0], pairs[:, 1])
+    low, high = interval or (None, None)
+    reproduces = None
+    if paper is not None:
+        assert paper >= 1
+        reproduces = (ours if low is None else low) > 1
+        if (ours if high is None else high) < 1:
+            note = f"{note} Ours lies below 1."
+        elif not reproduces:
+            note = f"{note} Our interval holds 1 as well."
+    if len(pairs) < len(parts):
+        note = f"{note} Of {len(pairs)} seeds."
+    return [PaperRow(quantity, ours, paper, low, high, reproduces, note.strip())]
+
+
+TICKS_M = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+Panels = Mapping[str, Mapping[str, Sequence[Tracked]]]
+"""By a panel's title and by how was walked: the walks, in the order of their seeds."""
+
+
+def draw_errors(panels: Panels) -> Figure:
+    """The distance to the path over time, of the first walk of each; a cross where it fell."""
+    figure = style.new_figure(0.6 + 2.4 * len(panels))
+    axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+    for panel, (title, ways) in zip(axes, panels.items(), strict=True):
+        for color, (name, walks) in zip(style.SERIES, ways.items(), strict=False):
+            walk = walks[0]
+            keep = style.thin_line(walk.error_m)
+            panel.plot(walk.t_s[keep], walk.error_m[keep], color=color, label=name, linewidth=1.0)
+            if walk.of("fallen") == 1:
+                panel.plot(walk.t_s[-1:], walk.error_m[-1:], "x", color=color, markersize=9, markeredgewidth=2)
+        panel.set_title(title, pad=20)
+        panel.set_ylabel("distance to path (m)")
+        panel.set_ylim(bottom=0)
+        style.legend_above(panel)
+    axes[-1].set_xlabel("time (s)")
+    return figure
+
+
+def draw_etas(panels: Panels) -> Figure:
+    """A panel each: a dot for each walk's η, hollow where it fell, and the mean with its 95 % interval."""
+    most = max((list(ways) for ways in panels.values()), key=len)
+    rows = len(most)
+    figure = style.new_figure(1.0 + 0.45 * rows)
+    axes = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
+    for panel, (title, ways) in zip(axes, panels.items(), strict=True):
+        for row, (color, walks) in enumerate(zip(style.SERIES, ways.values(), strict=False)):
+            _draw_row(panel, row, color, walks)
+        panel.set_yticks(range(rows), most)
+        panel.set_ylim(rows - 0.5, -0.5)
+        panel.tick_params(axis="y", length=0)
+        panel.set_xscale("log")
+        panel.set_xticks(TICKS_M, [f"{tick:g}" for tick in TICKS_M])
+        panel.minorticks_off()
+        panel.set_xlabel("η (m)")
+        panel.set_title(title)
+    return figure
+
+
+def _draw_row(panel: Axes, row: int, color: str, walks: Sequence[Tracked]) -> None:
+    eta_m = ETA.of(walks)
+    fell = np.array([walk.of("fallen") == 1 for walk in walks])
+    for mine, face in ((~fell, color), (fell, "white")):
+        at = row + 0.18 + np.zeros(mine.sum())
+        panel.plot(eta_m[mine], at, "o", color=color, markerfacecolor=face, markersize=4, alpha=0.7)
+    mean, interval = mean_interval(eta_m)
+    low, high = interval or (mean, mean)
+    # A logarithmic axis has no place for 0, where the interval of two very different walks may begin.
+    low = max(low, 0.2 * float(eta_m.min()))
+    panel.plot([low, high], [row - 0.12] * 2, color=style.BLACK, linewidth=1.2)
+    panel.plot([mean], [row - 0.12], "|", color=style.BLACK, markersize=10, markeredgewidth=2)

@@ -1,0 +1,309 @@
+"""Where a configuration comes from: defaults < file < preset < environment < --set and flags; and how it is written."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from quadlog.config.schema import Config
+from quadlog.errors import (
+    InvalidConfigValue,
+    QuadlogError,
+    TooLarge,
+    UnknownConfigKey,
+    UnknownName,
+    UnreadableConfig,
+    UsageError,
+)
+
+ENVIRONMENT_PREFIX = "QUADLOG_"
+MAX_FILE_BYTES = 1 << 20
+MAX_DEPTH = 4
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {
+        "uwb": {"method": "paper", "calibrate": False, "smooth": False, "height": "given", "odometry": False},
+        "lidar": {"method": "paper", "deskew": False, "level": False},
+        "grid": {"memory": "scan", "dilation": "square"},
+        "planner": {"name": "ia_star"},
+    }
+}
+"""What the papers did, where quadlog's own default may differ."""
+
+
+class Layer(NamedTuple):
+    """One source of values: its name, for messages, and a nested table."""
+
+    source: str
+    table: dict[str, Any]
+
+
+class Flag(NamedTuple):
+    """An option of the command line that sets one key, as --planner sets planner.name; value None: not given."""
+
+    name: str
+    key: str
+    value: Any
+
+
+class Configured(NamedTuple):
+    """The effective configuration. notes: a line about the keys of the file that the preset replaced, if any."""
+
+    config: Config
+    notes: tuple[str, ...] = ()
+
+
+def load_config(
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+    environ: Mapping[str, str] = os.environ,
+    preset: str | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+) -> Config:
+    """The effective configuration; see `configure`."""
+    return configure(path, overrides, environ, preset, settings).config
+
+
+def configure(
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+    environ: Mapping[str, str] = os.environ,
+    preset: str | None = None,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+    flags: Sequence[Flag] = (),
+) -> Configured:
+    """The effective configuration, and what its preset replaced in the file.
+
+    path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them; flags: options for single keys, of the
+    same rank; settings: values by dotted key or section by section, which outrank everything.
+    Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source, and
+    UsageError for a flag and a ``--set`` of one key that differ.
+    """
+    if preset is not None and preset not in PRESETS:
+        raise UnknownName("preset", preset, PRESETS)
+    file = [] if path is None else [Layer(str(path), _read_toml(path))]
+    presets = [] if preset is None else [Layer(f"preset {preset}", PRESETS[preset])]
+    typed = [_override_layer(override) for override in overrides]
+    given = [flag for flag in flags if flag.value is not None]
+    for flag in given:
+        _refuse_contradiction(flag, typed)
+    later = [
+        *_environment_layers(environ),
+        *typed,
+        *(Layer(f"{flag.name} {flag.value}", _nest(flag.key.split("."), flag.value, flag.name)) for flag in given),
+        *(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items()),
+    ]
+    layers = [*file, *presets, *later]
+    try:
+        config = Config.model_validate(_merged(layers))
+    except ValidationError as error:
+        raise _explain(error, layers) from None
+    return Configured(config, tuple(line for each in presets for line in _replaced(each, file, later)))
+
+
+def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
+    """The configuration with each key's meaning, as `quadlog init` writes it: keys that nobody set are comments.
+
+    notes: further comment lines, by dotted key or section name.
+    """
+    notes = notes or {}
+    lines = [
+        "# quadlog.toml: SI units. Lines like `# key = value` are defaults: remove the # to change one.",
+        "",
+    ]
+    for name in type(config).model_fields:
+        lines.extend(_section_lines(name, getattr(config, name), notes))
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _section_lines(name: str, section: BaseModel, notes: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """A table: plain keys first, then the tables inside it, as TOML wants them."""
+    yield f"[{name}]"
+    if section.__doc__ is not None:
+        yield f"# {section.__doc__.splitlines()[0]}"
+    yield from (f"# {note}" for note in notes.get(name, ()))
+    tables, lists = [], []
+    for key, field in type(section).model_fields.items():
+        value = getattr(section, key)
+        if isinstance(value, BaseModel):
+            tables.append((key, value))
+            continue
+        if field.description:
+            yield f"# {key}: {field.description}"
+        yield from (f"# {note}" for note in notes.get(f"{name}.{key}", ()))
+        if isinstance(value, list) and value and isinstance(value[0], BaseModel):
+            lists.append((key, value))
+        elif value is None:
+            yield f"# {key} ="
+        elif value != [] or not key.endswith(("anchors", "tags", "range_topics")):
+            # On one line, so that one # makes a comment of it; TOML forbids line breaks within strings.
+            line = " ".join(part.strip() for part in tomli_w.dumps({key: value}).split("\n")).strip()
+            yield line if key in section.model_fields_set else f"# {line}"
+    yield ""
+    for key, rows in lists:
+        for row in rows:
+            yield f"[[{name}.{key}]]"
+            yield tomli_w.dumps(row.model_dump(exclude_none=True)).rstrip()
+            yield ""
+    for key, table in tables:
+        yield from _section_lines(f"{name}.{key}", table, notes)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise TooLarge(f"{path}: config file in bytes", size, MAX_FILE_BYTES)
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UnreadableConfig(path, error.strerror or "cannot be read") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UnreadableConfig(path, f"not TOML: {error}") from None
+
+
+def _environment_layers(environ: Mapping[str, str]) -> list[Layer]:
+    """QUADLOG_SECTION__KEY; names without two underscores (QUADLOG_DATASETS) are not ours to read."""
+    layers = []
+    for name in sorted(environ):
+        if name.startswith(ENVIRONMENT_PREFIX) and "__" in name:
+            keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
+            layers.append(Layer(name, _nest(keys, _parse_value(environ[name]), name)))
+    return layers
+
+
+def _override_layer(override: str) -> Layer:
+    key, equals, text = override.partition("=")
+    source = f"--set {override}"
+    if not equals or not key.strip():
+        raise InvalidConfigValue(override, "expected section.key=value", "--set")
+    return Layer(source, _nest(key.strip().split("."), _parse_value(text.strip()), source))
+
+
+def _nest(keys: Sequence[str], value: Any, source: str) -> dict[str, Any]:
+    if len(keys) > MAX_DEPTH:
+        raise UnknownConfigKey(".".join(keys), None, source)
+    nested = value
+    for key in reversed(keys):
+        nested = {key: nested}
+    return dict(nested)
+
+
+def _parse_value(text: str) -> Any:
+    """A TOML value where the text is one, else the text itself: topic names need no quotes."""
+    if "\n" in text:
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+
+
+def _refuse_contradiction(flag: Flag, typed: Sequence[Layer]) -> None:
+    """Raises UsageError when --set gives the flag's key another value."""
+    setters = [layer for layer in typed if _has(layer.table, flag.key.split("."))]
+    if setters and _value_at(_merged(setters), flag.key) != flag.value:
+        raise UsageError(f"{flag.name} {flag.value} and {setters[-1].source} differ; use one of them")
+
+
+def _replaced(preset: Layer, file: Sequence[Layer], later: Sequence[Layer]) -> Iterator[str]:
+    """A line with the keys of the file whose values the preset replaced, where there are any."""
+    before, after = _merged(file), _merged(later)
+    keys = [
+        f"{key} = {_shown(_value_at(preset.table, key))} instead of {_shown(_value_at(before, key))}"
+        for key in _leaves(preset.table)
+        if _has(before, key.split(".")) and not _has(after, key.split("."))
+        if _value_at(before, key) != _value_at(preset.table, key)
+    ]
+    if keys:
+        yield f"{preset.source} replaces keys of {file[0].source}: {', '.join(keys)}"
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML has it, cut short."""
+    return json.dumps(value, default=str)[:80]
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a nested table."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+def _value_at(table: Any, key: str) -> Any:
+    for part in key.split("."):
+        table = table[part]
+    return table
+
+
+def _merged(layers: Sequence[Layer]) -> dict[str, Any]:
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        _merge(merged, layer.table)
+    return merged
+
+
+def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
+    for key, value in table.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        elif isinstance(value, Mapping):
+            into[key] = {}
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
+    first = error.errors()[0]
+    loc = [str(part) for part in first["loc"]]
+    key = ".".join(loc) or "the file"
+    source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
+    if first["type"] == "extra_forbidden":
+        matches = difflib.get_close_matches(key, _valid_keys(loc), n=1, cutoff=0.0)
+        return UnknownConfigKey(key, matches[0] if matches else None, source)
+    reason = first["msg"].removeprefix("Value error, ")
+    given = first.get("input")
+    if isinstance(given, str | int | float | bool):
+        reason += f" (got {str(given)[:80]!r})"
+    return InvalidConfigValue(key, reason[0].lower() + reason[1:], source)
+
+
+def _has(table: Any, loc: Sequence[str]) -> bool:
+    """Whether a layer sets this key, or the list or table that holds it."""
+    for part in loc:
+        if isinstance(table, list):
+            return True
+        if not isinstance(table, Mapping) or part not in table:
+            return False
+        table = table[part]
+    return True
+
+
+def _valid_keys(loc: Sequence[str]) -> list[str]:
+    """Every dotted key of the model, with list positions as in loc."""
+    position = next((part for part in loc if part.isdigit()), "0")
+    return sorted(_keys_of(Config, "", position))
+
+
+def _keys_of(model: type[BaseModel], prefix: str, position: str) -> Iterator[str]:
+    for key, field in model.model_fields.items():
+        dotted = f"{prefix}{key}"
+        yield dotted
+        inner = field.annotation
+        arguments = getattr(inner, "__args__", ())
+        if isinstance(inner, type) and not arguments and issubclass(inner, BaseModel):
+            yield from _keys_of(inner, f"{dotted}.", position)
+        elif arguments and isinstance(arguments[0], type) and issubclass(arguments[0], BaseModel):
+            yield from _keys_of(arguments[0], f"{dotted}.{position}.", position)

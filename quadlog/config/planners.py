@@ -1,0 +1,16 @@
+"""quadlog's own planners, a line each as a plug-in's entry point is written; nothing is imported for their names."""
+
+PLANNER_CLASSES = {
+    "astar": "quadlog.planning.planners.astar:AStar",
+    "astar_paper": "quadlog.planning.planners.astar:AStarPaper",
+    "ia_star": "quadlog.planning.planners.ia_star:IAStar",
+    "ia_star_bounded": "quadlog.planning.planners.ia_star:IAStarBounded",
+    "ea_star": "quadlog.planning.planners.ea_star:EAStar",
+    "clearance_astar": "quadlog.planning.planners.ea_star:ClearanceAStar",
+    "d_star_lite": "quadlog.planning.planners.d_star_lite:DStarLite",
+    "mt_d_star_lite": "quadlog.planning.planners.d_star_lite:MTDStarLite",
+    "lpa_star": "quadlog.planning.planners.d_star_lite:LPAStar",
+    "ara_star": "quadlog.planning.planners.ara_star:ARAStar",
+    "dijkstra": "quadlog.planning.planners.astar:Dijkstra",
+}
+PLANNER_NAMES = tuple(PLANNER_CLASSES)

@@ -1,0 +1,275 @@
+"""Every key of quadlog.toml: name with unit, default, bounds, meaning, source.
+
+`quadlog init` writes this file's descriptions as comments; the effective
+configuration of a run is this model dumped as TOML.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation, Wbc
+from quadlog.config.planners import PLANNER_NAMES
+from quadlog.config.plugins import PLANNERS, plugin_names
+from quadlog.config.section import Metres, Section, in_order
+
+
+def _as_list(value: object) -> object:
+    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
+    return [value] if isinstance(value, str) and value else value
+
+
+def _is_planner(name: str) -> str:
+    """The name, if a planner has it; plug-ins are looked for only when none of quadlog's own has."""
+    if name not in PLANNER_NAMES and name not in (others := plugin_names(PLANNERS)):
+        raise ValueError(f"there is no such planner; choose one of: {', '.join((*PLANNER_NAMES, *others))}")
+    return name
+
+
+class Topics(Section):
+    """Which topic plays which role. Empty: detected, and explained by `quadlog info`."""
+
+    lidar: str = Field("", description="point clouds")
+    uwb: Annotated[list[str], BeforeValidator(_as_list)] = Field(
+        [], description="UWB ranges; several topics where each anchor has its own"
+    )
+    odometry: str = Field("", description="odometry")
+    imu: str = Field("", description="IMU")
+    reference: str = Field("", description="true pose (PoseStamped, mocap)")
+    position: str = Field(
+        "auto",
+        description="robot position: auto, uwb, odometry, tf, fixed, or a TUM file; auto takes the first there is",
+    )
+    target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
+    target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')
+    target_y_m: Metres = Field(0.0, description="see target_x_m")
+    ahead_s: float = Field(3.0, gt=0, le=60, description='target = "ahead": where the robot itself is so much later')
+    map_frame: str = Field("map", description="name of the fixed frame in tf")
+    base_frame: str = Field(
+        "", description="name of the robot's frame in tf; empty: base_link, base, base_footprint, body"
+    )
+
+
+class Anchor(Section):
+    """A UWB anchor in map."""
+
+    id: int = Field(ge=0, description="the anchor's id in the range messages")
+    x_m: Metres = Field(description="where it hangs in map")
+    y_m: Metres = Field(description="see x_m")
+    z_m: Metres = Field(0.0, description="height above the map's floor")
+    bias_m: float = Field(
+        0.0, ge=-100, le=100, description="known constant bias, subtracted from every range to this anchor"
+    )
+
+
+class Tag(Section):
+    """A UWB tag: who carries it, how high, and where it sits in base."""
+
+    id: int = Field(ge=0, description="the tag's id in the range messages")
+    role: Literal["robot", "person", "none"] = Field("none", description="who carries it")
+    height_m: Metres | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
+    x_m: Metres = Field(0.0, description="where the tag sits in base, forward")
+    y_m: Metres = Field(0.0, description="where the tag sits in base, to the left")
+
+
+class RangeTopic(Section):
+    """Maps a topic that carries one range each to the two ends it measures between."""
+
+    topic: str = Field(description="the topic")
+    tag: int = Field(ge=0, description="id of the tag that it measures from")
+    anchor: int = Field(ge=0, description="id of the anchor that it measures to")
+
+
+class UwbConfig(Section):
+    """From ranges to positions."""
+
+    range_std_m: float = Field(0.1, ge=0.001, le=10, description="standard deviation of one range [Following, Fig. 9]")
+    tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
+    person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
+    calibrate: bool = Field(
+        True, description="constant bias of each anchor, estimated from the log, applied when significant"
+    )
+    smooth: bool = Field(
+        True,
+        description="poses and target smoothed over the whole log; false: what the robot could have known then",
+    )
+    method: Literal["gauss_newton", "linear", "weighted", "paper", "huber"] = Field(
+        "gauss_newton",
+        description="how ranges become a fix: gauss_newton (maximum likelihood), huber (the same, late ranges count "
+        "less), linear, weighted (linear with the full covariance), paper (linear as weighted in [Following])",
+    )
+    height: Literal["auto", "given", "solved"] = Field(
+        "auto", description="a tag's height: as given, or solved for; auto solves where the anchors' heights tell it"
+    )
+    mirror: Literal["refuse", "left", "right"] = Field(
+        "refuse",
+        description="anchors on a line leave two mirrored tracks: refuse, or the one that starts to the left or right "
+        "of the way from the first anchor to the last",
+    )
+    odometry: bool = Field(
+        True, description="steady the robot's track with the odometry's velocity, where there is one"
+    )
+    min_range_m: float = Field(0.05, ge=0, le=1e5, description="shorter ranges are dropped and counted")
+    max_range_m: float = Field(300.0, gt=0, le=1e5, description="longer ranges are dropped and counted")
+    epoch_s: float | None = Field(
+        None,
+        ge=0.0001,
+        le=5,
+        description="single ranges of one tag this close together make one fix; unset: one round of the anchors, "
+        "as the log has it",
+    )
+    outlier_m: float = Field(
+        0.5, gt=0, le=1e5, description="a fix whose residual rms exceeds this is marked and not tracked"
+    )
+    acceleration_std_mps2: float = Field(
+        1.0, ge=0.001, le=1000, description="how hard the robot or person accelerates; stiffness of the smoother"
+    )
+    anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
+    tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
+    range_topics: list[RangeTopic] = Field([], description="for topics that carry one range each and do not name it")
+
+    @model_validator(mode="after")
+    def _ranges_are_in_order(self) -> UwbConfig:
+        return in_order(self, "min_range_m", "max_range_m")
+
+    @model_validator(mode="after")
+    def _ids_are_unique(self) -> UwbConfig:
+        for name, ids in (("anchors", [a.id for a in self.anchors]), ("tags", [t.id for t in self.tags])):
+            twice = sorted({i for i in ids if ids.count(i) > 1})
+            if twice:
+                raise ValueError(f"{name}: id {twice[0]} appears more than once")
+        return self
+
+
+class Mount(Section):
+    """The lidar's place in base."""
+
+    x_m: Metres = Field(0.0, description="forward of base")
+    y_m: Metres = Field(0.0, description="left of base")
+    z_m: Metres = Field(0.0, description="height above base; base is the ground under the robot's centre")
+    roll_deg: float = Field(0.0, ge=-360, le=360, description="turned by R_z(yaw) R_y(pitch) R_x(roll)")
+    pitch_deg: float = Field(0.0, ge=-360, le=360, description="positive with the nose down")
+    yaw_deg: float = Field(0.0, ge=-360, le=360, description="positive to the left")
+
+
+class LidarConfig(Section):
+    """From a raw scan to its valid points."""
+
+    method: Literal["range_image", "paper"] = Field(
+        "range_image",
+        description="range_image: isolation and a walk up every column of the scan, a height map for scans without "
+        "beams; paper: statistical outliers and a RANSAC plane [Following]",
+    )
+    mount: Mount = Mount()
+    field_of_view_deg: float | None = Field(
+        None, gt=0, le=360, description="kept in front of the robot; unset: 180 for paper [Following], else 360"
+    )
+    deskew: bool = Field(True, description="undo the robot's motion during a scan, where its points carry times")
+    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry tells them")
+    min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
+    max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
+    outlier_neighbours: int = Field(
+        20, ge=1, le=1000, description="k of the statistical filter, the point itself excluded"
+    )
+    outlier_std_ratio: float = Field(
+        2.0, gt=0, le=100, description="n of the statistical filter: keep D <= mu + n sigma"
+    )
+    pose_gap_s: float = Field(
+        0.5, gt=0, le=3600, description="a scan farther than this from any pose is skipped and counted"
+    )
+
+    @model_validator(mode="after")
+    def _ranges_are_in_order(self) -> LidarConfig:
+        return in_order(self, "min_range_m", "max_range_m")
+
+
+class GroundConfig(Section):
+    """The plane that is the ground."""
+
+    distance_m: float = Field(0.1, ge=0.001, le=5, description="points nearer to the plane belong to it")
+    confidence: float = Field(0.99, gt=0, lt=1, description="p of N = log(1-p)/log(1-w^3)")
+    inlier_share: float = Field(0.3, gt=0, lt=1, description="w of N = log(1-p)/log(1-w^3)")
+    min_points: int = Field(
+        100, ge=3, le=1_000_000, description="with fewer points, or fewer on the plane, there is no ground"
+    )
+
+
+class Grid(Section):
+    """The occupancy grid around the robot, in map."""
+
+    cell_m: float = Field(0.1, ge=0.005, le=10, description="edge of a cell [Following]")
+    size_cells: int = Field(200, ge=3, le=4000, description="edge of the square window [Following]")
+    min_height_m: Metres = Field(0.05, description="lower obstacle points, above the ground, are ignored")
+    max_height_m: Metres = Field(1.5, description="higher points do not block the robot")
+    min_points: int = Field(1, ge=1, le=1_000_000, description="obstacle points that make a cell occupied")
+    memory: Literal["log_odds", "decay", "scan"] = Field(
+        "log_odds",
+        description="log_odds: a cell stays until it is seen through; decay: for decay_s; scan: this scan only "
+        "[Following]",
+    )
+    extent: Literal["window", "run"] = Field(
+        "window", description="what the sliding window leaves behind is forgotten, or kept for the whole run"
+    )
+    clear_s: float = Field(
+        0.4, gt=0, le=60, description="log_odds: a cell that is seen through for so long becomes free"
+    )
+    decay_s: float = Field(1.0, gt=0, le=3600, description="decay: a cell stays so long after it was last hit")
+    dilation_m: float = Field(0.3, ge=0, le=10, description="obstacles grow by this for planning [Planning, 3 cells]")
+    dilation: Literal["euclidean", "square", "body"] = Field(
+        "euclidean",
+        description="shape of the growth: a disc or a square [Planning] of dilation_m, or a disc that holds the "
+        "robot's body however it turns",
+    )
+    target_radius_m: float = Field(
+        0.5, ge=0, le=100, description="the target's own returns within this are no obstacle"
+    )
+
+    @model_validator(mode="after")
+    def _heights_are_in_order(self) -> Grid:
+        return in_order(self, "min_height_m", "max_height_m")
+
+
+class PlannerConfig(Section):
+    """Who plans, and on what."""
+
+    name: Annotated[str, AfterValidator(_is_planner)] = Field(
+        "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
+    )
+    stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
+    corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
+
+
+class SmoothingConfig(Section):
+    """From cells to a curve [Planning, eq. 14]."""
+
+    enabled: bool = Field(True, description="false: the robot follows the path from cell to cell")
+    merge_m: float = Field(0.3, ge=0, le=100, description="inflection points closer than this become one")
+    spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
+
+
+class Results(Section):
+    """What the run folder keeps."""
+
+    cloud_samples: int = Field(3, ge=0, le=50, description="scans kept with the class of every point")
+    ground_cell_m: float = Field(0.2, ge=0.01, le=10, description="cell of the ground's height map")
+    frames: int = Field(6, ge=0, le=24, description="pictures of a simulated robot, side by side; 0: none")
+
+
+class Config(Section):
+    """The whole file."""
+
+    topics: Topics = Topics()
+    uwb: UwbConfig = UwbConfig()
+    lidar: LidarConfig = LidarConfig()
+    ground: GroundConfig = GroundConfig()
+    grid: Grid = Grid()
+    planner: PlannerConfig = PlannerConfig()
+    smoothing: SmoothingConfig = SmoothingConfig()
+    pursuit: Pursuit = Pursuit()
+    robot: RobotConfig = RobotConfig()
+    mpc: MpcConfig = MpcConfig()
+    wbc: Wbc = Wbc()
+    simulation: Simulation = Simulation()
+    results: Results = Results()

@@ -1,0 +1,253 @@
+"""Which feet are on the ground when: gaits as phase tables [Following, Table 1]."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.compiled import inlined, inner
+from quadlog.control.locomotion.body_reference import fit_plane, foothold
+from quadlog.control.locomotion.foot_trajectory import EASED, foot_curve_state, swing_state
+from quadlog.control.locomotion.numba_record import Record
+from quadlog.control.locomotion.robot import Robot
+from quadlog.messages import Float
+
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A cycle of steps. A leg's phase at t is t / period_s + its offset, modulo 1: on the ground while below duty.
+
+    duty: the share of the cycle that a foot stands, 0 < duty <= 1.
+    offsets: of left fore, right fore, left hind, right hind; the larger one steps earlier.
+    """
+
+    name: str
+    period_s: float
+    duty: float
+    offsets: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.period_s) and self.period_s > 0 and 0 < self.duty <= 1):
+            raise ValueError(f"{self.name}: a gait needs a period above 0 s and a duty in (0, 1]")
+        if not all(math.isfinite(offset) for offset in self.offsets):
+            raise ValueError(f"{self.name}: a gait needs finite offsets")
+
+    @property
+    def stance_s(self) -> float:
+        """How long a foot stands."""
+        return self.duty * self.period_s
+
+    @property
+    def swing_s(self) -> float:
+        """How long a foot is in the air."""
+        return (1 - self.duty) * self.period_s
+
+    @property
+    def offsets_array(self) -> Float:
+        """(4,) for the compiled functions."""
+        return np.array(self.offsets)
+
+
+_GAITS = (
+    # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.
+    Gait("walk", 0.8, 0.75, (0.75, 0.25, 0.0, 0.5)),
+    # Diagonal pairs; with the period and duty that track best on rough ground.
+    Gait("trot", 0.44, 0.56, (0.0, 0.5, 0.5, 0.0)),
+    # Diagonal pairs with flight between them.
+    Gait("flying_trot", 0.36, 0.4, (0.0, 0.5, 0.5, 0.0)),
+    # All four at once, then flight.
+    Gait("pronk", 0.4, 0.5, (0.0, 0.0, 0.0, 0.0)),
+    # Fore pair and hind pair in turn, with flight.
+    Gait("bound", 0.36, 0.4, (0.0, 0.0, 0.5, 0.5)),
+)
+# [Following] names these gaits only; periods and duties are ours.
+GAITS = {gait.name: gait for gait in _GAITS}
+
+
+@inlined
+def _phase(t_s: float, period_s: float, offset: float) -> float:
+    """0 <= phase < 1; just below a whole turn the difference rounds to 1."""
+    turns = t_s / period_s + offset
+    phase = turns - math.floor(turns)
+    return phase if phase < 1.0 else 0.0
+
+
+@inner
+def contact_state(t_s: float, period_s: float, duty: float, offsets: Float, stance: Bool, leg_phase: Float) -> None:
+    """Writes for each leg (4,) whether it stands at t_s, and its phase 0..1 within that stance or swing."""
+    for leg in range(4):
+        phase = _phase(t_s, period_s, offsets[leg])
+        stance[leg] = phase < duty
+        leg_phase[leg] = phase / duty if phase < duty else (phase - duty) / (1.0 - duty)
+
+
+def contact_schedule(t_s: float, step_s: float, period_s: float, duty: float, offsets: Float, contacts: Bool) -> None:
+    """Writes (N, 4): which legs stand at t_s, t_s + step_s and so on; the first row is the present."""
+    turns = (t_s + np.arange(len(contacts)) * step_s)[:, None] / period_s + offsets
+    phase = turns - np.floor(turns)
+    # Just below a whole turn the difference rounds to 1.
+    contacts[:] = np.where(phase < 1.0, phase, 0.0) < duty
+
+
+# From this phase of the swing on, touching is landing; before, it is stumbling, and the foot goes on.
+LANDS_FROM_PHASE = 0.6
+# How fast a foot that is late for the ground is pushed down: a body that waits for it falls at 0.8 m/s after 0.08 s.
+SEEKING_MPS = 0.8
+# A foot that stands and feels no ground for so long has lost it: pushing on, its leg would only fling the foot away.
+LOST_S = 0.01
+# Of each leg, to which side it goes aside: with alternating moments, the other way with the other diagonal pair.
+ASIDE_SIGNS: Float = np.array([1.0, -1.0, -1.0, 1.0])
+SWINGS = ("quintic", "foot_curve")
+
+_LAYOUT = np.dtype(
+    [
+        ("stands", "u1", 4),
+        ("planned", "u1", 4),
+        ("was_planned", "u1", 4),
+        ("phase", "f8", 4),
+        ("swing", "f8", (3, 4, 3)),
+        ("contacts_m", "f8", (4, 3)),
+        ("landings_m", "f8", (4, 3)),
+        ("lift_offs_m", "f8", (4, 3)),
+        ("airborne_s", "f8", 4),
+        ("plane", "f8", 3),
+        ("standing_feet_m", "f8", (4, 3)),
+        ("offsets", "f8", 4),
+        ("period_s", "f8"),
+        ("duty", "f8"),
+        ("clearance_m", "f8"),
+        ("curved", "u1"),
+        ("asides_m", "f8", 4),
+        ("aside_m", "f8", 3),
+    ],
+    align=True,
+)
+
+
+class Stride(Record):
+    """The legs' state, one tick after the other (`advance`).
+
+    stands (4,): which feet carry. swing (3, 4, 3): position, velocity and acceleration wanted of the others, in map.
+    contacts_m (4, 3): where each foot stands, or stood last; landings_m (4, 3): where it is to stand next.
+    plane (3,): of the ground under the feet's centres, see fit_plane. swing_name, of SWINGS: the quintic, or the curve
+    of [Foot, eqs 9-12], whose bulge of aside_m goes left with left fore and right hind, right with the others.
+    """
+
+    stands: Bool
+    planned: Bool
+    was_planned: Bool
+    swing: Float
+    contacts_m: Float
+    landings_m: Float
+    lift_offs_m: Float
+    plane: Float
+    standing_feet_m: Float
+    offsets: Float
+    asides_m: Float
+
+    def __init__(
+        self,
+        robot: Robot,
+        gait: Gait,
+        clearance_m: float,
+        feet_m: Float,
+        swing_name: str = SWINGS[0],
+        aside_m: float = 0.0,
+    ) -> None:
+        super().__init__(_LAYOUT)
+        self._gait = gait
+        self.stands[:] = self.planned[:] = self.was_planned[:] = True
+        self.contacts_m[:] = self.landings_m[:] = self.lift_offs_m[:] = feet_m
+        self.standing_feet_m[:], self.offsets[:] = robot.standing_feet_m, gait.offsets
+        record = self.record
+        record["period_s"], record["duty"], record["clearance_m"] = gait.period_s, gait.duty, clearance_m
+        record["curved"], self.asides_m[:] = swing_name == "foot_curve", aside_m * ASIDE_SIGNS
+        fit_plane(self.contacts_m, self.plane)
+
+    def contacts_ahead(self, t_s: float, step_s: float, contacts: Bool) -> None:
+        """Writes which feet stand during each of the next steps (N, 4): now as they do, later as planned."""
+        gait = self._gait
+        # A step counts as what holds in its middle.
+        contact_schedule(t_s + 0.5 * step_s, step_s, gait.period_s, gait.duty, self.offsets, contacts)
+        contacts[0] = self.stands
+
+
+@inlined
+def advance(  # type: ignore[no-untyped-def]
+    stride, t_s, dt_s, feet, touches, position, yaw, velocity, wanted, wanted_yaw_rate
+):
+    """Takes the legs to t_s; True when another set of feet carries than before.
+
+    feet (4, 3) and touches (4,) as measured; position and velocity (3,) of the body, and the velocity wanted, in map.
+    """
+    to = stride[0]
+    swing_s, stance_s = (1 - to.duty) * to.period_s, to.duty * to.period_s
+    stands, planned, phase, swing = to.stands, to.planned, to.phase, to.swing
+    contact_state(t_s, to.period_s, to.duty, to.offsets, planned, phase)
+    changed = False
+    for leg in range(4):
+        if to.was_planned[leg] and not planned[leg]:
+            _put(feet, leg, to.lift_offs_m)
+        stood = stands[leg]
+        to.airborne_s[leg] = 0.0 if touches[leg] else to.airborne_s[leg] + dt_s
+        holds = stood and to.airborne_s[leg] < LOST_S
+        if planned[leg]:
+            # What stands goes on standing though the ground gives way for some ticks: forces are planned on it.
+            stands[leg] = holds or touches[leg]
+            if stood and not stands[leg]:
+                # It seeks the ground from where it is.
+                _put(feet, leg, swing[0])
+        else:
+            landed_early = holds and not to.was_planned[leg]
+            stands[leg] = landed_early or (touches[leg] and phase[leg] >= LANDS_FROM_PHASE)
+        if stands[leg]:
+            _put(feet, leg, to.contacts_m)
+            _put(feet, leg, to.landings_m)
+        elif planned[leg]:
+            # Late: straight on downwards.
+            swing[0, leg, 2] -= SEEKING_MPS * dt_s
+            swing[1, leg, 0], swing[1, leg, 1], swing[1, leg, 2] = 0.0, 0.0, -SEEKING_MPS
+            swing[2, leg, 0], swing[2, leg, 1], swing[2, leg, 2] = 0.0, 0.0, 0.0
+        else:
+            foothold(
+                position,
+                yaw,
+                velocity,
+                wanted,
+                wanted_yaw_rate,
+                to.standing_feet_m[leg],
+                (1.0 - phase[leg]) * swing_s,
+                stance_s,
+                to.plane,
+                to.landings_m[leg],
+            )
+            _swing(to, leg, phase[leg], swing_s, yaw)
+        changed |= stands[leg] != stood
+        to.was_planned[leg] = planned[leg]
+    if changed:
+        fit_plane(to.contacts_m, to.plane)
+    return changed
+
+
+@inner
+def _swing(to, leg, phase, swing_s, yaw):  # type: ignore[no-untyped-def]
+    """Writes where a leg's foot is wanted on the curve of its choice."""
+    start, end, position, velocity = to.lift_offs_m[leg], to.landings_m[leg], to.swing[0, leg], to.swing[1, leg]
+    acceleration, aside = to.swing[2, leg], to.aside_m
+    if to.curved:
+        aside[0], aside[1] = -math.sin(yaw) * to.asides_m[leg], math.cos(yaw) * to.asides_m[leg]
+        # The parabola of eq. 12 would leave and meet the ground with speed.
+        foot_curve_state(phase, swing_s, start, end, to.clearance_m, aside, EASED, position, velocity, acceleration)
+    else:
+        swing_state(phase, swing_s, start, end, to.clearance_m, position, velocity, acceleration)
+
+
+@inlined
+def _put(feet, leg, places):  # type: ignore[no-untyped-def]
+    for axis in range(3):
+        places[leg, axis] = feet[leg, axis]

@@ -1,0 +1,319 @@
+"""The ground's height around the lidar by sector and distance: what heights above the ground are measured from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from quadlog.compiled import inner, kernel
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.ground_columns import ColumnWalk
+from quadlog.lidar.isolation_filter import Isolated, supported
+from quadlog.lidar.range_image import Image
+from quadlog.messages import Float, Float32, Int
+
+Marks = NDArray[np.int8]
+
+SECTOR_COLUMNS = 16
+"""About 3 degrees: at 10 m as wide as the ground may curve, and few enough returns to average."""
+STEP_M, REACH_M = 0.125, 32.0
+STEPS = int(REACH_M / STEP_M) + 1
+_SECTORS_BESIDE, _FEWEST = 3, 3
+_PLANE_COLUMNS = 4
+_STEP, _PER_STEP = np.float32(STEP_M), np.float32(1 / STEP_M)
+
+
+class GroundProfile:
+    """Height of the ground in base, height_m (sectors, STEPS), every STEP_M outwards of every SECTOR_COLUMNS columns.
+
+    first, second: (columns,) where the sectors on either side of each column begin in height_m.ravel(); across:
+    (columns,) how far it lies from the first one's middle to the second one's.
+    """
+
+    def __init__(self, rows: int, columns: int) -> None:
+        sectors = -(-columns // SECTOR_COLUMNS)
+        self.height_m = np.zeros((sectors, STEPS), np.float32)
+        self._sums = np.zeros((3, sectors, rows), np.float32)
+        azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
+        self._outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)])
+        from_middle = np.arange(columns) - SECTOR_COLUMNS // 2
+        sector = from_middle // SECTOR_COLUMNS
+        self.first = (sector % sectors * STEPS).astype(np.int32)
+        self.second = ((sector + 1) % sectors * STEPS).astype(np.int32)
+        self.across = ((from_middle - sector * SECTOR_COLUMNS + 0.5) / SECTOR_COLUMNS).astype(np.float32)
+
+    def fit(
+        self,
+        ground: Marks,
+        distance_m: Float32,
+        z_m: Float32,
+        floor_m: float,
+        plane: Float,
+        transform_lidar_to_level: Float,
+    ) -> None:
+        """Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed
+        from the sectors beside it where it has too little; beyond the last, plane goes on.
+
+        ground, distance_m, z_m: (rows, columns). plane: (3,) a, b, c of z = a x + b y + c.
+        """
+        outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
+        _profile(ground, distance_m, z_m, float(floor_m), *outward, self._sums, self.height_m)
+
+    def height_at(self, column: int, distance_m: float) -> float:
+        """The ground's height at a distance in a column, between its sector's middle and the next."""
+        table = self.height_m.reshape(-1), self.first, self.second, self.across
+        return float(profile_height(*table, column, np.float32(distance_m)))
+
+
+def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_xy_m: Float) -> Float:
+    """(3,) a, b, c of the plane z = a x + b y + c nearest in height to the ground, every fourth of its returns.
+
+    ground: (rows, columns); dx_m, dy_m from the lidar at lidar_xy_m (2,) of base, and z_m: of the same cells.
+    A slight pull towards level through base's origin keeps it defined when there are few points or all in a line.
+    """
+    plane: Float = np.zeros(3)
+    _fit_plane(ground, dx_m, dy_m, z_m, np.asarray(lidar_xy_m, dtype=np.float64), plane)
+    return plane
+
+
+@kernel
+def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, plane: Float) -> None:
+    """The normal equations of the plane, solved by Cramer's rule."""
+    n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    rows, columns = ground.shape
+    x0, y0 = lidar_m[0], lidar_m[1]
+    for row in range(rows):
+        for c in range(0, columns, _PLANE_COLUMNS):
+            if ground[row, c] != 0:
+                i = np.uint32(row * columns + c)
+                x, y, z = np.float64(dx_m[i]) + x0, np.float64(dy_m[i]) + y0, np.float64(z_m[i])
+                n, sx, sy, sz = n + 1, sx + x, sy + y, sz + z
+                xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+    # Pulled towards level through the origin.
+    xx, yy, n = xx + 1.0, yy + 1.0, n + 1e-3
+    a0, a1, a2 = yy * n - sy * sy, sx * sy - xy * n, xy * sy - yy * sx
+    size = xx * a0 + xy * a1 + sx * a2
+    b1, b2 = xx * n - sx * sx, xy * sx - xx * sy
+    plane[0] = (a0 * xz + a1 * yz + a2 * sz) / size
+    plane[1] = (a1 * xz + b1 * yz + b2 * sz) / size
+    plane[2] = (a2 * xz + b2 * yz + (xx * yy - xy * xy) * sz) / size
+
+
+# Sums of a sector's sixteen returns may be taken in any order.
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def _profile(
+    ground: Marks,
+    distance_m: Float32,
+    z_m: Float32,
+    floor_m: float,
+    outward: Float,
+    turn: Float,
+    plane: Float,
+    sums: Float32,
+    height_m: Float32,
+) -> None:
+    """outward: (sectors, 2) directions of the sectors in the lidar's frame; turn: (2, 2) from there to base."""
+    rows, columns = ground.shape
+    sectors = len(outward)
+    none = np.float32(0)
+    for row in range(rows):
+        for s in range(sectors):
+            begin = s * SECTOR_COLUMNS
+            is_ground, distance, z = ground[row, begin:], distance_m[row, begin:], z_m[row, begin:]
+            count, far, high = np.int32(0), none, none
+            # A constant number of steps wherever possible, which the compiler turns into vector instructions.
+            size = SECTOR_COLUMNS if begin + SECTOR_COLUMNS <= columns else columns - begin
+            if size == SECTOR_COLUMNS:
+                for c in range(SECTOR_COLUMNS):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
+            else:
+                for c in range(size):
+                    count += np.int32(is_ground[c])
+                    far += distance[c] if is_ground[c] != 0 else none
+                    high += z[c] if is_ground[c] != 0 else none
+            sums[0, s, row], sums[1, s, row], sums[2, s, row] = count, far, high
+    for s in range(sectors):
+        at, step, z0, heights = none, 0, np.float32(floor_m), height_m[s]
+        for row in range(rows):
+            count_here, far, high = sums[0, s, row], sums[1, s, row], sums[2, s, row]
+            for k in range(1, _SECTORS_BESIDE + 1):
+                if count_here >= SECTOR_COLUMNS // 2:
+                    break
+                a = s - k if s >= k else s - k + sectors
+                b = s + k if s + k < sectors else s + k - sectors
+                count_here += sums[0, a, row] + sums[0, b, row]
+                far += sums[1, a, row] + sums[1, b, row]
+                high += sums[2, a, row] + sums[2, b, row]
+            if count_here < _FEWEST or far / count_here <= at:
+                continue
+            far, high = far / count_here, high / count_here
+            end = min(int(far * _PER_STEP) + 1, STEPS)
+            _draw_line(heights[step:end], step, (high - z0) / (far - at), z0, at)
+            step, at, z0 = max(end, step), far, high
+        x = turn[0, 0] * outward[s, 0] + turn[0, 1] * outward[s, 1]
+        y = turn[1, 0] * outward[s, 0] + turn[1, 1] * outward[s, 1]
+        rise = (x * plane[0] + y * plane[1]) / np.sqrt(x * x + y * y)
+        _draw_line(heights[step:], step, np.float32(rise), z0, at)
+
+
+@inner
+def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: float) -> None:
+    first_m = np.float32(step) * _STEP - at_m
+    for k in range(len(height_m)):
+        height_m[k] = z_m + rise * (first_m + np.float32(k) * _STEP)
+
+
+@inner
+def profile_height(
+    heights_m: Float32,
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    across: Float32,
+    column: int,
+    distance_m: float,
+) -> float:
+    """The ground's height at a distance in a column; heights_m: (sectors * STEPS,), the rest as in GroundProfile."""
+    v = min(distance_m * _PER_STEP, np.float32(STEPS - 2))
+    k = np.int32(v)
+    along = v - np.float32(k)
+    a, b = np.uint32(first[column] + k), np.uint32(second[column] + k)
+    near = heights_m[a] + along * (heights_m[a + np.uint32(1)] - heights_m[a])
+    far = heights_m[b] + along * (heights_m[b + np.uint32(1)] - heights_m[b])
+    return near + across[column] * (far - near)
+
+
+# Height off the ground of what is ground: after the walk said so, without it, and at the foot of a wall.
+_WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
+_INVALID, _CROPPED, _OUTLIER = (np.uint8(each) for each in (PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER))
+_GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
+
+
+def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile: GroundProfile, counts: Int) -> None:
+    """Fill the image's label and height_m, and add the points of each class to counts (5,)."""
+    table = profile.height_m.reshape(-1), profile.first, profile.second, profile.across
+    marks = isolated.good, walked.ground, walked.wall
+    _label_cells(
+        *marks, isolated.distance_m, isolated.z_m, image.range_m[0], *table, image.height_m, image.label, counts
+    )
+    if image.n_others:
+        others = image.n_others, image.other_range_m, image.other_cell, image.range_m
+        _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label, counts)
+
+
+def crop_to_view(image: Image, lidar_xy_m: tuple[float, float], field_of_view_deg: float, counts: Int) -> None:
+    """Label CROPPED what lies beside a fan about base's x axis, and correct counts. [Following]"""
+    n = image.rows * image.columns + image.n_others
+    half_rad = np.deg2rad(field_of_view_deg) / 2
+    x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
+    label = image.label[:n]
+    # |azimuth| <= half  <=>  sin(half - |azimuth|) >= 0, multiplied by the range.
+    inside = np.sin(half_rad) * x_m >= np.cos(half_rad) * np.abs(y_m)
+    label[~inside & (label != _INVALID)] = _CROPPED
+    n_invalid = counts[_INVALID]
+    counts[:] = np.bincount(label, minlength=len(counts))
+    counts[_INVALID] = n_invalid
+
+
+def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:
+    """Label every return an obstacle where neighbours support it, else an outlier, and add them to counts (5,)."""
+    cells = image.rows * image.columns
+    seen = image.range_m[0] > 0
+    image.label[:cells] = np.where(seen, np.where(isolated.good.reshape(-1) != 0, _OBSTACLE, _OUTLIER), _INVALID)
+    if image.n_others:
+        others = image.n_others, image.other_range_m, image.other_cell
+        _judge_others(*others, image.range_m, image.columns, image.label)
+    label = image.label[: cells + image.n_others]
+    counts[_OUTLIER:] += np.bincount(label, minlength=len(counts))[_OUTLIER:]
+
+
+@kernel
+def _judge_others(
+    n_others: int,
+    other_range_m: Float32,
+    other_cell: NDArray[np.int32],
+    range_m: Float32,
+    columns: int,
+    label: NDArray[np.uint8],
+) -> None:
+    cells = range_m.shape[1]
+    for other in range(n_others):
+        row, c = other_cell[other] // columns, other_cell[other] % columns
+        real = supported(range_m, columns, 2, row, c, other_range_m[other])
+        label[cells + other] = _OBSTACLE if real else _OUTLIER
+
+
+@kernel
+def _label_cells(
+    good: Marks,
+    ground: Marks,
+    wall: Marks,
+    distance_m: Float32,
+    z_m: Float32,
+    range_m: Float32,
+    heights_m: Float32,
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    across: Float32,
+    height_m: Float32,
+    label: NDArray[np.uint8],
+    counts: Int,
+) -> None:
+    """The nearest return of every cell: INVALID where there is none, OUTLIER where it is not supported."""
+    rows, columns = good.shape
+    none = np.float32(0)
+    n_ground, n_obstacle, n_outlier = 0, 0, 0
+    for row in range(rows):
+        begin = row * columns
+        distance, z, is_good, is_ground, is_wall = distance_m[row], z_m[row], good[row], ground[row], wall[row]
+        # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
+        above_m, classes, ranges_m = height_m[begin:], label[begin:], range_m[begin:]
+        for c in range(columns):
+            above_m[c] = z[c] - profile_height(heights_m, first, second, across, c, distance[c])
+        for c in range(columns):
+            above = above_m[c]
+            near = _FOOT_M if is_wall[c] != 0 else (_WALKED_M if is_ground[c] != 0 else _LEVEL_M)
+            sunken = (is_ground[c] != 0) & (above < none) & (above > _SUNKEN_M)
+            surface = _GROUND if (abs(above) <= near) | sunken else _OBSTACLE
+            alone = _OUTLIER if ranges_m[c] > none else _INVALID
+            classes[c] = surface if is_good[c] != 0 else alone
+        for c in range(columns):
+            n_ground += classes[c] == _GROUND
+            n_obstacle += classes[c] == _OBSTACLE
+            n_outlier += classes[c] == _OUTLIER
+    counts[_GROUND] += n_ground
+    counts[_OBSTACLE] += n_obstacle
+    counts[_OUTLIER] += n_outlier
+
+
+@kernel
+def _label_others(
+    n_others: int,
+    other_range_m: Float32,
+    other_cell: NDArray[np.int32],
+    range_m: Float32,
+    dx_m: Float32,
+    dy_m: Float32,
+    z_m: Float32,
+    heights_m: Float32,
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    across: Float32,
+    height_m: Float32,
+    label: NDArray[np.uint8],
+    counts: Int,
+) -> None:
+    """Returns that share a cell with a nearer one, or belong to no row: those have no neighbours to be judged by."""
+    columns, cells = len(across), range_m.shape[1]
+    for other in range(n_others):
+        i, cell = cells + other, other_cell[other]
+        c = cell % columns if cell >= 0 else -1 - cell
+        dx, dy = dx_m[i], dy_m[i]
+        distance_m = np.sqrt(dx * dx + dy * dy)
+        height_m[i] = z_m[i] - profile_height(heights_m, first, second, across, c, distance_m)
+        label[i] = _GROUND if abs(height_m[i]) <= _LEVEL_M else _OBSTACLE
+        if cell >= 0 and not supported(range_m, columns, 2, cell // columns, c, other_range_m[other]):
+            label[i] = _OUTLIER
+        counts[label[i]] += 1

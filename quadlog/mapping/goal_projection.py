@@ -1,0 +1,184 @@
+"""The way out when the robot stands where obstacles have been grown over it. [Planning]
+
+A logged robot walks closer to obstacles than the planner would: its cell is
+then blocked by the growth alone, and no planner could start there.
+"""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from quadlog.mapping.grid import Grid, Window
+from quadlog.messages import Float, Int
+
+# Steps from a cell as (dcol, drow), by row, then column.
+STEPS = [(dcol, drow) for drow in (-1, 0, 1) for dcol in (-1, 0, 1)]
+
+
+class Escape(NamedTuple):
+    """The unblocked cell (col, row) to plan from, and the way there, (L, 2) int32, from the robot's cell to it."""
+
+    cell: tuple[int, int]
+    path: NDArray[np.int32]
+
+
+def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> Escape | None:
+    """The nearest unblocked cell along a way that crosses no occupied cell; the start itself when it is not blocked.
+
+    `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a
+    diagonal one needs both cells beside it unoccupied, as in planning. The
+    robot's own cell counts as free even if something was seen in it: it
+    stands there. None when the start lies outside the grid or is walled in.
+    """
+    rows, cols = blocked.shape
+    col, row = start_cell
+    if not (0 <= col < cols and 0 <= row < rows):
+        return None
+    way = _cheapest_way_out(occupied, blocked, col, row)
+    return Escape(way[-1], np.array(way, dtype=np.int32)) if way else None
+
+
+def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> list[tuple[int, int]]:
+    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, none when there is none.
+
+    Plain Python: growth is some cells deep, so there is little to search.
+    """
+    rows, cols = occupied.shape
+    solid, closed_off = occupied.tobytes(), blocked.tobytes()
+    start = start_row * cols + start_col
+    cost, came_from = {start: 0}, {start: -1}
+    waiting = [(0, start)]
+    while waiting:
+        at_cost, at = heappop(waiting)
+        if at_cost > cost[at]:
+            continue
+        if not closed_off[at]:
+            return _way_to(came_from, at, cols)
+        row, col = divmod(at, cols)
+        for dcol, drow in STEPS:
+            c, r = col + dcol, row + drow
+            if not (0 <= r < rows and 0 <= c < cols) or solid[r * cols + c]:
+                continue
+            diagonal = drow != 0 and dcol != 0
+            if diagonal and (solid[row * cols + c] or solid[r * cols + col]):
+                continue
+            step, step_cost = r * cols + c, at_cost + (14 if diagonal else 10)
+            if step not in cost or step_cost < cost[step]:
+                cost[step], came_from[step] = step_cost, at
+                heappush(waiting, (step_cost, step))
+    return []
+
+
+def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:
+    way, at = [], end
+    while at >= 0:
+        way.append((at % cols, at // cols))
+        at = came_from[at]
+    return way[::-1]
+
+
+Cell = tuple[int, int]
+
+
+class Projection(NamedTuple):
+    """The cell (col, row) to plan to, and whether it is another one than the goal's own."""
+
+    cell: Cell
+    projected: bool
+
+
+def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
+    """The cell that stands for the goal (2,) in map, always one the robot can get to. [Planning, section 1.2]
+
+    - A goal in the window, on a cell that can be reached, is its own cell.
+    - Beyond the window, the line from the robot to the goal crosses its margin
+      in a cell; from there the margin is walked both ways to the nearest cell
+      that can be reached.
+    - Else, and where no cell of the margin can be reached, it is the
+      reachable cell nearest to the goal's, or to that of the crossing.
+    Ties go to the counter-clockwise side of the margin, else to the lower row, then column.
+    None when the start lies outside the window or is blocked, or the goal is not finite.
+    """
+    if not np.isfinite(goal_xy_m).all() or not window.contains(np.array(start_cell)):
+        return None
+    if blocked[start_cell[1], start_cell[0]]:
+        return None
+    reachable = reachable_cells(blocked, start_cell)
+    goal_cell = _as_cell(window.cell_of(goal_xy_m))
+    if window.contains(np.array(goal_cell)):
+        if reachable[goal_cell[1], goal_cell[0]]:
+            return Projection(goal_cell, projected=False)
+        return Projection(_nearest(reachable, goal_cell), projected=True)
+    crossing = _crossing(window, start_cell, goal_xy_m)
+    on_margin = _nearest_on_margin(reachable, crossing)
+    return Projection(on_margin or _nearest(reachable, crossing), projected=True)
+
+
+def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
+    """Free cells (rows, cols) bool connected to the start, which must be free.
+
+    A diagonal step needs both cells beside it free, so two straight steps do
+    as well: 8-connected without cutting corners reaches what 4-connected does.
+    """
+    regions, _ = ndimage.label(~blocked)
+    reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
+    return reachable
+
+
+def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:
+    """The cell of the margin where the line from the start's centre to a goal outside leaves the window."""
+    rows, cols = window.shape
+    start = np.array(start_cell) + 0.5
+    goal = np.asarray(goal_xy_m, dtype=np.float64) / window.cell_m - np.array([window.col0, window.row0])
+    # The line's parameter, 0 at the start and 1 at the goal, at the side it meets first.
+    leaving = 1.0
+    for axis, size in enumerate((cols, rows)):
+        if goal[axis] < 0:
+            leaving = min(leaving, start[axis] / (start[axis] - goal[axis]))
+        elif goal[axis] >= size:
+            leaving = min(leaving, (size - start[axis]) / (goal[axis] - start[axis]))
+    point = start + leaving * (goal - start)
+    return _as_cell(np.clip(np.floor(point), 0, [cols - 1, rows - 1]))
+
+
+def _nearest_on_margin(reachable: Grid, crossing: Cell) -> Cell | None:
+    """The reachable cell of the margin with the fewest steps along it to the crossing, or None."""
+    margin = _margin(reachable.shape)
+    at = int(np.flatnonzero((margin == np.array(crossing)).all(axis=1))[0])
+    candidates = np.flatnonzero(reachable[margin[:, 1], margin[:, 0]])
+    if len(candidates) == 0:
+        return None
+    ahead = (candidates - at) % len(margin)
+    steps = np.minimum(2 * ahead, 2 * (len(margin) - ahead) + 1)  # odd when clockwise: loses ties
+    return _as_cell(margin[candidates[np.argmin(steps)]])
+
+
+def _margin(shape: tuple[int, ...]) -> Int:
+    """The window's outermost cells (M, 2), each once, counter-clockwise from (0, 0)."""
+    rows, cols = shape
+    if rows == 1 or cols == 1:
+        return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+    right, up = np.arange(cols - 1), np.arange(rows - 1)
+    sides = [
+        np.stack([right, np.zeros_like(right)], axis=1),
+        np.stack([np.full_like(up, cols - 1), up], axis=1),
+        np.stack([cols - 1 - right, np.full_like(right, rows - 1)], axis=1),
+        np.stack([np.zeros_like(up), rows - 1 - up], axis=1),
+    ]
+    return np.concatenate(sides)
+
+
+def _nearest(reachable: Grid, cell: Cell) -> Cell:
+    """The reachable cell with its centre nearest to another's; there is always one, the start."""
+    rows, cols = np.nonzero(reachable)
+    nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
+    return int(cols[nearest]), int(rows[nearest])
+
+
+def _as_cell(pair: NDArray) -> Cell:
+    return int(pair[0]), int(pair[1])

@@ -1,0 +1,368 @@
+"""Where a scan's rays went: what was seen through is free, as far down as it was seen through.
+
+Before the robot's poses are known, the rays of a scan are kept by direction: of each sector the few that count, by
+reach and slope. With the poses, every cell of the window takes its height from the sector it lies in, so that none in
+sight is left out, however far off it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.compiled import inner, kernel
+from quadlog.lidar.classified_scan import ClassifiedReturns, PointClass
+from quadlog.mapping.grid import Window
+from quadlog.messages import Float, Float32
+
+MOST_SECTORS, FEWEST_SECTORS = 512, 64
+"""Directions told apart; at the edge of a 20 m window they are about as far apart as a cell of 0.1 m is wide."""
+RAYS_IN_SECTOR = 16
+"""Scattered points get so many to a sector, so that none is empty between two that are not."""
+STEEPEST, FLATTEST, BINS = -1.0, 0.25, 40
+"""Rays are told apart by how far they climb per metre; 40 bins are 1.8 degrees each, finer than beams are apart."""
+SLOPE_UNIT = 1 / 16384
+NO_RAY = np.int16(32767)
+"""Height, in mm, of the lowest ray through a cell that none crossed."""
+_DIRECTIONS = 4096
+# A ray stops so much before its end, in cells: the cell in which it ends is not crossed, nor one it only touches.
+_SHORT_CELLS = 0.75
+_GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
+_INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """The rays of one scan by sector, in units of unit_m and SLOPE_UNIT.
+
+    count, slot: (S,) rays and time slot of each sector; sector s looks along (s + 1/2) / S turns in base. reach, slope:
+    (R,) horizontal length and rise per length, sector by sector, each reaching farther and passing higher than the one
+    before.
+    """
+
+    count: NDArray[np.uint8]
+    slot: NDArray[np.uint8]
+    reach: NDArray[np.uint16]
+    slope: NDArray[np.int16]
+
+
+class RayGatherer:
+    """Keeps of each scan the rays that count, in arrays that are kept from scan to scan."""
+
+    def __init__(self) -> None:
+        self._reach_m, self._slope = np.zeros((2, MOST_SECTORS * BINS + 1), np.float32)
+        self._row = np.zeros((2, 0), np.float32)
+        self._place, self._bin_slot = np.zeros(0, np.int32), np.zeros(MOST_SECTORS * BINS + 1, np.uint8)
+        self._count, self._slot = np.zeros((2, MOST_SECTORS), np.uint8)
+        self._reach, self._slopes = np.zeros(MOST_SECTORS * BINS, np.uint16), np.zeros(MOST_SECTORS * BINS, np.int16)
+
+    def gather(
+        self, returns: ClassifiedReturns, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float
+    ) -> Rays:
+        """The rays of a scan that end on the ground or on an obstacle, but not on the robot; overwritten by the next.
+
+        half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
+        off, or higher above the ground, does not matter.
+        Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called
+        crossed only where all agree.
+        """
+        n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
+        if len(self._place) < width:
+            self._row, self._place = np.zeros((2, width), np.float32), np.zeros(width, np.int32)
+        sectors, together = _sectors(returns)
+        limits = np.array([*returns.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
+        work = self._row[0], self._row[1], self._place, self._reach_m, self._slope, self._bin_slot
+        arrays = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
+        kept = self._count[:sectors], self._slot[:sectors], self._reach, self._slopes
+        n_rays = _gather(n, width, *arrays, limits, sectors, together, *work, *kept)
+        return Rays(self._count[:sectors], self._slot[:sectors], self._reach[:n_rays], self._slopes[:n_rays])
+
+
+def _sectors(returns: ClassifiedReturns) -> tuple[int, int]:
+    """How many sectors, and how many neighbouring columns may count as one ray."""
+    if returns.route in ("rings", "elevations"):
+        # One and a half of these in each sector at least: wherever the columns lie, none is empty.
+        together = 2 if returns.columns >= 3 * MOST_SECTORS else 1
+        return min(max(returns.columns // together * 2 // 3, 1), MOST_SECTORS), together
+    n_ended = returns.n_ground + returns.n_obstacle
+    return min(max(n_ended // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS), 1
+
+
+@kernel
+def _gather(
+    n: int,
+    width: int,
+    dx_m: Float32,
+    dy_m: Float32,
+    height_m: Float32,
+    label: NDArray[np.uint8],
+    slot: NDArray[np.uint8],
+    limits: Float32,
+    sectors: int,
+    together: int,
+    length_m: Float32,
+    rise: Float32,
+    place: NDArray[np.int32],
+    reach_m: Float32,
+    slope: Float32,
+    bin_slot: NDArray[np.uint8],
+    count: NDArray[np.uint8],
+    sector_slot: NDArray[np.uint8],
+    reach: NDArray[np.uint16],
+    slopes: NDArray[np.int16],
+) -> int:
+    """Fill count, sector_slot, reach and slopes, as in Rays; returns how many rays there are.
+
+    width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
+    and the greatest reach and height.
+    """
+    reach_m[: sectors * BINS + 1], slope[: sectors * BINS + 1] = _INF, -_INF
+    for begin in range(0, n, width):
+        size = min(width, n - begin)
+        slots = slot[begin:]
+        _bins(size, dx_m[begin:], dy_m[begin:], height_m[begin:], label[begin:], limits, sectors, length_m, rise, place)
+        if together == 2:
+            size //= 2
+            for c in range(size):
+                nearer = length_m[2 * c] <= length_m[2 * c + 1]
+                place[c] = place[2 * c] if nearer else place[2 * c + 1]
+                rise[c] = max(rise[2 * c], rise[2 * c + 1])
+                length_m[c] = min(length_m[2 * c], length_m[2 * c + 1])
+        for c in range(size):
+            k = np.uint32(place[c])
+            # Written whatever they are: a branch that is often guessed wrongly takes longer.
+            reach_m[k] = min(length_m[c], reach_m[k])
+            slope[k] = max(rise[c], slope[k])
+            bin_slot[k] = slots[together * c]
+    lidar_m, per_unit, most_m, highest_m = limits[2], limits[5], limits[6], limits[7]
+    n_rays = 0
+    for s in range(sectors):
+        farthest, found = _NONE, 0
+        for place_k in range(s * BINS, (s + 1) * BINS):
+            k = np.uint32(place_k)
+            far = reach_m[k]
+            if far == _INF or far <= farthest:
+                continue
+            if farthest > most_m or lidar_m + slope[k] * farthest > highest_m:
+                break
+            reach[n_rays] = np.uint16(min(far * per_unit, np.float32(65535)))
+            slopes[n_rays] = np.int16(max(slope[k], np.float32(-1.99)) * np.float32(1 / SLOPE_UNIT))
+            sector_slot[s] = bin_slot[k]
+            farthest, found, n_rays = far, found + 1, n_rays + 1
+        count[s] = found
+    return n_rays
+
+
+@inner
+def _turn(x: np.float32, y: np.float32) -> np.float32:
+    """The azimuth of (x, y) in turns, [0, 1], by a polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
+    size_x, size_y = abs(x), abs(y)
+    steep = size_y > size_x
+    larger, smaller = size_y if steep else size_x, size_x if steep else size_y
+    q = smaller / (larger if larger > _TINY else _TINY)
+    s = q * q
+    part = np.float32(-0.05111625) + s * (np.float32(0.02327801) + s * np.float32(-0.00620448))
+    part = q * (np.float32(0.15902978) + s * part)
+    part = np.float32(0.25) - part if steep else part
+    part = np.float32(0.5) - part if x < _NONE else part
+    return _ONE - part if y < _NONE else part
+
+
+@inner
+def _bins(
+    size: int,
+    dx_m: Float32,
+    dy_m: Float32,
+    height_m: Float32,
+    label: NDArray[np.uint8],
+    limits: Float32,
+    sectors: int,
+    length_m: Float32,
+    rise: Float32,
+    place: NDArray[np.int32],
+) -> None:
+    """Horizontal length and slope of each ray, and sector * BINS + bin.
+
+    Of rays that count for nothing the length is infinite, the slope -infinity and the bin one more than there are.
+    """
+    per_bin, steepest, flattest = np.float32(BINS / (FLATTEST - STEEPEST)), np.float32(STEEPEST), np.float32(FLATTEST)
+    per_turn, last, nowhere = np.float32(sectors), np.int32(sectors - 1), np.int32(sectors * BINS)
+    x0, y0, z0, half_length, half_width = limits[0], limits[1], limits[2], limits[3], limits[4]
+    for c in range(size):
+        dx, dy = dx_m[c], dy_m[c]
+        length = np.sqrt(dx * dx + dy * dy)
+        climb = (height_m[c] - z0) / length
+        beside = (abs(dx + x0) > half_length) | (abs(dy + y0) > half_width)
+        surface = (label[c] == _GROUND) | (label[c] == _OBSTACLE)
+        # NaN and infinity fail these comparisons as well.
+        counts = surface & beside & (length > np.float32(1e-3)) & (length < np.float32(1e6)) & (climb < flattest)
+        k = (climb - steepest) * per_bin
+        k = k if k > _NONE else _NONE
+        k = k if counts else _NONE
+        sector = np.int32(_turn(dx, dy) * per_turn)
+        sector = sector if sector < last else last
+        length_m[c], rise[c] = length if counts else _INF, climb if counts else -_INF
+        place[c] = sector * np.int32(BINS) + np.int32(k) if counts else nowhere
+
+
+class RayPlacer:
+    """Finds how low the cells of windows were seen through, in arrays that are kept from scan to scan."""
+
+    def __init__(self) -> None:
+        self._profile_mm = np.zeros((MOST_SECTORS + 1, 0), np.int16)
+        self._sector, self._outward = np.zeros(_DIRECTIONS, np.int32), np.zeros((2, 0))
+        self._dx, self._cells = np.zeros(0, np.float32), np.zeros((2, 0), np.int32)
+
+    def place(
+        self,
+        rays: Rays,
+        unit_m: float,
+        lidar_base_m: Float,
+        slot_pose_base_in_map: Float,
+        window: Window,
+        reach_m: float,
+        lowest_mm: NDArray[np.int16],
+    ) -> None:
+        """Fill lowest_mm (rows, cols) with the height above the ground of the lowest ray through each cell, or NO_RAY.
+
+        lidar_base_m: (3,) x, y in base and height above the ground. slot_pose_base_in_map: (K, 3) x, y, yaw at the
+        rays' time slots. Cells farther than reach_m from the lidar are not crossed. The rays start where the lidar
+        was on average; what it moved while the scan lasted moves their ends.
+        """
+        steps, cols = int(2 * reach_m / window.cell_m) + 2, window.shape[1]
+        if self._profile_mm.shape[1] != steps or len(self._dx) != cols:
+            self._profile_mm = np.zeros((MOST_SECTORS + 1, steps), np.int16)
+            self._dx, self._cells = np.zeros(cols, np.float32), np.zeros((2, cols), np.int32)
+        if self._outward.shape[1] != len(rays.count):
+            middle_rad = (np.arange(len(rays.count)) + 0.5) * (2 * np.pi / len(rays.count))
+            self._outward = np.stack([np.cos(middle_rad), np.sin(middle_rad)])
+        corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
+        _place(
+            rays.count, rays.slot, rays.reach, rays.slope, unit_m, lidar_base_m, slot_pose_base_in_map, corner,
+            self._outward, self._sector, self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
+        )  # fmt: skip
+
+
+@kernel
+def _place(
+    count: NDArray[np.uint8],
+    slot: NDArray[np.uint8],
+    reach: NDArray[np.uint16],
+    slope: NDArray[np.int16],
+    unit_m: float,
+    lidar_base_m: Float,
+    poses: Float,
+    corner: Float,
+    outward: Float,
+    sector: NDArray[np.int32],
+    profile_mm: NDArray[np.int16],
+    dx: Float32,
+    step: NDArray[np.int32],
+    direction: NDArray[np.int32],
+    lowest_mm: NDArray[np.int16],
+) -> None:
+    """corner: the window's first column and row on the lattice, and the edge of a cell."""
+    n, cell_m = len(poses), corner[2]
+    moved_m = np.empty((5, n))
+    for k in range(n):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        moved_m[0, k] = poses[k, 0] + cos * lidar_base_m[0] - sin * lidar_base_m[1]
+        moved_m[1, k] = poses[k, 1] + sin * lidar_base_m[0] + cos * lidar_base_m[1]
+        moved_m[2, k] = poses[k, 2] / (2.0 * math.pi)
+        moved_m[3, k], moved_m[4, k] = cos, sin
+    start_x_m, start_y_m = moved_m[0].mean(), moved_m[1].mean()
+    moved_m[0] -= start_x_m
+    moved_m[1] -= start_y_m
+    _draw_profiles(count, slot, reach, slope, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
+    col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
+    _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
+
+
+@inner
+def _draw_profiles(
+    count: NDArray[np.uint8],
+    slot: NDArray[np.uint8],
+    reach: NDArray[np.uint16],
+    slope: NDArray[np.int16],
+    unit_m: float,
+    lidar_m: float,
+    moved: Float,
+    outward: Float,
+    cell_m: float,
+    sector: NDArray[np.int32],
+    profile_mm: NDArray[np.int16],
+) -> None:
+    """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
+    the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
+
+    moved: (5, K) x, y in metres by which the lidar was elsewhere at each time slot, its yaw in turns, and the cosine
+    and sine of that. outward: (2, sectors) directions of the sectors in base.
+    """
+    sectors, steps = len(count), profile_mm.shape[1]
+    sector[:], profile_mm[sectors, :] = sectors, NO_RAY
+    ray, step_m = np.int64(0), 0.5 * cell_m
+    for s in range(sectors):
+        if count[s] == 0:
+            continue
+        at, after = slot[s], slot[s + 1 if s + 1 < sectors else 0]
+        first = moved[2, at] + s / sectors
+        # The next sector was perhaps measured later, when the robot had turned; a wide gap is the scan's seam.
+        wide = moved[2, after] - moved[2, at] + 1.0 / sectors
+        wide -= math.floor(wide)
+        wide = wide if wide < 2.0 / sectors else 1.0 / sectors
+        begin, end = math.ceil(first * _DIRECTIONS - 0.5), math.ceil((first + wide) * _DIRECTIONS - 0.5)
+        for d in range(np.int64(begin), np.int64(end)):
+            sector[d & (_DIRECTIONS - 1)] = s
+        x = moved[3, at] * outward[0, s] - moved[4, at] * outward[1, s]
+        y = moved[4, at] * outward[0, s] + moved[3, at] * outward[1, s]
+        shift_m = x * moved[0, at] + y * moved[1, at]
+        done, heights = np.int64(0), profile_mm[s]
+        for _ in range(count[s]):
+            until_m = np.int64(reach[ray]) * unit_m + shift_m - _SHORT_CELLS * cell_m
+            until = min(max(np.int64(math.floor(until_m / step_m)), done), steps - 1)
+            climb = slope[ray] * SLOPE_UNIT
+            first_mm = np.float32(1000.0 * (lidar_m + climb * (0.5 * step_m - shift_m)))
+            _draw_line(heights, done, until, first_mm, np.float32(1000.0 * climb * step_m))
+            done, ray = until, ray + 1
+        _draw_line(heights, done, steps, np.float32(NO_RAY), _NONE)
+
+
+@inner
+def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: float, step_mm: float) -> None:
+    for k in range(np.uint32(begin), np.uint32(end)):
+        height = first_mm + np.float32(k) * step_mm
+        height = min(height, np.float32(NO_RAY))
+        heights_mm[k] = np.int16(max(height, np.float32(-NO_RAY)))
+
+
+@inner
+def _look_up(
+    start_col: float,
+    start_row: float,
+    sector: NDArray[np.int32],
+    profile_mm: NDArray[np.int16],
+    dx: Float32,
+    step: NDArray[np.int32],
+    direction: NDArray[np.int32],
+    lowest_mm: NDArray[np.int16],
+) -> None:
+    """The height of each cell's sector at its distance from the start, both of the cell's middle."""
+    rows, cols = lowest_mm.shape
+    last, steps = np.float32(profile_mm.shape[1] - 1), profile_mm.shape[1]
+    flat = profile_mm.reshape(-1)
+    for col in range(cols):
+        dx[col] = np.float32(col) + np.float32(0.5) - start_col
+    for row in range(rows):
+        dy = np.float32(row) + np.float32(0.5) - start_row
+        squared, lowest = dy * dy, lowest_mm[row]
+        for col in range(cols):
+            away = np.sqrt(dx[col] * dx[col] + squared) * np.float32(2)
+            step[col] = np.int32(away if away < last else last)
+        for col in range(cols):
+            at = np.int32(_turn(dx[col], dy) * np.float32(_DIRECTIONS))
+            direction[col] = at if at < np.int32(_DIRECTIONS) else np.int32(_DIRECTIONS - 1)
+        for col in range(cols):
+            lowest[col] = flat[np.uint32(sector[np.uint32(direction[col])] * steps + step[col])]

@@ -1,0 +1,125 @@
+"""95 % percentile intervals by resampling: whole episodes, or blocks of what follows on one another in time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from quadlog.messages import Float
+
+RESAMPLES = 2000
+# Below this, the median of N resampled values is one of the two extremes too often: 1 - 2^(1-N) < 95 %.
+FEWEST_VALUES = 6
+# Blocks of fewer than 20 values would be blocks of four: too few of them to say how they scatter.
+FEWEST_IN_TIME = 20
+# Below this, intervals of series were measured to be too narrow: 69 instead of 95 in 100 held the truth for 30 values.
+SAFE_IN_TIME = 100
+_MAX_DRAWN = 4_000_000  # values at a time, 32 MB
+
+Interval = tuple[float, float]
+
+
+def median_interval(values: Float, rng: np.random.Generator) -> Interval | None:
+    """Interval of the median of values (N,) that are independent of one another; None below two.
+
+    Below FEWEST_VALUES it is the range of the values or less, and holds the true median in fewer than 95 of 100 cases.
+    """
+    if len(values) < 2:
+        return None
+    at_once = max(1, _MAX_DRAWN // len(values))
+    medians = [
+        np.median(values[rng.integers(len(values), size=(min(at_once, RESAMPLES - done), len(values)))], axis=1)
+        for done in range(0, RESAMPLES, at_once)
+    ]
+    return _middle_95(np.concatenate(medians))
+
+
+def ratio_interval_in_time(parts: NDArray[Any], wholes: NDArray[Any], rng: np.random.Generator) -> Interval | None:
+    """Interval of sum(parts) / sum(wholes) of one series, (N,) each in time order, by the moving-block bootstrap.
+
+    Blocks of block_length(N) neighbours are drawn and strung together to N values, so that what neighbours have in
+    common stays together (Künsch 1989). None below FEWEST_IN_TIME values, or where a bound is not finite.
+    """
+    n = len(parts)
+    if n < FEWEST_IN_TIME:
+        return None
+    length = block_length(n)
+    first = rng.integers(n - length + 1, size=(RESAMPLES, math.ceil(n / length)))
+    end = first + length
+    end[:, -1] -= end.shape[1] * length - n  # the last block is cut
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _middle_95(_sums(parts, first, end) / _sums(wholes, first, end))
+
+
+def block_length(n: int) -> int:
+    """Neighbours in one block of a series of n: √n.
+
+    Between the n^(1/3) that theory has for weak dependence and n/10. On synthetic series whose neighbours correlate
+    by 0.8, it held the truth in 88 to 93 of 100 cases for 100 to 3000 values, n^(1/3) in 81 to 89; by 0.95, it took
+    thousands of values to reach 89. So with strong dependence the interval is too narrow.
+    """
+    return max(1, round(math.sqrt(n)))
+
+
+def _sums(values: NDArray[Any], first: NDArray[np.int64], end: NDArray[np.int64]) -> Float:
+    """(B,) sums of values (N,) over the blocks first..end (B, K); exact for integers."""
+    before = np.concatenate([np.zeros(1, values.dtype), np.cumsum(values)])
+    total: Float = (before[end] - before[first]).sum(axis=1).astype(np.float64)
+    return total
+
+
+def _middle_95(drawn: Float) -> Interval | None:
+    """The 2.5 and 97.5 % quantiles; None where one of them is not finite."""
+    with np.errstate(invalid="ignore"):
+        low, high = (float(each) for each in np.percentile(drawn, [2.5, 97.5]))
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None
+
+
+_BLOCKS = 40
+_FEWEST_INDEPENDENT = 6
+
+
+def mean_interval_in_time(values: Float) -> Interval | None:
+    """95 % interval of the mean of a stationary series (N,), by Student's t with its effective number of values.
+
+    None below SAFE_IN_TIME values, for values all alike, and for a series that is worth fewer than
+    _FEWEST_INDEPENDENT independent values: none of them tells how it could have been otherwise.
+
+    On synthetic series whose neighbours correlate by 0.8, 600 values, it held the truth in 94 of 100 cases; by 0.95 in
+    92; by 0.98 in 86, and in a sixth of the cases there was none. With 100 values: 92, 67, 43.
+    """
+    n = len(values)
+    if n < SAFE_IN_TIME or np.ptp(values) == 0:
+        return None
+    # Means of short blocks first: they take out what swings within a few samples, as a gait or a replan's rhythm.
+    length = n // _BLOCKS
+    blocks = values[: n // length * length].reshape(-1, length).mean(axis=1)
+    variance, independent = _variance_of_mean(blocks)
+    if independent < _FEWEST_INDEPENDENT:
+        return None
+    mean, half = float(np.mean(values)), float(stdtrit(independent - 1, 0.975)) * math.sqrt(variance)
+    return (mean - half, mean + half)
+
+
+def _variance_of_mean(x: Float) -> tuple[float, float]:
+    """Variance of the mean of a series (B,), and how many independent values would have one as small.
+
+    By the initial positive sequence of autocovariances (Geyer 1992): pairs of lags are summed until a sum is not
+    positive, beyond which there is only noise.
+    """
+    count = len(x)
+    covariance = np.correlate(x - np.mean(x), x - np.mean(x), "full")[count - 1 :] / count
+    pairs = covariance[: count // 2 * 2].reshape(-1, 2).sum(axis=1)
+    noise = np.flatnonzero(pairs <= 0)
+    end = int(noise[0]) if len(noise) else len(pairs)
+    alone = float(covariance[0])
+    if alone <= 0:
+        return 0.0, 0.0
+    long_run = max(2 * float(pairs[:end].sum()) - alone, alone / count)
+    independent = min(float(count), count * alone / long_run)
+    # Covariances about the series' own mean are too small by what that mean scatters.
+    return (long_run / count * independent / max(independent - 1, 1e-9), independent)

@@ -1,0 +1,169 @@
+"""How far a robot that is sent straight on goes aside, and how it sways meanwhile [Foot, Figs 5-6]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+from quadlog.metrics.metric import Metric, Metrics, add_mean, add_rmse, add_sample_std, finite
+from quadlog.planning.protocol import Bool
+
+
+@dataclass(frozen=True, slots=True)
+class TrottedWalk:
+    """T samples of a walk along x, evenly spaced: x_m, y_m (T,), rpy_rad (T, 3), fallen (T,).
+
+    rest: how many samples the robot rests before it trots; period: samples of one gait cycle, which the trot's number
+    of samples after the first is a multiple of.
+    """
+
+    x_m: Float
+    y_m: Float
+    rpy_rad: Float
+    fallen: Bool
+    rest: int
+    period: int
+
+
+def drift_metrics(walk: TrottedWalk, period_s: float) -> Metrics:
+    """forward_m, lateral_drift_m (left positive), yaw_rate_degps, the ranges of roll, pitch and yaw, and fallen.
+
+    From the trot's first sample to its last, which are at the same instant of a cycle, so that swaying does not count.
+    The yaw rate is the slope of the line that fits best the mean yaw of each cycle: fitted to single samples, what
+    swings within a cycle would tilt it. A walk with a fall has its metrics like any other.
+    """
+    x_m, y_m = walk.x_m[walk.rest :], walk.y_m[walk.rest :]
+    angles_deg = np.degrees(np.unwrap(walk.rpy_rad[walk.rest :], axis=0))
+    cycles = (len(x_m) - 1) // walk.period
+    if cycles < 2 or cycles * walk.period != len(x_m) - 1:
+        raise ValueError(f"{len(x_m)} samples are no two or more whole cycles of {walk.period}, and one")
+    means_deg = angles_deg[:-1, 2].reshape(cycles, walk.period).mean(axis=1)
+    slope = np.polyfit(np.arange(cycles) * period_s, means_deg, 1)[0]
+    metrics = {
+        "lateral_drift_m": Metric(float(y_m[-1] - y_m[0]), len(y_m), "m"),
+        "yaw_rate_degps": Metric(float(slope), cycles, "deg/s"),
+        "forward_m": Metric(float(x_m[-1] - x_m[0]), len(x_m), "m"),
+        "fallen": Metric(float(walk.fallen.any()), len(walk.fallen), ""),
+    }
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        metrics[f"{name}_range_deg"] = Metric(float(np.ptp(angles_deg[:, axis])), len(angles_deg), "deg")
+    return metrics
+
+
+JOINTS = 12
+GRAVITY_MPS2 = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Over all ticks: the joints' energy and the way walked, the largest torque, and the share of torques cut.
+
+    pitch_rms_rad, height_rms_m: of the body's tilt and height beside those that the ground under its feet asks for.
+    """
+
+    energy_j: float
+    distance_m: float
+    torque_max_nm: float
+    saturation_share: float
+    pitch_rms_rad: float
+    height_rms_m: float
+
+
+def effort_metrics(
+    mass_kg: float,
+    ticks: int,
+    energy_j: float,
+    distance_m: float,
+    torque_max_nm: float,
+    saturation_share: float,
+    pitch_rms_rad: float,
+    height_rms_m: float,
+) -> Metrics:
+    """pitch_rms_rad, height_rms_m, torque_max_nm, torque_saturation_share and cost_of_transport; none without ticks.
+
+    Over all ticks of the simulation: pitch and height against what the controller wanted, which follows the ground;
+    saturation_share of all joints at all ticks; energy_j is the sum of |torque x joint speed|, so that braking costs as
+    much as driving, and is given per weight and distance_m walked.
+    """
+    if ticks == 0:
+        return {}
+    metrics = {
+        "pitch_rms_rad": Metric(pitch_rms_rad, ticks, "rad"),
+        "height_rms_m": Metric(height_rms_m, ticks, "m"),
+        "torque_max_nm": Metric(torque_max_nm, ticks * JOINTS, "N·m"),
+        "torque_saturation_share": Metric(saturation_share, ticks * JOINTS, ""),
+    }
+    if distance_m > 0:
+        metrics["cost_of_transport"] = Metric(energy_j / (mass_kg * GRAVITY_MPS2 * distance_m), ticks, "")
+    return metrics
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedWalk:
+    """A walk of T ticks, (T,) each; NaN where there was nothing to measure, None where it does not apply.
+
+    error_m, cross_track_m, time_error_m, heading_error_rad: columns of control.parquet.
+    clearance_m: from the body to the nearest obstacle, <= 0 in contact.
+    target_distance_m: to who is followed. fallen: None for a robot that cannot fall.
+    """
+
+    t_ns: Int
+    error_m: Float
+    cross_track_m: Float
+    time_error_m: Float
+    heading_error_rad: Float
+    clearance_m: Float | None = None
+    target_distance_m: Float | None = None
+    fallen: Bool | None = None
+
+
+def tracking_metrics(walk: TrackedWalk, completed_ns: int | None = None) -> Metrics:
+    """eta_m, sigma_m and their kin; those that do not apply are absent.
+
+    eta_m and sigma_m are the mean and the sample standard deviation of error_m over
+    all N ticks [Tracking] eqs 46, 47, whose two names for the same number, N and N_e,
+    are one here. completed_ns: when a course was finished, None for a walk without an end.
+    """
+    metrics: Metrics = {}
+    add_mean(metrics, "eta_m", walk.error_m, "m")
+    add_sample_std(metrics, "sigma_m", walk.error_m, "m")
+    add_mean(metrics, "eta_time_m", walk.time_error_m, "m")
+    add_sample_std(metrics, "sigma_time_m", walk.time_error_m, "m")
+    if completed_ns is not None and len(walk.t_ns):
+        metrics["completion_time_s"] = Metric((completed_ns - int(walk.t_ns[0])) / 1e9, 1, "s")
+    errors_m = finite(walk.error_m)
+    if len(errors_m):
+        metrics["max_error_m"] = Metric(float(errors_m.max()), len(errors_m), "m")
+    add_rmse(metrics, "cross_track_rmse_m", walk.cross_track_m, "m")
+    add_rmse(metrics, "heading_rmse_rad", walk.heading_error_rad, "rad")
+    if walk.fallen is not None and len(walk.fallen):
+        metrics["fallen"] = Metric(float(walk.fallen.any()), len(walk.fallen), "")
+    if walk.clearance_m is not None:
+        _add_clearance(metrics, walk.clearance_m)
+    if walk.target_distance_m is not None:
+        add_mean(metrics, "following_distance_mean_m", walk.target_distance_m, "m")
+    return metrics
+
+
+def contact_begins(clearance_m: Float) -> Bool:
+    """Ticks (T,) in contact whose tick before was not; unknown (NaN) is no contact."""
+    contact = np.asarray(clearance_m) <= 0
+    begins: Bool = contact & ~np.concatenate([[False], contact[:-1]])
+    return begins
+
+
+def count_collisions(clearance_m: Float) -> int:
+    """How often contact began in ticks (T,), see contact_begins."""
+    return int(np.count_nonzero(contact_begins(clearance_m)))
+
+
+def _add_clearance(metrics: Metrics, clearance_m: Float) -> None:
+    # Infinite clearance was measured too: there was no obstacle, hence no collision, but no distance either.
+    measured = int(np.count_nonzero(~np.isnan(clearance_m)))
+    distances_m = finite(clearance_m)
+    if len(distances_m):
+        metrics["clearance_min_m"] = Metric(float(distances_m.min()), len(distances_m), "m")
+    if measured:
+        metrics["collisions"] = Metric(float(count_collisions(clearance_m)), measured, "")

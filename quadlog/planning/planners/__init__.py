@@ -1,0 +1,1 @@
+"""The planners, one class for each name."""

@@ -1,0 +1,52 @@
+"""A*: octile heuristic, ties to the larger g, from scratch every time. The honest baseline."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from quadlog.planning.protocol import Bool, Cell, Plan
+from quadlog.planning.rules import USUAL, Rules
+from quadlog.planning.search.bucket_search import make_search
+
+
+class AStar:
+    """Optimal on every call, and remembers nothing. See Planner."""
+
+    name: ClassVar[str] = "astar"
+    incremental: ClassVar[bool] = False
+
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="octile")
+        self._search = make_search(self.rules)
+
+    def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
+        """The cheapest path; where the window was before does not matter."""
+        return self._search.search(blocked, start, goal)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+
+class AStarPaper(AStar):
+    """From scratch on every call [Planning, section 2.1]. See Planner.
+
+    Its heuristic overrates diagonal ways, so that its paths need not be the cheapest. The paper does not state how
+    ties are broken.
+    """
+
+    name: ClassVar[str] = "astar_paper"
+
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="manhattan")
+        self._search = make_search(self.rules)
+
+
+class Dijkstra(AStar):
+    """Optimal on every call, from scratch, stopping when the goal is closed. See Planner."""
+
+    name: ClassVar[str] = "dijkstra"
+
+    def __init__(self, rules: Rules = USUAL) -> None:
+        self.rules = replace(rules, heuristic="zero")
+        self._search = make_search(self.rules)

@@ -1,0 +1,1 @@
+"""The compiled searches under the planners."""

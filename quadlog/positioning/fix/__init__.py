@@ -1,0 +1,1 @@
+"""One position from the ranges of one epoch."""

@@ -1,0 +1,1 @@
+"""Yaw from IMU, odometry or course."""

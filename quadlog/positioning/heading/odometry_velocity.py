@@ -1,0 +1,155 @@
+"""Odometry as a second witness of how a tag moved: turned into map, weighed against the ranges' own track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
+from quadlog.messages import Float, Int
+from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, align_yaw, align_yaw_causally
+from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
+from quadlog.positioning.track.range_log import HOLD_S, VelocitySeries
+from quadlog.positioning.track.tracker import Track
+
+STANDING_MPS = 0.05
+"""Below it odometry has no course of its own."""
+LEG_S = 4.0
+"""Way walked in so long is compared: long against the track's own errors, short against a log."""
+LEAST_STD_MPS = 0.02
+BELIEVED_SHARE = 0.5
+"""Odometry that misses more of the way than this has no say at all."""
+SLIP_STD = 3.0
+"""A leg that odometry misses by more is a slip: there its std is what it missed by."""
+UNTRIED_STD_MPS, UNTRIED_S = 0.3, 10.0
+"""What a robot holds its odometry for before it has seen more of it than that."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyMotion:
+    """Odometry at M increasing instants: velocity_mps (M, 2) of base, in base; yaw_rad (M,) in the sensor's own frame.
+
+    yaw_rate_radps: (M,) counter-clockwise.
+    """
+
+    t_ns: Int
+    velocity_mps: Float
+    yaw_rad: Float
+    yaw_rate_radps: Float
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredVelocity:
+    """What odometry tells of a tag: the series for track_ranges, or None and the reason why not.
+
+    std_mps: of each axis of a second's mean, over the log; speed_ratio: odometry's way over the track's.
+    """
+
+    series: VelocitySeries | None
+    reason: str | None
+    std_mps: float
+    speed_ratio: float
+
+
+def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredVelocity:
+    """The velocity of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
+
+    track: of that tag from ranges alone, smoothed, or causal with causal=True;
+    then nothing of the series depends on what came later. Odometry's course is
+    turned onto the track's, as a heading is, its offset's std times the speed
+    counting as error. What odometry misses of the way in LEG_S, as the track
+    has it, is charged to odometry in full. So one that slips or has the wrong
+    scale loses its say, and one that misses half of the way is refused (not
+    the causal one, which could not know).
+    """
+    own_mps = _tag_velocity(motion, x_m, y_m)
+    if len(motion.t_ns) < 2 or len(track) < 2:
+        return MeasuredVelocity(None, "odometry or track is too short", np.inf, np.nan)
+    offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
+    cos, sin = np.cos(offset_rad), np.sin(offset_rad)
+    map_mps = np.stack([cos * own_mps[:, 0] - sin * own_mps[:, 1], sin * own_mps[:, 0] + cos * own_mps[:, 1]], axis=1)
+    missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
+    compared = np.isfinite(missed_m)
+    if not compared.any():
+        return MeasuredVelocity(None, f"odometry and track never overlap for {LEG_S:.0f} s", np.inf, np.nan)
+    per_leg = missed_m**2 / (2 * LEG_S)
+    std = _std_so_far(motion.t_ns, per_leg) if causal else np.full(len(missed_m), _typical_std(per_leg[compared]))
+    ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
+    typical = float(std[-1])
+    share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
+    if not causal and share > BELIEVED_SHARE:
+        reason = f"odometry misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
+        return MeasuredVelocity(None, reason, typical, ratio)
+    std = np.where(compared & (per_leg > (SLIP_STD * std) ** 2), np.sqrt(per_leg), std)
+    speed = np.hypot(own_mps[:, 0], own_mps[:, 1])
+    return MeasuredVelocity(
+        VelocitySeries(motion.t_ns, map_mps, np.hypot(std, offset_std * speed)), None, typical, ratio
+    )
+
+
+def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
+    """(M, 2) of the tag, in the sensor's own frame: turning swings a tag that sits off the middle."""
+    forward = motion.velocity_mps[:, 0] - motion.yaw_rate_radps * y_m
+    left = motion.velocity_mps[:, 1] + motion.yaw_rate_radps * x_m
+    cos, sin = np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)
+    return np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=1)
+
+
+def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:
+    """Offset (M,) of the sensor's frame in map, and its std: that of odometry's course, so that no step is askew."""
+    moving = np.hypot(own_mps[:, 0], own_mps[:, 1]) >= STANDING_MPS
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
+    course = np.arctan2(own_mps[:, 1], own_mps[:, 0])[last.clip(0)]
+    if not causal:
+        aligned = align_yaw(track, motion.t_ns, course, drift=ODOMETRY_DRIFT)
+        yaw_rad, std_rad = aligned.yaw_rad, aligned.yaw_std_rad
+    else:
+        then = align_yaw_causally(track, motion.t_ns, course, drift=ODOMETRY_DRIFT)
+        yaw_rad, std_rad = then.yaw_rad, then.yaw_std_rad
+    at_track = wrap_angle(yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course))
+    before = (np.searchsorted(track.t_ns, motion.t_ns, side="right") - 1).clip(0)
+    if causal:
+        known = motion.t_ns >= track.t_ns[0]
+        return np.where(known, at_track[before], 0.0), np.where(known, std_rad[before], UNKNOWN_YAW_STD_RAD)
+    return interpolate_angle(motion.t_ns, track.t_ns, at_track), std_rad[before]
+
+
+def _compare_legs(t_ns: Int, map_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float, Float]:
+    """(M,) how far odometry misses the track's way in LEG_S about each instant (causal: before it), and both ways.
+
+    NaN where the track or odometry does not cover the leg.
+    """
+    start_ns = int(t_ns[0])
+    t_s, track_s = seconds_since(t_ns, start_ns), seconds_since(track.t_ns, start_ns)
+    steps_m = np.diff(t_s)[:, None] * (map_mps[1:] + map_mps[:-1]) / 2
+    summed_m = np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    ends_s = [t_s - (LEG_S if causal else LEG_S / 2), t_s + (0.0 if causal else LEG_S / 2)]
+    covered = (ends_s[0] >= t_s[0]) & (ends_s[1] <= t_s[-1]) & _near(ends_s[0], track_s) & _near(ends_s[1], track_s)
+    # From and to poses that were known then, so that a causal leg needs no later one.
+    begin, end = (np.searchsorted(track_s, each, side="right").clip(1) - 1 for each in ends_s)
+    own_m = np.stack(
+        [np.interp(track_s[end], t_s, each) - np.interp(track_s[begin], t_s, each) for each in summed_m.T], axis=1
+    )
+    true_m = track.position_m[end] - track.position_m[begin]
+    lengths = (np.hypot(*(own_m - true_m).T), np.hypot(*true_m.T), np.hypot(*own_m.T))
+    missed_m, way_m, own_way_m = (np.where(covered, each, np.nan) for each in lengths)
+    return missed_m, way_m, own_way_m
+
+
+def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
+    """(M,) bool: something is known at or before each instant, not longer ago than HOLD_S."""
+    before = np.searchsorted(known_s, wanted_s, side="right") - 1
+    return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
+
+
+def _typical_std(per_leg: Float) -> float:
+    """From the median, which slips do not move: of a squared Rayleigh variable it is 2 ln 2 variances."""
+    return float(max(np.sqrt(np.median(per_leg) / np.log(2)), LEAST_STD_MPS))
+
+
+def _std_so_far(t_ns: Int, per_leg: Float) -> Float:
+    """(M,) from the legs that were over at each instant, and what is held of odometry untried."""
+    lasted_s = np.where(np.isfinite(per_leg), np.diff(seconds_since(t_ns, int(t_ns[0])), prepend=0.0), 0.0)
+    seen = np.cumsum(lasted_s * np.nan_to_num(per_leg)) + UNTRIED_S * UNTRIED_STD_MPS**2
+    return np.maximum(np.sqrt(seen / (np.cumsum(lasted_s) + UNTRIED_S)), LEAST_STD_MPS)

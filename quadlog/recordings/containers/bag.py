@@ -1,0 +1,446 @@
+"""The records of a ROS 1 bag (format 2.0, wiki.ros.org/Bags/Format/2.0), from bytes to plain values."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import NothingReadable
+from quadlog.recordings.containers.bounded_reader import (
+    MAX_INDEX_BYTES,
+    Cursor,
+    Damaged,
+    KeptDefinitions,
+    name_of,
+    read_at,
+    read_each_at,
+)
+from quadlog.recordings.containers.chunked_reader import ChunkedReader
+from quadlog.recordings.containers.chunks import (
+    Body,
+    Contents,
+    Entries,
+    EntryList,
+    Listed,
+    LooseRun,
+    LostPiece,
+    Piece,
+    losses_of,
+)
+from quadlog.recordings.containers.compression import decompress
+from quadlog.recordings.containers.container import Channel, Loss
+from quadlog.recordings.formatting import instant, ros2_type_name, several
+from quadlog.storage.byte_ranges import ByteSource, LocalBytes
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+_MAX_HEADER_BYTES = 1 << 20
+HEAD_BYTES = 512
+_U32 = struct.Struct("<I")
+_TIME = struct.Struct("<II")
+_INDEX_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
+
+Fields = dict[bytes, memoryview]
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """One publisher of a topic, with the message definition it used; number is its id in the bag."""
+
+    number: int
+    topic: str
+    type_name: str
+    definition: bytes
+    md5sum: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A record's header fields and where its data lies in the file."""
+
+    op: int
+    fields: Fields
+    data_offset: int
+    data_length: int
+
+    @property
+    def end(self) -> int:
+        return self.data_offset + self.data_length
+
+
+def read_frame(file: ByteSource, position: int, size: int) -> Frame:
+    """The record at position, without its data. Raises Damaged where there is none."""
+    (length,) = _U32.unpack(read_at(file, position, 4))
+    return _frame(read_at(file, position, length + 8, _MAX_HEADER_BYTES), position, size)
+
+
+def _frame(head: bytes, position: int, size: int) -> Frame:
+    cursor = Cursor(head)
+    fields = read_fields(cursor.take(cursor.u32()))
+    data_length = cursor.u32()
+    data_offset = position + cursor.position
+    if data_offset + data_length > size:
+        raise Damaged("a record reaches beyond the end of the file")
+    return Frame(u8(fields, b"op"), fields, data_offset, data_length)
+
+
+def records(data: memoryview) -> Iterator[tuple[Fields, int, int]]:
+    """Header fields and the range of the data of each record in a buffer of whole records. Raises Damaged."""
+    cursor = Cursor(data)
+    while cursor:
+        fields = read_fields(cursor.take(cursor.u32()))
+        length = cursor.u32()
+        begin = cursor.position
+        cursor.take(length)
+        yield fields, begin, begin + length
+
+
+def read_fields(header: memoryview) -> Fields:
+    """`name=value` pairs. Raises Damaged."""
+    fields = {}
+    position, size = 0, len(header)
+    while position < size:
+        if position + 4 > size:
+            raise Damaged("a header field is cut short")
+        (length,) = _U32.unpack_from(header, position)
+        begin = position + 4
+        position = begin + length
+        if position > size:
+            raise Damaged("a header field reaches beyond its record")
+        name, separator, _ = bytes(header[begin : min(position, begin + 64)]).partition(b"=")
+        if not separator:
+            raise Damaged("a header field has no name")
+        fields[name] = header[begin + len(name) + 1 : position]
+    return fields
+
+
+def u8(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 1)
+
+
+def u32(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 4)
+
+
+def u64(fields: Fields, name: bytes) -> int:
+    return _number(fields, name, 8)
+
+
+def time_ns(fields: Fields, name: bytes) -> int:
+    seconds, nanoseconds = _TIME.unpack(_value(fields, name, 8))
+    return seconds * 10**9 + nanoseconds
+
+
+def text(fields: Fields, name: bytes) -> str:
+    return name_of(_value(fields, name))
+
+
+def read_connection(header: Fields, data: memoryview) -> Connection:
+    fields = read_fields(data)
+    definition = bytes(_value(fields, b"message_definition"))
+    type_name = ros2_type_name(text(fields, b"type"))
+    return Connection(
+        u32(header, b"conn"), text(header, b"topic"), type_name, definition, bytes(_value(fields, b"md5sum"))
+    )
+
+
+def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
+    """Offset, start and end (ns), and messages for each connection of a chunk. Raises Damaged."""
+    if u32(header, b"ver") != 1:
+        raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
+    pairs = u32(header, b"count")
+    if len(data) != 8 * pairs:
+        raise Damaged(f"a chunk index names {pairs} connections in {len(data)} bytes")
+    cursor, counts = Cursor(data), {}
+    for _ in range(pairs):
+        number = cursor.u32()
+        counts[number] = cursor.u32()
+    if len(counts) != pairs:
+        raise Damaged("a chunk index names a connection twice")
+    return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
+
+
+def read_chunk_frame(file: ByteSource, position: int, size: int) -> Frame:
+    """The chunk's record at position, without its data. Raises Damaged."""
+    return _of_chunk(read_frame(file, position, size))
+
+
+def chunk_frame(head: bytes, position: int, size: int) -> Frame:
+    """The same from the chunk's first HEAD_BYTES, which hold the header of any that a recorder writes."""
+    return _of_chunk(_frame(head, position, size))
+
+
+def _of_chunk(frame: Frame) -> Frame:
+    if frame.op != CHUNK:
+        raise Damaged("where the index has a chunk there is none")
+    return frame
+
+
+def read_chunk(file: ByteSource, frame: Frame) -> Body:
+    """A chunk's decompressed records. Raises Damaged."""
+    data = memoryview(read_at(file, frame.data_offset, frame.data_length))
+    return Body(decompress(text(frame.fields, b"compression"), data, chunk_size(frame)), len(data))
+
+
+def chunk_size(frame: Frame) -> int:
+    """How many bytes a chunk declares to hold. Raises Damaged."""
+    return u32(frame.fields, b"size")
+
+
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the index records behind it. Raises Damaged."""
+    runs: dict[int, memoryview] = {}
+    for fields, begin, end in records(indexes):
+        if u8(fields, b"op") == INDEX:
+            number = u32(fields, b"conn")
+            if u32(fields, b"ver") != 1 or end - begin != u32(fields, b"count") * _INDEX_ENTRY.itemsize:
+                raise Damaged("a message index is damaged")
+            if number in runs:
+                raise Damaged("the message index of a chunk names a connection twice")
+            runs[number] = indexes[begin:end]
+    rows = np.frombuffer(b"".join(runs.values()), _INDEX_ENTRY)
+    t_ns = rows["seconds"].astype(np.int64) * 10**9 + rows["nanoseconds"]
+    counts = {number: len(run) // _INDEX_ENTRY.itemsize for number, run in runs.items()}
+    return Listed(counts, t_ns, rows["offset"].astype(np.int64))
+
+
+def message_entries(body: Body) -> Entries:
+    """Every message among a body of whole records, in file order. Raises Damaged."""
+    found = EntryList(body)
+    for fields, begin, end in records(body.data):
+        found.count_record()
+        op = u8(fields, b"op")
+        if op == MESSAGE:
+            found.add(time_ns(fields, b"time"), begin, end, u32(fields, b"conn"))
+        elif op != CONNECTION:
+            raise Damaged(f"it holds a record of kind {op}, which may have been a message")
+    return found.entries()
+
+
+def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:
+    value = fields.get(name)
+    if value is None or (length is not None and len(value) != length):
+        raise Damaged(f"a record lacks its field {name.decode()}")
+    return value
+
+
+def _number(fields: Fields, name: bytes, length: int) -> int:
+    return int.from_bytes(_value(fields, name, length), "little")
+
+
+class BagScan:
+    """The pieces, connections and counts found by reading the whole bag, and what of it could not be read.
+
+    Messages that lie outside chunks (the last, unfinished chunk of an
+    `.active` bag) are found too.
+    """
+
+    def __init__(self, file: ByteSource, size: int) -> None:
+        self.pieces: list[Piece] = []
+        self.connections: dict[int, Connection] = {}
+        self.counts: Counter[int] = Counter()
+        self.lost: list[LostPiece] = []
+        self.losses: list[Loss] = []
+        self._file, self._size = file, size
+        self._loose = LooseRun()
+        self._kept = KeptDefinitions()
+        self._walk()
+
+    def _walk(self) -> None:
+        position = len(MAGIC)
+        while position < self._size:
+            try:
+                position = self._step(position)
+            except Damaged as damage:
+                self._close_loose()
+                self._lose_rest(position, damage)
+                return
+        self._close_loose()
+
+    def _step(self, position: int) -> int:
+        frame = read_frame(self._file, position, self._size)
+        if frame.op == MESSAGE:
+            self._take_message(position, frame)
+            return frame.end
+        self._close_loose()
+        if frame.op == CHUNK:
+            self._take_chunk(position, frame)
+        elif frame.op == CONNECTION:
+            data = memoryview(read_at(self._file, frame.data_offset, frame.data_length))
+            self._connect(read_connection(frame.fields, data))
+        elif frame.op not in (BAG_HEADER, INDEX, CHUNK_INFO):
+            raise Damaged("there are no records from here on")
+        return frame.end
+
+    def _take_chunk(self, position: int, frame: Frame) -> None:
+        # A chunk that the recorder had not yet closed has no length: its messages follow as records of their own.
+        try:
+            body = read_chunk(self._file, frame)
+            entries = message_entries(body)
+            for fields, begin, stop in records(body.data):
+                if u8(fields, b"op") == CONNECTION:
+                    self._connect(read_connection(fields, body.data[begin:stop]))
+        except Damaged as damage:
+            self.lost.append(LostPiece(self._unread(position, frame), damage, None))
+            return
+        if len(entries):
+            piece = entries.piece(position, frame.end - position)
+            self.pieces.append(piece)
+            self.counts.update(piece.counts or {})
+
+    def _unread(self, position: int, frame: Frame) -> Piece:
+        """A damaged chunk, between the last message before it and an end nobody knows."""
+        last_ns = max((piece.end_ns for piece in self.pieces), default=0)
+        return Piece(position, frame.end - position, last_ns, last_ns)
+
+    def _take_message(self, position: int, frame: Frame) -> None:
+        if not self._loose.continues_at(position, frame.end):
+            self._close_loose()
+        number, t_ns = u32(frame.fields, b"conn"), time_ns(frame.fields, b"time")
+        self._loose.add(position, frame.end, t_ns, number)
+        self.counts[number] += 1
+
+    def _close_loose(self) -> None:
+        if self._loose.counts:
+            self.pieces.append(self._loose.piece())
+        self._loose = LooseRun()
+
+    def _connect(self, connection: Connection) -> None:
+        self._kept.keep(connection.number, len(connection.definition))
+        self.connections[connection.number] = connection
+
+    def _lose_rest(self, position: int, damage: Damaged) -> None:
+        last_ns = max((piece.end_ns for piece in self.pieces), default=None)
+        until = "nothing before it" if last_ns is None else f"messages until {instant(last_ns)}"
+        lost = several(self._size - position, "byte")
+        self.losses.append(
+            Loss("truncated", f"{lost} after offset {position} unreadable ({damage.reason}); read: {until}")
+        )
+
+
+def open_bag(path: Path) -> ChunkedReader:
+    """Opens a ROS 1 bag. Raises NothingReadable when it is encrypted, or damaged without a message that can be had."""
+    return read_bag(path, LocalBytes(path))
+
+
+def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
+    """The bag in these bytes, which are the reader's from here on; path is its name. Raises as open_bag."""
+    try:
+        contents = _contents(path, file, file.size)
+        serious = [loss for loss in contents.losses if loss.cause != "index"]
+        if not contents.pieces and serious:
+            raise NothingReadable(path, serious[-1].detail)
+    except BaseException:
+        file.close()
+        raise
+    return ChunkedReader(path, contents, BagFormat(file, file.size), file)
+
+
+class BagFormat:
+    """How a piece of a bag is read (PieceFormat)."""
+
+    def __init__(self, file: ByteSource, size: int) -> None:
+        self._file, self._size = file, size
+
+    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
+        if piece.loose:
+            data = memoryview(read_at(self._file, piece.offset, piece.length))
+            return Body(data, len(data))
+        frame = read_chunk_frame(self._file, piece.offset, self._size)
+        if at_most is not None and chunk_size(frame) > at_most:
+            return None
+        return read_chunk(self._file, frame)
+
+    def entries(self, body: Body) -> Entries:
+        return message_entries(body)
+
+    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        if any(not piece.index_end for piece in pieces):
+            raise Damaged("the bag has no index")
+        # Where a chunk ends only its header tells.
+        heads = [(each.offset, min(HEAD_BYTES, each.index_end - each.offset)) for each in pieces]
+        chunks = [
+            chunk_frame(head, piece.offset, self._size)
+            for head, piece in zip(read_each_at(self._file, heads), pieces, strict=True)
+        ]
+        spans = [(chunk.end, piece.index_end - chunk.end) for chunk, piece in zip(chunks, pieces, strict=True)]
+        return [list_messages(memoryview(index)) for index in read_each_at(self._file, spans)]
+
+    def counts(self, piece: Piece) -> Mapping[int, int] | None:
+        return piece.counts
+
+
+def _contents(path: Path, file: ByteSource, size: int) -> Contents:
+    try:
+        connections, pieces = _read_index(path, file, size)
+    except Damaged as damage:
+        scan = BagScan(file, size)
+        detail = f"{damage.reason}; everything was read from the first byte on instead"
+        losses = [Loss("index", detail), *losses_of(scan.lost), *scan.losses]
+        return _assemble(scan.connections.values(), scan.pieces, losses)
+    return _assemble(connections, pieces, [])
+
+
+def _assemble(connections: Iterable[Connection], pieces: list[Piece], losses: list[Loss]) -> Contents:
+    declared: Counter[int] = Counter()
+    for piece in pieces:
+        declared.update(piece.counts or {})
+    held = [piece for piece in pieces if not piece.is_empty]
+    span = (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
+    return Contents(held, _channels(connections, declared), declared, span, losses)
+
+
+def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connection], list[Piece]]:
+    """Connections and chunks as the bag's index has them. Raises Damaged when there is no whole index."""
+    header = read_frame(file, len(MAGIC), size)
+    if header.op != BAG_HEADER:
+        raise Damaged("the bag's header is damaged")
+    if bytes(header.fields.get(b"encryptor", b"")):
+        raise NothingReadable(path, "the bag is encrypted; decrypt it first  (rosbag decrypt)")
+    index_offset = u64(header.fields, b"index_pos")
+    if index_offset == 0:
+        raise Damaged("the bag was never closed and has no index  (rosbag reindex writes one)")
+    if index_offset > size:
+        raise Damaged("the bag is cut off before its index")
+    connections, pieces = [], []
+    section = memoryview(read_at(file, index_offset, size - index_offset, MAX_INDEX_BYTES))
+    for fields, begin, end in records(section):
+        op = u8(fields, b"op")
+        if op == CONNECTION:
+            connections.append(read_connection(fields, section[begin:end]))
+        elif op == CHUNK_INFO:
+            offset, start_ns, end_ns, counts = read_chunk_info(fields, section[begin:end])
+            pieces.append(Piece(offset, 0, start_ns, end_ns, "", frozenset(counts), counts))
+    expected = u32(header.fields, b"conn_count"), u32(header.fields, b"chunk_count")
+    distinct = {connection.number for connection in connections}, {piece.offset for piece in pieces}
+    if expected != (len(distinct[0]), len(distinct[1])) or len(pieces) != len(distinct[1]):
+        raise Damaged("the bag's index is not whole")
+    unknown = {number for piece in pieces for number in piece.counts or {}} - distinct[0]
+    if unknown:
+        raise Damaged("the bag's index names connections that it does not have")
+    pieces.sort(key=lambda piece: piece.offset)
+    for piece in pieces:
+        if piece.is_empty:
+            body = read_chunk(file, read_chunk_frame(file, piece.offset, size))
+            if len(message_entries(body)):
+                raise Damaged("the bag's index calls a chunk empty that has messages")
+    behind = [*(piece.offset for piece in pieces[1:]), index_offset]
+    return connections, [replace(piece, index_end=end) for piece, end in zip(pieces, behind, strict=False)]
+
+
+def _channels(connections: Iterable[Connection], counts: Mapping[int, int]) -> dict[int, Channel]:
+    """Connection ids to Channels: publishers of one topic share one, unless they disagree on the type."""
+    alike: dict[tuple[str, str, bytes], list[Connection]] = {}
+    for each in sorted(connections, key=lambda connection: connection.number):
+        alike.setdefault((each.topic, each.type_name, each.md5sum), []).append(each)
+    merged = {}
+    for (topic, type_name, _), group in alike.items():
+        count = sum(counts.get(each.number, 0) for each in group)
+        shared = Channel(topic, type_name, "ros1", "ros1msg", group[0].definition, count)
+        merged.update(dict.fromkeys((each.number for each in group), shared))
+    return merged

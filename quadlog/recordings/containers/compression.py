@@ -1,0 +1,258 @@
+"""Decompression of untrusted data: every frame of it, and never more bytes than allowed."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import shutil
+import tempfile
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Protocol
+
+import lz4.frame
+import zstandard
+
+from quadlog.errors import CannotWrite, NotARecording, TooLarge
+from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
+from quadlog.recordings.containers.container import Budget, Channel, Container, LogTimes, Loss, RawMessage
+from quadlog.recordings.formatting import several
+
+SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
+
+# What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
+_ALWAYS_BYTES = 1 << 25
+_MAX_RATIO = 256
+_MAX_STREAMS = 1000
+# Two kilobytes of zstd hold at most 512 blocks of 128 KB, which bounds what one call allocates.
+_ZSTD_SLICE_BYTES = 1 << 11
+# Of a frame, and of the frames that decoders skip (pzstd starts with one).
+_ZSTD_MAGICS = (b"\x28\xb5\x2f\xfd", *(bytes([0x50 + number]) + b"\x2a\x4d\x18" for number in range(16)))
+
+
+class Incomplete(Exception):
+    """Compressed data ends in the middle of a frame."""
+
+
+def decompress(compression: str, data: memoryview, size: int) -> memoryview:
+    """The size bytes that data holds. Raises Damaged when it holds something else or the scheme is unknown."""
+    if compression not in SUPPORTED:
+        raise Damaged(f"compressed with {compression!r}, which quadlog does not read", "compression")
+    if size > (limit := largest_size(len(data))):
+        raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
+    if compression in ("", "none"):
+        body: bytes | bytearray | memoryview = data
+    else:
+        try:
+            body = _INFLATE[compression](data, size)
+        except (zstandard.ZstdError, Incomplete, RuntimeError, OSError, ValueError, EOFError) as error:
+            raise Damaged(f"{compression} data cannot be decompressed ({error})") from None
+    if len(body) != size:
+        raise Damaged(f"holds {len(body)} bytes where {size} are declared")
+    return memoryview(body)
+
+
+def largest_size(compressed_bytes: int) -> int:
+    """How many bytes compressed data may hold: memory is spent in proportion to what was read."""
+    return min(MAX_CHUNK_BYTES, max(_ALWAYS_BYTES, _MAX_RATIO * compressed_bytes))
+
+
+def is_zstd(head: bytes) -> bool:
+    """Whether these are the first bytes of zstd data."""
+    return head.startswith(_ZSTD_MAGICS)
+
+
+def inflate_zstd(data: bytes | memoryview, limit: int) -> bytes | bytearray:
+    """All frames of zstd data, one after the other (pzstd, concatenated files).
+
+    Raises zstandard.ZstdError for what is no zstd, Incomplete for a frame without its end, ValueError beyond limit.
+    """
+    # The library allocates what the frame declares, whatever limit it is given.
+    declared = zstandard.get_frame_parameters(data).content_size
+    if declared <= limit or declared == zstandard.CONTENTSIZE_UNKNOWN:
+        try:
+            return _per_thread.zstd.decompress(data, max_output_size=max(limit, 1), allow_extra_data=False)
+        except zstandard.ZstdError:
+            pass  # another frame follows, or it is damaged
+    body = bytearray()
+    for block in zstd_blocks(io.BytesIO(data)):
+        body += block
+        if len(body) > limit:
+            raise ValueError(f"it holds more than {limit} bytes")
+    return body
+
+
+def zstd_blocks(packed: BinaryIO) -> Iterator[bytes]:
+    """What all frames of a zstd file hold, in blocks of at most 64 MB. Raises zstandard.ZstdError and Incomplete."""
+    frame = None
+    while rest := packed.read(_ZSTD_SLICE_BYTES):
+        while rest:
+            frame = frame or zstandard.ZstdDecompressor().decompressobj()
+            yield frame.decompress(rest)
+            rest = frame.unused_data
+            if frame.eof:
+                frame = None
+    if frame is not None:
+        raise Incomplete("it ends too early")
+
+
+class _PerThread(threading.local):
+    """Making a decompressor costs as much as a small chunk, and two threads must not share one."""
+
+    def __init__(self) -> None:
+        self.zstd = zstandard.ZstdDecompressor()
+
+
+_per_thread = _PerThread()
+
+
+class _Stream(Protocol):
+    """One frame of lz4, or one stream of bz2."""
+
+    @property
+    def eof(self) -> bool: ...
+
+    @property
+    def unused_data(self) -> bytes | None: ...
+
+    def decompress(self, data: bytes | memoryview, max_length: int) -> bytes: ...
+
+
+def _inflate_streams(new: Callable[[], _Stream], data: memoryview, size: int) -> bytes | bytearray:
+    """All streams in data, one after the other; the libraries' own functions would grow without a bound."""
+    body: bytes | bytearray = b""
+    rest: bytes | memoryview | None = data
+    for _ in range(_MAX_STREAMS):
+        if not rest:
+            return body
+        stream = new()
+        part = stream.decompress(rest, max_length=max(size - len(body), 1))
+        if not stream.eof:
+            # The end mark may follow the last byte asked for.
+            part += stream.decompress(b"", max_length=1)
+        if not stream.eof:
+            raise ValueError("it ends too early or holds more than declared")
+        body = bytearray(body) + part if body else part
+        rest = stream.unused_data
+    raise ValueError(f"it has more than {_MAX_STREAMS} streams")
+
+
+_INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
+    "zstd": inflate_zstd,
+    "lz4": partial(_inflate_streams, lz4.frame.LZ4FrameDecompressor),
+    "bz2": partial(_inflate_streams, bz2.BZ2Decompressor),
+}
+
+_MAX_UNPACKED_BYTES = 1 << 37
+_ELSEWHERE = "TMPDIR names another folder"
+
+
+def unpack(path: Path) -> tuple[tempfile.TemporaryDirectory[str], list[str]]:
+    """A temporary folder with the decompressed file, and a warning where the compressed data is damaged or cut off.
+
+    What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
+    Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
+    warnings = []
+    written = 0
+    try:
+        # Half of what is free: the rest of the machine lives there too.
+        room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(folder.name).free // 2)
+        with path.open("rb") as packed, (Path(folder.name) / unpacked_name(path)).open("wb", buffering=0) as target:
+            for block in zstd_blocks(packed):
+                written += len(block)
+                if written > room:
+                    limit = f"at most half of what is free there; {_ELSEWHERE}"
+                    raise TooLarge(f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})", written, room)
+                _write(target, block, path)
+    except (zstandard.ZstdError, Incomplete) as error:
+        if written == 0:
+            folder.cleanup()
+            raise NotARecording(path, f"it cannot be decompressed ({error})") from None
+        warnings = [f"its compressed data is damaged ({error}); the {several(written, 'byte')} before that were read"]
+    except BaseException:
+        folder.cleanup()
+        raise
+    return folder, warnings
+
+
+def _write(target: io.FileIO, block: bytes, packed: Path) -> None:
+    """All of a block. Raises CannotWrite: the system's own error names no file."""
+    rest = memoryview(block)
+    try:
+        while rest:
+            rest = rest[target.write(rest) :]
+    except OSError as error:
+        where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
+        raise CannotWrite(packed, where) from error
+
+
+def unpacked_name(path: Path) -> str:
+    """The name without `.zstd` or `.zst`."""
+    return path.stem if path.suffix.lower() in (".zstd", ".zst") else path.name
+
+
+class UnpackedFile:
+    """A container in a temporary folder, known by the path of the file it was copied or decompressed from."""
+
+    def __init__(
+        self, path: Path, inner: Container, folder: tempfile.TemporaryDirectory[str], warnings: Sequence[str] = ()
+    ) -> None:
+        self.path, self._inner, self._folder = path, inner, folder
+        inner.path = path
+        # The same list: it grows while the inner container is read.
+        self.losses = inner.losses
+        self._warnings = list(warnings)
+        self.messages = inner.messages
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*self._warnings, *self._inner.warnings]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        return self._inner.channels
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self._inner.span_ns
+
+    def log_times(self) -> Iterator[LogTimes]:
+        return self._inner.log_times()
+
+    def excerpt(self, budget: Budget) -> Container | None:
+        return self._inner.excerpt(budget)
+
+    def release(self) -> None:
+        self._inner.release()
+
+    def close(self) -> None:
+        self._inner.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> UnpackedFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:
+    """Messages whose payload is zstd data, decompressed; one that is not is counted as a loss."""
+    unreadable: Counter[str] = Counter()
+    for message in messages:
+        try:
+            payload = memoryview(inflate_zstd(message.payload, largest_size(len(message.payload))))
+        except (zstandard.ZstdError, Incomplete, ValueError):
+            unreadable[message.channel.topic] += 1
+            continue
+        yield RawMessage(message.channel, message.log_time_ns, payload)
+    for topic, count in sorted(unreadable.items()):
+        loss = Loss("compression", f"{several(count, 'message')} cannot be decompressed", topic, count)
+        if loss not in losses:
+            losses.append(loss)

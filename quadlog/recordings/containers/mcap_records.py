@@ -1,0 +1,179 @@
+"""The records of an MCAP file (mcap.dev/spec), from bytes to plain values."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from isal.isal_zlib import crc32
+
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Cursor, Damaged
+from quadlog.recordings.containers.chunks import Body, Entries, EntryList, Listed
+from quadlog.recordings.containers.compression import decompress
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
+FRAME = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+INDEX_HEAD = struct.Struct("<BQHI")
+CHUNK_PLACE = struct.Struct("<QQQQ")
+MAP_ENTRY = struct.Struct("<HQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """A message definition; number is its id in the file."""
+
+    number: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class McapChannel:
+    """A topic; schema is 0 where it has none."""
+
+    number: int
+    schema: int
+    topic: str
+    message_encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkIndex:
+    """Where a chunk lies and what it spans. channels is empty where no message index was written."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    length: int
+    channels: frozenset[int]
+    message_index_length: int
+    compression: str
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """How much there is, as the writer counted it."""
+
+    messages: int
+    schemas: int
+    channels: int
+    chunks: int
+    start_ns: int
+    end_ns: int
+    channel_counts: dict[int, int]
+
+
+def records(data: bytes | memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of each record in a buffer of whole records. Raises Damaged."""
+    cursor = Cursor(data)
+    while cursor:
+        opcode, length = FRAME.unpack(cursor.take(FRAME.size))
+        yield opcode, cursor.take(length)
+
+
+def read_schema(content: memoryview) -> Schema:
+    cursor = Cursor(content)
+    return Schema(cursor.u16(), cursor.text(), cursor.text(), bytes(cursor.take(cursor.u32())))
+
+
+def read_channel(content: memoryview) -> McapChannel:
+    cursor = Cursor(content)
+    return McapChannel(cursor.u16(), cursor.u16(), cursor.text(), cursor.text())
+
+
+def read_chunk_index(content: memoryview) -> ChunkIndex:
+    cursor = Cursor(content)
+    start_ns, end_ns, offset, length = CHUNK_PLACE.unpack(cursor.take(CHUNK_PLACE.size))
+    channels = frozenset(_map_u16_u64(cursor))
+    return ChunkIndex(start_ns, end_ns, offset, length, channels, cursor.u64(), cursor.text())
+
+
+def read_statistics(content: memoryview) -> Statistics:
+    cursor = Cursor(content)
+    messages, schemas, channels = cursor.u64(), cursor.u16(), cursor.u32()
+    cursor.take(8)  # attachments and metadata: nothing quadlog reads
+    chunks, start_ns, end_ns = cursor.u32(), cursor.u64(), cursor.u64()
+    return Statistics(messages, schemas, channels, chunks, start_ns, end_ns, _map_u16_u64(cursor))
+
+
+def read_message_index(content: memoryview) -> tuple[int, int]:
+    """Channel id, and how many messages of it the chunk holds."""
+    cursor = Cursor(content)
+    return cursor.u16(), cursor.u32() // 16
+
+
+def list_messages(indexes: memoryview) -> Listed:
+    """The messages of a chunk by the message index records behind it. Raises Damaged."""
+    runs: dict[int, memoryview] = {}
+    position = 0
+    while position < len(indexes):
+        if position + INDEX_HEAD.size > len(indexes):
+            raise Damaged("a message index is cut short")
+        opcode, length, number, size = INDEX_HEAD.unpack_from(indexes, position)
+        begin = position + INDEX_HEAD.size
+        position += FRAME.size + length
+        if opcode != MESSAGE_INDEX or size % 16 or begin + size > min(position, len(indexes)):
+            raise Damaged("where the index has a message index there is none")
+        if number in runs:
+            raise Damaged("the message index of a chunk names a channel twice")
+        runs[number] = indexes[begin : begin + size]
+    rows = np.frombuffer(b"".join(runs.values()), "<u8").reshape(-1, 2)
+    if rows.max(initial=0) > MAX_TIME_NS:
+        raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
+    counts = {number: len(run) // 16 for number, run in runs.items()}
+    return Listed(counts, rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64))
+
+
+def chunk_size(content: memoryview) -> int:
+    """How many bytes a chunk declares to hold. Raises Damaged."""
+    return Cursor(content[16:]).u64()
+
+
+def read_chunk(content: memoryview) -> Body:
+    """The decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum."""
+    cursor = Cursor(content)
+    cursor.take(16)  # start and end
+    size, crc = cursor.u64(), cursor.u32()
+    compression = cursor.text()
+    data = decompress(compression, cursor.take(cursor.u64()), size)
+    if crc and crc32(data) != crc:
+        raise Damaged("its checksum (CRC) does not match", "crc")
+    return Body(data, len(content))
+
+
+def message_entries(body: Body) -> Entries:
+    """Every message among a body of whole records, in file order. Raises Damaged."""
+    found = EntryList(body)
+    data, position, size = body.data, 0, len(body.data)
+    while position < size:
+        found.count_record()
+        if position + FRAME.size > size:
+            raise Damaged("a record is cut short")
+        opcode, length = FRAME.unpack_from(data, position)
+        begin = position + FRAME.size
+        position = begin + length
+        if position > size:
+            raise Damaged("a record reaches beyond its chunk")
+        if opcode == MESSAGE:
+            if length < MESSAGE_HEAD.size:
+                raise Damaged("a message is cut short")
+            number, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
+            if log_time_ns > MAX_TIME_NS:
+                raise Damaged(f"a log time of {log_time_ns} ns does not fit into 63 bits")
+            found.add(log_time_ns, begin + MESSAGE_HEAD.size, position, number)
+        elif opcode <= DATA_END and opcode not in (SCHEMA, CHANNEL):
+            raise Damaged(f"it holds a record of kind {opcode}, which may have been a message")
+    return found.entries()
+
+
+def _map_u16_u64(cursor: Cursor) -> dict[int, int]:
+    fields = cursor.take(cursor.u32())
+    if len(fields) % MAP_ENTRY.size:
+        raise Damaged("a map is cut short")
+    return dict(MAP_ENTRY.iter_unpack(fields))

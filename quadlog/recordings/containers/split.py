@@ -1,0 +1,359 @@
+"""A recording in several files: a ROS 2 bag folder, with or without metadata.yaml."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from copy import copy
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+
+from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, clipped
+from quadlog.recordings.containers.bounded_reader import MAX_NAME_BYTES
+from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
+from quadlog.recordings.containers.container import (
+    NOTHING,
+    Budget,
+    Channel,
+    Container,
+    LogTimes,
+    Loss,
+    RawMessage,
+    Stream,
+    merge_by_time,
+    spread,
+)
+from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
+from quadlog.recordings.formatting import several
+from quadlog.storage.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+
+METADATA_NAME = "metadata.yaml"
+_MAX_BYTES = 1 << 20
+_MAX_COUNT = 1 << 53
+_ROOT = "rosbag2_bagfile_information"
+
+
+@dataclass
+class BagMetadata:
+    """What a recorder wrote about its bag. files are bare names: whatever path stood before them is not followed."""
+
+    files: list[str] = field(default_factory=list)
+    messages: int | None = None
+    topic_counts: dict[str, int] = field(default_factory=dict)
+    encodings: dict[str, str] = field(default_factory=dict)
+    compressed_messages: bool = False
+
+
+def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
+    """The folder's metadata, or None and a warning when it is there and broken."""
+    path = folder / METADATA_NAME
+    if not path.is_file():
+        return None, []
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise NotPlainYaml(f"is larger than {_MAX_BYTES} bytes")
+        document = mapping_of(parse_yaml(path.read_bytes()), "the document")
+        return _parse(mapping_of(document.get(_ROOT), _ROOT)), []
+    except (NotPlainYaml, OSError) as error:
+        return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
+
+
+def _parse(said: dict[str, Plain]) -> BagMetadata:
+    files = [PurePosixPath(_name(each, "a file's name")).name for each in _entries(said, "relative_file_paths")]
+    topic_counts: dict[str, int] = {}
+    encodings: dict[str, str] = {}
+    for each in _entries(said, "topics_with_message_count"):
+        entry = mapping_of(each, "a topic")
+        topic = mapping_of(entry.get("topic_metadata"), "topic_metadata")
+        name = _name(topic.get("name"), "a topic's name")
+        encodings[name] = _name(topic.get("serialization_format"), "serialization_format", "")
+        topic_counts[name] = topic_counts.get(name, 0) + _count(entry)
+    mode, scheme = (_name(said.get(f"compression_{word}"), f"compression_{word}", "") for word in ("mode", "format"))
+    if scheme not in ("", "zstd"):
+        raise NotPlainYaml(f"compression_format {clipped(scheme, 50)!r} is unknown")
+    return BagMetadata(
+        files=[name for name in files if name not in ("", "..")],
+        messages=None if said.get("message_count") is None else _count(said),
+        topic_counts=topic_counts,
+        encodings=encodings,
+        compressed_messages=mode.upper() == "MESSAGE" and scheme == "zstd",
+    )
+
+
+def _entries(said: dict[str, Plain], key: str) -> list[Plain]:
+    return list_of(said.get(key), key)
+
+
+def _name(value: Plain, what: str, default: str | None = None) -> str:
+    name = text_of(value, what, default)
+    if len(name) > MAX_NAME_BYTES:
+        raise NotPlainYaml(f"{what} has {len(name)} characters")
+    return name
+
+
+def _count(said: dict[str, Plain]) -> int:
+    count = number_of(said.get("message_count"), "message_count")
+    if not (0 <= count <= _MAX_COUNT and count.is_integer()):
+        raise NotPlainYaml(f"message_count is {count:g}")
+    return int(count)
+
+
+_SECOND_NS = 10**9
+_NAMED_AT_MOST = 5
+
+
+def is_split(folder: Path) -> bool:
+    """Whether a folder is one recording: its files are one `NAME_<n>` sequence, or its metadata names them."""
+    files = recording_files(folder)
+    return bool(split_sequence(files)) or _is_named(files, read_metadata(folder)[0] if files else None)
+
+
+def _is_named(files: list[Path], metadata: BagMetadata | None) -> bool:
+    return metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
+
+
+def _by_name(files: list[Path]) -> dict[str, Path]:
+    """Files by their name and, where compressed, also by the name without `.zstd`: recorders write either."""
+    return {unpacked_name(path): path for path in files} | {path.name: path for path in files}
+
+
+def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitReader:
+    """Opens a ROS 2 bag folder. Raises RecordingNotFound for any other, or the first file's error when none opens."""
+    present = recording_files(folder)
+    metadata, warnings = read_metadata(folder)
+    if not split_sequence(present) and not _is_named(present, metadata):
+        raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
+    files, losses = _choose_files(present, metadata, warnings)
+    parts: list[Container] = []
+    errors: list[QuadlogError] = []
+    for path in files:
+        try:
+            part = open_file(path)
+            part.release()
+            parts.append(part)
+        except QuadlogError as error:
+            errors.append(error)
+            losses.append(Loss("missing-split", str(error)))
+    if not parts:
+        raise errors[0]
+    return SplitReader(folder, parts, metadata, losses, warnings)
+
+
+def _choose_files(
+    present: list[Path], metadata: BagMetadata | None, warnings: list[str]
+) -> tuple[list[Path], list[Loss]]:
+    """The files of the recording in order, and the losses of those that are not there."""
+    sequence = split_sequence(present) or present
+    if metadata is None:
+        return sequence, _missing(_gaps(sequence), "the numbers of the files have a gap")
+    by_name = _by_name(present)
+    named = [by_name[name] for name in dict.fromkeys(metadata.files) if name in by_name]
+    missing = [name for name in dict.fromkeys(metadata.files) if name not in by_name]
+    unnamed = [path for path in present if path not in named]
+    if unnamed and split_sequence([*named, *unnamed]):
+        warnings.append(f"{METADATA_NAME} does not name {_listed(unnamed)}, read all the same")
+        named = split_sequence([*named, *unnamed])
+    elif unnamed:
+        warnings.append(f"{_listed(unnamed)} not read: {METADATA_NAME} does not name it as part of the recording")
+    return named, _missing(missing, f"{METADATA_NAME} names it")
+
+
+def _gaps(sequence: list[Path]) -> list[str]:
+    """`NAME_<n>` for each number below the highest that no file has."""
+    if not split_sequence(sequence):
+        return []
+    known = {part_number(path) for path in sequence}
+    name = stem(sequence[0]).rpartition("_")[0]
+    return [f"{name}_{number}" for number in range(part_number(sequence[-1]) or 0) if number not in known]
+
+
+def _missing(names: list[str], reason: str) -> list[Loss]:
+    if not names:
+        return []
+    shown = ", ".join(names[:_NAMED_AT_MOST]) + (", ..." if len(names) > _NAMED_AT_MOST else "")
+    return [Loss("missing-split", f"{several(len(names), 'file')} of the recording missing: {shown} ({reason})")]
+
+
+def _listed(paths: list[Path]) -> str:
+    return ", ".join(path.name for path in paths[:_NAMED_AT_MOST]) + (", ..." if len(paths) > _NAMED_AT_MOST else "")
+
+
+class SplitReader:
+    """Files of one recording, merged in order of log time; each is read when its time comes."""
+
+    def __init__(
+        self,
+        folder: Path,
+        parts: list[Container],
+        metadata: BagMetadata | None,
+        losses: list[Loss],
+        warnings: list[str],
+    ) -> None:
+        self.path = folder
+        self.losses: list[Loss] = []
+        self.warnings: list[str] = []
+        self._parts = parts
+        self._empty_parts: list[NothingReadable] = []
+        self._metadata = metadata
+        self._own_losses, self._own_warnings = losses, warnings
+        self._merged = _merge_channels(parts)
+        self._channels = tuple(dict.fromkeys(self._merged.values()))
+        self._compare_with_metadata()
+        self._look_for_overlap()
+        self._collect()
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        return self._channels
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        spans = [part.span_ns for part in self._parts if part.span_ns is not None]
+        return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """See Container."""
+        sources = [
+            Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
+            for part in self._parts
+        ]
+        self._empty_parts.clear()
+        try:
+            yield from merge_by_time(sources)
+        finally:
+            self._collect()
+        if len(self._empty_parts) == len(self._parts):
+            raise self._empty_parts[0]
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container."""
+        try:
+            for times in heapq.merge(*(part.log_times() for part in self._parts), key=_floor_ns):
+                yield times._replace(channel=self._merged[times.channel])
+        finally:
+            self._collect()
+
+    def excerpt(self, budget: Budget) -> SplitReader | None:
+        """See Container."""
+        count = min(budget.places, len(self._parts))
+        chosen = set(spread(len(self._parts), count))
+        shared = budget.shared(max(count, 1))
+        views = [part.excerpt(shared if i in chosen else NOTHING) for i, part in enumerate(self._parts)]
+        if all(view is None for view in views):
+            return None
+        excerpt = copy(self)
+        excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
+        return excerpt
+
+    def release(self) -> None:
+        for part in self._parts:
+            part.release()
+
+    def close(self) -> None:
+        for part in self._parts:
+            part.close()
+
+    def __enter__(self) -> SplitReader:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _read_part(
+        self, part: Container, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[RawMessage]:
+        try:
+            messages = part.messages(topics, start_ns, end_ns)
+            if self._metadata is not None and self._metadata.compressed_messages:
+                messages = unpack_messages(messages, self._own_losses)
+            for message in messages:
+                yield RawMessage(self._merged[message.channel], message.log_time_ns, message.payload)
+        except NothingReadable as error:
+            self._empty_parts.append(error)
+            # One part with nothing left in it must not cost the others.
+            loss = Loss("missing-split", str(error))
+            if loss not in self._own_losses:
+                self._own_losses.append(loss)
+        finally:
+            part.release()
+
+    def _compare_with_metadata(self) -> None:
+        if self._metadata is None:
+            return
+        for channel in self._channels:
+            said_encoding = self._metadata.encodings.get(channel.topic) or channel.message_encoding
+            if said_encoding != channel.message_encoding:
+                self._own_warnings.append(
+                    f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
+                    f"{channel.message_encoding!r}, which is taken"
+                )
+        if any(channel.count is None for channel in self._channels):
+            return
+        had: Counter[str] = Counter()
+        for channel in self._channels:
+            had[channel.topic] += channel.count or 0
+        said = Counter(self._metadata.topic_counts)
+        if not said and self._metadata.messages is not None:
+            self._compare_one(None, self._metadata.messages, had.total())
+        for topic in sorted(said.keys() | had.keys() if said else ()):
+            self._compare_one(topic, said[topic], had[topic])
+
+    def _compare_one(self, topic: str | None, said: int, had: int) -> None:
+        if had < said:
+            detail = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
+            self._own_losses.append(Loss("count", detail, topic, said - had))
+        elif had > said:
+            about = f"{topic}: " if topic else ""
+            self._own_warnings.append(f"{about}{METADATA_NAME} says {several(said, 'message')}, the files have {had}")
+
+    def _look_for_overlap(self) -> None:
+        latest_ns = 0
+        for part in self._parts:
+            if part.span_ns is None:
+                continue
+            if part.span_ns[0] < latest_ns - _SECOND_NS:
+                back_s = (latest_ns - part.span_ns[0]) / 1e9
+                self._own_warnings.append(
+                    f"{part.path.name} starts {back_s:.3f} s before the files ahead of it end; "
+                    "messages come in order of log time"
+                )
+            latest_ns = max(latest_ns, part.span_ns[1])
+
+    def _collect(self) -> None:
+        """Own and parts' losses and warnings, in place: others hold these lists."""
+        self.losses[:] = [
+            *self._own_losses,
+            *(
+                Loss(loss.cause, f"{part.path.name}: {loss.detail}", loss.topic, loss.count)
+                for part in self._parts
+                for loss in part.losses
+            ),
+        ]
+        self.warnings[:] = [
+            *self._own_warnings,
+            *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
+        ]
+
+
+def _floor_ns(times: LogTimes) -> int:
+    return times.floor_ns
+
+
+def _merge_channels(parts: list[Container]) -> dict[Channel, Channel]:
+    """Each part's channels to the recording's: those alike in everything but their count share one."""
+    alike: dict[tuple[str, str, str, str, bytes], list[Channel]] = {}
+    for part in parts:
+        for each in part.channels:
+            identity = (each.topic, each.type_name, each.message_encoding, each.schema_encoding, each.schema)
+            alike.setdefault(identity, []).append(each)
+    merged = {}
+    for identity, channels in alike.items():
+        counts = [each.count for each in channels if each.count is not None]
+        shared = Channel(*identity, count=sum(counts) if len(counts) == len(channels) else None)
+        merged.update(dict.fromkeys(channels, shared))
+    return merged

@@ -1,0 +1,187 @@
+"""gtec_msgs/Ranging: one range in whole millimetres, without a header."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadlog.messages import Float, UwbRanges
+from quadlog.recordings.decoders.columns import ABSENT, WHOLE, Columns, header_of, stamps_ns
+from quadlog.recordings.decoders.payload import stamp_ns
+
+
+def decode_ranging(message: Any, topic: str) -> UwbRanges:
+    """One range, from millimetres to metres; failures, which the radio reports as zero or less, are passed on."""
+    del topic
+    return UwbRanges(
+        stamp_ns(message),
+        int(message.tagId),
+        np.array([message.anchorId], np.int64),
+        np.array([message.range / 1000], np.float64),
+    )
+
+
+ROLE_ANCHOR, ROLE_TAG = 1, 2
+STAMPED_TAGFRAME0 = header_of("header") | {"id": WHOLE, "dis_arr": 8}
+TAGFRAME0 = {"header.stamp.sec": ABSENT, "id": WHOLE, "dis_arr": 8}
+
+
+def decode_tagframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+    """A tag's own distances to anchors 0 to 7."""
+    del topic
+    return (_from_distances(stamp_ns(message), int(message.id), message.dis_arr),)
+
+
+def tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 9) of TAGFRAME0."""
+    del texts
+    return [Columns(UwbRanges, None, numbers)], np.ones(len(numbers), dtype=bool)
+
+
+def stamped_tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+    """The same of the numbers (N, 11) of STAMPED_TAGFRAME0."""
+    del texts
+    return [Columns(UwbRanges, stamps_ns(numbers[:, :2]), numbers[:, 2:])], np.ones(len(numbers), dtype=bool)
+
+
+def decode_anchorframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+    """What an anchor gathered: the distances of each tag to anchors 0 to 7."""
+    del topic
+    stamp = stamp_ns(message)
+    return tuple(_from_distances(stamp, int(tag.id), tag.dis_arr) for tag in message.nodes)
+
+
+def decode_nodeframe4(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+    """What a console gathered: for each tag, the anchors it heard."""
+    del topic
+    stamp = stamp_ns(message)
+    return tuple(
+        _ranges(stamp, int(tag.id), [(int(each.id), float(each.dis), None) for each in tag.anchors])
+        for tag in message.tags
+    )
+
+
+def decode_nodeframe(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+    """Nodeframes 2, 3 and 5: one node's distances to the others, with signal strengths.
+
+    A tag's frame lists its anchors. An anchor's frame lists tags, each of which
+    makes one entry. Plain nodes have no roles: the sender counts as the tag.
+    """
+    del topic
+    stamp, sender = stamp_ns(message), int(message.id)
+    if int(message.role) == ROLE_ANCHOR:
+        tags = [node for node in message.nodes if int(node.role) != ROLE_ANCHOR]
+        return tuple(_ranges(stamp, int(tag.id), [(sender, float(tag.dis), _gap_db(tag))]) for tag in tags)
+    anchors = [node for node in message.nodes if int(node.role) != ROLE_TAG]
+    return (_ranges(stamp, sender, [(int(node.id), float(node.dis), _gap_db(node)) for node in anchors]),)
+
+
+def _gap_db(node: Any) -> float:
+    return float(node.rx_rssi) - float(node.fp_rssi)
+
+
+def _from_distances(stamp: int | None, tag: int, distances: Iterable[float]) -> UwbRanges:
+    return _ranges(stamp, tag, [(anchor, float(distance), None) for anchor, distance in enumerate(distances)])
+
+
+def _ranges(stamp: int | None, tag: int, measured: list[tuple[int, float, float | None]]) -> UwbRanges:
+    present = [each for each in measured if each[1] != 0]
+    gaps = [gap for _, _, gap in present if gap is not None]
+    return UwbRanges(
+        stamp,
+        tag,
+        np.array([anchor for anchor, _, _ in present], np.int64),
+        np.array([distance for _, distance, _ in present], np.float64),
+        np.array(gaps, np.float64) if gaps else None,
+    )
+
+
+UNKNOWN_ANCHOR = -1
+
+
+def decode_range(message: Any, topic: str) -> UwbRanges:
+    """One range with tag None and anchor -1.
+
+    min_range and max_range are not applied: UWB drivers leave both at zero. An
+    infinite range means "nothing measured" in this message and is left out;
+    whatever else is no distance is passed on, so that it is counted.
+    """
+    del topic
+    range_m = float(message.range)
+    present = range_m != np.inf
+    return UwbRanges(
+        stamp_ns(message),
+        None,
+        np.array([UNKNOWN_ANCHOR] if present else [], np.int64),
+        np.array([range_m] if present else [], np.float64),
+    )
+
+
+def decode_uwb_range(message: Any, topic: str) -> UwbRanges:
+    """One range in metres, a distance or not. Older versions of the message have no requester: tag None then."""
+    del topic
+    requester = getattr(message, "requester_id", None)
+    return UwbRanges(
+        stamp_ns(message),
+        None if requester is None else int(requester),
+        np.array([message.responder_id], np.int64),
+        np.array([message.distance], np.float64),
+    )
+
+
+UWB_WORDS = ("uwb", "anchor", "dwm", "decawave", "linktrack", "tof")
+LARGEST_ID = 0xFFFF
+NUMBERED = re.compile(r"(?:(tag|anchor)s?[_/-]?(?:id)?[_/-]?)?([0-9]+)")
+
+
+class Ends(NamedTuple):
+    """The two ends of a range, by id."""
+
+    tag: int
+    anchor: int
+
+
+def ends_of_topic(
+    topic: str, mapped: Mapping[str, tuple[int, int]] | None = None, anchor_ids: Collection[int] = ()
+) -> Ends | None:
+    """Tag and anchor of a topic, or None where nothing tells them.
+
+    mapped (``[[uwb.range_topics]]``) decides. Otherwise two numbers in the name
+    (``/uwb/tof/n_3/n_7/distance``) are tag and anchor, in this order unless the
+    word before one of them says otherwise (``/uwb/anchor_3/tag_7``) or, without
+    such words, only the first is a known anchor; one number in a name that
+    speaks of UWB is the anchor of tag 0, unless it is said to be a tag's.
+    """
+    if mapped and topic in mapped:
+        return Ends(*mapped[topic])
+    found = [(word, int(digits)) for word, digits in NUMBERED.findall(topic.lower()) if len(digits) <= 5]
+    words = [word for word, number in found if number <= LARGEST_ID]
+    numbers = [number for _, number in found if number <= LARGEST_ID]
+    if len(numbers) == 2:
+        first, second = numbers
+        if words[0] != words[1] and any(words):
+            return Ends(second, first) if words[0] == "anchor" or words[1] == "tag" else Ends(first, second)
+        if first in anchor_ids and second not in anchor_ids:
+            return Ends(second, first)
+        return Ends(first, second)
+    if len(numbers) == 1 and words != ["tag"] and any(word in topic.lower() for word in UWB_WORDS):
+        return Ends(0, numbers[0])
+    return None
+
+
+def names_anchors(ranges: UwbRanges) -> bool:
+    """Whether the ranges say which anchors they are of."""
+    return len(ranges.anchor) > 0 and int(ranges.anchor[0]) >= 0
+
+
+def with_ends(ranges: UwbRanges, ends: Ends | None) -> UwbRanges:
+    """Ranges that name no tag as those of tag 0, or between the ends where they name no anchor either."""
+    if names_anchors(ranges):
+        return replace(ranges, tag=0)
+    if ends is None:
+        return ranges
+    return replace(ranges, tag=ends.tag, anchor=np.full(len(ranges.anchor), ends.anchor, np.int64))

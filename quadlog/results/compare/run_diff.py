@@ -1,0 +1,117 @@
+"""Two run folders compared: how they were made, then stage by stage what they saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from quadlog.results.compare.differences import (
+    FirstDifference,
+    OnlyRows,
+    ResultDifference,
+    RunDifference,
+    RunLetter,
+    Tolerance,
+    ValueDifference,
+    compare_values,
+    flatten,
+)
+from quadlog.results.compare.file_diff import compare_files
+from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.stages import STAGE_FILES
+
+_NEVER = 1 << 63
+
+
+def diff_runs(a: Path, b: Path, tolerance: Tolerance) -> RunDifference:
+    """Compare two finished runs. Raises NotARun, TooLarge and UnreadableFile for what cannot be read of either."""
+    one, other = read_run_json(a), read_run_json(b)
+    read = compare_values(_what_was_read(one), _what_was_read(other), tolerance)
+    stages = {stage: tuple(_compare_stage(files, a, b, tolerance)) for stage, files in STAGE_FILES.items()}
+    stages["ingest"] = (ResultDifference("run.json", values=read), *stages["ingest"])
+    starts = [each.start_ns for results in stages.values() for each in results if each.start_ns is not None]
+    return RunDifference(
+        a=str(a),
+        b=str(b),
+        origins={
+            name: compare_values(flatten(made), flatten(_origins(other)[name])) for name, made in _origins(one).items()
+        },
+        stages=stages,
+        start_ns=min(starts, default=0),
+    )
+
+
+def first_difference(runs: RunDifference) -> FirstDifference | None:
+    """Where the two runs part, None where they do not.
+
+    In the first stage that differs: a result that one run lacks before the
+    earliest instant, and that before what has no instant.
+    """
+    for stage, results in runs.stages.items():
+        candidates = [each for result in results for each in _candidates(stage, result)]
+        if candidates:
+            return min(candidates, key=lambda each: each[0])[1]
+    return None
+
+
+def _compare_stage(files: tuple[str, ...], a: Path, b: Path, tolerance: Tolerance) -> Iterator[ResultDifference]:
+    for name in files:
+        in_a, in_b = (a / name).is_file(), (b / name).is_file()
+        # Every run has metrics: without them it is damaged, which their reading says.
+        if (in_a and in_b) or name == "metrics.json":
+            yield compare_files(name, a, b, tolerance)
+        elif in_a or in_b:
+            yield ResultDifference(name.removesuffix(".parquet"), only_in="A" if in_a else "B")
+
+
+def _origins(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run was made from and with, by kind; the command, paths and the machine's name are anyone's own."""
+    host = _table(record, "host")
+    versions = {"quadlog": record.get("quadlog_version"), **{key: host.get(key) for key in ("python", "system")}}
+    recording = _table(record, "input")
+    # As InputRecord.fingerprint: a date tells two objects apart only where there is no ETag.
+    fingerprint = [key for key in ("sha256", "etag", "last_modified") if recording.get(key) is not None][:1]
+    return {
+        "config": record.get("config"),
+        "input": {key: recording.get(key) for key in (*fingerprint, "size_bytes")},
+        "seed": {"seed": record.get("seed")},
+        "options": {key: value for key, value in _table(record, "options").items() if key != "seed"},
+        "versions": versions | _table(record, "packages"),
+    }
+
+
+def _what_was_read(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The topics in their roles, with their messages, and what was lost."""
+    topics = record.get("topics")
+    entries = [each for each in topics if isinstance(each, dict)] if isinstance(topics, list) else []
+    used = {f"{each.get('role')} {each.get('topic')}": each.get("messages") for each in entries}
+    return used | flatten({"losses": record.get("losses")})
+
+
+def _table(record: Mapping[str, Any], name: str) -> dict[str, Any]:
+    value = record.get(name)
+    return value if isinstance(value, dict) else {}
+
+
+def _candidates(stage: str, result: ResultDifference) -> Iterator[tuple[int, FirstDifference]]:
+    """Each kind of difference, and how early it is."""
+    if result.only_in is not None:
+        yield -_NEVER, FirstDifference(stage, result.name, only_in=result.only_in)
+    lone: list[tuple[RunLetter, OnlyRows | None]] = [("A", result.only_in_a), ("B", result.only_in_b)]
+    for letter, only in lone:
+        if only is not None:
+            yield _when(only.first.t_ns), FirstDifference(stage, result.name, only.first, only_in=letter)
+    for each in result.columns:
+        first = FirstDifference(stage, result.name, each.first, each.column, each.a, each.b, each.apart)
+        yield _when(each.first.t_ns), first
+    for value in result.values:
+        yield _NEVER, _first_value(stage, result.name, value)
+
+
+def _first_value(stage: str, result: str, value: ValueDifference) -> FirstDifference:
+    return FirstDifference(stage, result, column=value.key, a=value.a, b=value.b, apart=value.apart)
+
+
+def _when(t_ns: int | None) -> int:
+    return _NEVER if t_ns is None else t_ns

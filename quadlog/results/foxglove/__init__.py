@@ -1,0 +1,1 @@
+"""derived.mcap and its layout."""

@@ -1,0 +1,304 @@
+"""The charts of a run that can be zoomed and read off: figure's name -> panels over time, from the saved tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.messages import Float, Int
+from quadlog.results.plots.run_data import RunData, Table, seen_around
+from quadlog.results.plots.style import thin_line, thin_points
+
+COLORS = ("robot", "target", "plan", "resim", "note", "fix", "text", "olive")
+"""Names of colours; report.css has one of each for light and for dark."""
+
+PANEL_POINTS = 800
+"""Of one line over the whole run: some two for each pixel of a phone, and the extremes between them."""
+
+_DIGITS = 4
+"""Numbers are rounded to so many digits of what their line spans: finer than a pixel."""
+_TIME_DIGITS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """seconds, values (N,): one line of a panel; points: drawn as points, which nothing joins."""
+
+    label: str
+    color: str
+    seconds: Float
+    values: Float
+    points: bool = False
+
+
+def panel(what: str, lines: Sequence[Line]) -> dict[str, Any] | None:
+    """One panel, or None where no line has a value.
+
+    what: what the panel shows, with its unit. Lines need not share their instants: a line has no value (None) at
+    those of another; the page joins what is on both sides of it, except across a gap of the line's own.
+    """
+    lines = [line for line in lines if np.isfinite(line.values).any()]
+    if not lines:
+        return None
+    if all(line.seconds is lines[0].seconds for line in lines):
+        keep = np.unique(np.concatenate([_keep(line) for line in lines]))
+        times, columns = lines[0].seconds[keep], [line.values[keep] for line in lines]
+        joined = False
+    else:
+        times, columns = _merged(lines)
+        joined = True
+    return {
+        "what": what,
+        "joined": joined,
+        "lines": [{"label": line.label, "color": line.color, "points": line.points} for line in lines],
+        "seconds": [round(value, _TIME_DIGITS) for value in times.tolist()],
+        "values": [rounded(column) for column in columns],
+    }
+
+
+def rounded(values: Float) -> list[float | None]:
+    """Numbers with as many decimals as their span needs; None for one that is not finite."""
+    finite = values[np.isfinite(values)]
+    span = float(np.ptp(finite)) if len(finite) else 0.0
+    size = span or (float(np.abs(finite).max()) if len(finite) else 0.0)
+    digits = int(np.clip(_DIGITS - math.floor(math.log10(size)), 0, 12)) if size > 0 else 0
+    short = np.round(values, digits) + 0.0
+    return [value if math.isfinite(value) else None for value in short.tolist()]
+
+
+def to_script_json(content: Any) -> str:
+    """JSON that can stand inside <script type="application/json">: nothing in it ends the element or opens another.
+
+    ASCII alone, so that the line separators that end a line of a script are escaped too.
+    """
+    text = json.dumps(content, separators=(",", ":"), sort_keys=True, allow_nan=False)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _keep(line: Line) -> Int:
+    return thin_line(line.values, PANEL_POINTS)
+
+
+def _merged(lines: Sequence[Line]) -> tuple[Float, list[Float]]:
+    """All instants of all lines in order, and each line's values at them, NaN where it has none."""
+    kept = [(line, _keep(line)) for line in lines]
+    times = np.unique(np.concatenate([line.seconds[keep] for line, keep in kept]))
+    columns = []
+    for line, keep in kept:
+        column = np.full(len(times), np.nan)
+        column[np.searchsorted(times, line.seconds[keep])] = line.values[keep]
+        columns.append(column)
+    return times, columns
+
+
+POINTS = 2000
+"""Of one walk: 3 cm apart on a minute's walk."""
+WALL_SHARE = 0.5
+"""A cell is drawn where this share of the maps that covered it had it occupied: walls stay, what moved does not."""
+MAX_RUNS = 20_000
+
+
+def trajectory_chart(run: RunData) -> dict[str, Any] | None:
+    """Paths of robot, target, re-simulated or simulated walk with their times; anchors; walls. None without paths.
+
+    around: places that are to be seen, too.
+    """
+    walked = "simulated walk" if run.simulated else "re-simulated walk"
+    wanted = [("course", "paths", "note")] if run.simulated else []
+    wanted += [("robot", "poses", "robot"), ("target", "target", "target"), (walked, "control", "resim")]
+    tables = [(label, run.table(name), color) for label, name, color in wanted]
+    walks = [_walk(run, label, table, color) for label, table, color in tables if table is not None]
+    walks = [walk for walk in walks if walk["x"]]
+    if not walks:
+        return None
+    anchors = [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in run.anchors()]
+    walked_m = np.array([[x_m, y_m] for walk in walks for x_m, y_m in zip(walk["x"], walk["y"], strict=True)])
+    around = [{"x": x_m, "y": y_m} for x_m, y_m in seen_around(walked_m, run.occupancy).tolist()]
+    return {"walks": walks, "anchors": anchors, "around": around, "walls": _walls(run)}
+
+
+def _walk(run: RunData, label: str, table: Table, color: str) -> dict[str, Any]:
+    finite = np.flatnonzero(np.isfinite(table["x_m"]) & np.isfinite(table["y_m"]))
+    keep = finite[thin_points(len(finite), POINTS)]
+    seconds = [round(value, 3) for value in run.seconds(table["t_ns"])[keep].tolist()]
+    return {
+        "label": label,
+        "color": color,
+        "seconds": seconds,
+        "x": rounded(table["x_m"][keep]),
+        "y": rounded(table["y_m"][keep]),
+    }
+
+
+def _walls(run: RunData) -> dict[str, Any] | None:
+    """Occupied cells as runs along x: flat triples of row, first column and length."""
+    occupancy = run.occupancy
+    if occupancy is None:
+        return None
+    runs = row_runs(np.nan_to_num(occupancy.share) >= WALL_SHARE)
+    if len(runs) > MAX_RUNS:  # the picture has them all
+        return None
+    return {
+        "cell_m": occupancy.cell_m,
+        "x": float(occupancy.origin_m[0]),
+        "y": float(occupancy.origin_m[1]),
+        "runs": runs.ravel().tolist(),
+    }
+
+
+def row_runs(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Runs (R, 3) of row, first column and length of the true cells (rows, columns), in order."""
+    edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, first = np.nonzero(edges == 1)
+    _, past = np.nonzero(edges == -1)
+    return np.column_stack([row, first, past - first]).astype(np.int64)
+
+
+MAX_TAGS, MAX_ANCHORS = 4, len(COLORS)
+LEGS, JOINTS = 4, 3
+
+Panel = dict[str, Any] | None
+# What the panel shows, and its lines: column, label, colour.
+Columns = tuple[str, Sequence[tuple[str, str, str]]]
+
+_ERRORS: tuple[Columns, ...] = (
+    ("distance (m)", [("time_error_m", "to the timed reference", "target"), ("error_m", "to the path", "robot")]),
+    ("cross-track (m, left +)", [("cross_track_m", "cross-track", "plan")]),
+    ("yaw error (rad)", [("heading_error_rad", "yaw error", "resim")]),
+)
+_LOOKAHEAD: tuple[Columns, ...] = (
+    ("look-ahead (m)", [("lookahead_m", "l", "robot")]),
+    ("fuzzy gain (1)", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]),
+)
+_COMMANDS: tuple[Columns, ...] = (
+    ("forward speed (m/s)", [("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot")]),
+    ("yaw rate (rad/s)", [("yaw_rate_radps", "reached", "resim"), ("cmd_yaw_rate_radps", "commanded", "robot")]),
+)
+_POSTURE: tuple[Columns, ...] = (
+    ("tilt (rad)", [("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target")]),
+    ("height (m)", [("z_m", "height in map", "resim")]),
+)
+_TORQUES: tuple[Columns, ...] = tuple(
+    (
+        f"torque of leg {leg} (N·m)",
+        [(f"tau_{joint:02d}_nm", f"τ{joint:02d}", COLORS[joint % JOINTS]) for joint in range(first, first + JOINTS)],
+    )
+    for leg, first in enumerate(range(0, LEGS * JOINTS, JOINTS))
+)
+_DISPLACEMENT: tuple[Columns, ...] = (
+    ("x, forward (m)", [("x_m", "x", "resim")]),
+    ("y, to the left (m)", [("y_m", "y", "resim")]),
+    ("z, height (m)", [("z_m", "z", "resim")]),
+)
+_ANGLES: tuple[Columns, ...] = (
+    (
+        "roll, pitch, yaw (rad)",
+        [("roll_rad", "roll", "target"), ("pitch_rad", "pitch", "plan"), ("yaw_rad", "yaw", "robot")],
+    ),
+)
+
+
+def run_charts(run: RunData) -> dict[str, Any]:
+    """Charts by the name of the figure that each stands beside, as plain JSON. Raises NotARun for damaged tables."""
+    charts = {name: chart_of(run) for name, chart_of in _CHARTS.items()}
+    return {name: chart for name, chart in charts.items() if chart is not None}
+
+
+def _over_time(panels: Sequence[Panel]) -> dict[str, Any] | None:
+    present = [each for each in panels if each is not None]
+    return {"panels": present} if present else None
+
+
+def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], dict[str, Any] | None]:
+    """Draws columns of one table over its time."""
+
+    def chart(run: RunData) -> dict[str, Any] | None:
+        table = run.table(name)
+        return None if table is None else _over_time([_panel(run, table, columns) for columns in layout])
+
+    return chart
+
+
+def _panel(run: RunData, table: Table, columns: Columns) -> Panel:
+    what, lines = columns
+    seconds = run.seconds(table["t_ns"])
+    return panel(
+        what,
+        [Line(label, color, seconds, _floats(table[name])) for name, label, color in lines if name in table],
+    )
+
+
+def _expanded(run: RunData) -> dict[str, Any] | None:
+    """Cells per replan of the logged and of the re-simulated walk."""
+    lines = [("generated", "generated", "note"), ("expanded", "expanded", "robot")]
+    panels = []
+    for name, walk in (("plans", "logged walk"), ("resim_plans", "re-simulated walk")):
+        if (plans := run.table(name)) is not None:
+            panels.append(_panel(run, plans, (f"cells per replan (count), {walk}", lines)))
+    return _over_time(panels)
+
+
+def _scans(run: RunData) -> dict[str, Any] | None:
+    lines = [("n_valid", "valid", "text"), ("n_ground", "ground", "fix"), ("n_obstacle", "obstacle", "target")]
+    lines += [("n_outlier", "outlier", "note")]
+    return _of_table("scans", [("points per scan (count)", lines)])(run)
+
+
+def _residuals(run: RunData) -> dict[str, Any] | None:
+    """Residuals of each tag's ranges, a colour for each anchor."""
+    ranges = run.table("ranges")
+    if ranges is None:
+        return None
+    residual_m = ranges["range_m"] - ranges["predicted_m"]
+    seconds = run.seconds(ranges["t_ns"])
+    panels = []
+    for tag in np.unique(ranges["tag"])[:MAX_TAGS]:
+        lines = []
+        for color, anchor in zip(COLORS, np.unique(ranges["anchor"]), strict=False):
+            mine = (ranges["tag"] == tag) & (ranges["anchor"] == anchor)
+            lines.append(Line(f"anchor {anchor}", color, seconds[mine], residual_m[mine], points=True))
+        panels.append(panel(f"residual of tag {tag} (m)", lines))
+    return _over_time(panels)
+
+
+def _uwb_error(run: RunData) -> dict[str, Any] | None:
+    """Distance of fixes and track from the truth, for each tag."""
+    errors = run.table("uwb_errors")
+    if errors is None:
+        return None
+    error_m = np.hypot(errors["error_x_m"], errors["error_y_m"])
+    seconds = run.seconds(errors["t_ns"])
+    panels = []
+    for tag in np.unique(errors["tag"])[:MAX_TAGS]:
+        lines = []
+        for source, color in (("fixes", "note"), ("track", "robot")):
+            mine = (errors["tag"] == tag) & (errors["source"] == source)
+            lines.append(Line(source, color, seconds[mine], error_m[mine], points=source == "fixes"))
+        panels.append(panel(f"error of tag {tag} (m)", lines))
+    return _over_time(panels)
+
+
+def _floats(values: Any) -> Float:
+    return np.asarray(values, dtype=np.float64)
+
+
+_CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {
+    "trajectory": trajectory_chart,
+    "ranges": _residuals,
+    "uwb_error": _uwb_error,
+    "scans": _scans,
+    "expanded": _expanded,
+    "tracking_error": _of_table("control", _ERRORS),
+    "displacement": _of_table("control", _DISPLACEMENT),
+    "euler_angles": _of_table("control", _ANGLES),
+    "lookahead": _of_table("control", _LOOKAHEAD),
+    "commands": _of_table("control", _COMMANDS),
+    "posture": _of_table("control", _POSTURE),
+    "torques": _of_table("control", _TORQUES),
+}

@@ -1,0 +1,192 @@
+"""plots/*.png and report.html of one run, from its saved results only."""
+
+from __future__ import annotations
+
+import base64
+import io
+import shlex
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from quadlog.errors import CannotWrite
+from quadlog.messages import Float
+from quadlog.results.page.charts import run_charts, to_script_json
+from quadlog.results.page.html import render_page
+from quadlog.results.plots.figures import PLOTS, SharedDrawing, render_plots
+from quadlog.results.plots.run_data import RunData
+from quadlog.results.run.record import RunRecord
+from quadlog.results.run.stages import STAGES
+from quadlog.results.run.tables import METRIC_NAMES
+from quadlog.storage.atomic_write import write_whole
+
+COLUMNS, GAP_PX = 3, 4
+
+
+def write_frame_strip(run: Path, frames: NDArray[np.uint8], seconds: Float) -> None:
+    """Pictures (N, height, width, 3), taken at seconds (N,) after the start, N >= 1, in rows of three."""
+    height, width = frames.shape[1:3]
+    columns = min(COLUMNS, len(frames))
+    rows = -(-len(frames) // columns)
+    sheet = Image.new("RGB", (columns * (width + GAP_PX) - GAP_PX, rows * (height + GAP_PX) - GAP_PX), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(18)
+    for number, (frame, instant_s) in enumerate(zip(frames, seconds.tolist(), strict=True)):
+        left, top = number % columns * (width + GAP_PX), number // columns * (height + GAP_PX)
+        sheet.paste(Image.fromarray(frame), (left, top))
+        draw.text((left + 8, top + 6), f"{instant_s:.2f} s", "#1a1a1a", font)
+    png = io.BytesIO()
+    sheet.save(png, "PNG", optimize=True)
+    (run / "plots").mkdir(exist_ok=True)
+    write_whole(run / "plots" / "frames.png", png.getvalue())
+
+
+_MAX_CONFIG_CHARS = 1_000_000
+_MAX_FRAMES_BYTES = 64 << 20
+_PNG = b"\x89PNG\r\n\x1a\n"
+_SIMULATED_STAGES = ("control", "report")
+_CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
+_CHART_STYLES = ("vendor/uPlot.min.css",)
+
+
+def write_report(run: Path, helper: Executor | None = None) -> Path:
+    """Write plots/ and report.html of a finished run, and return the latter's path. The same files, the same bytes.
+
+    helper: a process that draws, too. Raises NotARun for an unfinished or damaged run, CannotWrite.
+    """
+    data = RunData(run)
+    drawing = SharedDrawing(data, helper)
+    charts = run_charts(data)
+    pictures = drawing.finish()
+    _write_plots(run / "plots", pictures)
+    return _write_page(data, pictures, charts)
+
+
+def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
+    """Draw every figure whose data the run has, as plots/NAME.png, and return them by name.
+
+    record is that of a run which is not yet finished, because run.json comes
+    last; without it the file is read. Pictures of an earlier report whose data
+    is gone are removed. Raises NotARun, CannotWrite.
+    """
+    pictures = render_plots(RunData(run, record))
+    _write_plots(run / "plots", pictures)
+    return pictures
+
+
+def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
+    """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
+    data = RunData(run, record)
+    return _write_page(data, pictures, run_charts(data))
+
+
+def _write_page(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> Path:
+    report = data.path / "report.html"
+    write_whole(report, _render(data, pictures, {name: charts[name] for name in pictures if name in charts}))
+    return report
+
+
+def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
+    if folder.is_symlink():
+        raise CannotWrite(folder, "is a link; pictures are not written through it")
+    try:
+        folder.mkdir(exist_ok=True)
+        for plot in PLOTS:
+            if plot.name not in pictures:
+                (folder / f"{plot.name}.png").unlink(missing_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, error.strerror or str(error)) from error
+    for name, png in pictures.items():
+        write_whole(folder / f"{name}.png", png)
+
+
+def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> bytes:
+    record = data.record
+    done = {stage.name for stage in record.stages} | {"report"}
+    return render_page(
+        "report.html.jinja",
+        scripts=_CHART_SCRIPTS if charts else (),
+        styles=_CHART_STYLES if charts else (),
+        charts=charts,
+        chart_data=Markup(to_script_json(charts)),  # noqa: S704
+        title=_title(data),
+        record=record,
+        left_out=data.left_out(),
+        simulated=data.simulated,
+        stages=[{"name": name, "done": name in done} for name in (_SIMULATED_STAGES if data.simulated else STAGES)],
+        total_s=sum(stage.seconds for stage in record.stages),
+        metrics=_metrics(data),
+        links=_links(data),
+        plots=[
+            *_frames(data.path),
+            *(
+                _picture(plot.name, plot.title, plot.alt, plot.caption_of(data), pictures[plot.name])
+                for plot in PLOTS
+                if plot.name in pictures
+            ),
+        ],
+        command=shlex.join(str(word) for word in record.command),
+        config=_config_text(data.path),
+    )
+
+
+def _title(data: RunData) -> str:
+    """The recording's name, whatever system its path came from; of a simulated walk, its course and who walked it."""
+    record = data.record
+    name = record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or data.path.name
+    return f"{name}, {record.options.get('controller')}, seed {record.seed}" if data.simulated else name
+
+
+def _frames(run: Path) -> list[dict[str, Any]]:
+    """The pictures of a simulated robot, which were drawn when it walked and cannot be drawn anew."""
+    path = run / "plots" / "frames.png"
+    if not path.is_file() or path.stat().st_size > _MAX_FRAMES_BYTES:
+        return []
+    png = path.read_bytes()
+    if not png.startswith(_PNG) or len(png) < 24:
+        return []
+    alt = "Pictures of the simulated robot at some instants of its walk, side by side."
+    return [_picture("frames", "The walk", alt, "The simulated robot, seconds after its start.", png)]
+
+
+def _metrics(data: RunData) -> list[dict[str, Any]]:
+    """Rows in the order of the contract; any other metric after them, by name."""
+    rank = {name: place for place, name in enumerate(METRIC_NAMES)}
+    names = sorted(data.metrics, key=lambda name: (rank.get(name, len(rank)), name))
+    rows = ((name, data.metrics[name]) for name in names)
+    return [{"name": name, "value": row["value"], "n": row.get("n"), "unit": row.get("unit", "")} for name, row in rows]
+
+
+def _links(data: RunData) -> list[dict[str, Any]]:
+    """Rows of links.parquet; a number that a link does not have is None."""
+    links = data.table("links") or {}
+    rows = zip(*(column.tolist() for column in links.values()), strict=True)
+    return [{name: None if value != value else value for name, value in zip(links, row, strict=True)} for row in rows]
+
+
+def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:
+    """What the template needs to show a PNG, whose header holds width and height at bytes 16 to 24."""
+    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    encoded = base64.b64encode(png).decode()
+    return {
+        "name": name,
+        "title": title,
+        "alt": alt,
+        "caption": caption,
+        "png": encoded,
+        "width": width,
+        "height": height,
+    }
+
+
+def _config_text(run: Path) -> str:
+    path = run / "config.toml"
+    if not path.is_file():
+        return ""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(_MAX_CONFIG_CHARS)

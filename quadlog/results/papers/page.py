@@ -1,0 +1,255 @@
+"""Errata of the papers as a Markdown table each: for the page of the tables, and for docs/errata.md."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from quadlog.errors import AlreadyExists, CannotWrite, csv_table
+from quadlog.results.papers.table import (
+    Origin,
+    PaperRow,
+    PaperTable,
+    RowGroup,
+    SavedTable,
+    TablePicture,
+    json_bytes,
+    load_saved,
+    picture_file,
+)
+from quadlog.results.text.markup import escape_markdown, latex_document, latex_tables, markdown_table
+from quadlog.storage.atomic_write import write_whole
+
+HEADER = ("where", "printed", "right", "remark")
+
+
+class Erratum(NamedTuple):
+    """place: as the paper numbers it; printed and right: formulas or words; remark: what follows, may be empty."""
+
+    place: str
+    printed: str
+    right: str
+    remark: str = ""
+
+
+def errata_text(errata: Mapping[str, Sequence[Erratum]], level: int) -> str:
+    """A heading of that level and a table for each paper, in the order given."""
+    return "\n".join(
+        f"{'#' * level} {escape_markdown(paper)}\n\n{markdown_table(HEADER, mine)}" for paper, mine in errata.items()
+    )
+
+
+COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
+SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
+RIGHT = ("paper", "ours", "95 % interval", "difference")
+MARKS = {True: "yes", False: "✗ no", None: ""}
+"""What the page has for a verdict: what fails is seen without reading."""
+
+
+def csv_text(table: PaperTable) -> str:
+    """All rows with six significant digits, an empty field where there is no value."""
+    rows: list[Sequence[str]] = [COLUMNS]
+    for row in table.rows:
+        numbers = (row.paper, row.ours, row.low, row.high, row.difference)
+        cells = [format_value(value, 6) for value in numbers]
+        rows.append([row.quantity, *cells, format_verdict(row), row.note])
+    return csv_table(rows)
+
+
+def latex_text(table: PaperTable) -> str:
+    """Floating tables of each group, without the notes; a group that fills more than a page is continued."""
+    tables = [
+        each
+        for number, group in enumerate(table.groups, start=1)
+        for each in latex_tables(
+            f"{table.title}: {group.title}" + (" (fast run)" if table.fast else ""),
+            f"tab:{table.name}-{number}",
+            SHOWN,
+            [shown_cells(row) for row in group.rows],
+            RIGHT,
+            wrapped=SHOWN[:1],
+        )
+    ]
+    return latex_document([table.command], tables)
+
+
+def section_text(table: PaperTable) -> str:
+    """The table's part of the page, in Markdown."""
+    fast = " **A fast run: fewer draws and wider intervals than the full table's.**" if table.fast else ""
+    files = f"[{table.name}.csv]({table.name}.csv), [{table.name}.tex]({table.name}.tex)"
+    blocks = [
+        f"## {escape_markdown(table.title)}",
+        escape_markdown(table.caption),
+        f"Made by `{table.command}`.{fast} {escape_markdown(table.sizes)} Files: {files}",
+        *(_picture_block(table, picture) for picture in table.pictures),
+        *(block for group in table.groups for block in _group_blocks(group)),
+    ]
+    if table.errata:
+        blocks += ["### Errata", "\n".join(f"- {escape_markdown(sentence)}" for sentence in table.errata)]
+    return "\n\n".join(blocks) + "\n"
+
+
+def shown_cells(row: PaperRow) -> tuple[str, ...]:
+    """A row as people read it, in the order of SHOWN, with four significant digits."""
+    interval = ""
+    if row.low is not None and row.high is not None:
+        interval = f"{format_value(row.low)} to {format_value(row.high)}"
+    numbers = format_value(row.paper), format_value(row.ours), interval, format_value(row.difference)
+    return row.quantity, *numbers, format_verdict(row)
+
+
+def _picture_block(table: PaperTable, picture: TablePicture) -> str:
+    image = f"![{escape_markdown(picture.alt)}]({picture_file(table, picture)})"
+    return f"{image}\n\n*{escape_markdown(picture.caption)}*"
+
+
+def _group_blocks(group: RowGroup) -> list[str]:
+    rows = [(*shown_cells(row)[:-1], MARKS[row.reproduces], row.note) for row in group.rows]
+    body = markdown_table((*SHOWN, "note"), rows, RIGHT).rstrip("\n")
+    return [f"### {escape_markdown(group.title)}", escape_markdown(group.text), body]
+
+
+def format_value(value: float | None, digits: int = 4) -> str:
+    """A number with so many significant digits, empty for None; zero has no sign."""
+    return "" if value is None else f"{value + 0.0:.{digits}g}"
+
+
+def format_verdict(row: PaperRow) -> str:
+    """yes, no or empty."""
+    return "" if row.reproduces is None else ("yes" if row.reproduces else "no")
+
+
+PREFACE = """# The papers' tables, measured again
+
+Each table has what a paper prints beside what quadlog finds: below, as `TABLE.csv`, as `TABLE.tex` (booktabs,
+graphicx), and unrounded as `TABLE.json`.
+
+- **paper** is empty where the paper prints no such number.
+- **95 % interval** is that of ours; it is empty where ours is computed without any random draw.
+- **reproduces** is *yes* where ours, rounded to the digits that the paper prints, is the printed number, or where the
+  interval holds it; **✗ no** otherwise, with a note why; empty where there is nothing to reproduce. A claim in words,
+  as "more than 5 times", has its own rule, which stands above its rows.
+
+A second `quadlog tables` into this folder measures nothing again that was measured by the same quadlog and the same
+packages with the same seed. Another folder, or one without a table's JSON file, starts afresh.
+"""
+README_HEADER = ("table", "of", "printed numbers that reproduce", "quantities in all", "made by")
+JUDGED = "printed numbers and claims that can be judged; one that is measured in several settings counts in each."
+FAST = "Tables made with `--fast` have fewer draws and wider intervals than the full ones."
+OLD = "**Measured by another quadlog, or with other packages, than the last table here:**"
+
+
+@dataclass(frozen=True, slots=True)
+class Appendix:
+    """What the page says beside its tables: a title, and Markdown under it."""
+
+    title: str
+    text: str
+
+
+def readme_text(saved: Sequence[SavedTable], code: str, appendices: Sequence[Appendix]) -> str:
+    """The whole page. code: that of the last command's tables; what another one measured is said."""
+    sections = [f'<a id="{each.table.name}"></a>\n\n{section_text(each.table)}' for each in saved]
+    ends = [f"## {escape_markdown(each.title)}\n\n{each.text}" for each in appendices]
+    return "\n".join([PREFACE, _summary_text(saved, code), *sections, *ends])
+
+
+def _summary_text(saved: Sequence[SavedTable], code: str) -> str:
+    tables = [each.table for each in saved]
+    verdicts = [[row.reproduces is True for row in table.judged] for table in tables]
+    lines = markdown_table(
+        README_HEADER,
+        [
+            (table.name, table.title, _share(mine), str(len(table.rows)), table.command)
+            for table, mine in zip(tables, verdicts, strict=True)
+        ],
+        README_HEADER[2:4],
+    )
+    for table in tables:
+        name = escape_markdown(table.name)
+        lines = lines.replace(f"\n| {name} |", f"\n| [{name}](#{table.name}) |", 1)
+    everything = [verdict for mine in verdicts for verdict in mine]
+    blocks = [
+        "## What reproduces",
+        f"{sum(everything)} of {len(everything)} {JUDGED}",
+        lines.rstrip("\n"),
+    ]
+    if any(table.fast for table in tables):
+        blocks.append(FAST)
+    old = [each.table.name for each in saved if each.origin.code != code]
+    if old:
+        blocks.append(f"{OLD} {', '.join(old)}.")
+    return "\n\n".join(blocks) + "\n"
+
+
+def _share(verdicts: Sequence[bool]) -> str:
+    return f"{sum(verdicts)} of {len(verdicts)}" if verdicts else "none printed"
+
+
+README = "README.md"
+
+
+def reusable_tables(folder: Path, names: Sequence[str], origin: Origin) -> list[SavedTable]:
+    """Those of the named tables that lie whole in a folder and have this origin."""
+    saved = (load_saved(folder, name) for name in names)
+    return [each for each in saved if each is not None and each.origin == origin]
+
+
+def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTable], force: bool) -> None:
+    """Make the folder, before anything is measured for the named tables.
+
+    Raises CannotWrite, and unless `force` AlreadyExists for the page and for a file of theirs,
+    and for a file of a reused table that is not as it would be written.
+    """
+    for path in () if force else _in_the_way(folder, names, reused):
+        if path.exists():
+            raise AlreadyExists(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, error.strerror or str(error)) from error
+
+
+def write_table(folder: Path, saved: SavedTable) -> None:
+    """One table's files, each whole; its JSON file last, for that one says that the others are there."""
+    for name, content in _files(saved).items():
+        if not _holds(folder / name, content):
+            write_whole(folder / name, content)
+
+
+def write_readme(folder: Path, names: Sequence[str], code: str, appendices: Sequence[Appendix], force: bool) -> Path:
+    """The page of all tables that the folder holds, also those of earlier commands, in the order of names.
+
+    Raises AlreadyExists for another page, unless `force`.
+    """
+    saved = [each for name in names if (each := load_saved(folder, name)) is not None]
+    page, text = folder / README, readme_text(saved, code, appendices).encode()
+    if not _holds(page, text):
+        if page.exists() and not force:
+            raise AlreadyExists(page)
+        write_whole(page, text)
+    return page
+
+
+def _in_the_way(folder: Path, names: Sequence[str], reused: Sequence[SavedTable]) -> Iterator[Path]:
+    if names:
+        yield folder / README
+    for name in names:
+        yield from (folder / f"{name}.{suffix}" for suffix in ("csv", "tex", "json"))
+        yield from sorted(folder.glob(f"{name}-*.png"))
+    for saved in reused:
+        yield from (folder / name for name, content in _files(saved).items() if not _holds(folder / name, content))
+
+
+def _files(saved: SavedTable) -> dict[str, bytes]:
+    """What a table is written as, by file name, in the order of writing."""
+    table = saved.table
+    pictures = {picture_file(table, picture): picture.png for picture in table.pictures}
+    texts = {f"{table.name}.csv": csv_text(table).encode(), f"{table.name}.tex": latex_text(table).encode()}
+    return {**pictures, **texts, f"{table.name}.json": json_bytes(saved)}
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.read_bytes() == content

@@ -1,0 +1,179 @@
+"""What a table of a paper holds beside ours: rows in groups, pictures, and what was run to get them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRow:
+    """One quantity, its unit in its name: what the paper prints, and what quadlog finds.
+
+    paper: None where the paper prints none.
+    low, high: 95 % interval of ours; None where ours is computed without any random draw.
+    reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
+    """
+
+    quantity: str
+    ours: float
+    paper: float | None = None
+    low: float | None = None
+    high: float | None = None
+    reproduces: bool | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        given = (self.ours, self.paper, self.low, self.high)
+        assert all(math.isfinite(value) for value in given if value is not None), self
+        assert (self.low is None) == (self.high is None), self
+
+    @property
+    def difference(self) -> float | None:
+        """Ours less the paper's."""
+        return None if self.paper is None else self.ours - self.paper
+
+
+@dataclass(frozen=True, slots=True)
+class RowGroup:
+    """Rows that belong together under one title; text says how they were measured."""
+
+    title: str
+    text: str
+    rows: tuple[PaperRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TablePicture:
+    """A PNG of a table. name: a file's stem; alt: for who cannot see it; caption: how to read it."""
+
+    name: str
+    alt: str
+    caption: str
+    png: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTable:
+    """A table or a few figures of a paper, measured again.
+
+    name: as the command line takes it. sizes: one sentence on how many seeds, fixes or episodes it rests on.
+    errata: sentences on what is wrong in print and concerns this table.
+    """
+
+    name: str
+    title: str
+    caption: str
+    sizes: str
+    seed: int
+    fast: bool
+    groups: tuple[RowGroup, ...]
+    pictures: tuple[TablePicture, ...] = ()
+    errata: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        quantities = [row.quantity for row in self.rows]
+        assert len(set(quantities)) == len(quantities), "a quantity names its row in the CSV file"
+
+    @property
+    def rows(self) -> tuple[PaperRow, ...]:
+        """The rows of all groups, in order."""
+        return tuple(row for group in self.groups for row in group.rows)
+
+    @property
+    def judged(self) -> tuple[PaperRow, ...]:
+        """The rows that reproduce or do not."""
+        return tuple(row for row in self.rows if row.reproduces is not None)
+
+    @property
+    def reproduced(self) -> str:
+        """How many of what the paper prints, in words."""
+        if not self.judged:
+            return "the paper prints none"
+        return f"{sum(row.reproduces is True for row in self.judged)} of {len(self.judged)} printed numbers reproduce"
+
+    @property
+    def command(self) -> str:
+        """The command line that makes this table."""
+        fast, seed = " --fast" if self.fast else "", f" --seed {self.seed}" if self.seed else ""
+        return f"quadlog tables {self.name}{fast}{seed}"
+
+
+LARGEST_BYTES = 16_000_000
+"""No table comes near; of a larger file, which is none of ours, no more is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """All that decides what a table holds. code: a digest of quadlog and of the packages under it; the rest as asked.
+
+    A table that draws nothing says in itself that it is neither fast nor of a seed, whatever was asked.
+    """
+
+    code: str
+    fast: bool
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class SavedTable:
+    """A table as it lies in a folder, and what it was measured with."""
+
+    table: PaperTable
+    origin: Origin
+
+
+def picture_file(table: PaperTable, picture: TablePicture) -> str:
+    """Where a picture lies, beside the page."""
+    return f"{table.name}-{picture.name}.png"
+
+
+def json_bytes(saved: SavedTable) -> bytes:
+    """The table but for its pictures' pixels, of which it has the SHA-256; with a SHA-256 of itself."""
+    table = asdict(saved.table)
+    for picture in table["pictures"]:
+        picture["sha256"] = hashlib.sha256(picture.pop("png")).hexdigest()
+    body = {"origin": asdict(saved.origin), "table": table}
+    return (json.dumps(body | {"sha256": _digest(body)}, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def load_saved(folder: Path, name: str) -> SavedTable | None:
+    """The table that lies in a folder; None when there is none, or not all of it as it was written."""
+    try:
+        with (folder / f"{name}.json").open("rb") as stream:
+            body = json.loads(stream.read(LARGEST_BYTES))
+        if body.pop("sha256") != _digest(body) or body["table"]["name"] != name:
+            return None
+        return SavedTable(_table(folder, body["table"]), Origin(**body["origin"]))
+    except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError, AssertionError):
+        return None
+
+
+def _digest(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+
+def _table(folder: Path, fields: dict[str, Any]) -> PaperTable:
+    """Raises what `load_saved` takes for a damaged file."""
+    groups = tuple(
+        RowGroup(group["title"], group["text"], tuple(PaperRow(**row) for row in group["rows"]))
+        for group in fields.pop("groups")
+    )
+    pictures = tuple(_picture(folder, fields["name"], each) for each in fields.pop("pictures"))
+    return PaperTable(**fields | {"errata": tuple(fields["errata"])}, groups=groups, pictures=pictures)
+
+
+def _picture(folder: Path, name: str, fields: dict[str, Any]) -> TablePicture:
+    """Raises ValueError when the file beside the table is another one than was written."""
+    sha256 = fields.pop("sha256")
+    # Looked for among the files there are, so that a name never leads elsewhere.
+    files = {path.name: path for path in folder.glob(f"{name}-*.png")}
+    png = files[f"{name}-{fields['name']}.png"].read_bytes()
+    if hashlib.sha256(png).hexdigest() != sha256:
+        raise ValueError(name)
+    return TablePicture(**fields, png=png)

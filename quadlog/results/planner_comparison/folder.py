@@ -1,0 +1,176 @@
+"""The folder of a comparison: its tables, its plots, and a page that shows them.
+
+What is written: planners and replans as Parquet, scenarios.parquet where a
+.scen file was asked, planners.csv, .json and .tex, plots/ and README.md, which
+comes last and marks the folder as whole. Nothing appears, and nothing of an
+earlier comparison is lost, before all sources are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from numpy.typing import NDArray
+
+from quadlog.errors import AlreadyExists, CannotWrite
+from quadlog.metrics.planning import Comparison
+from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS, format_rows, write_planners
+from quadlog.results.plots.planner_comparison import PathScene, draw_cells, draw_paths, draw_ratios
+from quadlog.results.plots.style import render_png
+from quadlog.results.run.tables import TableWriter
+from quadlog.results.text.markup import escape_markdown
+from quadlog.storage.atomic_write import uninterrupted, write_whole
+
+README = "README.md"
+TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
+TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
+
+
+class ComparisonFiles:
+    """Takes one source after the other; all files appear together with `finish`, or none when the block fails before.
+
+    What an earlier comparison left is replaced with `force` only, and not before. Entering raises AlreadyExists and
+    CannotWrite.
+    """
+
+    def __init__(self, folder: Path, force: bool, has_queries: bool) -> None:
+        self._folder, self._force, self._has_queries = folder, force, has_queries
+        self._stack = ExitStack()
+        self._sources = 0
+        self._plots: dict[str, bytes] = {}
+
+    def __enter__(self) -> Self:
+        there = _earlier_files(self._folder)
+        if there and not self._force:
+            raise AlreadyExists(there[0])
+        self._is_new = not self._folder.exists()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CannotWrite(self._folder, error.strerror or str(error)) from error
+        with ExitStack() as stack:
+            stack.push(self._leave_nothing)
+            self._replans = stack.enter_context(TableWriter(self._folder / "replans.parquet", REPLANS))
+            if self._has_queries:
+                self._scenarios = stack.enter_context(TableWriter(self._folder / "scenarios.parquet", SCENARIOS))
+            stack.push(self._make_room)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def finish(self, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]) -> None:
+        """Let every file appear, the page last. A signal that ends the process waits for it. Raises CannotWrite."""
+        with uninterrupted():
+            self._stack.close()
+            for name, png in self._plots.items():
+                write_whole(self._folder / "plots" / name, png)
+            _write_comparison(self._folder, rows, findings, about)
+
+    def add(
+        self,
+        comparison: Comparison,
+        replans: Mapping[str, NDArray[Any]],
+        scenarios: Mapping[str, NDArray[Any]],
+        scene: PathScene | None,
+    ) -> None:
+        """One source: its rows of replans.parquet and scenarios.parquet, and its plots."""
+        self._replans.append(replans)
+        if len(scenarios["map"]):
+            self._scenarios.append(scenarios)
+        self._sources += 1
+        for name, draw in _plots(comparison, replans, scene).items():
+            png = render_png(draw)
+            if png is not None:
+                self._plots[f"source-{self._sources}-{name}.png"] = png
+
+    def _make_room(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Before the tables appear."""
+        if kind is not None:
+            return
+        try:
+            for path in _earlier_files(self._folder):
+                path.unlink()
+            (self._folder / "plots").mkdir(exist_ok=True)
+        except OSError as error:
+            raise CannotWrite(self._folder, error.strerror or str(error)) from error
+
+    def _leave_nothing(self, kind: type[BaseException] | None, *_: object) -> None:
+        """After the tables are gone."""
+        if kind is not None and self._is_new:
+            with suppress(OSError):  # somebody may have put something there
+                self._folder.rmdir()
+
+
+def _write_comparison(
+    folder: Path, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]
+) -> None:
+    """Planners in every format, and the page. Raises CannotWrite."""
+    write_planners(folder / "planners.parquet", rows)
+    for name, to in TEXTS.items():
+        write_whole(folder / name, format_rows(rows, to, about).encode())
+    pictures = _pictures(folder)
+    blocks = [
+        "# Planners compared",
+        *map(escape_markdown, findings),
+        format_rows(rows, "markdown", about).rstrip(),
+        *(f"![{_alt(path)}](plots/{path.name})" for path in pictures),
+    ]
+    write_whole(folder / README, ("\n\n".join(blocks) + "\n").encode())
+
+
+def _earlier_files(folder: Path) -> list[Path]:
+    """What an earlier comparison left in the folder, what marks it as whole first."""
+    named = (folder / name for name in (README, *TEXTS, *TABLES))
+    return [*(path for path in named if path.exists()), *_pictures(folder)]
+
+
+def _pictures(folder: Path) -> list[Path]:
+    """In the order of the sources."""
+    return sorted((folder / "plots").glob("source-[0-9]*-*.png"), key=lambda path: (_number(path), path.name))
+
+
+def _number(path: Path) -> int:
+    digits = path.stem.split("-")[1]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def _alt(path: Path) -> str:
+    _, number, *words = path.stem.split("-")
+    return f"Source {number}: {' '.join(words)}."
+
+
+def _plots(comparison: Comparison, replans: Mapping[str, NDArray[Any]], scene: PathScene | None) -> dict[str, Any]:
+    """What to draw, by the name of the file."""
+    first = replans["episode"] == 0
+    planner = replans["planner"]
+    names = [row.planner for row in comparison.rows]
+    cells = {name: replans[comparison.counted][first & (planner == name)] for name in names}
+    restarts = {
+        row.planner: replans["from_scratch"][first & (planner == row.planner)]
+        for row in comparison.rows
+        if row.fallback_share is not None
+    }
+    medians = {
+        row.planner: (row.ratio_expanded, row.ratio_low, row.ratio_high)
+        for row in comparison.rows
+        if row.ratio_expanded is not None
+    }
+    title = comparison.source
+    plots: dict[str, Any] = {
+        "ratios": partial(draw_ratios, comparison.episode_ratios, medians, comparison.baseline, title)
+    }
+    if len(cells[names[0]]) > 1:
+        of = f"{title}, episode 1" if comparison.rows[0].episodes > 1 else title
+        plots["cells-per-replan"] = partial(draw_cells, cells, restarts, comparison.baseline, of, comparison.counted)
+    if scene is not None:
+        plots["paths"] = partial(draw_paths, [scene])
+    return plots

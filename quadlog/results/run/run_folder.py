@@ -1,0 +1,263 @@
+"""One run's folder: created without harming what is there, filled file by file, finished by `run.json`."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import tomli_w
+
+from quadlog.errors import CannotWrite, NotARun, RunExists, UnknownRunFormat
+from quadlog.results.run.names import OWN_FILES
+from quadlog.results.run.record import RUN_FORMAT, InputRecord, RunRecord
+from quadlog.storage.atomic_write import is_part, remove_stale_parts, write_whole
+from quadlog.version import __version__
+
+_CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
+_MAX_JSON_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """A folder that is, or becomes, a run. `path / name` is where a stage writes its file."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, force: bool = False, resume: bool = False) -> Self:
+        """The folder `path`, made or taken over.
+
+        An existing run needs `force` (quadlog's own files are removed, all
+        others stay) or `resume` (everything stays). Call it only when the run
+        is sure to start: with `force` the old results are gone afterwards.
+
+        Raises AlreadyExists for a run without either flag; CannotWrite when the
+        folder holds other things and is no run, is a link to be emptied, or
+        cannot be made.
+        """
+        folder = cls.claim(path, replace=force, complete=resume)
+        if force:
+            _remove_own_files(path, OWN_FILES)
+        return folder
+
+    @classmethod
+    @contextmanager
+    def create_whole(cls, path: Path, force: bool = False) -> Iterator[Self]:
+        """`create` for a run that cannot be resumed: its files are removed again when the block fails."""
+        folder = cls.create(path, force)
+        try:
+            yield folder
+        except BaseException:
+            with suppress(CannotWrite):
+                _remove_own_files(path, OWN_FILES)
+            with suppress(OSError):  # it holds other files
+                path.rmdir()
+            raise
+
+    @classmethod
+    def claim(cls, path: Path, replace: bool = False, complete: bool = False) -> Self:
+        """The folder `path`, made, or an existing one that may be written to; no result in it is touched yet.
+
+        replace: results will be removed by `begin`; complete: all stays. Raises as `create` does.
+        """
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            names = {entry.name for entry in path.iterdir()}
+        except OSError as error:
+            raise CannotWrite(path, error.strerror or str(error)) from error
+        if all(is_part(name) for name in names):
+            remove_stale_parts(path)
+            return cls(path)
+        if not _is_ours(path):
+            raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
+        if not (replace or complete):
+            raise RunExists(path)
+        if replace and path.is_symlink():
+            raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
+        remove_stale_parts(path)
+        return cls(path)
+
+    def begin(self, config: Mapping[str, Any], keep: Collection[str]) -> None:
+        """Write `config.toml` and remove quadlog's own files but those to keep.
+
+        `run.json` goes first, so that what remains after a kill is no finished run; and as the configuration is there
+        by then, it still is quadlog's. Links are removed, never followed. Raises CannotWrite.
+        """
+        _remove_own_files(self.path, ())
+        self.write_config(config)
+        _remove_own_files(self.path, OWN_FILES - {"config.toml", *keep})
+
+    def discard_if_empty(self) -> None:
+        """Take the folder away again when a run failed before it had a result: the next try needs no flag."""
+        with suppress(OSError):  # another process has begun a file in it, or taken it away
+            names = {entry.name for entry in self.path.iterdir()}
+            if names <= {"config.toml"} and not self.path.is_symlink():
+                (self.path / "config.toml").unlink(missing_ok=True)
+                self.path.rmdir()
+
+    def write_config(self, config: Mapping[str, Any]) -> None:
+        """`config.toml`, first of all files: it marks the folder as quadlog's. Keys without a value are left out."""
+        write_whole(self.path / "config.toml", (_CONFIG_HEADER + tomli_w.dumps(_without_none(config))).encode())
+
+    def write_metrics(self, metrics: Mapping[str, Mapping[str, Any]]) -> None:
+        """`metrics.json`: name: {value, n, unit}. A metric without a finite value does not apply and is left out."""
+        kept = {
+            name: {"value": _plain(metric["value"]), "n": int(metric["n"]), "unit": str(metric["unit"])}
+            for name, metric in metrics.items()
+            if metric["value"] is not None and math.isfinite(metric["value"])
+        }
+        write_whole(self.path / "metrics.json", to_json(kept))
+
+    def write_run_json(self, record: RunRecord) -> None:
+        """`run.json`, last of all files: it marks the run as finished."""
+        write_whole(self.path / "run.json", to_json(record.to_dict()))
+
+    def is_finished(
+        self, identity: str, config: Mapping[str, Any], version: str, options: Mapping[str, Any] | None = None
+    ) -> bool:
+        """Whether this run was finished with the input of this identity, config, version and options (see RunRecord).
+
+        identity: of an InputRecord.
+        """
+        try:
+            record = read_run_json(self.path)
+        except (NotARun, UnknownRunFormat):
+            return False
+        wanted = json.loads(to_json({"config": config, "options": options or {}}))
+        return (
+            InputRecord.identity_in(record.get("input")) == identity
+            and record.get("quadlog_version") == version
+            and record.get("config") == wanted["config"]
+            and record.get("options") == wanted["options"]
+        )
+
+
+def read_run_json(run: Path) -> dict[str, Any]:
+    """The record of a finished run, as RunRecord describes it.
+
+    Raises NotARun for anything else, UnknownRunFormat for a run of a format that is not RUN_FORMAT. Without
+    `run_format` it is 1: runs were written so before there was another.
+    """
+    record = _read_record(run)
+    found = record.get("run_format", 1)
+    if type(found) is not int or found != RUN_FORMAT:
+        raise UnknownRunFormat(run, found, record.get("quadlog_version"), RUN_FORMAT, __version__)
+    return record
+
+
+def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
+    """`metrics.json` of a run: name: {value, n, unit}. Raises NotARun."""
+    metrics, damaged = read_sound_metrics(run)
+    if damaged:
+        raise NotARun(run / "metrics.json", f"is damaged: {damaged[0]} has no value")
+    return metrics
+
+
+def read_sound_metrics(run: Path) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """`metrics.json` of a run as `read_metrics` gives it, and the names in it that have no value. Raises NotARun."""
+    found = _read_object(run, "metrics.json", "has no metrics.json")
+    metrics = {name: metric for name, metric in found.items() if isinstance(metric, dict) and _is_sound(metric)}
+    return metrics, sorted(set(found) - set(metrics))
+
+
+def to_json(content: Any) -> bytes:
+    """JSON for people and programs: keys sorted, no NaN, one trailing newline."""
+    return (json.dumps(content, indent=2, sort_keys=True, allow_nan=False, default=_plain) + "\n").encode()
+
+
+def _read_record(run: Path) -> dict[str, Any]:
+    missing = "is no finished run: it has no run.json"
+    return _read_object(run, "run.json", missing, parse_int=_int64, parse_float=_finite, parse_constant=_finite)
+
+
+def _read_object(run: Path, name: str, missing: str, **parsers: Any) -> dict[str, Any]:
+    """The object in a JSON file. parsers: as `json.loads` takes them. Raises NotARun."""
+    path = run / name
+    if not path.is_file():
+        raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
+    try:
+        if path.stat().st_size > _MAX_JSON_BYTES:
+            raise NotARun(path, f"is larger than {_MAX_JSON_BYTES} bytes")
+        content = json.loads(path.read_bytes(), **parsers)
+    except (ValueError, OSError, RecursionError) as error:
+        raise NotARun(path, f"is damaged: {error}") from error
+    if not isinstance(content, dict):
+        raise NotARun(path, "is damaged: no JSON object")
+    return content
+
+
+def _int64(text: str) -> int:
+    """A whole number of at most 64 bits, as quadlog writes them: a larger one is no float either. Raises ValueError."""
+    if len(text) > 20 or not -(2**63) <= int(text) < 2**64:
+        raise ValueError(f"{text[:20]}... is too large a number")
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    """Raises ValueError for NaN and the infinities, which quadlog never writes."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
+
+
+def _is_sound(metric: Mapping[str, Any]) -> bool:
+    """Whether the metric has a finite value, and counts and unit, where they are there, that can be shown."""
+    value, n, unit = metric.get("value"), metric.get("n", 0), metric.get("unit", "")
+    if isinstance(value, bool) or not isinstance(value, int | float) or type(n) is not int:
+        return False
+    # Larger than a float is no number to count with; as `inf` it would compare as one.
+    return isinstance(unit, str) and abs(value) <= sys.float_info.max and 0 <= n < 2**63
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether quadlog made this folder: by what its files say, since others have a config.toml too."""
+    config = path / "config.toml"
+    try:
+        if config.is_file():
+            with config.open("rb") as file:
+                if file.read(len(_CONFIG_HEADER)) == _CONFIG_HEADER.encode():
+                    return True
+        return "quadlog_version" in _read_record(path)
+    except (NotARun, OSError):
+        return False
+
+
+def _remove_own_files(path: Path, names: Collection[str]) -> None:
+    """`run.json` first, then pictures, then the files named."""
+    plots = path / "plots"
+    pictures: list[Path] = []
+    if plots.is_dir() and not plots.is_symlink():
+        remove_stale_parts(plots)
+        pictures = sorted(plots.glob("*.png"))
+    try:
+        for own in [path / "run.json", *pictures, *(path / name for name in sorted(names))]:
+            if own.is_symlink() or own.is_file():
+                own.unlink(missing_ok=True)
+        if plots.is_symlink():
+            plots.unlink(missing_ok=True)
+        elif plots.is_dir() and not any(plots.iterdir()):
+            with suppress(OSError):  # another process draws at this moment
+                plots.rmdir()
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no null: a key without a value is left out, which means the default."""
+    if isinstance(value, Mapping):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    return [_without_none(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _plain(value: Any) -> Any:
+    """Scalars of numpy as Python's, and paths as text."""
+    if isinstance(value, Path):
+        return str(value)
+    return value.item() if hasattr(value, "item") else value

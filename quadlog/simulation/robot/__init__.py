@@ -1,0 +1,1 @@
+"""The simulated quadruped (MuJoCo) and the unicycle."""

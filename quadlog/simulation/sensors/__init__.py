@@ -1,0 +1,1 @@
+"""Simulated lidar, UWB and IMU."""

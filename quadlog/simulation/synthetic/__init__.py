@@ -1,0 +1,1 @@
+"""Synthesized recordings with known ground truth."""

@@ -1,0 +1,1 @@
+"""Worlds in which planners are compared."""

@@ -1,0 +1,131 @@
+"""A walk through a world, replanning on the way, and what was to be planned at each instant. [Planning, section 4]
+
+What a planner decides changes what it is asked next. So one planner leads, and
+the instants of its walk can be put to all the others: the shared sequence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.mapping.grid import Window, window_around
+from quadlog.messages import Float
+from quadlog.planning.protocol import Bool, Cells, Plan, Planner, no_plan
+from quadlog.planning.query import NoQuery, make_query
+from quadlog.simulation.worlds.world import World
+
+# Four times the longest straight way of a forest: a robot that is not there by then goes in circles.
+MOST_REPLANS = 1000
+# Replans without a step before the robot gives up: 9 s at one cell a replan, in which somebody passes by.
+PATIENCE = 25
+
+
+class Outcome(StrEnum):
+    """How a walk ended: in the goal's cell, without a way for too long, or after too many replans."""
+
+    ARRIVED = "arrived"
+    STUCK = "stuck"
+    OUT_OF_REPLANS = "out of replans"
+
+
+@dataclass(frozen=True, slots=True)
+class ReplanInstant:
+    """What a robot at robot_xy_m (2,) with a goal at goal_xy_m (2,), in map, could see: the question of a replan.
+
+    occupied_bits: numpy.packbits of the window's cells, row by row.
+    """
+
+    t_ns: int
+    window: Window
+    occupied_bits: NDArray[np.uint8]
+    robot_xy_m: Float
+    goal_xy_m: Float
+
+    @property
+    def occupied(self) -> Bool:
+        """Occupied cells (rows, cols) of the window, undilated."""
+        rows, cols = self.window.shape
+        return np.unpackbits(self.occupied_bits, count=rows * cols).view(np.bool_).reshape(rows, cols)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldWalk:
+    """A walk: one instant and one plan for each replan, and the way.
+
+    path_xy_m: (N, 2) in map, the start and the centre of every cell stepped on, in order.
+    A replan that could not be asked, because the robot was walled in, has a plan that found nothing.
+    """
+
+    instants: tuple[ReplanInstant, ...]
+    plans: tuple[Plan, ...]
+    path_xy_m: Float
+    outcome: Outcome
+
+
+def walk_world(
+    world: World,
+    planner: Planner,
+    *,
+    cells_per_replan: int = 1,
+    most_replans: int = MOST_REPLANS,
+    patience: int = PATIENCE,
+) -> WorldWalk:
+    """Walk from the world's start to its goal, cells_per_replan cells of each plan; planner forgets what it knew.
+
+    Obstacles grow within the window: the robot knows nothing of those outside. It walks at the world's speed; where
+    there is no way, or none any nearer to the goal, it waits as long as the steps would have taken. After more than
+    patience such replans in a row it is stuck. Raises ValueError unless it walks at least one cell a replan.
+    """
+    if cells_per_replan < 1:
+        raise ValueError(f"a robot that walks {cells_per_replan} cells a replan arrives nowhere")
+    planner.reset()
+    instants: list[ReplanInstant] = []
+    plans: list[Plan] = []
+    path_m = [world.start_xy_m]
+    last_window: Window | None = None
+    t_ns, waited = 0, 0
+    while (outcome := _outcome(world, path_m[-1], t_ns, waited > patience, len(plans) >= most_replans)) is None:
+        instants.append(look(world, path_m[-1], t_ns))
+        window, steps = instants[-1].window, np.empty((0, 2), dtype=np.int32)
+        query = make_query(
+            window, instants[-1].occupied, path_m[-1], instants[-1].goal_xy_m, world.dilation_m, world.dilation
+        )
+        if isinstance(query, NoQuery):
+            plans.append(no_plan())
+        else:
+            shift = (0, 0) if last_window is None else last_window.shift_to(window)
+            last_window = window
+            plans.append(planner.plan(query.blocked, query.start, query.goal, shift))
+            steps = _next_steps(query.way_out, plans[-1], cells_per_replan)
+        waited = 0 if len(steps) else waited + 1
+        before = len(path_m)
+        path_m.extend(window.centre_of(steps))
+        walked_m = float(np.hypot(*np.diff(path_m[before - 1 :], axis=0).T).sum())
+        t_ns += round(1e9 * (walked_m or cells_per_replan * window.cell_m) / world.speed_mps)
+    return WorldWalk(tuple(instants), tuple(plans), np.array(path_m), outcome)
+
+
+def look(world: World, robot_xy_m: Float, t_ns: int) -> ReplanInstant:
+    """What a robot at a point (2,) of map sees at an instant."""
+    window = window_around(robot_xy_m, world.window.cell_m, world.window_cells)
+    bits = np.packbits(world.occupied_in(window, t_ns))
+    return ReplanInstant(t_ns, window, bits, robot_xy_m, world.goal.at(t_ns))
+
+
+def _outcome(world: World, robot_m: Float, t_ns: int, is_stuck: bool, is_over: bool) -> Outcome | None:
+    if np.array_equal(world.window.cell_of(robot_m), world.window.cell_of(world.goal.at(t_ns))):
+        return Outcome.ARRIVED
+    if is_stuck:
+        return Outcome.STUCK
+    return Outcome.OUT_OF_REPLANS if is_over else None
+
+
+def _next_steps(way_out: Cells, plan: Plan, most: int) -> Cells:
+    """The cells (K, 2) to walk next, K <= most: first out of the growth; none without a plan, or at its end."""
+    if not plan.found:
+        return plan.cells
+    return np.concatenate([way_out, plan.cells])[1 : 1 + most]

@@ -1,0 +1,151 @@
+"""How far a walking robot's body stays from what was seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from quadlog.compiled import kernel
+from quadlog.mapping.grid import Window, crop
+from quadlog.messages import Float, Int
+from quadlog.planning.protocol import Bool
+
+
+def occupied_centres(occupied: Bool, window: Window) -> Float:
+    """The centres (N, 2) in map of the occupied cells of a window's (rows, cols)."""
+    rows, cols = np.nonzero(occupied)
+    return window.centre_of(np.stack([cols, rows], axis=1))
+
+
+@kernel
+def body_clearance(
+    x_m: float, y_m: float, yaw_rad: float, length_m: float, width_m: float, centres_m: Float, cell_m: float
+) -> float:
+    """Metres from a body, a rectangle about the pose, to the nearest occupied cell; <= 0 when they touch, or inf.
+
+    A cell is taken as the disc that fits into it, so the distance is that to its centre less cell_m / 2.
+    """
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    nearest = math.inf
+    for i in range(len(centres_m)):
+        dx, dy = centres_m[i, 0] - x_m, centres_m[i, 1] - y_m
+        outside_x, outside_y = abs(cos * dx + sin * dy) - length_m / 2, abs(cos * dy - sin * dx) - width_m / 2
+        outside_x = outside_x if outside_x > 0 else 0.0
+        outside_y = outside_y if outside_y > 0 else 0.0
+        squared = outside_x * outside_x + outside_y * outside_y
+        if squared < nearest:
+            nearest = squared
+    return math.sqrt(nearest) - cell_m / 2
+
+
+# Printed in [Planning, section 4].
+CELL_M = 0.1
+WINDOW_CELLS = 40
+GROWTH_M = 0.3
+SPEED_MPS = 0.285
+"""Table 1 of [Planning]: the ten lengths of A* over the ten times."""
+
+
+class Rectangle(NamedTuple):
+    """A box with its sides along the axes of map, between two corners."""
+
+    x0_m: float
+    y0_m: float
+    x1_m: float
+    y1_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointTrack:
+    """A point that goes straight and evenly between instants t_ns (K,), K >= 1, at xy_m (K, 2); else it stands."""
+
+    t_ns: Int
+    xy_m: Float
+
+    def at(self, t_ns: int) -> Float:
+        """Where it is (2,) in map."""
+        return np.array([np.interp(t_ns, self.t_ns, self.xy_m[:, axis]) for axis in (0, 1)])
+
+
+def standing(x_m: float, y_m: float) -> WaypointTrack:
+    """A point that never moves."""
+    return WaypointTrack(np.zeros(1, dtype=np.int64), np.array([[x_m, y_m]]))
+
+
+class MovingDisc(NamedTuple):
+    """Somebody walking, seen from above."""
+
+    track: WaypointTrack
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Occupied cells (rows, cols) of a window of the lattice, undilated, and who walks there.
+
+    title and figure: what it shows, and the figure it stands for.
+    start_xy_m: (2,) in map, where the robot is at t_ns = 0; goal: where it is to go.
+    window_cells: the robot sees a square of so many cells about it, in which
+    obstacles grow by dilation_m in a shape of `inflation.INFLATIONS`.
+    moving: obstacles that are somewhere else at every instant.
+    """
+
+    title: str
+    figure: str
+    window: Window
+    occupied: Bool
+    start_xy_m: Float
+    goal: WaypointTrack
+    moving: tuple[MovingDisc, ...] = ()
+    window_cells: int = WINDOW_CELLS
+    dilation_m: float = GROWTH_M
+    dilation: str = "euclidean"
+    speed_mps: float = SPEED_MPS
+
+    def occupied_in(self, window: Window, t_ns: int) -> Bool:
+        """Occupied cells (rows, cols) of a window at an instant; what lies outside of the world is free.
+
+        Raises ValueError when the window's cells are of another size.
+        """
+        occupied = crop(self.occupied, self.window, window)
+        if self.moving:
+            discs_m = np.array([[*each.track.at(t_ns), each.radius_m] for each in self.moving])
+            occupied |= discs_in(window, discs_m)
+        return occupied
+
+
+def discs_in(window: Window, discs_m: Float) -> Bool:
+    """Cells (rows, cols) covered by discs (N, 3), each x, y and radius in map.
+
+    A cell is when its centre lies in a disc, its rim included; so is the one
+    that holds a disc's centre, however thin the disc.
+    """
+    occupied = np.zeros(window.shape, dtype=np.bool_)
+    if len(discs_m) == 0:
+        return occupied
+    middle = window.cell_of(discs_m[:, :2])
+    reach = int(np.ceil(discs_m[:, 2].max() / window.cell_m))
+    aside = np.arange(-reach, reach + 1)
+    around = np.stack(np.meshgrid(aside, aside), axis=-1).reshape(-1, 2)
+    cells = middle[:, None, :] + around
+    away_m = window.centre_of(cells) - discs_m[:, None, :2]
+    covered = (away_m**2).sum(axis=2) <= discs_m[:, 2:] ** 2
+    cells = np.concatenate([cells[covered], middle])
+    cells = cells[window.contains(cells)]
+    occupied[cells[:, 1], cells[:, 0]] = True
+    return occupied
+
+
+def rectangles_in(window: Window, rectangles: Sequence[Rectangle]) -> Bool:
+    """Cells (rows, cols) whose centre lies in a rectangle, its sides included."""
+    occupied = np.zeros(window.shape, dtype=np.bool_)
+    rows, cols = window.shape
+    x_m = window.centre_of(np.stack([np.arange(cols), np.zeros(cols, dtype=np.int64)], axis=1))[:, 0]
+    y_m = window.centre_of(np.stack([np.zeros(rows, dtype=np.int64), np.arange(rows)], axis=1))[:, 1]
+    for x0_m, y0_m, x1_m, y1_m in rectangles:
+        occupied |= ((y_m >= y0_m) & (y_m <= y1_m))[:, None] & ((x_m >= x0_m) & (x_m <= x1_m))
+    return occupied

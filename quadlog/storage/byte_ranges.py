@@ -1,0 +1,227 @@
+"""Any stretch of a file's bytes, wherever the file lies; without a file position, so that threads can read ahead."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Lock
+from typing import BinaryIO, Protocol
+
+from quadlog.errors import StorageFailed
+from quadlog.storage.remote_object import RemoteObject
+from quadlog.storage.urls import redacted
+
+Span = tuple[int, int]
+"""Offset and length."""
+
+
+class ByteSource(Protocol):
+    """An open file of known size."""
+
+    size: int
+
+    def read(self, offset: int, length: int) -> bytes:
+        """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails.
+
+        What lies behind a URL raises StorageFailed and StorageChanged instead: that is no damage of the file.
+        """
+        ...
+
+    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
+        """Small stretches that lie far apart: of a remote file no more than these is fetched, several at a time."""
+        ...
+
+    def release(self) -> None:
+        """Give the file descriptor back until something is read again."""
+        ...
+
+    def close(self) -> None:
+        """Release it."""
+        ...
+
+
+class LocalBytes:
+    """A file of this machine (ByteSource); safe to use from several threads."""
+
+    watcher: Callable[[int, bytes], None] | None = None
+    """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = Lock()
+        self._reading = 0
+        self._is_unneeded = self._is_closed = False
+        self._file: BinaryIO | None = path.open("rb", buffering=0)
+        status = os.fstat(self._file.fileno())
+        self.size, self._identity = status.st_size, (status.st_dev, status.st_ino)
+
+    def read(self, offset: int, length: int) -> bytes:
+        data = self.read_unwatched(offset, length)
+        if self.watcher is not None:
+            self.watcher(offset, data)
+        return data
+
+    def read_unwatched(self, offset: int, length: int) -> bytes:
+        """The same, of which the watcher is not told."""
+        with self._lock:
+            handle = self._opened()
+            self._reading += 1
+        try:
+            data = os.pread(handle, length, offset)
+            while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
+                data += more
+            return data
+        finally:
+            with self._lock:
+                self._reading -= 1
+                self._close_if_unneeded()
+
+    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
+        """See ByteSource."""
+        return [self.read(offset, length) for offset, length in spans]
+
+    def release(self) -> None:
+        """See ByteSource."""
+        with self._lock:
+            self._is_unneeded = True
+            self._close_if_unneeded()
+
+    def close(self) -> None:
+        """Release it for good."""
+        self._is_closed = True
+        self.release()
+
+    def _opened(self) -> int:
+        if self._is_closed:
+            raise ValueError("a closed file is read")
+        self._is_unneeded = False
+        if self._file is None:
+            file = self._path.open("rb", buffering=0)
+            status = os.fstat(file.fileno())
+            if (status.st_dev, status.st_ino) != self._identity:
+                file.close()
+                raise OSError(errno.ESTALE, "it was replaced while it was read", str(self._path))
+            self._file = file
+        return self._file.fileno()
+
+    def _close_if_unneeded(self) -> None:
+        # Another thread may be in the middle of reading.
+        if self._is_unneeded and not self._reading and self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+# Small beside a chunk of a recording (about 1 MB): a time window's edges cost little more than they must.
+BLOCK_BYTES = 1 << 16
+_AT_A_TIME = 16
+
+
+class RemoteBytes:
+    """An object that is read by range (ByteSource); safe to use from several threads."""
+
+    def __init__(self, remote: RemoteObject, size: int) -> None:
+        self.size = size
+        self._remote = remote
+        self._kept = tempfile.TemporaryFile(prefix="quadlog-")  # noqa: SIM115 - closed by close()
+        self._room = shutil.disk_usage(tempfile.gettempdir()).free // 2
+        self._blocks: set[int] = set()
+        self._coming: set[int] = set()
+        self._change = threading.Condition()
+
+    def read(self, offset: int, length: int) -> bytes:
+        """See ByteSource."""
+        end = min(offset + length, self.size)
+        if offset >= end:
+            return b""
+        first, last = offset // BLOCK_BYTES, (end - 1) // BLOCK_BYTES
+        fetched = self._fetch_missing(first, last)
+        parts = [fetched[block] if block in fetched else self._from_file(block) for block in range(first, last + 1)]
+        data = b"".join(parts)
+        begin = offset - first * BLOCK_BYTES
+        return data[begin : begin + end - offset]
+
+    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
+        """See ByteSource; nothing is kept."""
+        ends = [(offset, min(offset + length, self.size)) for offset, length in spans]
+        with ThreadPoolExecutor(_AT_A_TIME) as threads:
+            return list(threads.map(lambda span: self._remote.fetch(*span) if span[0] < span[1] else b"", ends))
+
+    def release(self) -> None:
+        """See ByteSource: what was fetched is kept."""
+
+    def close(self) -> None:
+        """Give the room back."""
+        self._kept.close()
+
+    def _fetch_missing(self, first: int, last: int) -> dict[int, bytes]:
+        """Blocks that had to be fetched; afterwards the file has all others. What another thread fetches is awaited."""
+        fetched: dict[int, bytes] = {}
+        while True:
+            with self._change:
+                lacking = [b for b in range(first, last + 1) if b not in self._blocks and b not in fetched]
+                todo = [block for block in lacking if block not in self._coming]
+                if not lacking:
+                    return fetched
+                if not todo:
+                    self._change.wait()
+                    continue
+                self._coming.update(todo)
+            try:
+                for begin, behind in _runs(todo):
+                    fetched.update(self._fetch(begin, behind))
+            finally:
+                with self._change:
+                    self._coming.difference_update(todo)
+                    self._change.notify_all()
+
+    def _fetch(self, begin: int, behind: int) -> dict[int, bytes]:
+        """Neighbouring blocks by one request, kept as long as there is room."""
+        start, end = begin * BLOCK_BYTES, min(behind * BLOCK_BYTES, self.size)
+        data = self._remote.fetch(start, end)
+        if len(data) != end - start:
+            raise StorageFailed(
+                redacted(self._remote.url), f"{len(data)} bytes came where {end - start} were asked for"
+            )
+        if self._keep(start, data):
+            with self._change:
+                self._blocks.update(range(begin, behind))
+        return {
+            begin + number: data[place : place + BLOCK_BYTES]
+            for number, place in enumerate(range(0, len(data), BLOCK_BYTES))
+        }
+
+    def _keep(self, start: int, data: bytes) -> bool:
+        with self._change:
+            if len(data) > self._room:
+                return False
+            self._room -= len(data)
+        try:
+            written = os.pwrite(self._kept.fileno(), data, start)
+        except OSError:  # somebody else filled the disk: nothing more is kept
+            written = 0
+        if written < len(data):
+            self._room = 0
+        return written == len(data)
+
+    def _from_file(self, block: int) -> bytes:
+        length = min(BLOCK_BYTES, self.size - block * BLOCK_BYTES)
+        try:
+            data = os.pread(self._kept.fileno(), length, block * BLOCK_BYTES)
+        except OSError:  # this machine's disk fails: no damage of a recording that lies elsewhere
+            data = b""
+        return data if len(data) == length else self._fetch(block, block + 1)[block]
+
+
+def _runs(blocks: list[int]) -> Iterator[tuple[int, int]]:
+    """Neighbours among sorted blocks together: the first of each run, and the one behind its last."""
+    begin = blocks[0]
+    for before, block in zip(blocks, [*blocks[1:], -1], strict=True):
+        if block != before + 1:
+            yield begin, before + 1
+            begin = block

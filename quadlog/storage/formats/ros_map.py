@@ -1,0 +1,251 @@
+"""A map as ROS map_server reads it: a `.yaml` that says where the map lies, and the picture it names."""
+
+from __future__ import annotations
+
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.errors import QuadlogError, TooLarge, UnreadableFile, clipped
+from quadlog.messages import Float
+from quadlog.storage.atomic_write import write_whole
+from quadlog.storage.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
+_MAX_PIXELS = 1 << 26  # 8192 x 8192
+
+
+@dataclass(frozen=True, slots=True)
+class GreyImage:
+    """Brightness, the top row first.
+
+    sums (rows, cols) uint8 or uint16: the pixel's colour channels added up, without alpha.
+    white: the sum of a white pixel; 0 is black.
+    opaque (rows, cols) bool; None for a picture without transparency.
+    """
+
+    sums: NDArray[np.uint8] | NDArray[np.uint16]
+    white: int
+    opaque: NDArray[np.bool_] | None
+
+
+def read_picture(path: Path) -> GreyImage:
+    """Decode 8 bits per channel (or fewer), grey, coloured or with a palette.
+
+    Raises UnreadableFile when there is no such file or it is damaged or of
+    another kind; TooLarge, before decoding, for more than 2^26 pixels.
+    """
+    try:
+        # The path comes from another file: a pipe or a device there would be waited for.
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise UnreadableFile(path, "is no regular file")
+        with path.open("rb") as file:
+            return _decode(path, file)
+    except QuadlogError:
+        raise
+    except OSError as error:
+        raise UnreadableFile(path, error.strerror or f"is damaged: {error}") from error
+    except Exception as error:  # Pillow's decoders have no class of their own for damage
+        raise UnreadableFile(path, f"is damaged: {type(error).__name__} {error}") from error
+
+
+def _decode(path: Path, file: BinaryIO) -> GreyImage:
+    image = _reader(path, file)
+    cols, rows = image.size
+    if cols * rows > _MAX_PIXELS:
+        raise TooLarge(f"{path}: pixels", cols * rows, _MAX_PIXELS)
+    if image.mode not in {"1", "L", "LA", "P", "RGB", "RGBA"}:
+        raise UnreadableFile(path, "has more than 8 bits per channel")
+    if image.mode in {"LA", "RGBA"} or "transparency" in image.info:
+        pixels = np.asarray(image.convert("RGBA"))
+        return GreyImage(pixels[..., :3].sum(axis=2, dtype=np.uint16), 3 * 255, pixels[..., 3] == 255)
+    if image.mode in {"1", "L"}:
+        return GreyImage(np.asarray(image.convert("L")), 255, None)
+    return GreyImage(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.uint16), 3 * 255, None)
+
+
+def _reader(path: Path, file: BinaryIO) -> ImageFile:
+    """The header, read by the one decoder that the first bytes name: none of Pillow's others gets to see the file."""
+    from PIL import BmpImagePlugin, PngImagePlugin, PpmImagePlugin  # only pictures need it
+
+    decoders: dict[bytes, type[ImageFile]] = {
+        b"P2": PpmImagePlugin.PpmImageFile,
+        b"P5": PpmImagePlugin.PpmImageFile,
+        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        b"BM": BmpImagePlugin.BmpImageFile,
+    }
+    first = file.read(8)
+    file.seek(0)
+    for magic, decoder in decoders.items():
+        if first.startswith(magic):
+            return decoder(file)
+    raise UnreadableFile(path, "is no PGM, PNG or BMP picture")
+
+
+_UNKNOWN, _FREE, _OCCUPIED = -1, 0, 100  # nav_msgs/OccupancyGrid
+_MODES = ("raw", "scale", "trinary")
+_NEGATE = {"0": False, "1": True, "false": False, "true": True}
+_MAX_YAML_BYTES = 1 << 16
+# A kilometre to a cell and a millimetre are beyond any map that a robot plans on.
+_MIN_CELL_M, _MAX_CELL_M = 1e-3, 1e3
+_MAX_ORIGIN_M = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class RosMap:
+    """An occupancy map in the frame map; row = y upwards, column = x.
+
+    cells (rows, columns) int8: -1 unknown, 0 free, 100 occupied, in modes scale
+    and raw also the values between; origin_m (2,) is the lower-left corner.
+    """
+
+    cells: NDArray[np.int8]
+    origin_m: Float
+    cell_m: float
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """(rows, columns): only what is certainly occupied (100) blocks.
+
+        Unknown cells and values below 100 do not, as in nav2 unless told
+        otherwise: its static layer has lethal_cost_threshold 100 and
+        trinary_costmap, its planners allow_unknown.
+        """
+        return self.cells == _OCCUPIED
+
+
+@dataclass(frozen=True, slots=True)
+class _About:
+    """What the yaml file says."""
+
+    picture: Path
+    origin_m: tuple[float, float]
+    cell_m: float
+    mode: str
+    negate: bool
+    occupied_above: float
+    free_below: float
+
+
+def read_rosmap(path: Path) -> RosMap:
+    """The map that the map_server file `path` describes, from a PGM, PNG or BMP of 8 bits per channel.
+
+    A pixel's colours are averaged to a shade from 0 (black) to 1; its
+    occupancy is 1 - shade, or the shade with `negate`. Then, by `mode`, as
+    nav2's map_server does:
+
+    trinary: 100 above `occupied_thresh`, 0 below `free_thresh`, else unknown.
+    scale: the same, and between the thresholds from 0 to 100 in proportion.
+    raw: the shade times 255 is the value, unknown above 100; `negate` has no say.
+
+    A pixel that is not quite opaque is unknown, but in raw mode. (Map servers
+    before that rule averaged alpha in as a colour in trinary mode.)
+
+    Raises UnreadableFile when either file is missing, damaged or of another
+    kind (a rotated origin included), TooLarge for more cells than memory should hold.
+    """
+    about = _about(path)
+    picture = read_picture(about.picture)
+    cells = _occupancy_of_sums(about, picture)[picture.sums]
+    if picture.opaque is not None and about.mode != "raw":
+        cells[~picture.opaque] = _UNKNOWN
+    # A picture's first row is the top one.
+    return RosMap(np.ascontiguousarray(cells[::-1]), np.array(about.origin_m), about.cell_m)
+
+
+def _occupancy_of_sums(about: _About, picture: GreyImage) -> NDArray[np.int8]:
+    """The cell's value for each sum of colours that a pixel can have, 0 to white."""
+    sums = np.arange(picture.white + 1)
+    table = np.full(len(sums), _UNKNOWN, np.int8)
+    if about.mode == "raw":
+        values = np.rint(sums * 255 / picture.white)
+        table[values <= _OCCUPIED] = values[values <= _OCCUPIED]
+        return table
+    occupancy = (sums if about.negate else picture.white - sums) / picture.white
+    if about.mode == "scale" and about.occupied_above > about.free_below:
+        share = (occupancy - about.free_below) / (about.occupied_above - about.free_below)
+        table[:] = np.rint(100 * share.clip(0, 1))
+    table[occupancy < about.free_below] = _FREE
+    table[occupancy > about.occupied_above] = _OCCUPIED
+    return table
+
+
+def _about(path: Path) -> _About:
+    try:
+        return _checked(path, mapping_of(parse_yaml(_content(path)), "the document"))
+    except NotPlainYaml as error:
+        raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
+
+
+def _checked(path: Path, content: dict[str, Plain]) -> _About:
+    """What the file says. Raises NotPlainYaml."""
+    name, mode = text_of(content.get("image"), "image"), text_of(content.get("mode"), "mode", "trinary").lower()
+    origin = [number_of(each, "origin") for each in list_of(content.get("origin"), "origin")]
+    cell_m, occupied_above, free_below = (
+        number_of(content.get(key), key) for key in ("resolution", "occupied_thresh", "free_thresh")
+    )
+    negate = text_of(content.get("negate"), "negate", "0").lower()
+    if not name:
+        raise NotPlainYaml("image is no file name")
+    if mode not in _MODES:
+        raise NotPlainYaml(f"mode is {clipped(mode, 50)!r}; choose one of: {', '.join(_MODES)}")
+    if negate not in _NEGATE:
+        raise NotPlainYaml(f"negate is {clipped(negate, 50)!r}; choose one of: {', '.join(_NEGATE)}")
+    if not _MIN_CELL_M <= cell_m <= _MAX_CELL_M:
+        raise NotPlainYaml(f"resolution is {cell_m:g} m; it must be between {_MIN_CELL_M:g} and {_MAX_CELL_M:g}")
+    if len(origin) != 3 or not all(abs(each) <= _MAX_ORIGIN_M for each in origin[:2]):
+        raise NotPlainYaml(f"origin must be x, y and yaw, x and y within {_MAX_ORIGIN_M:g} m")
+    if origin[2] != 0:
+        raise NotPlainYaml(f"the map is rotated by {origin[2]:g} rad, which quadlog does not read")
+    if not 0 <= free_below <= occupied_above <= 1:
+        raise NotPlainYaml("thresholds are not 0 <= free_thresh <= occupied_thresh <= 1")
+    place = path.parent / name
+    return _About(place, (origin[0], origin[1]), cell_m, mode, _NEGATE[negate], occupied_above, free_below)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_YAML_BYTES + 1)
+    except OSError as error:
+        raise UnreadableFile(path, error.strerror or str(error)) from error
+    if len(content) > _MAX_YAML_BYTES:
+        raise UnreadableFile(path, "is too long for a map_server file")
+    return content
+
+
+# map_server's own: occupied black, free almost white, unknown a grey just outside both thresholds.
+_GREY = {100: 0, 0: 254, -1: 205}
+_OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196
+
+
+def write_rosmap(folder: Path, cells: NDArray[np.int8], origin_m: Float, cell_m: float) -> None:
+    """`map.pgm` and, once that is whole, `map.yaml` in `folder`. Raises CannotWrite.
+
+    cells (rows, columns) int8, row = y upwards, column = x: -1 unknown, 0 free,
+    100 occupied; origin_m (2,) is the lower-left corner in the frame map.
+    """
+    grey = np.zeros(cells.shape, np.uint8)
+    for value, shade in _GREY.items():
+        grey[cells == value] = shade
+    if not np.isin(cells, list(_GREY)).all():
+        raise ValueError("cells are -1, 0 or 100")
+    rows, columns = cells.shape
+    # A picture's first row is the top one.
+    write_whole(folder / "map.pgm", f"P5\n{columns} {rows}\n255\n".encode() + grey[::-1].tobytes())
+    lines = (
+        "image: map.pgm",
+        "mode: trinary",
+        f"resolution: {float(cell_m)!r}",
+        f"origin: [{float(origin_m[0])!r}, {float(origin_m[1])!r}, 0.0]",
+        "negate: 0",
+        f"occupied_thresh: {_OCCUPIED_ABOVE}",
+        f"free_thresh: {_FREE_BELOW}",
+    )
+    write_whole(folder / "map.yaml", ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,96 @@
+"""Trajectories as TUM text (`t x y z qx qy qz qw`), which evo reads and writes. Times stay exact."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import TooLarge, UnreadableFile
+from quadlog.geometry import FARTHEST_M, quat_from_yaw
+from quadlog.messages import Float, Int, PoseSeries
+from quadlog.storage.atomic_write import write_whole
+
+_MAX_POSES = 20_000_000
+_MAX_LINE = 1000
+_NS = 1_000_000_000
+
+
+def write_tum(path: Path, t_ns: Int, x_m: Float, y_m: Float, yaw_rad: Float) -> None:
+    """Planar poses, columns (N,) each, as `path`: seconds with nine decimals, metres, z = 0, unit quaternion.
+
+    Rows without a finite pose are left out. Raises CannotWrite.
+    """
+    pose = np.column_stack([x_m, y_m, quat_from_yaw(yaw_rad)[:, 2:]])
+    whole = np.isfinite(pose).all(axis=1)
+    lines = [
+        f"{_seconds(t)} {x!r} {y!r} 0.0 0.0 0.0 {qz!r} {qw!r}\n"
+        for t, (x, y, qz, qw) in zip(t_ns[whole].tolist(), pose[whole].tolist(), strict=True)
+    ]
+    write_whole(path, "".join(lines).encode())
+
+
+def read_tum(path: Path) -> PoseSeries:
+    """The poses of a TUM file; lines that start with # and empty ones are skipped, quaternions are normalised.
+
+    Raises UnreadableFile, naming the line, for anything that is not eight
+    finite numbers, a quaternion of length zero, a position farther out than
+    FARTHEST_M, or a time that does not increase; TooLarge for a file with more poses than memory should hold.
+    """
+    t_ns, values = array("q"), array("d")
+    for number, line in _lines(path):
+        try:
+            time, *pose = line.split()
+            row = [float(value) for value in pose]
+            t = _nanoseconds(time)
+        except (ValueError, InvalidOperation):
+            row, t = [], 0
+        if len(row) != 7 or not all(map(math.isfinite, row)) or not any(row[3:]):
+            raise UnreadableFile(path, "is not 't x y z qx qy qz qw' with a quaternion of some length", number)
+        if max(map(abs, row[:3])) > FARTHEST_M:
+            raise UnreadableFile(path, f"has a position beyond {FARTHEST_M:.0e} m", number)
+        if t_ns and t <= t_ns[-1]:
+            raise UnreadableFile(path, "time does not increase", number)
+        if len(t_ns) == _MAX_POSES:
+            raise TooLarge(f"{path}: poses", _MAX_POSES + 1, _MAX_POSES)
+        t_ns.append(t)
+        values.extend(row)
+    if not t_ns:
+        raise UnreadableFile(path, "holds no pose")
+    table = np.array(values).reshape(-1, 7)
+    # Scaled first, so that tiny and huge quaternions neither vanish nor overflow.
+    quat = table[:, 3:] / np.abs(table[:, 3:]).max(axis=1, keepdims=True)
+    return PoseSeries(np.array(t_ns, np.int64), table[:, :3], quat / np.linalg.norm(quat, axis=1, keepdims=True))
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number and content of each line that is not empty and no comment."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            number = 0
+            while line := file.readline(_MAX_LINE + 1):
+                number += 1
+                if len(line) > _MAX_LINE:
+                    raise UnreadableFile(path, "is longer than any pose", number)
+                if line.strip() and not line.lstrip().startswith("#"):
+                    yield number, line
+    except OSError as error:
+        raise UnreadableFile(path, error.strerror or str(error)) from error
+
+
+def _seconds(t_ns: int) -> str:
+    """Nanoseconds as decimal seconds, digit by digit: a float would round from 2^53 ns on."""
+    sign = "-" if t_ns < 0 else ""
+    return f"{sign}{abs(t_ns) // _NS}.{abs(t_ns) % _NS:09d}"
+
+
+def _nanoseconds(text: str) -> int:
+    """Decimal seconds as nanoseconds, rounded where there are more than nine decimals."""
+    seconds = Decimal(text)
+    if not seconds.is_finite() or not -9_000_000_000 <= seconds <= 9_000_000_000:  # what int64 nanoseconds hold
+        raise ValueError(text)
+    return int((seconds * _NS).to_integral_value())

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.pipelines.batch.plan import kept_names
+from quadlog.results.run.names import run_names
+
+
+def replayed(output: Path, recordings: list[Path]) -> dict[Path, str]:
+    """What `quadlog replay --resume` would leave of the recordings; returns who would have which folder."""
+    names = dict(zip(recordings, kept_names(recordings, output), strict=True))
+    for recording, name in names.items():
+        record = output / name / "run.json"
+        if not record.exists():
+            record.parent.mkdir(parents=True)
+            told = {"quadlog_version": "0", "run_format": 1, "input": {"path": str(recording)}}
+            record.write_text(json.dumps(told))
+    return names
+
+
+A, B, C = (Path(f"/season/{each}/rec.mcap") for each in "abc")
+
+
+def test_without_runs_they_are_the_names_of_the_recordings(tmp_path: Path) -> None:
+    assert kept_names([A, B], tmp_path / "none") == run_names([A, B])
+
+
+@pytest.mark.parametrize("first", [[B], [B, C], [C, A]])
+def test_a_run_stays_its_recordings_when_others_come(tmp_path: Path, first: list[Path]) -> None:
+    before = replayed(tmp_path, first)
+    after = replayed(tmp_path, [A, B, C])
+    assert before.items() <= after.items()
+    assert len(set(after.values())) == 3
+    assert replayed(tmp_path, [C]) == {C: after[C]}
+    assert replayed(tmp_path, [A, B, C]) == after
+
+
+def test_a_relative_path_is_the_same_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = replayed(tmp_path / "runs", [Path("b/rec.mcap"), Path("c/rec.mcap")])
+    assert replayed(tmp_path / "runs", [tmp_path / "c/rec.mcap"]) == {tmp_path / "c/rec.mcap": "rec.mcap-2"}
+    assert before[Path("c/rec.mcap")] == "rec.mcap-2"
+
+
+def test_runs_that_cannot_be_theirs_are_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replayed(tmp_path, [A, Path("/season/walk-2.bag"), Path("/season/recent.bag")])
+    monkeypatch.setattr("quadlog.pipelines.batch.plan.read_run_json", pytest.fail)
+    assert kept_names([A, Path("/season/walk.bag")], tmp_path) == ["rec", "walk"]
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"quadlog_version": "0", "run_format": 1, "input": 3}'])
+def test_a_damaged_run_is_nobodys(tmp_path: Path, content: str) -> None:
+    names = replayed(tmp_path, [A, B])
+    (tmp_path / names[A] / "run.json").write_text(content)
+    assert kept_names([C, B], tmp_path) == ["rec.mcap", names[B]]
+
+
+ANY = [A, B, C, Path("/x/rec.bag"), Path("/x/rec-2.mcap"), Path("/x/Rec.db3")]
+
+
+@given(st.lists(st.lists(st.sampled_from(ANY), unique=True), max_size=4))
+def test_no_two_share_a_folder_and_none_ever_changes_its_own(
+    tmp_path_factory: pytest.TempPathFactory, batches: list[list[Path]]
+) -> None:
+    output = tmp_path_factory.mktemp("runs")
+    owners: dict[str, Path] = {}
+    for batch in batches:
+        names = replayed(output, batch)
+        assert len({name.casefold() for name in names.values()}) == len(batch)
+        mine = {recording: name for name, recording in owners.items()}
+        assert all(names[each] == mine[each] for each in batch if each in mine)
+        owners |= {name: each for each, name in names.items() if name not in owners}

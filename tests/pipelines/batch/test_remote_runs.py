@@ -1,0 +1,238 @@
+"""Runs in a bucket are those of a folder: what is published, in which order, and what a second machine does to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import quadlog
+from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable, StorageFailed
+from quadlog.pipelines.batch import remote as remote_runs
+from quadlog.pipelines.batch import summary
+from quadlog.pipelines.batch.remote import replay_anywhere
+from quadlog.pipelines.batch.summary import summarise
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.resume import finished_outcome
+from quadlog.pipelines.stages.stage import units_until
+from quadlog.results.run.find_runs import runs_here
+from quadlog.results.run.record import RunRecord, StageRecord, describe_input
+from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.stage_marks import StageMark, mark_files, write_marks
+from quadlog.results.run.tables import read_table
+from quadlog.storage.remote_path import RemotePath, to_path
+from quadlog.version import __version__
+
+FILES_UNTIL = {
+    "position": ("poses.parquet", "report.html", "stages.json"),
+    "map": ("poses.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
+}
+Request = Callable[..., ReplayRequest]
+
+
+class Heard(Silent):
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+
+@pytest.fixture
+def request_there(follow_request: Request, bucket: Any) -> ReplayRequest:
+    """The committed recording in a bucket, to be replayed into it."""
+    top = to_path(f"s3://{bucket.name}")
+    request = follow_request(top / "runs/walk", until="map")
+    bucket.put_file(str(request.recording), f"{bucket.name}/season/walk.mcap")
+    return replace(request, recording=top / "season/walk.mcap")
+
+
+def names(bucket: Any, folder: str = "runs/walk") -> set[str]:
+    top = f"{bucket.name}/{folder}/"
+    return {path.removeprefix(top) for path in bucket.find(top)}
+
+
+def test_a_run_in_a_bucket_is_the_run_of_a_folder(
+    request_there: ReplayRequest, follow_request: Request, saved: Any, bucket: Any, tmp_path: Path
+) -> None:
+    outcome = replay_anywhere(request_there, Silent())
+    assert (outcome.exit_code, outcome.run) == (0, request_there.run)
+    there = follow_request(tmp_path / "walk", until="map")
+    local = replay(there, Silent())
+    assert outcome.metrics.keys() == local.metrics.keys()
+    with runs_here([request_there.run]) as (here,):
+        ours, theirs = saved(here), saved(tmp_path / "walk")
+        assert names(bucket) == theirs.keys()
+        pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them
+        record, _ = ours.pop("run.json"), theirs.pop("run.json")
+        assert ours == {name: content for name, content in theirs.items() if name not in pictures}
+    told = record["input"]
+    assert told["path"] == str(request_there.recording)
+    assert told["size_bytes"] == there.recording.stat().st_size
+    assert told["etag"] == bucket.info(f"{bucket.name}/season/walk.mcap")["ETag"]
+    assert "sha256" not in told
+    assert quadlog.load_run(str(request_there.run)).metrics.keys() == outcome.metrics.keys()
+
+
+def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
+    """A run of a few bytes: what is published, and when, does not depend on what is in it."""
+    folder = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
+    folder.write_config({})
+    for name in FILES_UNTIL[request.options.until]:
+        (folder.path / name).write_bytes(name.encode())
+    marks = [StageMark(stage=unit.name, key="", files=[], known={}) for unit in units_until(request.options.until)]
+    marks[0].files.extend(mark_files(folder.path, ["poses.parquet"]))
+    write_marks(folder.path, marks)
+    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
+    folder.write_metrics(metrics)
+    record = RunRecord(
+        quadlog_version=__version__,
+        command=request.command,
+        config=request.config.model_dump(exclude_none=True),
+        options=request.options.to_dict(),
+        input=describe_input(request.recording),
+        seed=0,
+        recorded_s=1.0,
+        stages=[StageRecord("ingest", 2.0, 300.0)],
+    )
+    folder.write_run_json(record)
+    return ReplayOutcome(request.recording, request.run, 0, metrics=metrics)
+
+
+@pytest.fixture
+def small(request_there: ReplayRequest, monkeypatch: pytest.MonkeyPatch) -> ReplayRequest:
+    monkeypatch.setattr(remote_runs, "replay", small_replay)
+    return request_there
+
+
+def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket: Any) -> None:
+    replay_anywhere(small, Silent())
+    written = bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"]
+    with pytest.raises(AlreadyExists, match="--resume"):
+        replay_anywhere(small, Silent())
+    heard = Heard()
+    finished = replay_anywhere(replace(small, existing=Existing.RESUME), heard)
+    assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
+    assert finished.metrics["eta_m"]["value"] == 0.25
+    assert bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"] == written
+    bucket.rm_file(f"{bucket.name}/runs/walk/poses.parquet")
+    assert finished_outcome(small) is None
+    bucket.pipe_file(f"{bucket.name}/runs/walk/notes.txt", b"mine")
+    until_position = replace(small, options=replace(small.options, until="position"), existing=Existing.FORCE)
+    replay_anywhere(until_position, Silent())
+    assert names(bucket) == {"notes.txt", "config.toml", "metrics.json", "run.json", *FILES_UNTIL["position"]}
+
+
+def test_another_input_of_the_same_name_is_another_run(small: ReplayRequest, bucket: Any) -> None:
+    request = replace(small, existing=Existing.RESUME)
+    replay_anywhere(request, Silent())
+    bucket.pipe_file(f"{bucket.name}/season/walk.mcap", b"another one")
+    heard = Heard()
+    replay_anywhere(request, heard)
+    assert heard.lines == []
+
+
+def test_a_folder_of_somebody_else_is_left_alone(request_there: ReplayRequest, bucket: Any) -> None:
+    bucket.pipe_file(f"{bucket.name}/runs/walk/thesis.tex", b"mine")
+    for existing in Existing:
+        with pytest.raises(CannotWrite, match="holds other files"):
+            replay_anywhere(replace(request_there, existing=existing), Silent())
+    assert names(bucket) == {"thesis.tex"}
+
+
+def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
+    request_there: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(walk: Any) -> None:
+        raise StorageFailed("s3://lab/walk", "the server did not answer in time")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("quadlog.pipelines.stages.perceive.filter_and_map", fail)
+        with pytest.raises(StorageFailed):
+            replay_anywhere(request_there, Silent())
+    assert "run.json" not in names(bucket)
+    assert {"config.toml", "poses.parquet", "stages.json"} <= names(bucket)
+    heard = Heard()
+    replay_anywhere(replace(request_there, existing=Existing.RESUME), heard)
+    assert any(line.startswith("reused 1 of 3 stages") for line in heard.lines)
+    assert {"run.json", "maps.npz"} <= names(bucket)
+
+
+def test_what_is_interrupted_at_its_very_end_is_not_finished(
+    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(request: ReplayRequest, progress: Any) -> ReplayOutcome:
+        small_replay(request, progress)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(remote_runs, "replay", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        replay_anywhere(small, Silent())
+    assert names(bucket) == {"config.toml", "metrics.json", *FILES_UNTIL["map"]}
+
+
+def test_the_record_goes_first_and_comes_last(
+    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replay_anywhere(small, Silent())
+    done: list[tuple[str, str]] = []
+    upload, unlink = RemotePath.upload, RemotePath.unlink
+    monkeypatch.setattr(RemotePath, "upload", lambda at, path: (done.append(("put", at.name)), upload(at, path)))
+    monkeypatch.setattr(RemotePath, "unlink", lambda at: (done.append(("delete", at.name)), unlink(at)))
+    replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
+    assert done[0] == ("delete", "run.json")
+    assert [name for _, name in done[-2:]] == ["stages.json", "run.json"]
+    assert [each for each in done if each[1] == "run.json"] == [("delete", "run.json"), ("put", "run.json")]
+
+
+def test_a_recording_that_cannot_be_read_leaves_nothing(request_there: ReplayRequest, bucket: Any) -> None:
+    bucket.pipe_file(f"{bucket.name}/season/walk.mcap", b"\x89MCAP0\r\n" + bytes(100))
+    with pytest.raises(NothingReadable):
+        replay_anywhere(request_there, Silent())
+    assert names(bucket) == set()
+
+
+@pytest.mark.parametrize("where", ["bucket", "folder"])
+def test_two_machines_do_not_lose_each_other_s_rows(
+    small: ReplayRequest, bucket: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """The other one finishes a run while this one writes its summary, and had written its own before that."""
+    top = to_path(f"s3://{bucket.name}/runs") if where == "bucket" else tmp_path / "runs"
+    request = replace(small, run=top / "ours")
+    ours = replay_anywhere(request, Silent())
+    broken = ReplayOutcome(request.recording, top / "broken", 1, "its first bytes are none of a recording")
+    summarise({top}, [broken], Silent())
+    write_table, written = summary.write_table, []
+
+    def write_and_be_late(path: Path, *columns: Any) -> None:
+        write_table(path, *columns)
+        if not written:
+            replay_anywhere(replace(request, run=top / "theirs"), Silent())
+        written.append(path)
+
+    monkeypatch.setattr(summary, "write_table", write_and_be_late)
+    summarise({top}, [ours], Silent())
+    folder = tmp_path / "fetched"
+    folder.mkdir()
+    (folder / "summary.parquet").write_bytes((top / "summary.parquet").read_bytes())
+    table = read_table(folder, "summary")
+    assert list(table["recording"]) == ["broken", "ours", "theirs"]
+    assert list(table["exit_code"]) == [1, 0, 0]
+    assert table["reason"][0] == broken.reason
+    assert table["wall_s"][2] == 2.0
+    assert table["eta_m"][2] == 0.25
+    assert len(written) == 2
+    page = (top / "report.html").read_bytes().decode()
+    assert all(f"./{run}/report.html" in page for run in ("ours", "theirs"))
+    assert "./broken/" not in page
+
+
+def test_from_python_both_may_be_urls(request_there: ReplayRequest, bucket: Any) -> None:
+    run = quadlog.replay(request_there.recording.url, output=f"s3://{bucket.name}/runs", until="position")
+    assert len(run.tables["poses"]) > 0
+    assert f"{bucket.name}/runs/summary.parquet" in bucket.find(f"{bucket.name}/runs")

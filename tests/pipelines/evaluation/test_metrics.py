@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from quadlog.errors import ExitCode, NotARun, QuadlogError, UnknownRunFormat
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.conditions import parse_condition
+from quadlog.pipelines.evaluation.metrics import measure_runs
+from quadlog.pipelines.evaluation.reference import OnTime, Reference
+from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
+from quadlog.pipelines.request import ReplayOutcome
+from quadlog.results.run.run_folder import read_metrics
+from quadlog.results.run.tables import TABLES, read_table, write_table
+
+READ = ("run.json", "config.toml", "metrics.json", "reference.tum", "trajectory.tum")
+
+
+@pytest.fixture(scope="session")
+def lean_run(short_run: ReplayOutcome, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `quadlog metrics` reads of the short run; not to be changed."""
+    lean = tmp_path_factory.mktemp("lean") / "follow"
+    lean.mkdir()
+    for path in short_run.run.iterdir():
+        if path.name in READ or path.suffix == ".parquet":
+            shutil.copy(path, lean / path.name)
+    return lean
+
+
+@pytest.fixture
+def run(lean_run: Path, tmp_path: Path) -> Path:
+    """The same, of the test's own."""
+    return shutil.copytree(lean_run, tmp_path / "follow")
+
+
+def measure(run: Path, *conditions: str, detail: bool | None = None):
+    return measure_runs([run], None, [parse_condition(each) for each in conditions], detail)
+
+
+def test_what_the_tables_give_again_is_what_the_replay_said(lean_run):
+    saved = read_metrics(lean_run)
+    outcome = measure(lean_run)
+    assert (outcome.problems, outcome.exit_code) == ([], ExitCode.DONE)
+    found = outcome.runs[0].metrics
+    assert list(found) == [name for name in CATALOGUE if name in saved]
+    again = {name: each.summary for name, each in found.items() if each.summary is not None}
+    assert set(again) == SAMPLED & set(saved) >= {"eta_m", "ate_rmse_m", "uwb_residual_m", "expanded_total"}
+    for name, summary in again.items():
+        # A bias is a mean of vectors on one side, of their lengths along its direction on the other.
+        near = 1e-12 if name == "uwb_bias_m" else 0
+        assert summary.value == pytest.approx(saved[name]["value"], rel=near, abs=0), name
+        assert summary.n == saved[name]["n"], name
+    for name, each in found.items():
+        assert (each.value, each.n, each.unit) == tuple(saved[name][key] for key in ("value", "n", "unit")), name
+        assert each.unit == CATALOGUE[name].unit
+
+
+def test_samples_lie_within_the_run_in_time(lean_run):
+    samples, problems = read_samples(lean_run, SAMPLED & set(read_metrics(lean_run)))
+    assert problems == []
+    for each in samples.values():
+        assert len(each.t_ns) == len(each.values) > 10
+        assert (np.diff(each.t_ns) >= 0).all()
+
+
+def test_without_metrics_json_the_tables_are_asked(run):
+    saved = read_metrics(run)
+    (run / "metrics.json").unlink()
+    outcome = measure(run)
+    assert [f"{run}: has no metrics.json; shown is what the tables give"] == outcome.problems
+    assert outcome.exit_code is ExitCode.WITH_LOSS
+    found = outcome.runs[0].metrics
+    assert set(found) == SELF_EVIDENT & set(saved)
+    assert {"fallback_share", "ate_rmse_m"} <= set(saved) - set(found), "tables do not tell whether these apply"
+    assert all(each.value == pytest.approx(saved[name]["value"]) for name, each in found.items())
+    assert all(found[name].unit == saved[name]["unit"] for name in found)
+
+
+def test_also_one_of_several_runs_may_lack_metrics_json(run):
+    shutil.copytree(run, run.with_name("whole"))
+    (run / "metrics.json").unlink()
+    assert "eta_m" in measure_runs([run.parent], None, []).runs[0].metrics
+
+
+def test_what_has_no_body_cannot_have_fallen(run):
+    (run / "metrics.json").unlink()
+    assert "fallen" in measure(run).runs[0].metrics
+    control = read_table(run, "control")
+    write_table(run / "control.parquet", TABLES["control"], control | {"tau_00_nm": np.nan})
+    assert "fallen" not in measure(run).runs[0].metrics
+
+
+def test_what_the_reference_does_not_give_is_not_taken_from_another(run, tmp_path):
+    lone = tmp_path / "lone.tum"
+    lone.write_text((run / "reference.tum").read_text().splitlines()[30] + "\n")
+    found = measure_runs([run], Reference.read(lone, OnTime()), []).runs[0].metrics
+    assert (found["ate_rmse_m"].n, "rpe_rmse_m" in found, "uwb_residual_m" in found) == (1, False, True)
+
+
+@pytest.mark.parametrize(
+    ("table", "metric"), [("control", "eta_m"), ("fixes", "uwb_residual_m"), ("plans", "expanded_total")]
+)
+@pytest.mark.parametrize("damage", [None, b"", b"PAR1 no table PAR1"])
+def test_without_a_table_the_saved_values_remain(run, table, metric, damage):
+    path = run / f"{table}.parquet"
+    path.unlink() if damage is None else path.write_bytes(damage)
+    outcome = measure(run)
+    assert len(outcome.problems) == 1
+    assert f"{table}.parquet" in outcome.problems[0]
+    assert outcome.exit_code is ExitCode.WITH_LOSS
+    found = outcome.runs[0].metrics
+    assert (found[metric].value, found[metric].summary) == (read_metrics(run)[metric]["value"], None)
+    assert found["ate_rmse_m"].summary is not None
+
+
+def test_a_value_that_its_tables_do_not_give_is_said(run):
+    metrics = json.loads((run / "metrics.json").read_text())
+    metrics["eta_m"]["value"] += 0.001
+    (run / "metrics.json").write_text(json.dumps(metrics))
+    outcome = measure(run)
+    assert len(outcome.problems) == 1
+    assert f"{run}/metrics.json: is not of this run's tables: eta_m 0.0" in outcome.problems[0]
+
+
+def test_a_run_of_another_format_is_refused(run):
+    record = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(record | {"run_format": 7}))
+    with pytest.raises(UnknownRunFormat, match="format 7"):
+        measure(run)
+
+
+def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
+    broken = shutil.copytree(run, run.with_name("broken"))
+    (broken / "run.json").unlink()
+    outcome = measure_runs([run.parent], None, [parse_condition("eta_m>100")])
+    assert [each.label for each in outcome.runs] == ["follow"]
+    assert outcome.problems == [f"{broken}: is no finished run: it has no run.json"]
+    assert outcome.failing == [f"{broken}: eta_m > 100: cannot be told, the run cannot be read"]
+    assert outcome.exit_code is ExitCode.CHECK_FAILED
+    assert measure_runs([run.parent], None, []).exit_code is ExitCode.WITH_LOSS
+    (run / "run.json").write_text("{")
+    with pytest.raises(NotARun, match="not one of 2 runs can be read"):
+        measure_runs([run.parent], None, [])
+
+
+def test_conditions_fail_when_they_hold_and_when_nobody_can_tell(lean_run):
+    passed = measure(lean_run, "eta_m>100", "success_rate<0.5")
+    assert (passed.failing, passed.exit_code) == ([], ExitCode.DONE)
+    failed = measure(lean_run, "eta_m>0", "eta_m>100", "forward_m<1")
+    assert failed.exit_code is ExitCode.CHECK_FAILED
+    assert [line.split(": ")[1] for line in failed.failing] == ["eta_m > 0 holds", "forward_m < 1"]
+    assert failed.failing[1].endswith("cannot be told, the run has no forward_m")
+
+
+def test_over_several_runs_the_spread_is_that_of_their_values(run):
+    other = shutil.copytree(run, run.with_name("other"))
+    metrics = json.loads((other / "metrics.json").read_text())
+    metrics["eta_m"]["value"] += 0.5
+    del metrics["uwb_rmse_m"]
+    (other / "metrics.json").write_text(json.dumps(metrics))
+    outcome = measure_runs([run.parent], None, [])
+    first, second = (each.metrics for each in outcome.runs)
+    assert first["eta_m"].summary is None, "samples are not read when they are not shown"
+    assert outcome.spreads["eta_m"].mean == pytest.approx((first["eta_m"].value + second["eta_m"].value) / 2)
+    assert outcome.spreads["uwb_rmse_m"].runs == 1
+    assert measure_runs([run.parent], None, [], in_detail=True).runs[0].metrics["eta_m"].summary is not None
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(
+        ["run.json", "metrics.json", "control.parquet", "plans.parquet", "fixes.parquet", "reference.tum"]
+    ),
+    content=st.none()
+    | st.binary(max_size=60)
+    | st.floats(0, 1)
+    | st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(st.sampled_from(["eta_m", "config", "value", "n", "uwb"]), inner)
+        ),
+        max_leaves=6,
+    ).map(lambda value: json.dumps(value).encode()),
+)
+def test_whatever_a_folder_holds_is_one_line_or_an_answer(lean_run, tmp_path_factory, name, content):
+    run = shutil.copytree(lean_run, tmp_path_factory.mktemp("odd") / "run")
+    path = run / name
+    if content is None:
+        path.unlink()
+    elif isinstance(content, float):
+        path.write_bytes(path.read_bytes()[: int(content * path.stat().st_size)])
+    else:
+        path.write_bytes(content)
+    try:
+        outcome = measure(run, "eta_m>100")
+    except QuadlogError as error:
+        said = str(error)
+    else:
+        said = "".join(outcome.problems)
+        assert outcome.problems or outcome.exit_code in (ExitCode.DONE, ExitCode.CHECK_FAILED)
+    assert "\n" not in said
+    shutil.rmtree(run)

@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo import main_ape, main_rpe
+from evo.core import metrics as evo_metrics
+from evo.core import sync
+from evo.core.trajectory import Plane
+from evo.tools import file_interface
+
+from quadlog.errors import NoCommonTime, NotARun
+from quadlog.metrics.summary import summarise
+from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, OnTime, Reference, compare_with_reference
+from quadlog.pipelines.request import ReplayOutcome
+from quadlog.results.run.run_folder import read_metrics
+from quadlog.storage.formats.tum import read_tum, write_tum
+
+NS = 1_000_000_000
+EPOCH_NS = 1_767_225_600 * NS
+
+
+@pytest.fixture
+def truth(short_run: ReplayOutcome, tmp_path: Path) -> Path:
+    """A reference of half the rate with noise in all six directions, times rounded to microseconds."""
+    return write_truth(tmp_path / "truth.tum", short_run.run)
+
+
+def write_truth(path: Path, run: Path, clock_ns: int = 0) -> Path:
+    poses, rng = read_tum(run / "reference.tum"), np.random.default_rng(0)
+    lines = []
+    for t, position_m, quat in zip(poses.t_ns[3::2], poses.position_m[3::2], poses.quat_xyzw[3::2], strict=True):
+        seconds = (int(t) + clock_ns + rng.integers(-2_000_000, 2_000_000)) // 1000
+        values = [*(position_m + rng.normal(0, 0.1, 3)), *(quat + rng.normal(0, 0.05, 4))]
+        lines.append(f"{seconds // 10**6}.{seconds % 10**6:06d} {' '.join(f'{value:.9f}' for value in values)}\n")
+    path.write_text("# time x y z\n" + "".join(lines))
+    return path
+
+
+def by_evo(truth: Path, run: Path, how: OnTime) -> dict[str, float]:
+    found = {}
+    for name, tool, extra in (("ate_rmse_m", main_ape.ape, {}), ("rpe_rmse_m", main_rpe.rpe, _STEPS)):
+        pair = sync.associate_trajectories(
+            *(file_interface.read_tum_trajectory_file(str(path)) for path in (truth, run / "trajectory.tum")),
+            max_diff=how.max_difference_s,
+            offset_2=how.offset_s,
+        )
+        plane = Plane.XY if how.planar else None
+        part = evo_metrics.PoseRelation.translation_part
+        found[name] = tool(*pair, part, align=how.align, project_to_plane=plane, **extra).stats["rmse"]
+    return found
+
+
+_STEPS = {"delta": 1, "delta_unit": evo_metrics.Unit.frames}
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        OnTime(),
+        OnTime(align=True),
+        OnTime(planar=True),
+        OnTime(align=True, planar=True),
+        OnTime(max_difference_s=0.0005),
+        OnTime(offset_s=0.31),
+        OnTime(offset_s=-0.2, max_difference_s=0.05, align=True),
+    ],
+)
+def test_equal_to_evo(short_run, truth, how):
+    compared = compare_with_reference(short_run.run, Reference.read(truth, how))
+    for name, value in by_evo(truth, short_run.run, how).items():
+        assert summarise(compared.samples[name]).value == pytest.approx(value, abs=1e-9), name
+
+
+def test_a_simulated_walk_has_only_its_trajectory_file(short_run, truth, tmp_path):
+    run = tmp_path / "walk"
+    run.mkdir()
+    shutil.copy(short_run.run / "trajectory.tum", run)
+    whole, bare = (
+        compare_with_reference(each, Reference.read(truth, OnTime())).samples for each in (short_run.run, run)
+    )
+    assert set(bare) == {"ate_rmse_m", "rpe_rmse_m"}
+    for name in bare:
+        np.testing.assert_array_equal(bare[name].values, whole[name].values)
+
+
+def test_the_runs_own_reference_gives_the_runs_own_metrics(short_run):
+    saved = read_metrics(short_run.run)
+    own = Reference.read(short_run.run / "reference.tum", OnTime())
+    samples = compare_with_reference(short_run.run, own).samples
+    assert set(samples) == set(REFERENCE_METRICS)
+    for name, each in samples.items():
+        assert summarise(each).value == pytest.approx(saved[name]["value"], rel=1e-12), name
+        assert summarise(each).n == saved[name]["n"], name
+
+
+def saved_walk(folder: Path, position_m: np.ndarray) -> Path:
+    """A run of nothing but poses at 20 Hz."""
+    folder.mkdir()
+    write_tum(
+        folder / "trajectory.tum", EPOCH_NS + np.arange(len(position_m)) * NS // 20, *position_m.T, 0 * position_m[:, 0]
+    )
+    return folder
+
+
+def test_a_clock_that_differs_is_refused_with_its_offset(tmp_path):
+    at_s, rng = np.arange(0, 40, 0.05), np.random.default_rng(0)
+    turned_rad = 0.3 * at_s + 2 * np.sin(at_s / 4)
+    position_m = np.cumsum(0.03 * np.column_stack([np.cos(turned_rad), np.sin(turned_rad)]), axis=0)
+    run = saved_walk(tmp_path / "walk", position_m + rng.normal(0, 0.03, position_m.shape))
+    truth = tmp_path / "truth.tum"
+    t_ns = EPOCH_NS + 3600 * NS + np.arange(len(position_m)) * NS // 20
+    for rows in (slice(None), slice(None, None, 40), slice(200, None)):
+        write_tum(truth, t_ns[rows], *position_m[rows].T, 0 * t_ns[rows])
+        with pytest.raises(NoCommonTime) as told:
+            compare_with_reference(run, Reference.read(truth, OnTime()))
+        words = str(told.value)
+        assert "\n" not in words
+        assert "overlap 0.000 s" in words
+        for each_ns in read_tum(truth).t_ns[[0, -1]]:
+            assert f"{each_ns / NS:.3f}" in words
+        offset_s = float(words.split("--t-offset ")[1])
+        assert offset_s == pytest.approx(3600, abs=0.1)
+        back = compare_with_reference(run, Reference.read(truth, OnTime(0.03, offset_s)))
+        assert summarise(back.samples["ate_rmse_m"]).value < 0.1
+
+
+def test_an_offset_that_cannot_be_told_is_no_flag_to_paste(short_run, tmp_path):
+    at_s = np.arange(0, 60, 0.05)
+    steady, ahead = tmp_path / "steady", tmp_path / "ahead.tum"
+    saved_walk(steady, np.column_stack([0.6 * at_s, 0 * at_s]))
+    write_tum(ahead, EPOCH_NS + 3600 * NS + np.arange(len(at_s)) * NS // 20, 0.6 * at_s, 0 * at_s, 0 * at_s)
+    brief = write_truth(tmp_path / "brief.tum", short_run.run, 1000 * NS)
+    for run, truth, words in (
+        (steady, ahead, r"; the offset is ambiguous: 3\d{3}\.\d{3} s and 3\d{3}\.\d{3} s fit about as well$"),
+        (short_run.run, brief, "; no offset can be told: too short"),
+    ):
+        with pytest.raises(NoCommonTime, match=words) as told:
+            compare_with_reference(run, Reference.read(truth, OnTime()))
+        assert "--t-offset" not in str(told.value)
+
+
+def test_the_pairing_is_told_and_heights_that_count(short_run, truth):
+    said = compare_with_reference(short_run.run, Reference.read(truth, OnTime())).said
+    assert "poses of" in said[0]
+    assert "reference 17" in said[0]
+    assert "overlap 2." in said[0]
+    assert "heights differ by 0.0" in said[1]
+    assert len(compare_with_reference(short_run.run, Reference.read(truth, OnTime(planar=True))).said) == 1
+
+
+def test_runs_without_a_trajectory(truth, tmp_path):
+    with pytest.raises(NotARun, match=r"neither poses\.parquet nor trajectory\.tum"):
+        compare_with_reference(tmp_path, Reference.read(truth, OnTime()))
+    (tmp_path / "trajectory.tum").write_text("1 2 3\n")
+    with pytest.raises(NotARun, match=r"trajectory\.tum: is damaged"):
+        compare_with_reference(tmp_path, Reference.read(truth, OnTime()))
+
+
+def test_an_error_stands_at_the_time_of_the_run(short_run, truth):
+    samples = compare_with_reference(short_run.run, Reference.read(truth, OnTime(offset_s=0.5))).samples
+    times_ns = samples["ate_rmse_m"].t_ns
+    assert set(times_ns) <= set(read_tum(short_run.run / "trajectory.tum").t_ns)
+    # A step is told when it has been made.
+    np.testing.assert_array_equal(samples["rpe_rmse_m"].t_ns, times_ns[1:])
+
+
+def test_one_pose_in_common_has_no_steps(short_run, truth, tmp_path):
+    lone = tmp_path / "lone.tum"
+    lone.write_text(truth.read_text().splitlines()[20] + "\n")
+    samples = compare_with_reference(short_run.run, Reference.read(lone, OnTime())).samples
+    assert "rpe_rmse_m" not in samples
+    assert len(samples["ate_rmse_m"].values) == 1
+    with pytest.raises(NotARun, match="cannot be aligned"):
+        compare_with_reference(short_run.run, Reference.read(lone, OnTime(align=True)))

@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.config.file import Flag, commented_toml, configure, load_config
+from quadlog.config.schema import Anchor, Config, Tag
+from quadlog.errors import (
+    InvalidConfigValue,
+    QuadlogError,
+    TooLarge,
+    UnknownConfigKey,
+    UnknownName,
+    UnreadableConfig,
+    UsageError,
+)
+
+
+def test_precedence_is_defaults_file_environment_set(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[uwb]\nrange_std_m = 0.2\ntag_height_m = 0.7\nepoch_s = 0.1\n")
+    environ = {"QUADLOG_UWB__TAG_HEIGHT_M": "0.8", "QUADLOG_UWB__EPOCH_S": "0.2", "QUADLOG_DATASETS": "/somewhere"}
+    config = load_config(path, ["uwb.epoch_s=0.3"], environ)
+    assert config.uwb.range_std_m == 0.2
+    assert config.uwb.tag_height_m == 0.8
+    assert config.uwb.epoch_s == 0.3
+    assert config.uwb.method == Config().uwb.method
+
+
+def test_nested_tables_are_reached_from_environment_and_set():
+    config = load_config(None, ["lidar.mount.z_m=0.4"], {"QUADLOG_LIDAR__MOUNT__YAW_DEG": "90"})
+    assert config.lidar.mount.z_m == 0.4
+    assert config.lidar.mount.yaw_deg == 90
+
+
+def test_topic_names_need_no_quotes():
+    config = load_config(None, ["topics.lidar=/points", 'topics.uwb=["/a", "/b"]'], {})
+    assert config.topics.lidar == "/points"
+    assert config.topics.uwb == ["/a", "/b"]
+
+
+@pytest.mark.parametrize(
+    ("override", "nearest"),
+    [
+        ("uwb.tag_heigth_m=1", "uwb.tag_height_m"),
+        ("pursuit.lookahead=1", "pursuit.lookahead_m"),
+        ("lidar.mount.z=1", "lidar.mount.z_m"),
+        ("grids.cell_m=1", "grid"),
+    ],
+)
+def test_unknown_keys_are_refused_with_the_nearest(override, nearest):
+    with pytest.raises(UnknownConfigKey) as caught:
+        load_config(None, [override], {})
+    assert caught.value.nearest is not None
+    assert caught.value.nearest.startswith(nearest)
+    assert f"--set {override}" in str(caught.value)
+
+
+def test_unknown_key_of_an_anchor_names_its_place_and_file(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[[uwb.anchors]]\nid = 0\nx_m = 0.0\ny = 1.0\n")
+    with pytest.raises((UnknownConfigKey, InvalidConfigValue)) as caught:
+        load_config(path, [], {})
+    assert str(path) in str(caught.value)
+    assert "uwb.anchors.0.y" in str(caught.value)
+
+
+def test_values_out_of_bounds_say_where_they_came_from():
+    with pytest.raises(InvalidConfigValue, match=r"QUADLOG_GRID__CELL_M: grid\.cell_m"):
+        load_config(None, [], {"QUADLOG_GRID__CELL_M": "-1"})
+    with pytest.raises(InvalidConfigValue, match="id 3 appears more than once"):
+        load_config(None, ["uwb.tags=[{id=3}, {id=3}]"], {})
+
+
+def test_unreadable_files_are_one_line_each(tmp_path):
+    with pytest.raises(UnreadableConfig, match="No such file"):
+        load_config(tmp_path / "none.toml", [], {})
+    bad = tmp_path / "bad.toml"
+    bad.write_bytes(b"\xff\xfe")
+    with pytest.raises(UnreadableConfig, match="not TOML"):
+        load_config(bad, [], {})
+    bad.write_bytes(b" " * ((1 << 20) + 1))
+    with pytest.raises(TooLarge):
+        load_config(bad, [], {})
+
+
+def test_unknown_preset_lists_the_valid_ones():
+    with pytest.raises(UnknownName, match="paper"):
+        load_config(preset="papers", environ={})
+
+
+def _sample() -> Config:
+    return Config.model_validate(
+        {
+            "uwb": {
+                "anchors": [Anchor(id=7, x_m=1.5, y_m=-2.0, z_m=1.2)],
+                "tags": [Tag(id=1, role="person"), Tag(id=0, role="robot", height_m=0.97)],
+            },
+            "lidar": {"mount": {"pitch_deg": 3.0}},
+        }
+    )
+
+
+@pytest.mark.parametrize("config", [Config(), _sample()], ids=["defaults", "sample"])
+def test_what_is_written_reads_back_the_same(tmp_path, config):
+    path = tmp_path / "quadlog.toml"
+    path.write_text(commented_toml(config))
+    assert load_config(path, [], {}) == config
+
+
+def test_every_key_with_a_description_is_explained():
+    text = commented_toml(Config(), {"uwb.anchors": ["seen in the log: 0, 1, 2"]})
+    assert "# acceleration_std_mps2: " in text
+    assert "# seen in the log: 0, 1, 2" in text
+    lifted = re.sub(r"^# (?=\w+ = .)", "", text, flags=re.MULTILINE)
+    assert tomllib.loads(lifted)["uwb"]["range_std_m"] == 0.1
+    assert Config.model_validate(tomllib.loads(lifted)) == Config()
+
+
+def test_only_what_was_set_is_no_comment():
+    live = tomllib.loads(commented_toml(_sample()))
+    assert live.pop("lidar") == {"mount": {"pitch_deg": 3.0}}
+    assert set(live.pop("uwb")) == {"anchors", "tags"}
+    assert not any(value != {} for keys in live.values() for value in keys.values())
+
+
+@pytest.mark.parametrize(
+    ("environ", "overrides", "flags", "method", "noted"),
+    [
+        ({}, [], [], "paper", True),
+        ({"QUADLOG_UWB__METHOD": "linear"}, [], [], "linear", False),
+        ({"QUADLOG_UWB__METHOD": "linear"}, ["uwb.method=weighted"], [], "weighted", False),
+        ({"QUADLOG_UWB__METHOD": "linear"}, [], [Flag("--method", "uwb.method", "weighted")], "weighted", False),
+        ({}, ["uwb.method=paper"], [], "paper", False),
+    ],
+)
+def test_a_preset_outranks_the_file_alone_and_says_what_it_replaced(tmp_path, environ, overrides, flags, method, noted):
+    path = tmp_path / "quadlog.toml"
+    path.write_text('[uwb]\nmethod = "huber"\nsmooth = false\ncalibrate = true\nrange_std_m = 0.2\n')
+    config, notes = configure(path, overrides, environ, "paper", flags=flags)
+    assert (config.uwb.method, config.uwb.calibrate, config.uwb.range_std_m) == (method, False, 0.2)
+    replaced = ['uwb.method = "paper" instead of "huber"'] * noted + ["uwb.calibrate = false instead of true"]
+    assert notes == (f"preset paper replaces keys of {path}: {', '.join(replaced)}",)
+
+
+def test_a_preset_without_anything_to_replace_says_nothing(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[uwb]\nsmooth = false\n")
+    assert configure(path, environ={}, preset="paper").notes == configure(environ={}, preset="paper").notes == ()
+    assert configure(path, environ={}).config.uwb.smooth is False
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "override", "same"),
+    [
+        ("planner.name", "astar", "planner.name=astar", True),
+        ("planner.name", "astar", "planner.name=lpa_star", False),
+        ("planner.name", "astar", "planner={name='lpa_star'}", False),
+        ("planner.name", "astar", "planner.memory=true", None),
+        ("pursuit.speed_mps", 0.6, "pursuit.speed_mps=0.60", True),
+        ("pursuit.speed_mps", 0.6, "pursuit.speed_mps=0.5", False),
+    ],
+)
+def test_an_option_and_a_setting_of_one_key_must_agree(key, value, override, same):
+    flags = [Flag("--option", key, value), Flag("--other", "planner.smooth", None)]
+    if same is None:
+        with pytest.raises(UnknownConfigKey):
+            configure(None, [override], {}, flags=flags)
+    elif same:
+        assert configure(None, [override], {}, flags=flags).config == load_config(None, [override], {})
+    else:
+        with pytest.raises(UsageError, match=rf"--option {value} and --set {re.escape(override)} differ"):
+            configure(None, [override], {}, flags=flags)
+
+
+@given(st.text(max_size=40), st.text(max_size=40))
+def test_no_override_ends_in_anything_but_a_config_or_a_quadlog_error(key, value):
+    try:
+        config = load_config(None, [f"{key}={value}"], {})
+    except QuadlogError:
+        return
+    assert isinstance(config, Config)

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from quadlog.config import plugins
+from quadlog.config.plugins import DECODERS, PLANNERS, all_plugins, find_plugin, is_installed, plugin_names
+from quadlog.errors import PluginNameTaken, PluginUnusable
+
+SAYS = "raise RuntimeError('imported')\n"
+
+
+def test_without_plugins_there_are_none(plugin_site):
+    assert plugin_names(PLANNERS) == ()
+    assert find_plugin(PLANNERS, "greedy", taken=False) is None
+    assert all_plugins() == []
+
+
+def test_names_are_found_without_an_import(install):
+    points = {PLANNERS: {"zigzag": "loud:Zigzag", "arc": "loud:Arc"}, DECODERS: {"a_msgs/msg/B": "loud:decoder"}}
+    install("quadlog-loud", "2.5", points, {"loud": SAYS})
+    assert plugin_names(PLANNERS) == ("arc", "zigzag")
+    found = find_plugin(DECODERS, "a_msgs/msg/B", taken=False)
+    assert found is not None
+    assert (found.kind, found.distribution, found.version) == ("decoder", "quadlog-loud", "2.5")
+    assert [(each.kind, each.name) for each in all_plugins()] == [
+        ("planner", "arc"),
+        ("planner", "zigzag"),
+        ("decoder", "a_msgs/msg/B"),
+    ]
+    assert "loud" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("source", "cause"),
+    [
+        (SAYS, "RuntimeError: imported"),
+        ("import no_such_module_anywhere\n", "ModuleNotFoundError: No module named 'no_such_module_anywhere'"),
+        ("raise SystemExit('three\\nlines\\nlong')\n", "SystemExit: three lines long"),
+        ("this is no python\n", "SyntaxError: "),
+        ("class E(Exception):\n    __str__ = None\nraise E\n", "E: without a readable message"),
+        ("other = 1\n", "AttributeError: "),
+    ],
+)
+def test_what_cannot_be_imported_is_one_line_with_distribution_and_cause(install, source, cause):
+    install("quadlog-broken", "0.3", {PLANNERS: {"broken": "broken:Broken"}}, {"broken": source})
+    plugin = find_plugin(PLANNERS, "broken", taken=False)
+    assert plugin is not None
+    with pytest.raises(PluginUnusable) as raised:
+        plugin.load()
+    said = str(raised.value)
+    assert said.startswith("planner broken of quadlog-broken 0.3: cannot be loaded: ")
+    assert cause in said
+    assert "\n" not in said
+    assert raised.value.__cause__ is not None
+
+
+def test_a_name_of_quadlogs_own_is_refused(install):
+    install("quadlog-thief", "1.0", {PLANNERS: {"astar": "thief:AStar"}})
+    with pytest.raises(PluginNameTaken) as raised:
+        find_plugin(PLANNERS, "astar", taken=True)
+    assert raised.value.owners == ["quadlog", "quadlog-thief 1.0"]
+    assert "planner astar: several have that name (quadlog, quadlog-thief 1.0)" in str(raised.value)
+
+
+def test_two_distributions_with_one_name_are_refused_and_others_are_not(install):
+    install("quadlog-one", "1.0", {PLANNERS: {"same": "one:Same", "other": "one:Other"}})
+    install("quadlog-two", "2.0", {PLANNERS: {"same": "two:Same"}})
+    with pytest.raises(PluginNameTaken, match=r"same.*(one 1\.0, .*two 2\.0|two 2\.0, .*one 1\.0)"):
+        find_plugin(PLANNERS, "same", taken=False)
+    assert find_plugin(PLANNERS, "other", taken=False) is not None
+
+
+def test_a_distribution_without_metadata_is_still_named(install):
+    info = install("quadlog-nameless", "1.0", {PLANNERS: {"plain": "plain:Plain"}})
+    (info / "METADATA").unlink()
+    plugin = find_plugin(PLANNERS, "plain", taken=False)
+    assert plugin is not None
+    assert (plugin.distribution, plugin.version) == ("an unnamed distribution", "?")
+
+
+def test_the_same_plugin_is_one_of_the_same_distribution_and_version(install, plugin_site):
+    install("quadlog-one", "1.0", {PLANNERS: {"walk": "one:Walk"}})
+    assert is_installed(PLANNERS, "walk", "quadlog-one", "1.0")
+    assert not is_installed(PLANNERS, "walk", "quadlog-one", "1.1")
+    assert not is_installed(PLANNERS, "walk", "quadlog-two", "1.0")
+    assert not is_installed(DECODERS, "walk", "quadlog-one", "1.0")
+    shutil.rmtree(plugin_site / "quadlog_one-1.0.dist-info")
+    install("quadlog-one", "2.0", {PLANNERS: {"walk": "one:Walk"}})
+    assert not is_installed(PLANNERS, "walk", "quadlog-one", "1.0")
+
+
+def test_help_looks_for_no_plugins(install):
+    install("quadlog-loud", "1.0", {PLANNERS: {"loud": "loud:Loud"}}, {"loud": SAYS})
+    code = (
+        "import sys\nfrom quadlog.cli.main import run\n"
+        "assert run(['compare-planners', '--help']) == 0 == run(['replay', '--help'])\n"
+        "print([each for each in ('quadlog.config.plugins', 'loud') if each in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "[]\n")
+
+
+def test_a_distribution_without_metadata_has_no_name_either_for_the_backport():
+    class Nameless:
+        @property
+        def metadata(self):
+            raise FileNotFoundError("No package metadata was found.")
+
+    assert plugins._owner(SimpleNamespace(dist=Nameless())) == ("an unnamed distribution", "?")

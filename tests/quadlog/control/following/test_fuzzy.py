@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import skfuzzy.control
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.following.lookahead import (
+    CORRECTED,
+    PRINTED,
+    SETS,
+    TABLES,
+    FuzzyTable,
+    RuleTables,
+    fuzzy_table,
+    infer,
+    infer_many,
+    memberships,
+    rule_tables,
+)
+from quadlog.errors import UnknownName
+
+CENTRES = np.arange(-3.0, 4.0)
+GRID = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121), indexing="ij")).reshape(2, -1)
+# The textbook's fuzzy-PID table of delta K_d, rows e, columns ec.
+TEXTBOOK_K_D = """
+PS NS NB NB NB NM PS
+PS NS NB NM NM NS ZO
+ZO NS NM NM NS NS ZO
+ZO NS NS NS NS NS ZO
+ZO ZO ZO ZO ZO ZO ZO
+PB NS PS PS PS PS PB
+PB PM PM PM PS PS PB
+"""
+universe = st.floats(-3, 3)
+rules = st.lists(st.integers(0, 6), min_size=98, max_size=98).map(
+    lambda cells: RuleTables("any", np.array(cells, dtype=np.int64).reshape(2, 7, 7))
+)
+centroids = st.sampled_from(["points", "continuous"])
+
+
+def clipped_sets(e, ec, rules_of_one):
+    """(7,): how far each output set holds, over all 49 rules."""
+    heights = np.zeros(7)
+    for i in range(7):
+        for j in range(7):
+            holds = min(max(1 - abs(e - CENTRES[i]), 0), max(1 - abs(ec - CENTRES[j]), 0))
+            heights[rules_of_one[i, j]] = max(heights[rules_of_one[i, j]], holds)
+    return heights
+
+
+@settings(max_examples=60, deadline=None)
+@given(universe, universe, rules)
+def test_both_centroids_against_all_49_rules(e, ec, tables):
+    z = np.linspace(-3, 3, 6001)
+    for output in range(2):
+        heights = clipped_sets(e, ec, tables.rules[output])
+        points = np.sum(heights * CENTRES) / np.sum(heights)
+        assert infer(e, ec, tables, "points")[output] == pytest.approx(points, abs=1e-12)
+        clipped = np.minimum(heights[:, None], np.maximum(1 - np.abs(z - CENTRES[:, None]), 0)).max(axis=0)
+        area_centre = np.trapezoid(clipped * z, z) / np.trapezoid(clipped, z)
+        assert infer(e, ec, tables, "continuous")[output] == pytest.approx(area_centre, abs=1e-5)
+
+
+# scikit-fuzzy calls numpy in a way that numpy is about to drop.
+@pytest.mark.filterwarnings("ignore:Passing more than 2 positional:DeprecationWarning")
+@pytest.mark.parametrize("tables", TABLES.values(), ids=list(TABLES))
+def test_continuous_centroid_against_scikit_fuzzy(tables):
+    wide = np.linspace(-3, 3, 601)
+    e, ec = skfuzzy.control.Antecedent(wide, "e"), skfuzzy.control.Antecedent(wide, "ec")
+    outputs = [skfuzzy.control.Consequent(wide, name) for name in ("k_v", "k_w")]
+    for variable in (e, ec, *outputs):
+        for name, centre in zip(SETS, CENTRES, strict=True):
+            variable[name] = skfuzzy.trimf(wide, [centre - 1, centre, centre + 1])
+    system = skfuzzy.control.ControlSystem(
+        [
+            skfuzzy.control.Rule(
+                e[SETS[i]] & ec[SETS[j]], [out[SETS[k[i, j]]] for out, k in zip(outputs, tables.rules, strict=True)]
+            )
+            for i in range(7)
+            for j in range(7)
+        ]
+    )
+    simulation = skfuzzy.control.ControlSystemSimulation(system)
+    for at in [(0.0, 0.0), (-0.55, 1.7), (2.3, -0.2), (-2.9, 2.6), (0.37, -1.41), (3.0, -3.0)]:
+        simulation.input["e"], simulation.input["ec"] = at
+        simulation.compute()
+        expected = (simulation.output["k_v"], simulation.output["k_w"])
+        assert infer(*at, tables, "continuous") == pytest.approx(expected, abs=1e-4)
+
+
+def test_at_the_centres_of_the_sets_the_rule_speaks_alone():
+    for tables in (PRINTED, CORRECTED):
+        e, ec = np.meshgrid(CENTRES, CENTRES, indexing="ij")
+        deltas = infer_many(e.ravel(), ec.ravel(), tables, "points").reshape(7, 7, 2)
+        assert np.array_equal(deltas, np.moveaxis(tables.rules, 0, 2) - 3.0)
+
+
+def breaks_of_monotony(rules_of_one):
+    """The cells without which no row and no column rises anywhere."""
+    falls = (np.diff(rules_of_one, axis=0) <= 0).all() and (np.diff(rules_of_one, axis=1) <= 0).all()
+    if falls:
+        return []
+    mended = []
+    for i in range(7):
+        for j in range(7):
+            for k in range(7):
+                other = rules_of_one.copy()
+                other[i, j] = k
+                if (np.diff(other, axis=0) <= 0).all() and (np.diff(other, axis=1) <= 0).all():
+                    mended.append((SETS[i], SETS[j], SETS[k]))
+    return mended
+
+
+def test_what_is_wrong_with_the_printed_tables():
+    assert breaks_of_monotony(PRINTED.rules[0]) == [("NS", "PM", "NS"), ("NS", "PM", "ZO")]
+    assert breaks_of_monotony(CORRECTED.rules[0]) == []
+    assert np.count_nonzero(PRINTED.rules[0] != CORRECTED.rules[0]) == 1
+    textbook = np.array([[SETS.index(name) for name in row.split()] for row in TEXTBOOK_K_D.strip().splitlines()]).T
+    assert np.count_nonzero(PRINTED.rules[1] == textbook) == 44
+    assert np.argwhere(CORRECTED.rules[1] != textbook).tolist() == [[3, 3]]
+    assert SETS[CORRECTED.rules[1][3, 3]] == "ZO"
+    assert (np.diff(CORRECTED.rules[1][2:5], axis=1) >= 0).all()
+
+
+def test_the_published_look_aheads():
+    """l = 2 + k_v v^2 + k_w v at 0.5 m/s, over the whole universe."""
+    weights = np.array([0.5**2, 0.5])
+    continuous = infer_many(*GRID, PRINTED, "continuous")
+    points = infer_many(*GRID, PRINTED, "points")
+    look_aheads = 2 + continuous @ weights
+    assert (look_aheads.min(), look_aheads.max()) == pytest.approx((0.917, 3.583), abs=5e-4)
+    look_aheads = 2 + points @ weights
+    assert (look_aheads.min(), look_aheads.max()) == (0.75, 3.75)
+    for centroid in ("points", "continuous"):
+        assert 2 + np.dot(infer(0, 0, PRINTED, centroid), weights) == pytest.approx(1.5)
+        assert 2 + np.dot(infer(0, 0, CORRECTED, centroid), weights) == pytest.approx(2)
+    apart = points - continuous
+    assert np.abs(apart).max(axis=0) == pytest.approx([0.80, 1.11], abs=0.01)
+    assert np.abs(apart @ weights).max() == pytest.approx(0.57, abs=0.005)
+
+
+@settings(max_examples=200, deadline=None)
+@given(universe, universe, rules, centroids)
+def test_bounds_and_symmetries_of_any_tables(e, ec, tables, centroid):
+    deltas = infer(e, ec, tables, centroid)
+    assert max(map(abs, deltas)) <= (3 if centroid == "points" else 8 / 3) + 1e-12
+    fired = tables.rules[:, math.floor(e) + 3 : math.floor(e) + 5, math.floor(ec) + 3 : math.floor(ec) + 5] - 3
+    for delta, of in zip(deltas, fired, strict=True):
+        assert of.min() - 1 <= delta <= of.max() + 1
+    mirrored = RuleTables("mirrored", 6 - tables.rules[:, ::-1, ::-1])
+    assert infer(-e, -ec, mirrored, centroid) == pytest.approx([-delta for delta in deltas], abs=1e-9)
+    exchanged = RuleTables("exchanged", tables.rules.transpose(0, 2, 1))
+    assert infer(ec, e, exchanged, centroid) == pytest.approx(deltas, abs=1e-12)
+
+
+@given(st.floats(-10, 10))
+def test_the_sets_are_a_partition_of_unity(value):
+    holds = memberships(value)
+    assert holds.sum() == pytest.approx(1)
+    assert (holds >= 0).all()
+    assert np.count_nonzero(holds) <= 2
+    assert holds @ CENTRES == pytest.approx(min(max(value, -3), 3))
+
+
+@pytest.mark.parametrize("centroid", ["points", "continuous"])
+def test_inputs_are_clipped_and_nan_is_refused(centroid):
+    table = FuzzyTable(PRINTED, centroid)
+    for outside, border in (((5, -99), (3, -3)), ((-math.inf, math.inf), (-3, 3)), ((0.5, 3.0001), (0.5, 3))):
+        assert infer(*outside, PRINTED, centroid) == infer(*border, PRINTED, centroid)
+        assert table.at(*outside) == table.at(*border)
+    with pytest.raises(ValueError, match="NaN"):
+        infer(math.nan, 0, PRINTED, centroid)
+    assert np.isnan(table.at(0, math.nan)).all()
+
+
+@pytest.mark.parametrize(
+    ("nodes", "centroid", "largest", "mean"),
+    [
+        (241, "points", 0.025, 2e-4),
+        (241, "continuous", 0.085, 3e-4),
+        (61, "points", 0.075, 3e-3),
+        (61, "continuous", 0.3, 4e-3),
+    ],
+)
+@pytest.mark.parametrize("tables", TABLES.values(), ids=list(TABLES))
+def test_the_table_is_as_exact_as_it_says(tables, nodes, centroid, largest, mean):
+    table = FuzzyTable(tables, centroid, nodes)
+    e, ec = np.random.default_rng(0).uniform(-3, 3, (2, 20_000))
+    looked_up = np.array([table.at(*at) for at in zip(e.tolist(), ec.tolist(), strict=True)])
+    errors = np.abs(looked_up - infer_many(e, ec, tables, centroid))
+    assert errors.max() <= largest
+    assert errors.mean(axis=0).max() <= mean
+    assert table.at(table.nodes[7], table.nodes[-2]) == pytest.approx(
+        infer(table.nodes[7], table.nodes[-2], tables, centroid)
+    )
+
+
+def test_names():
+    assert rule_tables("printed") is PRINTED
+    assert fuzzy_table("corrected", "points") is fuzzy_table("corrected", "points")
+    with pytest.raises(UnknownName, match="corrected, printed"):
+        rule_tables("textbook")
+    with pytest.raises(UnknownName, match="continuous, points"):
+        infer(0, 0, PRINTED, "bisector")
+    with pytest.raises(ValueError, match="read-only"):
+        PRINTED.rules[0, 0, 0] = 1

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.following.lookahead import (
+    CORRECTED,
+    HONEST,
+    PAPER,
+    PRINTED,
+    FixedLookahead,
+    FuzzyLookahead,
+    FuzzySettings,
+    infer,
+)
+from quadlog.errors import UnknownName
+
+
+def test_fixed():
+    assert FixedLookahead(1.5).step(0.3, 0.02, 0.5)[0] == 1.5
+    assert np.isnan(FixedLookahead(1.5).step(0.3, 0.02, 0.5)[1:]).all()
+    for l_m in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="positive distance"):
+            FixedLookahead(l_m)
+
+
+@settings(max_examples=100, deadline=None)
+@given(errors=st.lists(st.floats(-2, 2), min_size=1, max_size=6), speed=st.floats(0, 1.2), signed=st.booleans())
+def test_equations_17_and_18(errors, speed, signed):
+    """Against infer on the errors and their differences; the table's error is far below the tolerance."""
+    given_settings = FuzzySettings(1.8, 0.7, 0.4, 0.5, -0.3, 2.0, 0.1, signed=signed, tables="corrected")
+    control = FuzzyLookahead(given_settings)
+    last = None
+    for error in errors:
+        e = error if signed else abs(error)
+        rate = 0.0 if last is None else (e - last) / 0.02
+        last = e
+        look = control.step(error, 0.02, speed)
+        delta_k_v, delta_k_w = infer(2.0 * e, 0.1 * rate, CORRECTED, "points")
+        assert (look.k_v, look.k_w) == pytest.approx((0.5 + delta_k_v, -0.3 + delta_k_w), abs=0.03)
+        exact = 1.8 + 0.7 * look.k_v * speed**2 + 0.4 * look.k_w * speed
+        assert look.l_m == pytest.approx(min(max(exact, 0.5), 5.0))
+
+
+def test_the_papers_setting():
+    assert FuzzyLookahead().settings == PAPER == FuzzySettings()
+    assert FuzzyLookahead().step(0.0, 0.02, 0.5) == pytest.approx((1.5, 0.0, -1.0))
+    # Its limits do not bite: (e, ec) over the whole universe, each a constant slope away from the first error.
+    control = FuzzyLookahead()
+    for speed in (0.5, 0.6):
+        reached = []
+        for e in range(4):
+            for ec in range(-3, 4):
+                control.reset()
+                control.step(e - 0.5 * ec if e - 0.5 * ec > 0 else 0.0, 0.5, speed)
+                reached.append(control.step(e, 0.5, speed).l_m)
+        assert PAPER.l_min_m < min(reached)
+        assert max(reached) < PAPER.l_max_m
+
+
+@pytest.mark.parametrize("l_m", [0.5, 2.0])
+def test_limits_hold(l_m):
+    low = FuzzyLookahead(replace(PAPER, l0_m=-50.0, l_min_m=l_m))
+    high = FuzzyLookahead(replace(PAPER, l0_m=50.0, l_max_m=l_m))
+    assert low.step(0.1, 0.02, 0.5).l_m == high.step(0.1, 0.02, 0.5).l_m == l_m
+
+
+def test_unsigned_treats_left_and_right_alike_and_signed_does_not():
+    for signed in (False, True):
+        control = FuzzySettings(gain_e_per_m=10.0, signed=signed)
+        left = [FuzzyLookahead(control).step(error, 0.02, 0.5).l_m for error in (0.1, 0.15, 0.25)]
+        right = [FuzzyLookahead(control).step(-error, 0.02, 0.5).l_m for error in (0.1, 0.15, 0.25)]
+        assert (left == right) is not signed
+
+
+def test_the_rates_filter_against_its_differential_equation():
+    """tau r' + r = de/dt on a ramp: r = slope (1 - exp(-t / tau)), whatever the step."""
+    for dt_s in (0.02, 0.1):
+        control = FuzzyLookahead(replace(PAPER, gain_e_per_m=0.0, ec_filter_s=0.4, signed=True, gain_ec_s_per_m=1.0))
+        for k in range(21):
+            look = control.step(1.5 * k * dt_s, dt_s, 0.5)
+            rate = 1.5 * (1 - math.exp(-k * dt_s / 0.4))
+            assert (look.k_v, look.k_w) == pytest.approx(infer(0.0, rate, PRINTED, "points"), abs=0.03)
+
+
+def test_reset_forgets_the_last_error():
+    control = FuzzyLookahead(HONEST)
+    first = control.step(0.05, 0.02, 0.5)
+    assert control.step(0.4, 0.02, 0.5) != first
+    control.reset()
+    assert control.step(0.05, 0.02, 0.5) == first
+
+
+def test_bad_settings_and_inputs():
+    with pytest.raises(UnknownName, match="rule tables 'mamdani'"):
+        FuzzySettings(tables="mamdani")
+    with pytest.raises(UnknownName, match="centroid"):
+        FuzzySettings(centroid="bisector")
+    for limits in ((0.0, 1.0), (2.0, 1.0), (0.5, math.inf), (math.nan, 1.0)):
+        with pytest.raises(ValueError, match="look-ahead limits"):
+            FuzzySettings(l_min_m=limits[0], l_max_m=limits[1])
+    with pytest.raises(ValueError, match="ec_filter_s"):
+        FuzzySettings(ec_filter_s=-1.0)
+    for step in ((math.nan, 0.02, 0.5), (0.0, 0.0, 0.5), (0.0, 0.02, math.inf)):
+        with pytest.raises(ValueError, match="no look-ahead"):
+            FuzzyLookahead().step(*step)
+
+
+def mean_error_m(walked):
+    assert walked.finished
+    return np.abs(walked.cross_track_m).mean()
+
+
+def test_on_the_s_curve_the_rules_are_worth_a_shorter_look_ahead(s_curve, walk):
+    """The paper's setting: what it gains over l = 2 a fixed look-ahead of the same mean gains too."""
+    paper = walk(s_curve, FuzzyLookahead())
+    two = mean_error_m(walk(s_curve, FixedLookahead(2.0)))
+    same = mean_error_m(walk(s_curve, FixedLookahead(paper.l_m.mean())))
+    assert two == pytest.approx(0.0904, abs=5e-4)
+    assert mean_error_m(paper) < 0.5 * two
+    assert mean_error_m(paper) == pytest.approx(same, rel=0.03)
+
+
+def test_the_honest_setting_beats_a_fixed_look_ahead_of_its_mean_but_not_the_best(s_curve, walk):
+    honest = walk(s_curve, FuzzyLookahead(HONEST))
+    assert honest.l_m.mean() == pytest.approx(1.66, abs=0.01)
+    assert mean_error_m(honest) == pytest.approx(0.0162, abs=5e-4)
+    assert mean_error_m(walk(s_curve, FixedLookahead(honest.l_m.mean()))) > 3 * mean_error_m(honest)
+    assert mean_error_m(walk(s_curve, FixedLookahead(1.0))) < mean_error_m(honest)

@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.following import pure_pursuit as path_follower
+from quadlog.control.following.lookahead import FixedLookahead
+from quadlog.control.following.path import nearest_on_path
+from quadlog.control.following.pure_pursuit import (
+    AHEAD_M,
+    BEHIND_M,
+    FINISHED_M,
+    PathFollower,
+    checked_path,
+    pure_pursuit,
+)
+from quadlog.errors import TooLarge
+
+CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
+LEGS = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.3], [0.0, 0.3], [0.0, 0.6], [5.0, 0.6]])
+
+
+def points_at_lengths(path, length_m):
+    """The points (N, 2) so far along a path, by interpolation of each coordinate."""
+    arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    return np.stack([np.interp(length_m, arc_m, path[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def closed_circle(radius_m, points=400):
+    angle = np.linspace(0, 2 * np.pi, points)
+    return radius_m * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=1)
+
+
+def test_state_on_a_corner():
+    follower = PathFollower(CORNER, start_m=3.6)
+    state = follower.step(3.9, 0.4, 1.0)
+    assert state.near[:4] == pytest.approx((1, 0.4 / 3.0, 4.0, 0.4))
+    assert (state.error_m, state.near.distance_m) == pytest.approx((0.1, 0.1))
+    assert (state.progress_m, state.remaining_m) == pytest.approx((4.4, 2.6))
+    assert state.heading_error_rad == pytest.approx(1.0 - math.pi / 2)
+    assert not state.finished
+    assert PathFollower(CORNER).step(1.0, -0.2, -3.0).near.distance_m == -0.2
+    assert PathFollower(CORNER).step(0.0, 0.0, 3.5).heading_error_rad == pytest.approx(3.5 - 2 * math.pi)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_nearest_within_its_window_against_dense_samples(seed):
+    rng = np.random.default_rng(seed)
+    path = rng.uniform(-2, 2, (6, 2)).repeat(rng.integers(1, 3, 6), axis=0)
+    start_m = rng.uniform(0, 8)
+    follower = PathFollower(path, start_m)
+    at = min(start_m, follower.length_m)
+    x, y = rng.uniform(-3, 3, 2)
+    state = follower.step(x, y, 0.0)
+    low, high = max(at - BEHIND_M, 0), min(at + AHEAD_M, follower.length_m)
+    assert low - 1e-9 <= state.progress_m <= high + 1e-9
+    samples = points_at_lengths(path, np.linspace(low, high, 1501))
+    nearest = np.hypot(*(samples - [x, y]).T).min()
+    assert nearest - 2e-3 <= state.error_m <= nearest + 1e-9
+    on_path = points_at_lengths(path, np.array([state.progress_m]))[0]
+    assert on_path == pytest.approx([state.near.x_m, state.near.y_m], abs=1e-9)
+    assert state.progress_m + state.remaining_m == pytest.approx(follower.length_m)
+
+
+@pytest.mark.parametrize("lookahead_m", [0.5, 1.0, 2.0])
+def test_a_closed_circle_is_walked_round_once(walk, lookahead_m):
+    path = closed_circle(2.0)
+    assert nearest_on_path(path, *path[-2]).segment > 300
+    walked = walk(path, FixedLookahead(lookahead_m))
+    assert walked.finished
+    assert np.diff(walked.progress_m).max() < 0.05
+    assert walked.progress_m[-1] > 2 * math.pi * 2.0 - 0.2
+    assert np.abs(walked.cross_track_m).max() < 0.02
+
+
+def test_pushed_off_the_start_of_a_circle_onto_its_end_it_still_walks_round(walk):
+    path = closed_circle(2.0)
+    walked = walk(path, FixedLookahead(1.0), pose=(-0.2, 0.0, 0.0), push=lambda k: (-0.1 if k == 5 else 0.0, 0.0))
+    assert walked.finished
+    assert walked.progress_m[:20].max() < 0.5
+    assert len(walked.progress_m) * 0.02 * 0.5 > 2 * math.pi * 2.0 - 0.3
+
+
+def test_parallel_legs_are_walked_one_after_the_other(walk):
+    """Pushed from the first onto the second, 0.3 m beside it, the robot returns to the first."""
+    pushed = walk(LEGS, FixedLookahead(0.5), push=lambda k: (0.0, 0.25 if k == 200 else 0.0))
+    assert pushed.finished
+    assert pushed.cross_track_m.max() == pytest.approx(0.25, abs=0.01)
+    assert np.diff(pushed.progress_m[:450]).max() < 0.05
+    assert np.diff(pushed.progress_m).max() < AHEAD_M
+    at_push = pushed.progress_m[201]
+    assert 1.9 < at_push < 2.1
+    assert len(pushed.progress_m) * 0.02 * 0.5 > 14
+
+
+def test_the_look_ahead_does_not_leave_out_a_turn():
+    """On a leg 1 m before its end the first point 2 m away lies on the leg back, behind the robot."""
+    path = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.1], [0.0, 0.1]])
+    follower = PathFollower(path, start_m=9.0)
+    state = follower.step(9.0, 0.0, 0.0)
+    command = follower.pursue(9.0, 0.0, 0.0, state, 2.0, 0.5, 1.5)
+    assert command.lookahead_y_m == pytest.approx(0.1)
+    assert command.lookahead_x_m == pytest.approx(10.0 - (math.pi - 1.1))
+    unbounded = pure_pursuit(9.0, 0.0, 0.0, path, nearest_on_path(path, 9.0, 0.0), 2.0, 0.5, 1.5)
+    assert unbounded.lookahead_x_m == pytest.approx(9.0 - math.sqrt(4 - 0.01))
+    # Progress may go as far as the robot was sent, not farther.
+    assert follower.step(9.0, 0.1, 0.0).progress_m == pytest.approx(11.1)
+    assert PathFollower(path, start_m=9.0).step(9.0, 0.1, 0.0).progress_m == pytest.approx(9.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(x=st.floats(-1, 3), y=st.floats(-1, 1), yaw=st.floats(-3.2, 3.2), lookahead_m=st.floats(1.2, 3))
+def test_commands_are_pure_pursuits(x, y, yaw, lookahead_m):
+    """On a path that does not come near itself both see the same."""
+    path = np.array([[0.0, 0.0], [3.0, 0.0], [9.0, 1.0]])
+    follower = PathFollower(path, start_m=max(x, 0.0))
+    state = follower.step(x, y, yaw)
+    near = nearest_on_path(path, x, y)
+    assert state.near == pytest.approx(near, abs=1e-9)
+    mine = follower.pursue(x, y, yaw, state, lookahead_m, 0.6, 1.5)
+    assert mine == pytest.approx(pure_pursuit(x, y, yaw, path, near, lookahead_m, 0.6, 1.5), abs=1e-9)
+
+
+def test_a_push_back_is_seen(walk):
+    walked = walk(CORNER, FixedLookahead(0.6), push=lambda k: (-0.4 if k == 100 else 0.0, 0.0))
+    assert walked.finished
+    assert np.diff(walked.progress_m).min() == pytest.approx(-0.39, abs=0.01)
+
+
+def test_finished_only_at_the_end():
+    circle = PathFollower(closed_circle(2.0))
+    assert not circle.step(0.0, 0.0, 0.0).finished
+    end = PathFollower(CORNER, start_m=7.0)
+    assert end.step(4.0, 3.0 - 0.9 * FINISHED_M, 0.0).finished
+    assert not end.step(4.0, 3.0 - 1.1 * FINISHED_M, 0.0).finished
+    assert not end.step(4.0, 3.0 + 1.1 * FINISHED_M, 0.0).finished
+
+
+def test_one_point_and_repeated_points():
+    one = PathFollower(np.array([[1.0, 1.0]]))
+    state = one.step(4.0, 5.0, 0.3)
+    assert (state.error_m, state.progress_m, state.remaining_m, state.finished) == (5.0, 0.0, 0.0, False)
+    assert math.isnan(state.heading_error_rad)
+    assert one.pursue(1.0, 1.0, 0.0, one.step(1.0, 1.0, 0.0), 1.0, 0.5, 1.5)[:2] == (0.0, 0.0)
+    assert one.reference_at(2.0)[:2] == (1.0, 1.0)
+    same = PathFollower(np.ones((3, 2)))
+    assert same.step(1.0, 1.05, 0.0).finished
+    repeated = PathFollower(CORNER.repeat(3, axis=0), start_m=4.0)
+    assert repeated.step(4.0, 1.0, 0.0).progress_m == pytest.approx(5.0)
+    assert repeated.step(4.0, 1.0, 0.0).near.heading_rad == pytest.approx(math.pi / 2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_references_against_interpolation(seed):
+    rng = np.random.default_rng(seed)
+    path = rng.uniform(-2, 2, (5, 2)).repeat(rng.integers(1, 3, 5), axis=0)
+    follower = PathFollower(path)
+    for s_m in rng.uniform(-1, follower.length_m + 1, 5).tolist():
+        reference = follower.reference_at(s_m)
+        assert reference[:2] == pytest.approx(points_at_lengths(path, np.array([s_m]))[0], abs=1e-9)
+        if 0.01 < s_m < follower.length_m - 0.01:
+            later = follower.reference_at(s_m + 1e-6)
+            if later.heading_rad == reference.heading_rad:
+                moved = math.atan2(later.y_m - reference.y_m, later.x_m - reference.x_m)
+                assert math.cos(moved - reference.heading_rad) == pytest.approx(1, abs=1e-6)
+
+
+def test_a_robot_on_the_reference_has_no_time_error():
+    follower = PathFollower(CORNER)
+    for t_s in (0.0, 3.0, 8.0, 11.0):
+        reference = follower.reference_at(0.6 * t_s)
+        state = PathFollower(CORNER, start_m=0.6 * t_s).step(*reference)
+        assert state.error_m == pytest.approx(0, abs=1e-9)
+        assert state.progress_m == pytest.approx(0.6 * t_s)
+        assert state.heading_error_rad == pytest.approx(0, abs=1e-9)
+
+
+def test_checked_paths():
+    checked = checked_path([(0, 0), (0, 0), (1, 0), (1, 0), (0, 0)])
+    assert checked.tolist() == [[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
+    assert checked.dtype == np.float64
+    assert checked.flags.c_contiguous
+    assert len(checked_path([(0, 0), (10, 10)])) == 2
+    assert len(checked_path([(0, 0), (30, 0)], gap_m=30)) == 2
+
+
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        ([], "shape"),
+        ([(0, 0, 0), (1, 1, 1)], "shape"),
+        ([1.0, 2.0], "shape"),
+        (None, "shape"),
+        ([(0, 0), (1,)], "list of points"),
+        ([("a", "b")], "list of points"),
+        ([(0, 0), (1, math.nan)], r"point 2 of the path, \(1, nan\), is no place"),
+        ([(0, 0), (math.inf, 0)], "no place"),
+        ([(0, 0), (4.5e6, 0)], "no place in metres"),
+        ([(1, 2)], r"stays at \(1, 2\)"),
+        ([(1, 2), (1, 2)], "two different points"),
+        ([(0, 0), (1, 0), (1, 0), (31, 40)], r"gap of 50.0 m from \(1, 0\) to \(31, 40\)"),
+    ],
+)
+def test_what_is_no_path_is_refused(points, reason):
+    with pytest.raises(ValueError, match=reason):
+        checked_path(points)
+
+
+def test_paths_of_absurd_length_are_refused(monkeypatch):
+    monkeypatch.setattr(path_follower, "MAX_POINTS", 10)
+    with pytest.raises(TooLarge, match="11 exceeds"):
+        checked_path(np.zeros((11, 2)))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.floats(), st.floats()), max_size=6))
+def test_any_points_are_a_path_that_can_be_followed_or_refused(points):
+    try:
+        path = checked_path(points)
+    except ValueError:
+        return
+    follower = PathFollower(path)
+    state = follower.step(*path[0], 0.0)
+    assert np.isfinite(state[1:4]).all()
+    assert np.isfinite(follower.pursue(*path[0], 0.0, state, 1.0, 0.5, 1.5)).all()

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from quadlog.control.following.path import nearest_on_path
+from quadlog.control.following.pure_pursuit import ARRIVED_M, BRAKING_MPS2, Command, pure_pursuit
+from quadlog.simulation.robot.unicycle_robot import unicycle_step
+
+
+def command_at(x_m, y_m, yaw_rad, path, *settings) -> Command:
+    return pure_pursuit(x_m, y_m, yaw_rad, path, nearest_on_path(path, x_m, y_m), *settings)
+
+
+def circle(radius_m, turns=0.9, left=True):
+    angle = np.linspace(0, 2 * np.pi * turns, 40001)
+    sign = 1 if left else -1
+    return np.stack([radius_m * np.sin(angle), sign * radius_m * (1 - np.cos(angle))], axis=1)
+
+
+@pytest.mark.parametrize("radius_m", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("lookahead_m", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("left", [True, False])
+def test_on_a_circle_the_command_is_that_circle(radius_m, lookahead_m, left):
+    """The chord from a tangent robot to any point of its circle gives 2 y_l / l^2 = 1 / R exactly."""
+    command = command_at(0.0, 0.0, 0.0, circle(radius_m, left=left), lookahead_m, 0.6, 5.0)
+    assert command.v_mps == pytest.approx(0.6)
+    assert command.v_mps / command.yaw_rate_radps == pytest.approx(radius_m if left else -radius_m, rel=1e-4)
+    assert math.hypot(command.lookahead_x_m, command.lookahead_y_m) == pytest.approx(lookahead_m)
+
+
+def test_curvature_is_two_y_over_l_squared():
+    path = np.array([[0.0, 0.4], [10.0, 0.4]])
+    command = command_at(0.0, 0.0, 0.0, path, 1.0, 0.6, 5.0)
+    assert command.yaw_rate_radps / command.v_mps == pytest.approx(2 * 0.4 / 1.0**2)
+
+
+def test_tight_curves_are_walked_slower_on_the_same_arc():
+    command = command_at(0.0, 0.0, 0.0, circle(0.5), 0.4, 0.6, 0.3)
+    assert abs(command.yaw_rate_radps) == pytest.approx(0.3)
+    assert command.v_mps / command.yaw_rate_radps == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("bearing_deg", [90, 135, 180, -120])
+def test_a_point_behind_is_turned_to_on_the_spot(bearing_deg):
+    end = 3 * np.array([math.cos(math.radians(bearing_deg)), math.sin(math.radians(bearing_deg))])
+    command = command_at(0.0, 0.0, 0.0, np.array([[0.0, 0.0], end]), 1.0, 0.6, 1.5)
+    assert command.v_mps == pytest.approx(0.0, abs=1e-12)
+    assert abs(command.yaw_rate_radps) == pytest.approx(1.2)
+    if bearing_deg != 180:
+        assert np.sign(command.yaw_rate_radps) == np.sign(bearing_deg)
+
+
+@pytest.mark.parametrize("path", [[[0.0, 0.0]], [[0.0, 0.0], [0.0, 0.0]], [[-2.0, 0.0], [ARRIVED_M / 2, 0.0]]])
+def test_arrived_robots_stand_still(path):
+    command = command_at(0.0, 0.0, 1.0, np.array(path), 2.0, 0.6, 1.5)
+    assert (command.v_mps, command.yaw_rate_radps) == (0.0, 0.0)
+
+
+def test_brakes_towards_the_end():
+    for to_end in (0.06, 0.1, 0.3):
+        command = command_at(0.0, 0.0, 0.0, np.array([[-1.0, 0.0], [to_end, 0.0]]), 2.0, 0.6, 1.5)
+        assert command.v_mps == pytest.approx(math.sqrt(2 * BRAKING_MPS2 * to_end))
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.0, 0.3, 2.5), (-1.0, -1.0, -1.5)])
+def test_walks_a_path_to_its_end(start):
+    path = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [1.0, 5.0]])
+    x, y, yaw = start
+    for _ in range(3000):
+        command = command_at(x, y, yaw, path, 0.6, 0.6, 1.5)
+        assert abs(command.yaw_rate_radps) <= 1.5 + 1e-12
+        assert 0 <= command.v_mps <= 0.6
+        x, y, yaw = unicycle_step(x, y, yaw, command.v_mps, command.yaw_rate_radps, 0.02)
+    assert math.hypot(x - 1.0, y - 5.0) <= 0.1

@@ -1,0 +1,143 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.body_reference import (
+    LEASH_M,
+    LEASH_RAD,
+    SLOPE_TIME_S,
+    BodyReference,
+    WantedMotion,
+    follow,
+)
+
+LEVEL = np.zeros(3)
+HEIGHT_M = 0.27
+START_M = np.array([1.0, 2.0, HEIGHT_M])
+angle = st.floats(-3.1, 3.1)
+
+
+def step(reference, dt_s, wanted, position_m, yaw_rad, plane):
+    follow(reference.record, dt_s, *wanted, position_m, yaw_rad, plane)
+
+
+def followed(reference, seconds, dt_s, wanted, plane=LEVEL):
+    """A robot that is always where it should be."""
+    for _ in range(round(seconds / dt_s)):
+        step(reference, dt_s, wanted, reference.position_m.copy(), float(reference.rpy[2]), plane)
+
+
+def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
+    """Where a circle from START_M on is at t_s."""
+    turned = yaw_rad + yaw_rate_radps * t_s
+    radius_m = speed_mps / yaw_rate_radps
+    aside = np.array([math.sin(turned) - math.sin(yaw_rad), math.cos(yaw_rad) - math.cos(turned), 0.0])
+    return START_M + radius_m * aside, turned
+
+
+@settings(deadline=None, max_examples=30)
+@given(angle, st.floats(-1, 1), st.sampled_from([-0.8, -0.1, 0.3, 1.0]))
+def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
+    dt_s = 0.002
+    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
+    followed(reference, 3.0, dt_s, WantedMotion(speed_mps, yaw_rate_radps))
+    position_m, turned_rad = arc(3.0, yaw_rad, speed_mps, yaw_rate_radps)
+    np.testing.assert_allclose(reference.position_m, position_m, atol=abs(speed_mps) * dt_s + 1e-9)
+    np.testing.assert_allclose(reference.rpy, [0, 0, turned_rad], atol=1e-9)
+    velocity_mps = speed_mps * np.array([math.cos(turned_rad), math.sin(turned_rad), 0])
+    np.testing.assert_allclose(reference.velocity_mps, velocity_mps, atol=1e-9)
+
+
+def test_the_start_is_not_the_callers_array():
+    start_m = START_M.copy()
+    reference = BodyReference(start_m, 0.0, HEIGHT_M)
+    followed(reference, 0.1, 0.01, WantedMotion(1.0, 0.0))
+    np.testing.assert_array_equal(start_m, START_M)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, math.pi / 2, math.pi, -2.4])
+def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
+    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
+    for _ in range(500):
+        step(reference, 0.002, WantedMotion(0.5, 0.0), START_M, yaw_rad, LEVEL)
+    heading = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0])
+    np.testing.assert_allclose(reference.position_m, START_M + LEASH_M * heading, atol=1e-12)
+    for _ in range(500):
+        step(reference, 0.002, WantedMotion(0.0, -0.5), START_M, yaw_rad, LEVEL)
+    assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
+
+
+@settings(deadline=None)
+@given(angle, angle, st.floats(-1, 1), st.floats(-2, 2), st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
+def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_mps, yaw_rate_radps, away_m):
+    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
+    measured_m = START_M + np.array([*away_m, 0])
+    step(reference, 0.002, WantedMotion(speed_mps, yaw_rate_radps), measured_m, measured_rad, LEVEL)
+    assert np.linalg.norm((reference.position_m - measured_m)[:2]) <= LEASH_M + 1e-12
+    assert abs(reference.rpy[2] - measured_rad) <= LEASH_RAD + 1e-12
+
+
+def test_a_push_moves_the_reference_and_not_farther_than_it_must():
+    reference = BodyReference(START_M, 0.0, HEIGHT_M)
+    push_m = np.array([0, 0.10, 0])
+    step(reference, 0.002, WantedMotion(0.0, 0.0), START_M + push_m, 0.0, LEVEL)
+    np.testing.assert_allclose(reference.position_m, START_M + (1 - LEASH_M / 0.10) * push_m, atol=1e-12)
+
+
+def test_past_half_a_turn_it_goes_on_turning():
+    reference = BodyReference(START_M, math.pi - 0.01, HEIGHT_M)
+    for _ in range(10):
+        measured_rad = math.remainder(float(reference.rpy[2]), 2 * math.pi)
+        step(reference, 0.01, WantedMotion(0.0, 1.0), START_M, measured_rad, LEVEL)
+    assert math.remainder(float(reference.rpy[2]), 2 * math.pi) == pytest.approx(-math.pi + 0.09)
+
+
+@settings(deadline=None, max_examples=30)
+@given(angle, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-1, 1))
+def test_on_a_slope_it_is_parallel_to_the_plane_and_goes_along_it(yaw_rad, a, b, speed_mps):
+    plane = np.array([a, b, 0.1])
+    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
+    followed(reference, 3.0, 0.01, WantedMotion(speed_mps, 0.0), plane)
+    roll, pitch, yaw = reference.rpy
+    up = Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply([0, 0, 1])
+    normal = np.array([-a, -b, 1]) / math.sqrt(a * a + b * b + 1)
+    np.testing.assert_allclose(up, normal, atol=1e-6)
+    assert yaw == pytest.approx(yaw_rad)
+    assert reference.position_m[2] - plane @ [*reference.position_m[:2], 1] == pytest.approx(HEIGHT_M, abs=1e-6)
+    velocity_mps = reference.velocity_mps
+    assert np.linalg.norm(velocity_mps) == pytest.approx(abs(speed_mps))
+    assert velocity_mps @ normal == pytest.approx(0, abs=1e-12)
+    np.testing.assert_allclose(velocity_mps[:2] * [math.sin(yaw_rad), -math.cos(yaw_rad)] @ [1, 1], 0, atol=1e-12)
+
+
+def test_uphill_is_nose_up_and_the_slope_is_taken_gradually():
+    reference = BodyReference(START_M, 0.0, HEIGHT_M)
+    plane = np.array([math.tan(0.2), 0, 0])
+    followed(reference, SLOPE_TIME_S, 0.0005, WantedMotion(0.0, 0.0), plane)
+    taken = 1 - math.exp(-1)
+    assert reference.rpy[1] == pytest.approx(-0.2 * taken, rel=0.01)
+    assert reference.position_m[2] - HEIGHT_M == pytest.approx(math.tan(0.2) * START_M[0] * taken, rel=0.01)
+
+
+@settings(deadline=None, max_examples=30)
+@given(angle, st.sampled_from([-0.3, 0.0, 0.0, 0.2]), st.floats(-1, 1), st.floats(-1, 1))
+def test_ahead_is_stepping_on(yaw_rad, slope, speed_mps, yaw_rate_radps):
+    # Straight up a slope, or turning on level ground: what is ahead of a turn on a slope is not foreseen.
+    if slope:
+        yaw_rate_radps = 0.0
+    plane = np.array([slope * math.cos(yaw_rad), slope * math.sin(yaw_rad), 0.0])
+    wanted, step_s, fine = WantedMotion(speed_mps, yaw_rate_radps), 0.03, 60
+    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
+    followed(reference, 3.0, 0.01, wanted, plane)
+    states = np.full((10, 12), np.nan)
+    reference.ahead(step_s, states)
+    for state in states:
+        followed(reference, step_s, step_s / fine, wanted, plane)
+        np.testing.assert_allclose(state[:3], reference.rpy, atol=1e-7)
+        np.testing.assert_allclose(state[3:6], reference.position_m, atol=5e-4)
+        np.testing.assert_allclose(state[6:9], [0, 0, yaw_rate_radps], atol=0)
+        np.testing.assert_allclose(state[9:], reference.velocity_mps, atol=1e-9)

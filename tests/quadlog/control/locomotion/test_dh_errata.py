@@ -1,0 +1,103 @@
+"""What [Foot] prints, beside what is right: the only place where the printed forms stand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from quadlog.control.locomotion.kinematics import leg_jacobian
+from quadlog.control.locomotion.leg_dynamics import dh_inverse, dh_jacobian, dh_position, dh_rows, dh_transform
+
+L1, L2, L3 = LENGTHS = np.array([0.07, 0.21, 0.21])
+JOINTS = np.random.default_rng(0).uniform([-0.8, -1.2, 0.3], [0.8, 0.4, 2.2], (50, 3))
+
+
+def eq_2(joints, mended):
+    (c1, c2, c3), (s1, s2, s3) = np.cos(joints), np.sin(joints)
+    last = L3 * c3 * s2 if mended else L2 * c2 * s2
+    x = L2 * c1 * c2 + L3 * c1 * c2 * c3 - L3 * c1 * s2 * s3
+    y = L2 * c2 * s1 + L3 * c2 * c3 * s1 - L3 * s1 * s2 * s3
+    return np.array([x, y, L1 + L2 * s2 + L3 * c2 * s3 + last])
+
+
+def eq_3_abduction(p):
+    return -math.atan(p[1] / p[2]) - math.atan(L1 / math.sqrt(p[1] ** 2 + p[2] ** 2 - L1**2))
+
+
+def eq_4(joints, mended):
+    t1, t2, t23 = joints[0], joints[1], joints[1] + joints[2]
+    (c1, c2, c23), (s1, s2, s23) = np.cos([t1, t2, t23]), np.sin([t1, t2, t23])
+    x, reach = L2 * s2 + L3 * s23, L2 * c2 + L3 * c23
+    return np.array(
+        [
+            [0, reach, L3 * c23],
+            [-L1 * s1 + c1 * reach, -s1 * x, (-1 if mended else 1) * L3 * s1 * s23],
+            [L1 * c1 + s1 * reach, c1 * x, L3 * c1 * s23],
+        ]
+    )
+
+
+def chain(rows, joints):
+    pose = np.eye(4)
+    for theta, row in zip((*joints, 0.0), rows, strict=True):
+        pose = pose @ dh_transform(theta, *row)
+    return pose[:3, 3]
+
+
+@pytest.mark.parametrize("joints", JOINTS[:10])
+def test_eq_2_mended_is_table_1_with_l1_in_row_0(joints):
+    rows = dh_rows(-1.0, LENGTHS)
+    np.testing.assert_array_equal(rows[:, 0], [0, L1, 0, 0])
+    shifted = rows.copy()
+    shifted[:2, 0] = L1, 0
+    np.testing.assert_allclose(eq_2(joints, mended=True), chain([shifted[0], *shifted[1:]], joints), atol=1e-15)
+    assert np.abs(eq_2(joints, mended=True) - dh_position(joints, -1.0, LENGTHS)).max() > 0.01
+
+
+def test_eq_2_as_printed_makes_the_shank_longer_and_shorter():
+    for mended, wrong_m in ((True, 0.0), (False, 0.05)):
+        shanks = []
+        for joints in JOINTS:
+            (c1, c2, _), (s1, s2, _) = np.cos(joints), np.sin(joints)
+            shanks.append(np.linalg.norm(eq_2(joints, mended) - [L2 * c1 * c2, L2 * s1 * c2, L1 + L2 * s2]))
+        np.testing.assert_allclose(shanks, L3, atol=1e-15 if mended else 1.0)
+        assert np.abs(np.array(shanks) - L3).max() >= wrong_m
+
+
+def test_eq_3_as_printed_turns_a_leg_that_hangs_straight():
+    # Eq. 5's foot: L1 to the right, the leg's plane upright.
+    assert math.degrees(eq_3_abduction([0.0, -L1, -0.2])) == pytest.approx(-38.6, abs=0.05)
+    joints, reached = dh_inverse([0.2, -L1, 0.0], -1.0, LENGTHS, 1.0)
+    assert reached
+    assert joints[0] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("joints", JOINTS[:10])
+def test_eq_4_mended_is_the_left_legs_jacobian_in_the_body(joints):
+    left, right = np.empty((3, 3)), np.empty((3, 3))
+    leg_jacobian(joints, 1.0, LENGTHS, left)
+    leg_jacobian(joints, -1.0, LENGTHS, right)
+    np.testing.assert_allclose(eq_4(joints, mended=True), left, atol=1e-15)
+    # The right one has L1 with the other sign, in the first column alone.
+    l1_terms = L1 * np.array([0, -math.sin(joints[0]), math.cos(joints[0])])
+    np.testing.assert_allclose(left[:, 0] - right[:, 0], 2 * l1_terms, atol=1e-15)
+    np.testing.assert_array_equal(left[:, 1:], right[:, 1:])
+    # In the frame of eq. 2 it is another matrix.
+    assert np.abs(dh_jacobian(joints, 1.0, LENGTHS) - left).max() > 0.05
+
+
+def test_eq_4_as_printed_differs_in_one_entry():
+    off = np.array([eq_4(joints, mended=False) - eq_4(joints, mended=True) for joints in JOINTS])
+    expected = 2 * L3 * np.sin(JOINTS[:, 0]) * np.sin(JOINTS[:, 1] + JOINTS[:, 2])
+    np.testing.assert_allclose(off[:, 1, 2], expected, atol=1e-15)
+    off[:, 1, 2] = 0
+    assert not off.any()
+    assert np.abs(expected).max() > 0.1
+
+
+def test_fig_3s_abduction_torque_of_zero_contradicts_the_papers_own_equations():
+    # Eqs 4 to 6 with Table 2's numbers, at the middle of the stance: -J' f, first row.
+    half_knee = math.acos(0.2 / (L2 + L3))
+    standing = np.array([0.0, -half_knee, 2 * half_knee])
+    force = 0.5 * np.array([0.08, 0.0, 9.81])
+    assert -(eq_4(standing, mended=False).T @ force)[0] == pytest.approx(-L1 * 0.5 * 9.81)

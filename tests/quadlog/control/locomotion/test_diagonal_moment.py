@@ -1,0 +1,83 @@
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.leg_dynamics import (
+    LEFT_FORE_RIGHT_HIND,
+    RIGHT_FORE_LEFT_HIND,
+    diagonal_m,
+    diagonal_moment,
+)
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.simulation.robot.model import mjcf
+
+FEET = {LEFT_FORE_RIGHT_HIND: (0, 3), RIGHT_FORE_LEFT_HIND: (1, 2)}
+pair = st.sampled_from(list(FEET))
+size = st.floats(0.05, 1.0)
+
+
+def crossed(weight, ahead, first, second):
+    """Gravity's moment about the line through two points, of three in space: (r x f) along the line."""
+    along = (second - first) / np.linalg.norm(second - first)
+    about_first = np.cross(np.array([ahead, 0.0, 0.0]) - first, [0.0, 0.0, -weight])
+    return (about_first @ along) * along
+
+
+@given(st.floats(0, 500), st.floats(-0.2, 0.2), size, size, pair)
+def test_it_is_the_weights_moment_about_the_line_through_the_feet(weight, ahead, length, width, pair):
+    fore = np.array([length / 2, pair * width / 2, -0.2])
+    hind = np.array([-length / 2, -pair * width / 2, -0.2])
+    moment = diagonal_moment(weight, ahead, length, width, pair)
+    np.testing.assert_allclose(moment, crossed(weight, ahead, fore, hind), atol=1e-12)
+    np.testing.assert_allclose(moment, crossed(weight, ahead, hind, fore), atol=1e-12)
+
+
+@given(st.floats(0.1, 5), st.floats(0, 0.2), size, size, st.floats(0.01, 0.2), pair)
+def test_eq_8_corrected_in_all_its_parts(leg_kg, behind, length_x, length_y, l1, pair):
+    body_kg, g, width = 40.0, 9.81, length_y + 2 * l1
+    mgd, d = 4 * leg_kg * g * behind, diagonal_m(length_x, width)
+    assert d == pytest.approx((length_x**2 + width**2) ** 0.5)
+    moment = diagonal_moment(body_kg * g, -4 * leg_kg * behind / body_kg, length_x, width, pair)
+    total = mgd * width / d
+    assert np.linalg.norm(moment) == pytest.approx(total, abs=1e-12)
+    np.testing.assert_allclose(np.abs(moment), [total * length_x / d, total * width / d, 0], atol=1e-12)
+
+
+def test_a_body_behind_tips_backwards_and_only_the_part_about_x_alternates():
+    one, other = (diagonal_moment(98.1, -0.005, 0.36, 0.26, pair) for pair in FEET)
+    assert one[1] == other[1] < 0
+    assert one[0] == -other[0] < 0
+    np.testing.assert_array_equal(diagonal_moment(98.1, 0.0, 0.36, 0.26, 1.0), 0.0)
+
+
+@pytest.mark.parametrize("pair", FEET)
+def test_no_forces_at_the_two_feet_can_balance_it(pair):
+    # Six equations of statics, six components of force: the moment about the diagonal is what is left over.
+    ahead, weight = -0.005, 98.1
+    fore = np.array([0.18, pair * 0.13, -0.2]) - [ahead, 0, 0]
+    hind = np.array([-0.18, -pair * 0.13, -0.2]) - [ahead, 0, 0]
+    levers = [np.cross(foot, np.eye(3)).T for foot in (fore, hind)]
+    balance = np.block([[np.eye(3), np.eye(3)], levers])
+    # The one direction of force and moment that they do not reach: a turn about the diagonal.
+    unreached = np.linalg.svd(balance)[0][:, -1]
+    assert np.abs(unreached @ balance).max() < 1e-15
+    left_over = abs(unreached @ [0, 0, -weight, 0, 0, 0]) / np.linalg.norm(unreached[3:])
+    assert left_over == pytest.approx(np.linalg.norm(diagonal_moment(weight, ahead, 0.36, 0.26, pair)))
+    assert left_over > 0.1
+
+
+@pytest.mark.parametrize("pair", FEET)
+def test_mujocos_centre_of_mass_gives_the_same(pair):
+    robot = ROBOTS["foot"]
+    model = mujoco.MjModel.from_xml_string(mjcf(robot))
+    data = mujoco.MjData(model)
+    data.qpos[7:] = robot.standing_joints_rad
+    mujoco.mj_forward(model, data)
+    centre, weight = data.subtree_com[1] - data.qpos[:3], model.body_mass.sum() * 9.81
+    fore, hind = (data.site_xpos[leg] - data.qpos[:3] for leg in FEET[pair])
+    length, width = fore[0] - hind[0], abs(fore[1] - hind[1])
+    expected = crossed(weight, centre[0], fore, hind)
+    np.testing.assert_allclose(diagonal_moment(weight, centre[0], length, width, pair), expected, atol=1e-12)
+    assert np.linalg.norm(expected) > 0.1

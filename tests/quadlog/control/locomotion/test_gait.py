@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.gait import GAITS, Gait, contact_schedule, contact_state
+
+gaits = st.builds(
+    Gait,
+    name=st.just("any"),
+    period_s=st.floats(0.1, 3),
+    duty=st.floats(0.05, 1),
+    offsets=st.tuples(*[st.floats(-1, 2)] * 4),
+)
+
+
+def state(gait, t_s):
+    stance, phase = np.empty(4, np.bool_), np.empty(4)
+    contact_state(t_s, gait.period_s, gait.duty, gait.offsets_array, stance, phase)
+    return stance, phase
+
+
+@pytest.mark.parametrize("gait", GAITS.values(), ids=list(GAITS))
+def test_each_foot_stands_for_its_share_of_the_cycle(gait):
+    t_s = (np.arange(1000) + 0.5) / 1000 * gait.period_s
+    standing = np.array([state(gait, t)[0] for t in t_s])
+    np.testing.assert_allclose(standing.mean(axis=0), gait.duty, atol=1e-3)
+    assert gait.stance_s + gait.swing_s == pytest.approx(gait.period_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("walk", 3, 3), ("trot", 2, 4), ("flying_trot", 0, 2), ("pronk", 0, 4), ("bound", 0, 2)]
+)
+def test_so_many_feet_are_on_the_ground(name, least, most):
+    gait = GAITS[name]
+    count = {int(state(gait, t)[0].sum()) for t in np.linspace(0, gait.period_s, 777)[1:-1]}
+    assert (min(count), max(count)) == (least, most)
+
+
+def test_pairs_move_together():
+    rng = np.random.default_rng(0)
+    for t_s in rng.uniform(0, 5, 200):
+        left_fore, right_fore, left_hind, right_hind = state(GAITS["trot"], t_s)[0]
+        assert (left_fore, right_fore) == (right_hind, left_hind)
+        left_fore, right_fore, left_hind, right_hind = state(GAITS["bound"], t_s)[0]
+        assert (left_fore, left_hind) == (right_fore, right_hind)
+        assert len(set(state(GAITS["pronk"], t_s)[0].tolist())) == 1
+
+
+def test_a_walk_lifts_left_hind_left_fore_right_hind_right_fore():
+    gait = GAITS["walk"]
+    t_s = np.linspace(0, gait.period_s, 801)[:-1] + gait.period_s / 3200
+    standing = np.array([state(gait, t)[0] for t in t_s])
+    landing = [int(np.flatnonzero(standing[:, leg] & ~np.roll(standing[:, leg], 1))[0]) for leg in range(4)]
+    order = np.argsort(landing).tolist()
+    start = order.index(2)
+    assert order[start:] + order[:start] == [2, 0, 3, 1]
+
+
+@settings(deadline=None)
+@given(gaits, st.floats(-100, 100))
+def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
+    stance, phase = state(gait, t_s)
+    assert ((phase >= 0) & (phase <= 1)).all()
+    whole = np.where(stance, phase * gait.duty, gait.duty + phase * (1 - gait.duty))
+    turns = t_s / gait.period_s + np.array(gait.offsets) - whole
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+
+
+@settings(deadline=None)
+@given(gaits, st.floats(0, 100), st.floats(0.001, 0.1))
+def test_a_schedule_is_the_states_one_after_the_other(gait, t_s, step_s):
+    contacts = np.empty((12, 4), np.bool_)
+    contact_schedule(t_s, step_s, gait.period_s, gait.duty, gait.offsets_array, contacts)
+    np.testing.assert_array_equal(contacts, [state(gait, t_s + k * step_s)[0] for k in range(12)])
+
+
+def test_just_before_a_whole_turn_is_a_phase_too():
+    stance, phase = state(Gait("stand", 1.0, 1.0, (-1e-18, 0, 0, 0)), 0.0)
+    assert stance.all()
+    assert np.isfinite(phase).all()
+
+
+@pytest.mark.parametrize(("period_s", "duty", "offset"), [(0, 0.5, 0), (1, 0, 0), (1, 1.1, 0), (1, 0.5, float("nan"))])
+def test_an_impossible_gait_is_refused(period_s, duty, offset):
+    with pytest.raises(ValueError, match="a gait needs"):
+        Gait("odd", period_s, duty, (offset, 0.0, 0.0, 0.0))

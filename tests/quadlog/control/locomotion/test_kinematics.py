@@ -1,0 +1,139 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.kinematics import (
+    foot_jacobians,
+    foot_positions,
+    joints_for,
+    leg_inverse,
+    leg_jacobian,
+    leg_position,
+)
+from quadlog.control.locomotion.robot import ROBOTS, SIDES
+
+LENGTHS = np.array([0.075, 0.22, 0.22])
+UNEVEN = np.array([0.08, 0.25, 0.2])
+ANGLES = st.tuples(st.floats(-1.4, 1.4), st.floats(-2.0, 1.0), st.floats(0.05, 2.8))
+side = st.sampled_from([1.0, -1.0])
+lengths = st.sampled_from([LENGTHS, UNEVEN])
+
+
+def position(joints, side, lengths):
+    foot = np.empty(3)
+    leg_position(np.asarray(joints, float), side, lengths, foot)
+    return foot
+
+
+def inverse(foot, side, lengths):
+    joints = np.empty(3)
+    return joints, leg_inverse(np.asarray(foot, float), side, lengths, joints)
+
+
+def turned(axis, angle):
+    """Rodrigues' rotation."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], float)
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+@settings(deadline=None)
+@given(ANGLES, side, lengths)
+def test_the_foot_is_at_the_end_of_three_turned_links(joints, side, lengths):
+    abduction, hip, knee = (
+        turned(axis, t) for axis, t in zip([(1, 0, 0), (0, -1, 0), (0, -1, 0)], joints, strict=True)
+    )
+    thigh, shank = np.array([0, 0, -lengths[1]]), np.array([0, 0, -lengths[2]])
+    expected = abduction @ ([0, side * lengths[0], 0] + hip @ (thigh + knee @ shank))
+    np.testing.assert_allclose(position(joints, side, lengths), expected, atol=1e-15)
+
+
+def test_a_straight_leg_hangs_down_and_a_bent_knee_is_behind():
+    np.testing.assert_allclose(position([0, 0, 0], 1.0, LENGTHS), [0, 0.075, -0.44], atol=1e-16)
+    np.testing.assert_allclose(position([0, 0, 0], -1.0, LENGTHS), [0, -0.075, -0.44], atol=1e-16)
+    joints, reached = inverse([0, 0.075, -0.27], 1.0, LENGTHS)
+    assert reached
+    assert joints[1] < 0 < joints[2]
+
+
+@settings(deadline=None)
+@given(ANGLES, side, lengths)
+def test_joints_for_a_foot_bring_it_back(joints, side, lengths):
+    foot = position(joints, side, lengths)
+    again, reached = inverse(foot, side, lengths)
+    assert reached
+    assert np.abs(position(again, side, lengths) - foot).max() <= 6e-15
+    assert 0 <= again[2] <= math.pi
+
+
+@settings(deadline=None)
+@given(st.floats(-0.8, 0.8), st.floats(-0.6, 0.3), st.floats(0.3, 2.5), side)
+def test_joints_come_back_where_the_leg_hangs_below_its_hip(abduction, hip, knee, side):
+    joints = np.array([abduction, hip - knee / 2, knee])
+    again, _ = inverse(position(joints, side, LENGTHS), side, LENGTHS)
+    np.testing.assert_allclose(again, joints, atol=1e-13)
+
+
+everywhere = st.floats(-1e9, 1e9) | st.floats(-0.6, 0.6) | st.sampled_from([0.0, -0.0, 1e-300, 0.075, 0.44])
+
+
+@settings(deadline=None)
+@given(st.tuples(everywhere, everywhere, everywhere), side, lengths)
+def test_any_target_gets_joints_and_the_nearest_distance(foot, side, lengths):
+    joints, reached = inverse(foot, side, lengths)
+    assert np.isfinite(joints).all()
+    assert (np.abs(joints) <= 2 * math.pi).all()
+    end = position(joints, side, lengths)
+    if reached:
+        # Where the leg is stretched, the knee's angle is known to the root of what floats tell.
+        np.testing.assert_allclose(end, foot, atol=5e-8)
+    far = math.hypot(*foot) > math.hypot(lengths[0], lengths[1] + lengths[2]) + 1e-9
+    assert not (far and reached)
+    if far:
+        # Stretched: cos of a knee angle of 1e-8 is 1 in floating point.
+        assert joints[2] <= 1e-7
+
+
+def test_a_foot_too_far_is_approached_in_the_legs_plane():
+    # In the plane of the leg, that of L1 aside, the way to the target is straight from the hip.
+    joints, reached = inverse([0.3, 0.075, -0.6], 1.0, LENGTHS)
+    assert not reached
+    end = position(joints, 1.0, LENGTHS)
+    np.testing.assert_allclose(end, [0.44 * 0.3 / math.hypot(0.3, 0.6), 0.075, -0.44 * 0.6 / math.hypot(0.3, 0.6)])
+
+
+def test_a_foot_too_near_stays_on_the_inner_shell():
+    joints, reached = inverse([0.0, 0.08, -0.01], 1.0, UNEVEN)
+    assert not reached
+    np.testing.assert_allclose(position(joints, 1.0, UNEVEN), [0.0, 0.08, -0.05], atol=1e-9)
+
+
+@settings(deadline=None)
+@given(ANGLES, side, lengths)
+def test_the_jacobian_is_the_derivative(joints, side, lengths):
+    jacobian, step = np.empty((3, 3)), 1e-6
+    leg_jacobian(np.array(joints), side, lengths, jacobian)
+    for k, unit in enumerate(np.eye(3)):
+        ahead, back = (position(joints + sign * step * unit, side, lengths) for sign in (1, -1))
+        np.testing.assert_allclose(jacobian[:, k], (ahead - back) / (2 * step), atol=5e-10)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
+def test_all_legs_at_once_are_the_single_legs(robot):
+    rng = np.random.default_rng(0)
+    joints = robot.standing_joints_rad + rng.uniform(-0.3, 0.3, 12)
+    feet, jacobians, again, single = np.empty((4, 3)), np.empty((4, 3, 3)), np.empty(12), np.empty((3, 3))
+    foot_positions(joints, robot.hips_m, robot.lengths, feet)
+    foot_jacobians(joints, robot.lengths, jacobians)
+    for leg in range(4):
+        own = joints[3 * leg : 3 * leg + 3]
+        np.testing.assert_array_equal(feet[leg], position(own, SIDES[leg], robot.lengths) + robot.hips_m[leg])
+        leg_jacobian(own, SIDES[leg], robot.lengths, single)
+        np.testing.assert_array_equal(jacobians[leg], single)
+    assert joints_for(feet, robot.hips_m, robot.lengths, again)
+    np.testing.assert_allclose(again, joints, atol=1e-13)
+    feet[2] *= 3
+    assert not joints_for(feet, robot.hips_m, robot.lengths, again)

@@ -1,0 +1,444 @@
+"""The MPC against solvers that quadlog does not use, and on a nonlinear rigid body that walks under its forces."""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+import piqp
+import pytest
+import quadprog
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.mpc import LEVEL, Mpc, MpcSettings, MpcStatus
+from quadlog.control.locomotion.mpc_model import build_cost
+
+MASS_KG = 12.786
+WEIGHT_N = MASS_KG * 9.81
+INERTIA = np.array([[0.07, 0.0, 0.004], [0.0, 0.25, 0.0], [0.004, 0.0, 0.28]])
+HIPS_M = np.array([[0.18, 0.12, 0], [0.18, -0.12, 0], [-0.18, 0.12, 0], [-0.18, -0.12, 0]])
+HEIGHT_M, DT_S, STEPS = 0.29, 0.03, 10
+ALL_STAND = np.ones((STEPS, 4), dtype=bool)
+STANDING = np.array([0, 0, 0, 0, 0, HEIGHT_M, 0, 0, 0, 0, 0, 0], dtype=float)
+HILL = Rotation.from_euler("ZYX", [2.0, 0.35, -0.1]).as_matrix()
+ARMS_M = np.tile(HIPS_M - [0, 0, HEIGHT_M], (STEPS, 1, 1))
+
+
+def _random_problem(seed, scale):
+    """State, reference, lever arms and contacts of a robot that is up to `scale` away from where it should be."""
+    random = np.random.default_rng(seed)
+    state = STANDING + scale * random.normal(size=12) * np.repeat([0.05, 0.03, 0.3, 0.3], 3)
+    state[2] = random.uniform(-np.pi, np.pi)
+    reference = np.tile(STANDING, (STEPS, 1))
+    reference[:, 2] = state[2] + scale * random.normal(scale=0.1)
+    turn = Rotation.from_euler("z", state[2]).as_matrix()
+    arms_m = (ARMS_M + random.normal(scale=0.03, size=(4, 3))) @ turn.T
+    contacts = random.random((STEPS, 4)) < random.choice([0.4, 0.6, 1.0])
+    contacts[0, seed % 4] = True
+    return state, reference, arms_m, contacts
+
+
+def _qp(mpc, state, reference, arms_m, contacts, ground_to_map):
+    """H, g and the pyramid's rows @ f >= lower, these written here anew."""
+    s = mpc.settings
+    H, g, _ = build_cost(
+        state, reference, arms_m, contacts, MASS_KG, np.linalg.inv(INERTIA), s.weights(), s.alpha, s.dt_s
+    )
+    rows = np.array([[-1, 0, s.mu], [1, 0, s.mu], [0, -1, s.mu], [0, 1, s.mu], [0, 0, 1], [0, 0, -1]])
+    rows, feet = rows @ ground_to_map.T, len(g) // 3
+    return H, g, np.kron(np.eye(feet), rows), np.tile([0, 0, 0, 0, s.f_min_n, -s.f_max_n], feet)
+
+
+@pytest.mark.parametrize("f_min_n", [0.0, 4.0])
+@pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("ground", [LEVEL, HILL], ids=["level", "hill"])
+def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
+    active = 0
+    for seed in range(8):
+        mpc = Mpc(MASS_KG, INERTIA, MpcSettings(f_min_n=f_min_n))
+        problem = _random_problem(seed, scale)
+        solution = mpc.solve(*problem, ground)
+        assert solution.status == MpcStatus.SOLVED
+        H, g, rows, lower = _qp(mpc, *problem, ground)
+        solver = piqp.DenseSolver()
+        # Cost in units that make its numbers near 1, and no relative tolerance: that alone leaves some 1e-6 N.
+        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-10
+        solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 0.0
+        solver.settings.max_iter = 1000
+        solver.setup(np.asfortranarray(H * 1e4), g * 1e4, G=np.asfortranarray(rows), h_l=lower)
+        assert solver.solve() == piqp.PIQP_SOLVED
+        found = solution.all_forces_n[problem[3]].ravel()
+        np.testing.assert_allclose(found, solver.result.x, atol=1e-6, rtol=0)
+        active += (rows @ found - lower < 1e-6).sum()
+        # KKT: within the pyramid, and the gradient is a sum of active rows with multipliers >= 0.
+        assert (rows @ found - lower).min() >= -1e-9
+        held = rows[rows @ found - lower < 1e-7]
+        gradient = H @ found + g
+        miss = nnls(held.T, gradient)[1] if len(held) else np.linalg.norm(gradient)
+        assert miss < 1e-9 * max(1.0, abs(g).max())
+    assert active > 0 or scale < 1
+
+
+def test_the_second_solver_gives_the_same_forces(monkeypatch):
+    problems = [_random_problem(seed, 3.0) for seed in range(10)]
+    first = [Mpc(MASS_KG, INERTIA).solve(*problem, HILL) for problem in problems]
+    assert any(solution.iterations > 1 for solution in first)
+
+    def fails(*_):
+        raise ValueError("constraints are inconsistent, no solution")
+
+    monkeypatch.setattr(quadprog, "solve_qp", fails)
+    mpc = Mpc(MASS_KG, INERTIA)
+    for problem, solution in zip(problems, first, strict=True):
+        second = mpc.solve(*problem, HILL)
+        np.testing.assert_allclose(second.all_forces_n, solution.all_forces_n, atol=1e-6)
+    assert mpc.counts[MpcStatus.SECOND_SOLVER] > 1
+    assert mpc.counts.total() == 10
+
+
+def test_standing_carries_exactly_the_weight():
+    """Where force costs nothing. At the default alpha the first step carries 0.7 % less: it may sag a little."""
+    free = Mpc(MASS_KG, INERTIA, MpcSettings(alpha=1e-10))
+    solution = free.solve(STANDING, np.tile(STANDING, (STEPS, 1)), ARMS_M, ALL_STAND)
+    np.testing.assert_allclose(solution.all_forces_n.sum(axis=1), np.tile([0, 0, WEIGHT_N], (STEPS, 1)), atol=1e-2)
+    np.testing.assert_allclose(solution.forces_n, np.tile([0, 0, WEIGHT_N / 4], (4, 1)), atol=1e-2)
+    default = Mpc(MASS_KG, INERTIA).solve(STANDING, np.tile(STANDING, (STEPS, 1)), ARMS_M, ALL_STAND)
+    assert default.forces_n[:, 2].sum() == pytest.approx(WEIGHT_N, rel=0.01)
+
+
+@pytest.mark.parametrize("turn_deg", [90.0, 180.0, -37.0])
+def test_a_turned_world_turns_the_forces(turn_deg):
+    """All in map turns, yaw and the ground with it; roll and pitch are the robot's own.
+
+    T_z for T_z^T breaks it at 90 degrees.
+    """
+    turn = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
+
+    def turned(states):
+        states = states.copy()
+        for part in (slice(3, 6), slice(6, 9), slice(9, 12)):
+            states[..., part] = states[..., part] @ turn.T
+        states[..., 2] += np.radians(turn_deg)
+        return states
+
+    uneven = MpcSettings(weight_rpy=(25.0, 60.0, 12.0))
+    for seed in range(6):
+        state, reference, arms_m, contacts = _random_problem(seed, 2.0)
+        contacts[:] = True
+        turned_problem = turned(state), turned(reference), arms_m @ turn.T, contacts
+        plain = Mpc(MASS_KG, INERTIA, uneven).solve(state, reference, arms_m, contacts, HILL)
+        there = Mpc(MASS_KG, INERTIA, uneven).solve(*turned_problem, turn @ HILL)
+        assert plain.iterations > 1
+        np.testing.assert_allclose(there.all_forces_n, plain.all_forces_n @ turn.T, atol=1e-6)
+
+
+def test_a_mirrored_world_mirrors_the_forces():
+    """Left for right, and with it the legs; a rotation mirrored on both sides is one again."""
+    mirror, legs = np.diag([1.0, -1.0, 1.0]), [1, 0, 3, 2]
+    # Angles and turns about x and z change sign, ways and speeds along y.
+    polar = np.tile([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0], 2)
+    active = 0
+    for seed in range(6):
+        state, reference, arms_m, contacts = _random_problem(seed, 2.0)
+        plain = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, HILL)
+        mirrored = polar * state, polar * reference, (arms_m @ mirror)[:, legs], contacts[:, legs]
+        there = Mpc(MASS_KG, INERTIA).solve(*mirrored, mirror @ HILL @ mirror)
+        np.testing.assert_allclose(there.all_forces_n, (plain.all_forces_n @ mirror)[:, legs], atol=1e-6)
+        active += plain.iterations
+    assert active > 0
+
+
+def _motion(state, forces_n, feet_m, mass_kg):
+    roll, pitch, yaw = state[:3]
+    attitude = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+    inertia, omega = attitude @ INERTIA @ attitude.T, state[6:9]
+    torque = np.cross(feet_m - state[3:6], forces_n).sum(axis=0) - np.cross(omega, inertia @ omega)
+    rates = np.array(
+        [
+            [np.cos(pitch) * np.cos(yaw), -np.sin(yaw), 0],
+            [np.cos(pitch) * np.sin(yaw), np.cos(yaw), 0],
+            [-np.sin(pitch), 0, 1],
+        ]
+    )
+    acceleration = forces_n.sum(axis=0) / mass_kg + [0, 0, -9.81]
+    return np.concatenate([np.linalg.solve(rates, omega), state[9:], np.linalg.solve(inertia, torque), acceleration])
+
+
+def _moved(state, forces_n, feet_m, dt_s, mass_kg=MASS_KG):
+    """One Runge-Kutta step of the nonlinear body, with forces held."""
+    k1 = _motion(state, forces_n, feet_m, mass_kg)
+    k2 = _motion(state + dt_s / 2 * k1, forces_n, feet_m, mass_kg)
+    k3 = _motion(state + dt_s / 2 * k2, forces_n, feet_m, mass_kg)
+    k4 = _motion(state + dt_s * k3, forces_n, feet_m, mass_kg)
+    return state + dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, np.pi / 2, np.pi, -2.0])
+def test_one_solves_forces_bring_the_body_to_the_wanted_velocity_upright(yaw_rad):
+    """Open loop: a tilted robot that should walk off with 0.3 m/s, all ten steps' forces applied as solved."""
+    turn = Rotation.from_euler("z", yaw_rad).as_matrix()
+    start = STANDING.copy()
+    start[:3] = 0.08, -0.06, yaw_rad
+    feet_m = HIPS_M @ turn.T
+    velocity = turn @ [0.3, 0, 0]
+    reference = np.tile(start, (STEPS, 1))
+    reference[:, :2] = 0
+    reference[:, 9:] = velocity
+    reference[:, 3:6] += np.outer(DT_S * np.arange(1, STEPS + 1), velocity)
+    along = np.tile(start[3:6], (STEPS, 1))
+    for _ in range(4):
+        # Lever arms from where the body was amid each step last time: it starts slower than the reference.
+        solution = Mpc(MASS_KG, INERTIA).solve(start, reference, feet_m - along[:, None], ALL_STAND)
+        state = start
+        for step, forces_n in enumerate(solution.all_forces_n):
+            before = state
+            for _ in range(3):
+                state = _moved(state, forces_n, feet_m, DT_S / 3)
+            along[step] = (before[3:6] + state[3:6]) / 2
+    assert np.linalg.norm(state[9:11] - velocity[:2]) < 0.05
+    assert abs(state[:2]).max() < 0.015
+    assert np.linalg.norm(state[3:5] - reference[-1, 3:5]) < 0.015
+    assert abs(state[5] - HEIGHT_M) < 0.01
+
+
+def _trot(t_s):
+    """Diagonal pairs in turn, 56 % of 0.44 s on the ground."""
+    first, second = (t_s / 0.44) % 1 < 0.56, (t_s / 0.44 + 0.5) % 1 < 0.56
+    return np.array([first, second, second, first])
+
+
+def _trotted(mpc, seconds, speed_mps, yaw_rate_radps, mass_kg=MASS_KG):
+    """States (K, 12) every 6 ms of the nonlinear body in closed loop, feet set down below the hips."""
+    tick_s = 0.006
+    state, feet_m, stood, states = STANDING.copy(), HIPS_M.copy(), np.ones(4, dtype=bool), []
+    for tick in range(round(seconds / tick_s)):
+        stands = _trot(tick * tick_s)
+        turn = Rotation.from_euler("z", state[2]).as_matrix()
+        down = stands & ~stood
+        feet_m[down] = ([1, 1, 0] * (state[3:6] + state[9:12] * 0.44 * 0.56 / 2) + HIPS_M @ turn.T)[down]
+        if tick % 5 == 0 or (stands != stood).any():
+            after_s = DT_S * np.arange(1, STEPS + 1)
+            reference = np.tile(STANDING, (STEPS, 1))
+            reference[:, 2] = state[2] + yaw_rate_radps * after_s
+            reference[:, 8] = yaw_rate_radps
+            reference[:, 9:11] = speed_mps * np.stack([np.cos(reference[:, 2]), np.sin(reference[:, 2])], axis=1)
+            reference[:, 3:5] = state[3:5] + DT_S * np.cumsum(reference[:, 9:11], axis=0)
+            contacts = np.array([_trot(tick * tick_s + step * DT_S) for step in range(STEPS)])
+            ends_m = np.concatenate([state[None, 3:6], reference[:, 3:6]])
+            arms_m = feet_m - (ends_m[:-1, None] + ends_m[1:, None]) / 2
+            # A foot in the air, now or before the step, will stand below its hip.
+            lands = ~np.logical_and.accumulate(contacts, axis=0)
+            arms_m[lands] = (ARMS_M @ turn.T)[lands]
+            forces_n = mpc.solve(state, reference, arms_m, contacts).forces_n
+        state = _moved(state, forces_n * stands[:, None], feet_m, tick_s, mass_kg)
+        stood = stands
+        states.append(state)
+    return np.array(states)
+
+
+@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.8])
+def test_walks_upright_at_the_wanted_speed_whatever_the_heading(yaw_rate_radps):
+    mpc = Mpc(MASS_KG, INERTIA)
+    states = _trotted(mpc, 5.0, 0.5, yaw_rate_radps)
+    settled = states[len(states) // 4 :]
+    assert mpc.counts == {MpcStatus.SOLVED: mpc.counts.total()}
+    assert settled[-1, 2] == pytest.approx(5.0 * yaw_rate_radps, rel=0.05, abs=0.02)
+    assert np.linalg.norm(settled[:, 9:11], axis=1).mean() == pytest.approx(0.5, abs=0.02)
+    assert abs(settled[:, :2]).max() < np.radians(1.5)
+    assert abs(settled[:, 5] - HEIGHT_M).max() < 0.004
+
+
+def test_a_fifth_more_mass_than_the_robot_has_lifts_it():
+    """What a wrong mass does to the height, so that the 4 mm above do tell one."""
+    heavy = _trotted(Mpc(1.2 * MASS_KG, INERTIA), 1.5, 0.0, 0.0)[-100:, 5]
+    light = _trotted(Mpc(0.8 * MASS_KG, INERTIA), 1.5, 0.0, 0.0)[-100:, 5]
+    assert heavy.mean() - HEIGHT_M > 0.008
+    assert light.mean() - HEIGHT_M < -0.008
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.6])
+def test_a_push_takes_the_friction_there_is_and_no_more(mu):
+    reference = np.tile(STANDING, (STEPS, 1))
+    pushed = STANDING.copy()
+    pushed[9:11] = 1.5, -1.5
+    forces = Mpc(MASS_KG, INERTIA, MpcSettings(mu=mu)).solve(pushed, reference, ARMS_M, ALL_STAND).all_forces_n
+    side = abs(forces[..., :2]).max(axis=2)
+    assert (side <= mu * forces[..., 2] + 1e-7).all()
+    np.testing.assert_allclose(side[0], mu * forces[0, :, 2], atol=1e-6)
+    assert forces[0, :, 2].sum() > 50
+    # It falls at 3 m/s: the feet push back with all they are allowed to.
+    fallen = STANDING - np.eye(12)[11] * 3
+    forces = Mpc(MASS_KG, INERTIA, MpcSettings(mu=mu)).solve(fallen, reference, ARMS_M, ALL_STAND).forces_n
+    np.testing.assert_allclose(forces[:, 2], 150, atol=1e-6)
+
+
+def test_on_a_hill_a_push_takes_the_friction_along_the_ground():
+    """The forces of level ground would slip there; on it, saying so changes nothing to the bit."""
+    hill = Rotation.from_euler("ZYX", [0.3, 0.35, 0.0]).as_matrix()
+    pushed, reference = STANDING.copy(), np.tile(STANDING, (STEPS, 1))
+    pushed[9:11] = 1.5, -1.5
+    level, said, on_hill = (
+        Mpc(MASS_KG, INERTIA).solve(pushed, reference, ARMS_M, ALL_STAND, *ground).all_forces_n
+        for ground in ((), (np.eye(3),), (hill,))
+    )
+    assert level.tobytes() == said.tobytes()
+    along = on_hill @ hill
+    assert (abs(along[..., :2]) <= 0.6 * along[..., 2:] + 1e-7).all()
+    np.testing.assert_allclose(abs(along[0, :, :2]).max(axis=1), 0.6 * along[0, :, 2], atol=1e-6)
+    slipping = (level[0] @ hill)[level[0, :, 2] > 20]
+    assert len(slipping)
+    assert (np.hypot(slipping[:, 0], slipping[:, 1]) > slipping[:, 2]).all()
+
+
+def test_swing_feet_have_no_force_and_flight_needs_no_solver():
+    contacts = ALL_STAND.copy()
+    contacts[:3] = False
+    contacts[3:, 1:3] = False
+    arms_m = ARMS_M.copy()
+    arms_m[~contacts] = np.nan
+    mpc, reference = Mpc(MASS_KG, INERTIA), np.tile(STANDING, (STEPS, 1))
+    solution = mpc.solve(STANDING, reference, arms_m, contacts)
+    assert solution.status == MpcStatus.SOLVED
+    assert not solution.all_forces_n[~contacts].any()
+    assert solution.all_forces_n[3:, 0, 2].min() > 1
+    solution = mpc.solve(STANDING, reference, arms_m, np.zeros_like(contacts))
+    assert (solution.status, solution.iterations) == (MpcStatus.FLIGHT, 0)
+    assert not solution.all_forces_n.any()
+
+
+def test_the_same_problem_gives_the_same_bytes():
+    mpc = Mpc(MASS_KG, INERTIA)
+    problem = _random_problem(3, 3.0)
+    first = mpc.solve(*problem).all_forces_n.tobytes()
+    mpc.solve(*_random_problem(4, 3.0))
+    assert mpc.solve(*problem).all_forces_n.tobytes() == first
+    assert Mpc(MASS_KG, INERTIA).solve(*problem).all_forces_n.tobytes() == first
+
+
+@pytest.fixture
+def no_solver(monkeypatch):
+    """Both solvers give up, and no unconstrained minimum is allowed."""
+
+    def breaks(*_):
+        raise ValueError("constraints are inconsistent, no solution")
+
+    def gives_up(H, g, *_):
+        return np.full(len(g), np.nan), np.nan, -1, {"iterations": 7}
+
+    def break_solvers():
+        monkeypatch.setattr(quadprog, "solve_qp", breaks)
+        monkeypatch.setattr(daqp, "solve", gives_up)
+
+    return break_solvers
+
+
+def test_when_both_solvers_fail_the_last_forces_go_on_one_step_later(no_solver):
+    mpc, problem = Mpc(MASS_KG, INERTIA), (*_random_problem(1, 5.0)[:3], ALL_STAND)
+    solved = mpc.solve(*problem)
+    assert solved.iterations > 1
+    no_solver()
+    shifted = mpc.solve(*problem)
+    assert shifted.status == MpcStatus.SHIFTED
+    np.testing.assert_allclose(shifted.all_forces_n[:-1], solved.all_forces_n[1:], atol=1e-7)
+    np.testing.assert_allclose(shifted.all_forces_n[-1], solved.all_forces_n[-1], atol=1e-7)
+    twice = mpc.solve(*problem)
+    np.testing.assert_allclose(twice.forces_n, solved.all_forces_n[2], atol=1e-7)
+    assert mpc.counts == {MpcStatus.SOLVED: 1, MpcStatus.SHIFTED: 2}
+
+
+def test_when_both_solvers_fail_and_other_feet_stand_they_share_the_weight(no_solver):
+    mpc = Mpc(MASS_KG, INERTIA)
+    state, reference, arms_m, _ = _random_problem(1, 5.0)
+    mpc.solve(state, reference, arms_m, ALL_STAND)
+    no_solver()
+    contacts = ALL_STAND.copy()
+    contacts[:, 1:3] = False
+    shared = mpc.solve(state, reference, arms_m, contacts)
+    assert shared.status == MpcStatus.SHARED
+    np.testing.assert_allclose(shared.forces_n[[0, 3]], np.tile([0, 0, WEIGHT_N / 2], (2, 1)))
+    assert not shared.forces_n[1:3].any()
+    # A weight above what the feet may carry is clipped.
+    heavy = Mpc(100.0, INERTIA).solve(state, reference, arms_m, contacts)
+    np.testing.assert_allclose(heavy.forces_n[[0, 3], 2], 150)
+    # Upright forces on ground that is steeper than friction holds lean into its pyramid.
+    steep = Rotation.from_euler("y", 45, degrees=True).as_matrix()
+    along = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, steep).forces_n @ steep
+    np.testing.assert_allclose(abs(along[[0, 3], 0]), 0.6 * along[[0, 3], 2])
+    np.testing.assert_allclose(along[[0, 3], 2], WEIGHT_N / 2 * np.cos(np.pi / 4))
+
+
+@pytest.mark.parametrize("size", [1e9, 1e160])
+def test_numerical_trouble_is_survived(size):
+    mpc = Mpc(MASS_KG, INERTIA)
+    reference = np.tile(STANDING, (STEPS, 1))
+    solution = mpc.solve(STANDING, reference, ARMS_M * size, ALL_STAND)
+    assert solution.status in (MpcStatus.SECOND_SOLVER, MpcStatus.SHARED)
+    assert np.isfinite(solution.all_forces_n).all()
+    assert mpc.solve(STANDING * 1e200, reference, ARMS_M, ALL_STAND).all_forces_n.shape == (STEPS, 4, 3)
+    assert mpc.solve(STANDING, reference, ARMS_M, ALL_STAND).status == MpcStatus.SOLVED
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    arrays(np.float64, 12, elements=st.floats(-1e3, 1e3)),
+    arrays(np.float64, (STEPS, 12), elements=st.floats(-1e3, 1e3)),
+    arrays(np.float64, (STEPS, 4, 3), elements=st.floats(-2, 2)),
+    arrays(np.bool_, (STEPS, 4)),
+    st.tuples(st.floats(-3.1, 3.1), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)),
+)
+def test_any_finite_problem_gives_forces_within_the_pyramid(state, reference, arms_m, contacts, angles_rad):
+    ground = Rotation.from_euler("ZYX", angles_rad).as_matrix()
+    forces = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, ground).all_forces_n @ ground
+    assert (abs(forces[..., :2]) <= 0.6 * forces[..., 2:] + 1e-6).all()
+    assert forces.max() <= 150 + 1e-6
+    assert not forces[~contacts].any()
+
+
+@pytest.mark.parametrize("which", [0, 1, 2, 4])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_input_that_is_not_finite_is_refused(which, value):
+    problem = [STANDING.copy(), np.tile(STANDING, (STEPS, 1)), ARMS_M.copy(), ALL_STAND, LEVEL.copy()]
+    problem[which].flat[-1] = value
+    with pytest.raises(ValueError, match="not all finite"):
+        Mpc(MASS_KG, INERTIA).solve(*problem)
+
+
+@pytest.mark.parametrize("which", range(5))
+def test_input_of_another_shape_is_refused(which):
+    problem = [STANDING, np.tile(STANDING, (STEPS, 1)), ARMS_M, ALL_STAND, LEVEL]
+    problem[which] = problem[which][:-1]
+    with pytest.raises(ValueError, match="shapes"):
+        Mpc(MASS_KG, INERTIA).solve(*problem)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"horizon": 0},
+        {"horizon": 10_000},
+        {"dt_s": 0.0},
+        {"alpha": 0.0},
+        {"mu": -0.1},
+        {"mu": np.nan},
+        {"f_min_n": -1.0},
+        {"f_min_n": 200.0},
+        {"f_max_n": np.inf},
+        {"weight_rpy": (1.0, 2.0)},
+        {"weight_omega": (1.0, -2.0, 1.0)},
+    ],
+)
+def test_settings_without_a_solution_are_refused(wrong):
+    with pytest.raises(ValueError):
+        MpcSettings(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "inertia"),
+    [(0.0, INERTIA), (np.nan, INERTIA), (1.0, np.eye(2)), (1.0, -np.eye(3)), (1.0, np.triu(np.ones((3, 3))))],
+)
+def test_a_body_without_mass_or_inertia_is_refused(mass_kg, inertia):
+    with pytest.raises(ValueError):
+        Mpc(mass_kg, inertia)

@@ -1,0 +1,119 @@
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.kinematics import leg_position
+from quadlog.control.locomotion.leg_dynamics import (
+    BODY_FROM_DH,
+    KNEE_BEHIND,
+    KNEE_IN_FRONT,
+    dh_jacobian,
+    hip_reaction,
+    stance_feet,
+    stance_joints,
+    stance_torques,
+)
+from quadlog.control.locomotion.robot import LEGS, ROBOTS, SIDES
+from quadlog.simulation.robot.model import mjcf
+
+ROBOT = ROBOTS["foot"]
+LENGTHS = ROBOT.lengths
+ANGLES = st.tuples(st.floats(-1.2, 1.2), st.floats(-1.5, 1.0), st.floats(-2.5, 2.5))
+FORCE = st.tuples(*[st.floats(-100, 100)] * 3)
+FIG_3 = 0.5 * np.array([0.08, 0.0, 9.81])
+side = st.sampled_from([1.0, -1.0])
+
+
+def torques(side, knee, force=FIG_3):
+    feet = stance_feet(side, LENGTHS, 0.2, 0.05, 101)
+    return stance_torques(stance_joints(feet, side, LENGTHS, knee), force, side, LENGTHS)
+
+
+def test_a_stance_goes_from_half_a_stride_ahead_to_half_a_stride_behind():
+    feet = stance_feet(-1.0, LENGTHS, 0.2, 0.05, 5)
+    np.testing.assert_allclose(feet[:, 0], [0.025, 0.0125, 0, -0.0125, -0.025], atol=1e-17)
+    np.testing.assert_array_equal(feet[:, 1:], np.tile([-0.07, -0.2], (5, 1)))
+
+
+@pytest.mark.parametrize("knee", [KNEE_BEHIND, KNEE_IN_FRONT])
+def test_fig_3s_numbers(knee):
+    right, left = torques(-1.0, knee), torques(1.0, knee)
+    # Lever of the force about each axis, by hand: L1 m g, and -(0.2 m a + x m g).
+    np.testing.assert_allclose(right[:, 0], 0.07 * 0.5 * 9.81, rtol=1e-13)
+    np.testing.assert_allclose(left[:, 0], -0.07 * 0.5 * 9.81, rtol=1e-13)
+    x = np.linspace(0.025, -0.025, 101)
+    np.testing.assert_allclose(right[:, 1], -0.5 * (0.2 * 0.08 + x * 9.81), atol=1e-14)
+    assert right[[0, -1], 1].round(3).tolist() == [-0.131, 0.115]
+    np.testing.assert_allclose(left[:, 1:], right[:, 1:], atol=1e-14)
+    assert (knee * right[:, 2] < 0).all()
+
+
+def test_the_knees_torque_is_the_forces_lever_about_the_knee():
+    feet = stance_feet(-1.0, LENGTHS, 0.2, 0.05, 11)
+    joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
+    thigh = 0.21 * np.column_stack([np.sin(joints[:, 1]), np.zeros(11), -np.cos(joints[:, 1])]) + [0, -0.07, 0]
+    about_knee = np.cross(feet - thigh, FIG_3) @ [0, -1, 0]
+    np.testing.assert_allclose(stance_torques(joints, FIG_3, -1.0, LENGTHS)[:, 2], -about_knee, atol=1e-15)
+
+
+@settings(deadline=None)
+@given(ANGLES, side, FORCE, st.tuples(*[st.floats(-1, 1)] * 3))
+def test_motors_and_ground_do_no_work_together(joints, side, force, rates):
+    joints, rates, step = np.array(joints), np.array(rates), 1e-6
+    ahead, back = np.empty(3), np.empty(3)
+    leg_position(joints + step * rates, side, LENGTHS, ahead)
+    leg_position(joints - step * rates, side, LENGTHS, back)
+    ground_w = np.array(force) @ (ahead - back) / (2 * step)
+    motors_w = stance_torques(joints[None], np.array(force), side, LENGTHS)[0] @ rates
+    assert motors_w + ground_w == pytest.approx(0.0, abs=1e-6)
+
+
+@settings(deadline=None)
+@given(ANGLES, side, FORCE)
+def test_the_same_torques_come_of_the_dh_jacobian_and_force(joints, side, force):
+    force = np.array(force)
+    expected = -dh_jacobian(joints, side, LENGTHS).T @ (BODY_FROM_DH.T @ force)
+    np.testing.assert_allclose(stance_torques(np.array([joints]), force, side, LENGTHS)[0], expected, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(ANGLES, side, FORCE)
+def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force):
+    joints, force, foot = np.array(joints), np.array(force), np.empty(3)
+    leg_position(joints, side, LENGTHS, foot)
+    couple = hip_reaction(foot[None], force)[0]
+    hip_axis = [0, -np.cos(joints[0]), -np.sin(joints[0])]
+    motors = stance_torques(joints[None], force, side, LENGTHS)[0]
+    np.testing.assert_allclose([-couple[0], -(couple @ hip_axis)], motors[:2], atol=1e-12)
+
+
+def test_a_foot_out_of_reach_has_no_torques():
+    feet = np.array([[0.0, -0.07, -0.2], [0.0, -0.07, -0.43], [0.0, -0.01, -0.02]])
+    joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
+    assert np.isnan(joints).any(axis=1).tolist() == [False, True, True]
+    assert np.isnan(stance_torques(joints, FIG_3, -1.0, LENGTHS)).all(axis=1).tolist() == [False, True, True]
+
+
+def test_in_mujoco_nothing_moves_under_these_torques():
+    text = mjcf(ROBOT)
+    assert text.count('<freejoint name="trunk"/>') == 1
+    model = mujoco.MjModel.from_xml_string(text.replace('<freejoint name="trunk"/>', ""))
+    model.opt.gravity[:] = 0.0
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    data.qpos[:] = ROBOT.standing_joints_rad + rng.uniform(-0.4, 0.4, 12)
+    mujoco.mj_forward(model, data)
+    for leg, name in enumerate(LEGS):
+        own, force = slice(3 * leg, 3 * leg + 3), rng.uniform(-50, 50, 3)
+        # A push on the foot is one on the shank's centre, and its couple about it.
+        shank = model.body(f"{name}_shank").id
+        lever = data.site(f"{name}_foot").xpos - data.xipos[shank]
+        data.xfrc_applied[shank] = [*force, *np.cross(lever, force)]
+        data.qfrc_applied[own] = stance_torques(data.qpos[None, own], force, SIDES[leg], LENGTHS)[0]
+    unheld = data.qfrc_applied.copy()
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.qacc, 0.0, atol=1e-9)
+    data.qfrc_applied[:] = 0.9 * unheld
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qacc).min() > 1e-3

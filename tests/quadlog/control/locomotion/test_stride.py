@@ -1,0 +1,277 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.foot_trajectory import EASED, foot_curve_state, swing_state
+from quadlog.control.locomotion.gait import (
+    GAITS,
+    LANDS_FROM_PHASE,
+    LOST_S,
+    SEEKING_MPS,
+    Gait,
+    Stride,
+    advance,
+    contact_state,
+)
+from quadlog.control.locomotion.robot import ROBOTS
+
+ROBOT = ROBOTS["tracking"]
+TROT = GAITS["trot"]
+DT_S, CLEARANCE_M = 0.002, 0.09
+STANDING_M = ROBOT.standing_feet_m + np.array([0, 0, ROBOT.standing_height_m])
+# Of the trot, the pair that swings first.
+PAIR = [0, 3]
+# What feels no ground in this many ticks on end still stands.
+HOLDS_TICKS = round(LOST_S / DT_S) - 1
+
+
+class March:
+    """A stride under a body that goes straight on, feet and touches given from outside."""
+
+    def __init__(self, gait: Gait = TROT, velocity=(0.0, 0.0, 0.0), yaw_rad=0.0, curve=()) -> None:
+        self.gait, self.ticks, self.yaw_rad = gait, 0, yaw_rad
+        self.velocity = np.array(velocity)
+        self.stride = Stride(ROBOT, gait, CLEARANCE_M, STANDING_M, *curve)
+
+    @property
+    def t_s(self) -> float:
+        """Of the last tick."""
+        return (self.ticks - 1) * DT_S
+
+    @property
+    def plan(self) -> tuple[np.ndarray, np.ndarray]:
+        planned, phase = np.empty(4, dtype=bool), np.empty(4)
+        gait = self.gait
+        contact_state(self.t_s, gait.period_s, gait.duty, gait.offsets_array, planned, phase)
+        return planned, phase
+
+    def step(self, touches=None, feet_m=STANDING_M) -> bool:
+        """A tick; unless told, feet touch exactly when they should."""
+        self.ticks += 1
+        touches = self.plan[0] if touches is None else np.asarray(touches)
+        position_m = np.array([0, 0, ROBOT.standing_height_m]) + self.velocity * self.t_s
+        motion = (position_m, self.yaw_rad, self.velocity, self.velocity, 0.0)
+        return advance(self.stride.record, self.t_s, DT_S, feet_m, touches, *motion)
+
+    def until(self, leg: int, phase: float, planned: bool = False, touches=None) -> None:
+        """On until a leg's swing or stance has come to a phase."""
+        for _ in range(1000):
+            self.step(touches)
+            now, at = self.plan
+            if now[leg] == planned and at[leg] >= phase:
+                return
+        raise AssertionError("it never came to that phase")
+
+
+def test_a_foot_swings_from_where_it_stood_last_to_its_foothold():
+    march, start_m, end_m = March(), STANDING_M.copy(), STANDING_M
+    start_m[PAIR] += [0.05, 0.01, 0.02]
+    march.until(0, 0.999 - DT_S / TROT.stance_s, planned=True)
+    march.step(feet_m=start_m)
+    planned, phase = march.plan
+    assert not planned[PAIR].any()
+    assert (phase[PAIR] < 0.02).all()
+    while not march.plan[0][0]:
+        expected = np.empty((3, 3))
+        for leg in PAIR:
+            swing_state(march.plan[1][leg], TROT.swing_s, start_m[leg], end_m[leg], CLEARANCE_M, *expected)
+            np.testing.assert_allclose(march.stride.swing[:, leg], expected, atol=1e-9, rtol=1e-9)
+        # Where the foot is measured to be after that does not matter.
+        elsewhere_m = STANDING_M.copy()
+        elsewhere_m[PAIR] += [0.3, -0.2, 0.1]
+        march.step(feet_m=elsewhere_m)
+
+
+def test_on_the_foot_curve_each_pair_bulges_to_its_side_of_the_body():
+    # With its head to map's y, left is backwards along x.
+    march = March(yaw_rad=np.pi / 2, curve=("foot_curve", 0.02))
+    sides = {0: -1.0, 3: -1.0, 1: 1.0, 2: 1.0}
+    seen = set()
+    for _ in range(round(TROT.period_s / DT_S)):
+        march.step()
+        planned, phase = march.plan
+        stride = march.stride
+        for leg in np.flatnonzero(~planned):
+            ends, expected = (stride.lift_offs_m[leg], stride.landings_m[leg]), np.empty((3, 3))
+            aside = np.array([0.02 * sides[leg], 0.0, 0.0])
+            foot_curve_state(phase[leg], TROT.swing_s, *ends, CLEARANCE_M, aside, EASED, *expected)
+            np.testing.assert_allclose(stride.swing[:, leg], expected, atol=1e-9)
+            seen.add(int(leg))
+    assert seen == {0, 1, 2, 3}
+
+
+def test_at_the_end_of_its_swing_a_foot_is_under_the_middle_of_its_hips_way():
+    velocity = np.array([0.5, -0.1, 0.0])
+    march = March(velocity=velocity)
+    march.until(0, 1 - 1.5 * DT_S / TROT.swing_s)
+    lands_s = TROT.period_s
+    assert march.t_s == pytest.approx(lands_s, abs=1.5 * DT_S)
+    expected = STANDING_M + velocity * (lands_s + TROT.stance_s / 2)
+    np.testing.assert_allclose(march.stride.landings_m[PAIR], expected[PAIR], atol=1e-12)
+    np.testing.assert_allclose(march.stride.swing[0, PAIR], expected[PAIR], atol=2e-4)
+    assert np.abs(march.stride.swing[1, PAIR]).max() < 0.1
+
+
+def test_touching_late_in_the_swing_is_landing_and_stays_so():
+    march = March()
+    march.until(0, LANDS_FROM_PHASE)
+    assert not march.stride.stands[0]
+    where_m = STANDING_M + np.array([0.03, 0, 0.04])
+    assert march.step([True] * 4, where_m)
+    assert march.stride.stands.all()
+    np.testing.assert_array_equal(march.stride.contacts_m, where_m)
+    np.testing.assert_array_equal(march.stride.landings_m, where_m)
+    # It goes on standing though it loses touch now and then, through the stance that was planned too, and lifts off.
+    was_planned, ticks = False, 0
+    while march.plan[0][0] or not was_planned:
+        was_planned = march.plan[0][0]
+        assert march.stride.stands[0]
+        ticks += 1
+        march.step([ticks % (HOLDS_TICKS + 1) == 0] * 4)
+    assert ticks > 100
+    assert not march.stride.stands[0]
+
+
+def test_touching_early_in_the_swing_is_stumbling():
+    march = March()
+    march.until(0, 0.0, touches=[True] * 4)
+    while march.plan[1][0] < LANDS_FROM_PHASE - DT_S / TROT.swing_s:
+        assert not march.stride.stands[PAIR].any()
+        march.step([True] * 4)
+    # The foot goes on as if nothing had been there.
+    expected = np.empty((3, 3))
+    swing_state(march.plan[1][0], TROT.swing_s, STANDING_M[0], STANDING_M[0], CLEARANCE_M, *expected)
+    np.testing.assert_allclose(march.stride.swing[:, 0], expected, atol=1e-9, rtol=1e-9)
+    march.step([True] * 4)
+    march.step([True] * 4)
+    assert march.stride.stands.all()
+
+
+def test_a_foot_late_for_the_ground_goes_down_until_it_touches():
+    march = March()
+    march.until(0, 0.0, planned=False)
+    march.until(0, 0.0, planned=True, touches=[False, True, True, False])
+    ends_m, ticks = STANDING_M[PAIR], 0
+    while march.plan[1][0] < 0.5:
+        ticks += 1
+        assert not march.stride.stands[PAIR].any()
+        swing = march.stride.swing[:, PAIR]
+        np.testing.assert_allclose(swing[0, :, :2], ends_m[:, :2], atol=1e-6)
+        np.testing.assert_allclose(swing[0, :, 2], ends_m[:, 2] - ticks * DT_S * SEEKING_MPS, atol=2e-4)
+        np.testing.assert_array_equal(swing[1], [[0, 0, -SEEKING_MPS]] * 2)
+        np.testing.assert_array_equal(swing[2], np.zeros((2, 3)))
+        march.step([False, True, True, False])
+    assert ticks > 50
+    lower_m = STANDING_M - [0, 0, 0.04]
+    assert march.step([True] * 4, lower_m)
+    assert march.stride.stands[PAIR].all()
+    np.testing.assert_array_equal(march.stride.contacts_m[PAIR], lower_m[PAIR])
+
+
+def test_a_foot_that_has_lost_the_ground_goes_down_from_where_it_is():
+    march, touches = March(), np.array([True, False, True, True])
+    march.until(1, 0.5)
+    march.until(1, 0.2, planned=True)
+    away_m = STANDING_M + np.array([0.02, -0.01, 0.015])
+    for _ in range(HOLDS_TICKS):
+        assert not march.step(touches, away_m)
+    assert march.stride.stands[1]
+    assert march.step(touches, away_m)
+    # In the air it is drawn from there straight down, wherever it is by then; only its own leg notices.
+    for ticks in range(1, 20):
+        np.testing.assert_array_equal(march.stride.stands[1:3], [False, True])
+        expected = [away_m[1] - [0, 0, ticks * DT_S * SEEKING_MPS], [0, 0, -SEEKING_MPS], [0, 0, 0]]
+        np.testing.assert_allclose(march.stride.swing[:, 1], expected, atol=1e-12)
+        march.step(touches, STANDING_M)
+    ahead = np.empty((2, 4), dtype=bool)
+    march.stride.contacts_ahead(march.t_s, 0.01, ahead)
+    np.testing.assert_array_equal(ahead[:, 1], [False, True])
+    assert march.step([True] * 4, away_m)
+    assert march.stride.stands[1]
+    np.testing.assert_array_equal(march.stride.contacts_m[1], away_m[1])
+
+
+def test_a_foot_that_landed_early_and_bounced_off_swings_on():
+    march = March()
+    march.until(0, LANDS_FROM_PHASE)
+    march.step([True] * 4)
+    while march.stride.stands[0]:
+        march.step([False, True, True, True])
+    planned, phase = march.plan
+    assert not planned[0]
+    assert phase[0] < LANDS_FROM_PHASE + (HOLDS_TICKS + 3) * DT_S / TROT.swing_s
+    expected = np.empty((3, 3))
+    swing_state(phase[0], TROT.swing_s, STANDING_M[0], STANDING_M[0], CLEARANCE_M, *expected)
+    np.testing.assert_allclose(march.stride.swing[:, 0], expected, atol=1e-9, rtol=1e-9)
+
+
+def test_the_plane_lies_through_the_last_contacts():
+    march = March()
+    march.until(0, LANDS_FROM_PHASE + 0.05)
+    feet_m = STANDING_M.copy()
+    feet_m[:, 2] += 0.2 * feet_m[:, 0] - 0.1 * feet_m[:, 1]
+    np.testing.assert_allclose(march.stride.plane, [0, 0, ROBOT.foot_radius_m], atol=1e-12)
+    # With nothing landed it waits; with the pair that lands it is laid through all four.
+    assert not march.step([False] * 4, feet_m)
+    np.testing.assert_allclose(march.stride.plane, [0, 0, ROBOT.foot_radius_m], atol=1e-12)
+    assert march.step([True] * 4, feet_m)
+    np.testing.assert_allclose(march.stride.plane, [0.2, -0.1, ROBOT.foot_radius_m], atol=1e-12)
+
+
+@pytest.mark.parametrize("gait", GAITS.values(), ids=list(GAITS))
+def test_contacts_ahead_are_the_gaits_and_now_the_feets(gait):
+    march, step_s = March(gait), 0.03
+    ahead = np.empty((12, 4), dtype=bool)
+    for _ in range(30):
+        for _ in range(10):
+            march.step()
+        march.stride.contacts_ahead(march.t_s, step_s, ahead)
+        np.testing.assert_array_equal(ahead[0], march.stride.stands)
+        for k in range(1, len(ahead)):
+            turns = (march.t_s + (k + 0.5) * step_s) / gait.period_s + np.array(gait.offsets)
+            np.testing.assert_array_equal(ahead[k], turns % 1 < gait.duty)
+
+
+def test_a_foot_landed_early_stands_in_the_first_step_ahead():
+    march = March()
+    march.until(0, LANDS_FROM_PHASE)
+    march.step([True] * 4)
+    ahead = np.empty((3, 4), dtype=bool)
+    march.stride.contacts_ahead(march.t_s, 0.01, ahead)
+    assert ahead[0].all()
+    assert not march.plan[0][0]
+    np.testing.assert_array_equal(ahead[1], [False, True, True, False])
+
+
+patterns = st.lists(st.tuples(st.integers(1, 60), st.lists(st.booleans(), min_size=4, max_size=4)), max_size=12)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(list(GAITS)), patterns, st.integers(0, 2**32 - 1))
+def test_whatever_feet_feel(gait, pattern, seed):
+    march, rng = March(GAITS[gait], (0.4, 0.1, 0.0)), np.random.default_rng(seed)
+    stride, airborne = march.stride, np.zeros(4, dtype=int)
+    for ticks, touches in pattern:
+        for _ in range(ticks):
+            stood, plane = stride.stands.copy(), stride.plane.copy()
+            feet_m = STANDING_M + rng.uniform(-0.05, 0.05, (4, 3))
+            changed = march.step(touches, feet_m)
+            planned, phase = march.plan
+            stands = stride.stands
+            assert changed == (stands != stood).any()
+            airborne = np.where(touches, 0, airborne + 1)
+            # What is planned to stand and touches stands; what stood goes on for a while; none out of the air.
+            assert stands[planned & touches].all()
+            assert stands[planned & stood & (airborne <= HOLDS_TICKS)].all()
+            assert not stands[airborne > HOLDS_TICKS + 1].any()
+            assert not (stands & ~stood & ~np.array(touches)).any()
+            assert not stands[~planned & (phase < LANDS_FROM_PHASE)].any()
+            np.testing.assert_array_equal(stride.contacts_m[stands], feet_m[stands])
+            np.testing.assert_array_equal(stride.landings_m[stands], feet_m[stands])
+            if changed:
+                rows = np.column_stack([stride.contacts_m[:, :2], np.ones(4)])
+                plane = np.linalg.lstsq(rows, stride.contacts_m[:, 2], rcond=None)[0]
+            np.testing.assert_allclose(stride.plane, plane, rtol=1e-9, atol=1e-12)
+            for array in (stride.swing, stride.contacts_m, stride.landings_m):
+                assert np.isfinite(array).all()

@@ -1,0 +1,280 @@
+"""The controller closed over MuJoCo's robot. Whole-body control hides errors of the MPC; FpM, without it, does not."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.body_reference import WantedMotion, slope_angles
+from quadlog.control.locomotion.gait import GAITS
+from quadlog.control.locomotion.mpc import Mpc, MpcStatus
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import Walker, WalkerSettings
+from quadlog.control.locomotion.wbc import WholeBodyControl
+from quadlog.messages import Float
+from quadlog.simulation.robot.height_field import flat, slope
+from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
+from quadlog.simulation.robot.quadruped import Quadruped
+
+ROBOT = ROBOTS["tracking"]
+FPM = WalkerSettings(whole_body=False)
+# From here on it walks as fast as it is told.
+SETTLED_S = 1.0
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A row per tick: positions_m (T, 3), rpy (T, 3) with yaw unwrapped, velocities_mps (T, 3) and wanted_z_m (T,)."""
+
+    dt_s: float
+    positions_m: Float
+    rpy: Float
+    velocities_mps: Float
+    wanted_z_m: Float
+    cut: int
+    walker: Walker
+
+    @property
+    def settled(self) -> slice:
+        return slice(round(SETTLED_S / self.dt_s), None)
+
+    @property
+    def speed_mps(self) -> float:
+        """Mean along the heading, over the ground."""
+        vx, vy, vz = self.velocities_mps[self.settled].T
+        yaw = self.rpy[self.settled, 2]
+        forward = float(np.mean(np.cos(yaw) * vx + np.sin(yaw) * vy))
+        return math.hypot(forward, float(vz.mean())) * math.copysign(1, forward)
+
+    @property
+    def yaw_rate_radps(self) -> float:
+        yaw = self.rpy[self.settled, 2]
+        return float(yaw[-1] - yaw[0]) / (self.dt_s * (len(yaw) - 1))
+
+    @property
+    def tilt_deg(self) -> float:
+        return float(np.degrees(np.abs(self.rpy[self.settled, :2]).max()))
+
+    @property
+    def height_errors_m(self) -> Float:
+        return (self.positions_m[:, 2] - self.wanted_z_m)[self.settled]
+
+
+@pytest.fixture(scope="module")
+def level() -> QuadrupedModel:
+    return quadruped_model(ROBOT, flat())
+
+
+def walk(
+    model: QuadrupedModel,
+    seconds: float,
+    speed_mps: float,
+    yaw_rate_radps: float = 0.0,
+    settings: WalkerSettings = FPM,
+    yaw_rad: float = 0.0,
+    push_n: tuple[float, float, float] | None = None,
+) -> Walk:
+    """From standing, with half a second to come up to speed; push_n: on the trunk, amid the first second, for 0.1 s."""
+    quadruped, dt_s = Quadruped(model, 0.0, 0.0, yaw_rad), float(model.model.opt.timestep)
+    state = quadruped.read()
+    walker = Walker(model.robot, settings, state)
+    rows, cut = [], 0
+    for tick in range(round(seconds / dt_s)):
+        t_s = tick * dt_s
+        share = min(t_s / 0.5, 1.0)
+        wanted = WantedMotion(share * speed_mps, share * yaw_rate_radps)
+        torques_nm, saturated = walker.step(t_s, dt_s, state, wanted)
+        rows.append([*state.position_m, *state.rpy, *state.qvel[:3], walker.reference.position_m[2]])
+        cut += int(saturated.sum())
+        pushed = push_n is not None and 0.6 <= t_s < 0.7
+        quadruped.act(torques_nm, np.array(push_n) if pushed else None)
+        quadruped.read()
+    columns = np.array(rows)
+    columns[:, 5] = np.unwrap(columns[:, 5])
+    return Walk(dt_s, columns[:, :3], columns[:, 3:6], columns[:, 6:9], columns[:, 9], cut, walker)
+
+
+@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
+def test_it_walks_as_told(level, yaw_rate_radps):
+    walked = walk(level, 3.0, 0.5, yaw_rate_radps, WalkerSettings())
+    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
+    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.015)
+    assert walked.tilt_deg < 3
+    assert np.abs(walked.height_errors_m).max() < 0.01
+    assert walked.positions_m[walked.settled, 2] == pytest.approx(ROBOT.standing_height_m, abs=0.015)
+    assert walked.cut == 0
+    counts = walked.walker.mpc.counts
+    assert counts[MpcStatus.SOLVED] == counts.total() > 100
+    if yaw_rate_radps == 0:
+        assert abs(walked.positions_m[-1, 1]) < 0.01
+
+
+@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
+def test_without_whole_body_control_it_walks_nearly_as_told(level, yaw_rate_radps):
+    walked = walk(level, 3.0, 0.5, yaw_rate_radps)
+    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
+    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.02)
+    assert walked.tilt_deg < 3
+    assert np.abs(walked.height_errors_m).max() < 0.012
+    assert abs(walked.height_errors_m.mean()) < 0.005
+
+
+@pytest.mark.parametrize("whole_body", [True, False])
+def test_it_walks_on_the_curve_of_foot_too(level, whole_body):
+    curved = WalkerSettings(whole_body=whole_body, swing="foot_curve", aside_m=0.02)
+    walked = walk(level, 2.0, 0.5, settings=curved)
+    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
+    assert walked.tilt_deg < 3
+    plain = walk(level, 2.0, 0.5, settings=replace(curved, swing="quintic"))
+    assert np.abs(walked.positions_m - plain.positions_m).max() > 1e-4
+
+
+@pytest.mark.parametrize("whole_body", [True, False])
+@pytest.mark.parametrize("angle_deg", [10.0, -10.0])
+def test_up_and_down_hill_it_walks_along_the_ground(whole_body, angle_deg):
+    hill = quadruped_model(ROBOT, slope(math.radians(angle_deg)))
+    walked = walk(hill, 2.5, 0.5, settings=WalkerSettings(whole_body=whole_body))
+    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
+    roll, pitch, _ = np.degrees(walked.rpy[walked.settled]).T
+    assert np.abs(roll).max() < 2
+    assert np.abs(pitch + angle_deg).max() < 3
+    assert np.abs(walked.height_errors_m).max() < 0.01
+    assert walked.positions_m[-1, 2] - walked.positions_m[0, 2] == pytest.approx(
+        math.tan(math.radians(angle_deg)) * walked.positions_m[-1, 0], abs=0.015
+    )
+    assert slope_angles(walked.walker.stride.plane, 0.0)[1] == pytest.approx(-math.radians(angle_deg), abs=0.02)
+
+
+def test_uphill_the_friction_pyramids_lie_on_the_ground_and_along_the_heading(monkeypatch):
+    grounds, solve = [], Mpc.solve
+
+    def spy(mpc, state, reference, arms_m, contacts, ground_to_map):
+        grounds.append(ground_to_map.copy())
+        return solve(mpc, state, reference, arms_m, contacts, ground_to_map)
+
+    monkeypatch.setattr(Mpc, "solve", spy)
+    angle_rad = math.radians(15.0)
+    walk(quadruped_model(ROBOT, slope(angle_rad, heading_rad=0.5)), 1.5, 0.4, yaw_rad=0.5)
+    normal = np.array([-math.sin(angle_rad) * math.cos(0.5), -math.sin(angle_rad) * math.sin(0.5), math.cos(angle_rad)])
+    for ground_to_map in grounds[-20:]:
+        np.testing.assert_allclose(ground_to_map @ ground_to_map.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(ground_to_map[:, 2], normal, atol=0.03)
+        assert math.atan2(ground_to_map[1, 0], ground_to_map[0, 0]) == pytest.approx(0.5, abs=0.06)
+
+
+# Pushed to its limits, whole-body control tells the quarters apart: the sides of its pyramids lie along map's axes.
+@pytest.mark.parametrize(
+    ("whole_body", "turned_deg", "push_n"),
+    [
+        (True, 137.0, None),
+        (True, 90.0, (-40.0, 100.0, 0.0)),
+        (False, 137.0, None),
+        (False, 137.0, (-40.0, 100.0, 0.0)),
+    ],
+)
+def test_in_a_turned_world_it_walks_the_same(level, whole_body, turned_deg, push_n):
+    settings, turned_rad = WalkerSettings(whole_body=whole_body), math.radians(turned_deg)
+    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    walked = walk(level, 1.2, 0.5, 0.3, settings, push_n=push_n)
+    elsewhere = walk(level, 1.2, 0.5, 0.3, settings, turned_rad, push_n and tuple(turn @ push_n))
+    back = elsewhere.positions_m @ turn
+    np.testing.assert_allclose(back, walked.positions_m, atol=1e-3)
+    np.testing.assert_allclose(elsewhere.rpy - walked.rpy, np.tile([0, 0, turned_rad], (len(walked.rpy), 1)), atol=5e-3)
+
+
+def test_told_the_mirror_image_it_walks_nearly_that(level):
+    left, right = (walk(level, 2.5, 0.5, rate, WalkerSettings()) for rate in (0.3, -0.3))
+    # Another pair of feet begins, which sways the body.
+    np.testing.assert_allclose(right.positions_m[-1], left.positions_m[-1] * [1, -1, 1], atol=0.01)
+
+
+@pytest.mark.parametrize("whole_body", [True, False])
+def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, monkeypatch):
+    trot = GAITS["trot"]
+    monkeypatch.setitem(GAITS, "mirrored", replace(trot, offsets=tuple(np.array(trot.offsets)[[1, 0, 3, 2]])))
+    settings = WalkerSettings(whole_body=whole_body)
+    left, right = walk(level, 1.5, 0.5, 0.3, settings), walk(level, 1.5, 0.5, -0.3, replace(settings, gait="mirrored"))
+    np.testing.assert_allclose(right.positions_m, left.positions_m * [1, -1, 1], atol=1e-3)
+    np.testing.assert_allclose(right.rpy, left.rpy * [-1, 1, -1], atol=5e-3)
+
+
+@pytest.mark.parametrize("whole_body", [True, False])
+def test_two_walks_are_the_same_to_the_bit(level, whole_body):
+    settings = WalkerSettings(whole_body=whole_body)
+    once, again = walk(level, 0.7, 0.5, 0.3, settings), walk(level, 0.7, 0.5, 0.3, settings)
+    for name in ("positions_m", "rpy", "velocities_mps"):
+        assert getattr(once, name).tobytes() == getattr(again, name).tobytes()
+
+
+def test_pushed_aside_it_goes_on_upright(level):
+    walked = walk(level, 2.5, 0.5, settings=WalkerSettings(), push_n=(0.0, 60.0, 0.0))
+    moved_m = float(np.abs(walked.positions_m[:, 1]).max())
+    assert 0.01 < moved_m < 0.3
+    assert np.abs(walked.velocities_mps[-220:, 1].mean()) < 0.05
+    assert np.degrees(np.abs(walked.rpy[-400:, :2]).max()) < 3
+
+
+def test_an_mpc_that_is_wrong_about_the_mass_is_seen_in_the_height(level):
+    right, heavy, light = (
+        walk(level, 1.5, 0.3, settings=replace(FPM, mass_error=error)).height_errors_m.mean()
+        for error in (0.0, 0.2, -0.2)
+    )
+    assert abs(right) < 0.004
+    assert heavy > right + 0.01
+    assert light < right - 0.01
+
+
+@pytest.mark.parametrize("gait", ["trot", "walk"])
+def test_the_forces_planned_carry_the_robot(level, gait):
+    walked = walk(level, 1.5, 0.0, settings=WalkerSettings(gait=gait))
+    assert walked.tilt_deg < 5
+    forces_n, stands = walked.walker.forces_n, walked.walker.stride.stands
+    assert not forces_n[~stands].any()
+    assert 0.5 < forces_n[:, 2].sum() / (ROBOT.mass_kg * 9.81) < 1.6
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
+def test_the_mpc_plans_on_feet_that_stand_about_under_their_hips(level, yaw_rad, monkeypatch):
+    planned = []
+    solve = Mpc.solve
+
+    def spy(mpc, state, reference, arms_m, contacts, ground_to_map):
+        planned.append((arms_m.copy(), contacts.copy()))
+        return solve(mpc, state, reference, arms_m, contacts, ground_to_map)
+
+    monkeypatch.setattr(Mpc, "solve", spy)
+    walk(level, 2.0, 0.5, settings=WalkerSettings(), yaw_rad=yaw_rad)
+    trot, turn = (
+        GAITS["trot"],
+        np.array([[math.cos(yaw_rad), -math.sin(yaw_rad)], [math.sin(yaw_rad), math.cos(yaw_rad)]]),
+    )
+    arms_m, contacts = (np.array(each)[-40:] for each in zip(*planned, strict=True))
+    away_m = arms_m[..., :2] @ turn - (ROBOT.standing_feet_m - ROBOT.centre_of_mass_m)[:, :2]
+    # Half a stance's way to the fore and to the rear; a foot that has swung within the horizon is a stride on.
+    half_m = 0.5 * trot.stance_s * 0.5
+    assert np.abs(away_m[contacts, 0]).max() < half_m + 0.03
+    assert np.abs(away_m[contacts, 1]).max() < 0.03
+    # Within a step of the plan the ground goes back under a body that goes on.
+    stays = contacts[:, 1:] & contacts[:, :-1]
+    np.testing.assert_allclose((away_m[:, 1:] - away_m[:, :-1])[stays][:, 0], -0.5 * 0.03, atol=1e-3)
+
+
+def test_what_whole_body_control_is_asked_for_is_the_reference_and_the_legs(level, monkeypatch):
+    asked, step = [], WholeBodyControl.step
+
+    def spy(control, state, targets):
+        asked.append(targets)
+        return step(control, state, targets)
+
+    monkeypatch.setattr(WholeBodyControl, "step", spy)
+    walker = walk(level, 0.9, 0.5, 0.3, WalkerSettings()).walker
+    reference, stride, targets = walker.reference, walker.stride, asked[-1]
+    np.testing.assert_array_equal(targets.body[:2], [reference.position_m, reference.velocity_mps])
+    np.testing.assert_array_equal(targets.body[2:], [[0, 0, 0.3], [0, 0, 0], [0, 0, 0]])
+    turn = Rotation.from_euler("ZYX", reference.rpy[::-1]).as_matrix()
+    np.testing.assert_allclose(targets.rotation_body_to_map, turn, atol=1e-12)
+    np.testing.assert_array_equal(targets.stance, stride.stands)
+    np.testing.assert_array_equal(targets.feet, stride.swing)

@@ -1,0 +1,530 @@
+"""MuJoCo is the oracle: a small quadruped of the tests' own, and the equations of motion as it solves them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import daqp
+import mujoco
+import numpy as np
+import pytest
+import quadprog
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.wbc import WbcCommand, WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets
+from quadlog.control.locomotion.wbc_kernels import QpStatus, commands, rotation_error
+
+SOLVE = daqp.solve
+SEEDS = st.integers(0, 2**32 - 1)
+MASS_KG = 12.8
+TROT = np.array([True, False, False, True])
+ALL = np.ones(4, dtype=bool)
+# Torques by the equations of motion alone, as eq. 43 has them.
+PLAIN = WbcSettings(joint_gains=(0.0, 0.0), torque_limit_nm=np.inf)
+
+
+def leg(name, fore, side):
+    return f"""<body pos="{0.18 * fore} {0.047 * side} 0"><joint axis="1 0 0" armature=".01"/>
+      <inertial pos="0 {0.03 * side} 0" mass=".6" diaginertia=".001 .001 .001"/>
+      <body pos="0 {0.075 * side} 0"><joint axis="0 -1 0" armature=".01"/>
+        <inertial pos="0 {-0.01 * side} -.03" mass=".9" diaginertia=".005 .005 .001"/>
+        <body pos="0 0 -.22"><joint axis="0 -1 0" armature=".01"/>
+          <inertial pos="0 0 -.12" mass=".2" diaginertia=".001 .001 .0001"/>
+          <geom pos="0 0 -.22" size=".02" contype="0" conaffinity="1" friction=".8"/>
+          <site name="{name}" pos="0 0 -.22"/></body></body></body>"""
+
+
+XML = f"""<mujoco><option timestep=".002" integrator="implicitfast" cone="elliptic" impratio="10"/><worldbody>
+  <geom type="plane" size="0 0 1" contype="1" conaffinity="0" friction=".8"/>
+  <body pos="0 0 .3"><freejoint/><inertial pos=".01 0 .02" mass="{MASS_KG - 6.8}" diaginertia=".03 .06 .07"/>
+  {leg("lf", 1, 1)}{leg("rf", 1, -1)}{leg("lh", -1, 1)}{leg("rh", -1, -1)}</body></worldbody></mujoco>"""
+
+
+class Quadruped:
+    def __init__(self):
+        self.model = mujoco.MjModel.from_xml_string(XML)
+        self.data = mujoco.MjData(self.model)
+
+    def stand(self, knee_rad=1.7):
+        self.data.qpos[:] = 0.0
+        self.data.qpos[3] = 1.0
+        self.data.qpos[7:] = np.tile([0.0, -knee_rad / 2, knee_rad], 4)
+        self.data.qpos[2] = 0.44 * np.cos(knee_rad / 2) + 0.02
+        self.data.qvel[:] = 0.0
+        return self
+
+    def anywhere(self, rng):
+        """Tumbling in the air with bent legs, far above the ground."""
+        self.data.qpos[:3] = rng.normal(size=3) + np.array([0.0, 0.0, 5.0])
+        self.data.qpos[3:7] = Rotation.random(random_state=int(rng.integers(2**31))).as_quat(scalar_first=True)
+        self.data.qpos[7:] = rng.uniform(np.tile([-0.5, -1.4, 0.7], 4), np.tile([0.5, 0.2, 2.2], 4))
+        self.data.qvel[:] = rng.normal(size=18)
+        return self
+
+    def state(self):
+        model, data, state = self.model, self.data, WholeBodyState()
+        mujoco.mj_forward(model, data)
+        rates = np.zeros((4, 3, 18))
+        mujoco.mj_fullM(model, data, state.mass_matrix)
+        for k in range(4):
+            mujoco.mj_jacDot(model, data, rates[k], None, data.site_xpos[k], model.site_bodyid[k])
+        state.rotation_body_to_map[:], state.position_m[:] = data.xmat[1].reshape(3, 3), data.qpos[:3]
+        state.qvel[:], state.bias[:], state.feet_m[:] = data.qvel, data.qfrc_bias, data.site_xpos
+        state.foot_jacobians[:], state.foot_jacobian_rates[:] = self.foot_jacobians(), rates @ data.qvel
+        return state
+
+    def foot_jacobians(self):
+        jacobians = np.zeros((4, 3, 18))
+        for k in range(4):
+            mujoco.mj_jacSite(self.model, self.data, jacobians[k], None, k)
+        return jacobians
+
+    def acceleration(self, torques_nm, forces_n):
+        """(18,) by MuJoCo's forward dynamics, under joint torques and forces on the feet in map."""
+        self.data.qfrc_applied[:] = np.einsum("fak,fa->k", self.foot_jacobians(), forces_n)
+        self.data.qfrc_applied[6:] += torques_nm
+        mujoco.mj_forward(self.model, self.data)
+        self.data.qfrc_applied[:] = 0.0
+        return self.data.qacc.copy()
+
+    def rates(self, acceleration, measure, h=1e-5):
+        """How fast what measure(self) gives changes under an acceleration (18,), by central differences."""
+        qpos, qvel, found = self.data.qpos.copy(), self.data.qvel.copy(), []
+        for step in (h, -h):
+            self.data.qpos[:] = qpos
+            mujoco.mj_integratePos(self.model, self.data.qpos, qvel + step / 2 * acceleration, step)
+            self.data.qvel[:] = qvel + step * acceleration
+            mujoco.mj_forward(self.model, self.data)
+            mujoco.mj_subtreeVel(self.model, self.data)
+            found.append(measure(self))
+        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(self.model, self.data)
+        return (found[0] - found[1]) / (2 * h)
+
+    def velocities(self):
+        """(18,) of body and feet in map: angular, linear, and each foot's."""
+        feet = self.foot_jacobians() @ self.data.qvel
+        omega = self.data.xmat[1].reshape(3, 3) @ self.data.qvel[3:6]
+        return np.concatenate([omega, self.data.qvel[:3], feet.ravel()])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Quadruped()
+
+
+def near(rng, state, size=1.0):
+    """Targets not far from a state."""
+    turn = Rotation.from_rotvec(0.1 * size * rng.normal(size=3)).as_matrix()
+    body = size * rng.normal(size=(5, 3)) * [[0.03], [1.0], [1.0], [1.0], [1.0]]
+    body[0] += state.position_m
+    feet = size * rng.normal(size=(3, 4, 3)) * np.array([0.03, 1.0, 1.0])[:, None, None]
+    feet[0] += state.feet_m
+    return targets_of(turn @ state.rotation_body_to_map, body, feet)
+
+
+def targets_of(rotation, body, feet):
+    targets = WholeBodyTargets()
+    targets.rotation_body_to_map[:], targets.body[:], targets.feet[:] = rotation, body, feet
+    return targets
+
+
+def step(control, state, targets, stance, mpc_forces_n):
+    """A command of its own, not overwritten by the next."""
+    targets.stance[:], targets.forces_n[:] = stance, mpc_forces_n
+    return WbcCommand(*(each.copy() if isinstance(each, np.ndarray) else each for each in control.step(state, targets)))
+
+
+def mpc_only_torques(state, targets, stance, mpc_forces_n, chosen):
+    targets.stance[:], targets.forces_n[:] = stance, mpc_forces_n
+    return WholeBodyControl(chosen).mpc_only_torques(state, targets)
+
+
+def command_columns(state, targets, stance):
+    """(tasks met weakly, change of q, velocity, acceleration), before the QP."""
+    control = WholeBodyControl()
+    targets.stance[:] = stance
+    weak = commands(state.record, targets.record, control.record)
+    return weak, *control.out.T
+
+
+def any_forces(rng):
+    return rng.normal(size=(4, 3)) * 30 + [0.0, 0.0, 50.0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS)
+def test_tasks_get_the_accelerations_they_ask_for(robot, seed):
+    """Velocities in map are differentiated in MuJoCo: that qvel is partly in the body is none of its concern."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    targets, stance = near(rng, state), rng.random(4) < 0.6
+    weak, _, velocity, acceleration = command_columns(state, targets, stance)
+    assert weak == 0
+    turn = Rotation.from_matrix(targets.rotation_body_to_map @ state.rotation_body_to_map.T).as_rotvec()
+    now = robot.velocities()
+    body, feet = targets.body, targets.feet
+    wanted_rotation = body[4] + 80 * turn + 8 * (body[2] - now[:3])
+    wanted_translation = body[3] + 60 * (body[0] - state.position_m) + 8 * (body[1] - now[3:6])
+    wanted_feet = feet[2] + 350 * (feet[0] - state.feet_m) + 30 * (feet[1] - now[6:].reshape(4, 3))
+    wanted_feet[stance] = 0.0
+    wanted = np.concatenate([wanted_rotation, wanted_translation, wanted_feet.ravel()])
+    scale = max(1.0, float(np.abs(acceleration).max()))
+    np.testing.assert_allclose(robot.rates(acceleration, Quadruped.velocities), wanted, rtol=0, atol=1e-6 * scale)
+
+    robot.data.qvel[:] = velocity
+    wanted_speeds = np.concatenate([body[2], body[1], np.where(stance[:, None], 0.0, feet[1]).ravel()])
+    np.testing.assert_allclose(robot.velocities(), wanted_speeds, rtol=0, atol=1e-9)
+
+
+def test_small_changes_of_q_bring_body_and_feet_where_they_should_be(robot):
+    """To first order: a tenth of the way leaves a hundredth of the error."""
+    left = []
+    for size in (1e-2, 1e-3):
+        rng = np.random.default_rng(5)
+        state = robot.anywhere(rng).state()
+        targets = near(rng, state, size)
+        _, change, _, _ = command_columns(state, targets, TROT)
+        mujoco.mj_integratePos(robot.model, robot.data.qpos, change, 1.0)
+        after = robot.state()
+        feet = np.where(TROT[:, None], state.feet_m, targets.feet[0])
+        turned = rotation_error(targets.rotation_body_to_map, after.rotation_body_to_map)
+        left.append(max(np.abs(after.feet_m - feet).max(), np.abs(turned).max()))
+        np.testing.assert_allclose(after.position_m, targets.body[0], rtol=0, atol=1e-9)
+    assert left[1] < left[0] / 80
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_the_hierarchy_is_one_18_by_18_solve(robot, seed):
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    targets, stance = near(rng, state), rng.random(4) < 0.6
+    _, change, velocity, _ = command_columns(state, targets, stance)
+    base = np.zeros((6, 18))
+    base[:3, 3:6], base[3:, :3] = state.rotation_body_to_map, np.eye(3)
+    rows = np.concatenate([base, *state.foot_jacobians])
+    turn = Rotation.from_matrix(targets.rotation_body_to_map @ state.rotation_body_to_map.T).as_rotvec()
+    feet = np.where(stance[:, None], 0.0, [targets.feet[0] - state.feet_m, targets.feet[1]])
+    moves = np.concatenate([turn, targets.body[0] - state.position_m, feet[0].ravel()])
+    speeds = np.concatenate([targets.body[2], targets.body[1], feet[1].ravel()])
+    np.testing.assert_allclose(change, np.linalg.solve(rows, moves), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(velocity, np.linalg.solve(rows, speeds), rtol=0, atol=1e-9)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS, angle=st.floats(1e-9, 3.1))
+def test_rotation_error_against_scipy(seed, angle):
+    rng = np.random.default_rng(seed)
+    actual = Rotation.random(random_state=seed)
+    axis = rng.normal(size=3)
+    turn = angle * axis / np.linalg.norm(axis)
+    found = rotation_error((Rotation.from_rotvec(turn) * actual).as_matrix(), actual.as_matrix())
+    np.testing.assert_allclose(found, turn, rtol=0, atol=1e-12)
+
+
+def residual(robot, state, targets, stance, mpc_forces_n, qp=PLAIN):
+    """How far MuJoCo's accelerations are from those commanded, in parts of the largest."""
+    command = step(WholeBodyControl(qp), state, targets, stance, mpc_forces_n)
+    found = robot.acceleration(command.torques_nm, command.forces_n)
+    return float(np.abs(found - command.qddot_cmd).max() / max(1.0, np.abs(command.qddot_cmd).max()))
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_forward_dynamics_gives_the_commanded_accelerations(robot, seed):
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    assert residual(robot, state, near(rng, state), rng.random(4) < 0.6, any_forces(rng)) < 1e-12
+
+
+def swap_columns(state):
+    state.foot_jacobians[0][:, [7, 8]] = state.foot_jacobians[0][:, [8, 7]]
+
+
+def drop_gravity(state):
+    state.bias[2] -= MASS_KG * 9.81
+
+
+def fifth_more_mass(state):
+    state.mass_matrix[:3, :3] *= 1.2
+
+
+def angular_velocity_in_map(state):
+    state.foot_jacobians[:, :, 3:6] = state.foot_jacobians[:, :, 3:6] @ state.rotation_body_to_map.T
+
+
+@pytest.mark.parametrize("fault", [swap_columns, drop_gravity, fifth_more_mass, angular_velocity_in_map])
+def test_forward_dynamics_tells_when_the_dynamics_are_wrong(robot, fault):
+    rng = np.random.default_rng(8)
+    state = robot.anywhere(rng).state()
+    targets = near(rng, state)
+    fault(state)
+    assert residual(robot, state, targets, TROT, any_forces(rng)) > 1e-2
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_momentum_changes_by_gravity_and_the_feet(robot, seed):
+    """Newton and Euler about the centre of mass; without a foot down that is free fall."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    command = step(WholeBodyControl(PLAIN), state, near(rng, state), rng.random(4) < 0.6, any_forces(rng))
+    acceleration = robot.rates(command.qddot_cmd, lambda each: each.data.subtree_linvel[1].copy())
+    arms = state.feet_m - robot.data.subtree_com[1]
+    scale = max(1.0, float(np.abs(command.qddot_cmd).max()))
+    expected = command.forces_n.sum(axis=0) / MASS_KG + [0.0, 0.0, -9.81]
+    np.testing.assert_allclose(acceleration, expected, rtol=0, atol=1e-6 * scale)
+    moment = robot.rates(command.qddot_cmd, lambda each: each.data.subtree_angmom[1].copy())
+    np.testing.assert_allclose(moment, np.cross(arms, command.forces_n).sum(axis=0), rtol=0, atol=1e-6 * scale)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, weight=st.sampled_from([0.1, 10.0, 1e4]))
+def test_forces_against_the_qp_with_its_equality(robot, seed, weight):
+    """Both unknowns, change of forces and of base acceleration, and the base's six rows between them; quadprog."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    targets, stance, mpc_forces_n = near(rng, state), rng.random(4) < 0.7, any_forces(rng)
+    chosen = WbcSettings(weight_acceleration=weight, f_min_n=5.0, f_max_n=120.0)
+    control = WholeBodyControl(chosen)
+    command = step(control, state, targets, stance, mpc_forces_n)
+    assert (command.forces_n[~stance] == 0).all()
+    if not stance.any():
+        assert command.status is QpStatus.FLIGHT
+        return
+    assert command.status is QpStatus.SOLVED
+    feet = np.flatnonzero(stance)
+    n = 3 * len(feet)
+    _, _, _, acceleration = command_columns(state, targets, stance)
+    to_base = np.concatenate([state.foot_jacobians[k, :, :6] for k in feet]).T
+    base = state.mass_matrix[:6] @ acceleration + state.bias[:6]
+    equality = np.hstack([-to_base, state.mass_matrix[:6, :6]])
+    asked = mpc_forces_n[feet].ravel()
+    per_foot = np.array([[-1, 0, 0.6], [1, 0, 0.6], [0, -1, 0.6], [0, 1, 0.6], [0, 0, 1], [0, 0, -1]])
+    pyramid = np.hstack([np.kron(np.eye(len(feet)), per_foot), np.zeros((6 * len(feet), 6))])
+    at_least = np.tile([0, 0, 0, 0, 5.0, -120.0], len(feet)) - pyramid[:, :n] @ asked
+    hessian = np.diag([1.0] * n + [weight] * 6)
+    bounds = np.concatenate([to_base @ asked - base, at_least])
+    x = quadprog.solve_qp(hessian, np.zeros(n + 6), np.vstack([equality, pyramid]).T, bounds, 6)[0]
+    np.testing.assert_allclose(command.forces_n[feet].ravel(), asked + x[:n], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(command.qddot_cmd[:6], acceleration[:6] + x[n:], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(command.qddot_cmd[6:], acceleration[6:])
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, mu=st.floats(0.05, 1.5))
+def test_forces_keep_to_the_pyramid_and_torques_to_the_limits(robot, seed, mu):
+    """Whatever the MPC asks for, and with targets far away."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    limits = tuple(rng.uniform(5.0, 40.0, 12))
+    control = WholeBodyControl(WbcSettings(mu=mu, f_min_n=2.0, torque_limit_nm=limits))
+    stance = rng.random(4) < 0.7
+    command = step(control, state, near(rng, state, 20.0), stance, 300 * rng.normal(size=(4, 3)))
+    down = command.forces_n[stance]
+    assert (np.abs(down[:, :2]) <= mu * down[:, 2:] + 1e-6).all()
+    assert ((down[:, 2] >= 2.0 - 1e-6) & (down[:, 2] <= 150.0 + 1e-6)).all()
+    assert (np.abs(command.torques_nm) <= limits).all()
+    np.testing.assert_array_equal(command.saturated, np.abs(command.torques_nm) == limits)
+
+
+def test_no_solver_is_asked_where_no_force_comes_to_its_limits(robot, monkeypatch):
+    rng = np.random.default_rng(3)
+    state = robot.anywhere(rng).state()
+    targets, forces_n = near(rng, state), np.tile([0.0, 0.0, 60.0], (4, 1))
+    chosen = WbcSettings(weight_acceleration=1e-3, f_max_n=1e3)
+    # The limit a little below what the largest of them would be.
+    free = step(WholeBodyControl(chosen), state, targets, TROT, forces_n)
+    lower = replace(chosen, f_max_n=float(free.forces_n[:, 2].max()) - 1e-3)
+    asked = []
+    monkeypatch.setattr(daqp, "solve", lambda *problem: asked.append(problem) or SOLVE(*problem))
+    for each, calls in ((chosen, 0), (lower, 1)):
+        command = step(WholeBodyControl(each), state, targets, TROT, forces_n)
+        assert command.status is QpStatus.SOLVED
+        assert len(asked) == calls
+    np.testing.assert_allclose(command.forces_n, free.forces_n, rtol=0, atol=0.01)
+    assert command.forces_n[:, 2].max() == pytest.approx(lower.f_max_n, abs=1e-6)
+    problem = asked[0]
+    # Its own cost, without limits.
+    np.testing.assert_allclose(free.forces_n[TROT].ravel(), np.linalg.solve(problem[0], -problem[1]), atol=1e-9)
+
+
+def failing(*args, **kwargs):
+    return np.zeros(len(args[1])), 0.0, -4, {}
+
+
+def inconsistent(*args, **kwargs):
+    raise ValueError("constraints are inconsistent")
+
+
+def test_failed_solvers_are_counted_and_survived(robot, monkeypatch):
+    rng = np.random.default_rng(2)
+    state = robot.anywhere(rng).state()
+    targets, forces_n = near(rng, state), 4 * any_forces(rng)
+    control = WholeBodyControl(PLAIN)
+    first = step(control, state, targets, TROT, forces_n)
+    with monkeypatch.context() as patch:
+        patch.setattr(daqp, "solve", failing)
+        second = step(control, state, targets, TROT, forces_n)
+        np.testing.assert_allclose(second.forces_n, first.forces_n, rtol=0, atol=1e-9)
+        patch.setattr(quadprog, "solve_qp", inconsistent)
+        third = step(control, state, targets, TROT, forces_n)
+    assert [each.status for each in (first, second, third)] == list(QpStatus)[:3]
+    assert all(control.counts[status] == 1 for status in list(QpStatus)[:3])
+    down = third.forces_n[TROT]
+    assert (np.abs(down[:, :2]) <= 0.6 * down[:, 2:]).all()
+    np.testing.assert_allclose(down[:, 2], np.clip(forces_n[TROT, 2], 0, 150))
+    found = robot.acceleration(third.torques_nm, third.forces_n)
+    np.testing.assert_allclose(found, third.qddot_cmd, rtol=0, atol=1e-8 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("field", sorted(set(WholeBodyState().record.dtype.names) - {"rpy", "touches"}))
+def test_an_input_that_is_no_number_only_damps(robot, field):
+    state = robot.anywhere(np.random.default_rng(4)).state()
+    targets = near(np.random.default_rng(4), state)
+    whole = state.qvel[6:].copy()
+    getattr(state, field).flat[-1] = np.nan
+    control = WholeBodyControl()
+    command = step(control, state, targets, TROT, np.full((4, 3), 20.0))
+    assert np.isfinite(command.torques_nm).all()
+    assert np.isfinite(command.forces_n).all()
+    if command.is_damped:
+        np.testing.assert_allclose(command.torques_nm[:-1], -0.8 * whole[:-1])
+    assert control.damped == command.is_damped
+    assert command.is_damped == (field != "feet_m" or not TROT[-1])
+    torques_nm, _ = mpc_only_torques(state, targets, TROT, np.full((4, 3), np.nan), WbcSettings())
+    assert np.isfinite(torques_nm).all()
+
+
+@pytest.mark.parametrize(("stance", "weak_tasks"), [(TROT, 2), (ALL, 2), (~ALL, 1)])
+def test_straight_legs_ask_for_nothing_endless(robot, stance, weak_tasks):
+    """No jump as the knees pass through 0 either."""
+    before = None
+    for knee_rad in np.linspace(0.05, -0.05, 101):
+        state = robot.stand(knee_rad).state()
+        still = targets_of(np.eye(3), np.zeros((5, 3)), np.zeros((3, 4, 3)))
+        still.feet[0] = state.feet_m
+        still.body[0] = state.position_m + np.array([0.0, 0.0, 0.01])
+        weak, *columns = command_columns(state, still, stance)
+        assert weak == weak_tasks
+        now = np.stack(columns)
+        assert np.abs(now).max() < 60 * 0.01 / 0.02
+        assert before is None or np.abs(now - before).max() < 0.5
+        before = now
+
+
+def test_the_same_input_gives_the_same_bytes(robot):
+    rng = np.random.default_rng(6)
+    state = robot.anywhere(rng).state()
+    targets, forces_n = near(rng, state), any_forces(rng)
+    used = WholeBodyControl()
+    step(used, state, near(rng, state), ALL, forces_n)
+    for stance in (TROT, ALL):
+        one, other = (step(each, state, targets, stance, forces_n) for each in (used, WholeBodyControl()))
+        assert one.torques_nm.tobytes() == other.torques_nm.tobytes()
+        assert one.forces_n.tobytes() == other.forces_n.tobytes()
+
+
+def test_joint_feedback_is_the_change_of_q_and_the_velocity_commanded(robot):
+    rng = np.random.default_rng(9)
+    state = robot.anywhere(rng).state()
+    targets, forces_n = near(rng, state), any_forces(rng)
+    with_it, without = (
+        step(WholeBodyControl(WbcSettings(joint_gains=gains, torque_limit_nm=np.inf)), state, targets, TROT, forces_n)
+        for gains in ((20.0, 0.8), (0.0, 0.0))
+    )
+    _, change, velocity, _ = command_columns(state, targets, TROT)
+    expected = 20 * change[6:] + 0.8 * (velocity - state.qvel)[6:]
+    np.testing.assert_allclose(with_it.torques_nm - without.torques_nm, expected, rtol=0, atol=1e-9)
+
+
+def test_the_robot_stands_on_mujocos_ground_and_moves_as_told(robot):
+    """From a stand to 1 cm lower, turned and aside, in a second; the MPC's forces are plain shares of the weight."""
+    state = robot.stand().state()
+    turn = Rotation.from_euler("ZYX", [0.1, 0.05, -0.05]).as_matrix()
+    body = np.zeros((5, 3))
+    body[0] = state.position_m + np.array([0.01, -0.01, -0.01])
+    targets = targets_of(turn, body, np.zeros((3, 4, 3)))
+    control = WholeBodyControl(WbcSettings(weight_acceleration=1e4))
+    for _ in range(500):
+        command = step(control, robot.state(), targets, ALL, np.tile([0.0, 0.0, MASS_KG * 9.81 / 4], (4, 1)))
+        robot.data.qfrc_applied[6:] = command.torques_nm
+        mujoco.mj_step(robot.model, robot.data)
+    robot.data.qfrc_applied[:] = 0.0
+    after = robot.state()
+    np.testing.assert_allclose(after.position_m, body[0], rtol=0, atol=3e-3)
+    np.testing.assert_allclose(after.feet_m[:, :2], state.feet_m[:, :2], rtol=0, atol=5e-3)
+    assert np.abs(rotation_error(turn, after.rotation_body_to_map)).max() < 5e-3
+    assert control.counts == {QpStatus.SOLVED: 500}
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_without_whole_body_control_legs_do_the_forces_virtual_work(robot, seed):
+    """A small turn of a joint against the torque is a small way of the foot along the force; MuJoCo moves the foot."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    forces_n = any_forces(rng)
+    torques_nm, saturated = mpc_only_torques(state, near(rng, state), ALL, forces_n, PLAIN)
+    torques_nm -= state.bias[6:]  # the legs' own weight
+    assert not saturated.any()
+    qpos = robot.data.qpos.copy()
+    for joint in range(12):
+        feet = []
+        for step in (1e-5, -1e-5):
+            robot.data.qpos[:] = qpos
+            robot.data.qpos[7 + joint] += step
+            mujoco.mj_kinematics(robot.model, robot.data)
+            feet.append(robot.data.site_xpos[joint // 3].copy())
+        work = forces_n[joint // 3] @ (feet[0] - feet[1]) / 2e-5
+        assert torques_nm[joint] == pytest.approx(-work, abs=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_without_whole_body_control_a_foot_in_swing_accelerates_as_told(robot, seed):
+    """On its curve, the body held; off it by 1 mm, the spring adds 0.7 N."""
+    rng = np.random.default_rng(seed)
+    state = robot.anywhere(rng).state()
+    targets = near(rng, state)
+    targets.feet[0], targets.feet[1] = state.feet_m, state.foot_jacobians @ state.qvel
+    torques_nm, _ = mpc_only_torques(state, targets, ~ALL, np.zeros((4, 3)), PLAIN)
+    joints = np.linalg.solve(state.mass_matrix[6:, 6:], torques_nm - state.bias[6:])
+    found = state.foot_jacobians[:, :, 6:] @ joints + state.foot_jacobian_rates
+    scale = max(1.0, float(np.abs(joints).max()))
+    np.testing.assert_allclose(found, targets.feet[2], rtol=0, atol=1e-9 * scale)
+
+    targets.feet[0, 2, 0] += 1e-3
+    more, _ = mpc_only_torques(state, targets, ~ALL, np.zeros((4, 3)), PLAIN)
+    np.testing.assert_allclose(more - torques_nm, 0.7 * state.foot_jacobians[2, 0, 6:], rtol=0, atol=1e-9 * scale)
+
+
+def test_without_whole_body_control_torques_keep_to_the_limits(robot):
+    rng = np.random.default_rng(1)
+    state = robot.anywhere(rng).state()
+    chosen = WbcSettings(torque_limit_nm=10.0)
+    torques_nm, saturated = mpc_only_torques(state, near(rng, state, 30.0), TROT, 10 * any_forces(rng), chosen)
+    assert np.abs(torques_nm).max() == 10.0
+    np.testing.assert_array_equal(saturated, np.abs(torques_nm) == 10.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"weight_force": 0.0}, "weight_force"),
+        ({"weight_acceleration": -1.0}, "weight_acceleration"),
+        ({"mu": np.nan}, "mu"),
+        ({"f_min_n": 200.0}, "f_min_n"),
+        ({"torque_limit_nm": 0.0}, "torque_limit_nm"),
+        ({"torque_limit_nm": (1.0, 2.0)}, "torque_limit_nm"),
+        ({"joint_gains": (1.0, -1.0)}, "gains"),
+        ({"swing_gains": (1.0,)}, "gains"),
+        ({"weakest": 0.0}, "weakest"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        WbcSettings(**wrong)

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.planning.planners.astar import AStar
+from quadlog.planning.planners.d_star_lite import DStarLite, LPAStar, MTDStarLite
+from quadlog.planning.rules import COSTS, TIES, Rules
+from quadlog.planning.search.lifelong_search import FAR_COSTS, RHS, G, _slid, empty_field
+
+START, GOAL = (2, 2), (30, 35)
+MOVES = st.lists(
+    st.sets(st.sampled_from(["map", "window", "shape", "start", "goal"]), max_size=3), min_size=2, max_size=10
+)
+RULES = st.builds(Rules, costs=st.sampled_from(COSTS), ties=st.sampled_from(TIES), corner_cutting=st.booleans())
+each_planner = pytest.mark.parametrize("make", [DStarLite, LPAStar, MTDStarLite])
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (1, -2), (-3, 2), (4, 4), (-30, 0), (0, 30)])
+@pytest.mark.parametrize("to_shape", [(8, 9), (5, 12), (3, 3)])
+@pytest.mark.parametrize("costs", FAR_COSTS)
+def test_slid_cells_keep_what_is_known_but_on_the_border(costs, shift, to_shape):
+    """Cell by cell: (c, r) is what (c + dcol, r + drow) was; nothing is known of what was outside."""
+    shape, (dcol, drow), far = (8, 9), shift, FAR_COSTS[costs]
+    field = empty_field(shape, costs)
+    field.padded.reshape(shape)[1:-1, 1:-1] = 0
+    field.records[:, G], field.records[:, RHS] = np.arange(72), np.arange(72) + 100
+    slid, before = _slid(field, shape, to_shape, shift)
+    for row in range(to_shape[0]):
+        for col in range(to_shape[1]):
+            old_row, old_col = row + drow, col + dcol
+            was_inside = 0 <= old_row < 8 and 0 <= old_col < 9
+            was_free = was_inside and 0 < old_row < 7 and 0 < old_col < 8
+            is_border = row in (0, to_shape[0] - 1) or col in (0, to_shape[1] - 1)
+            old = old_row * 9 + old_col
+            wanted = (old, old + 100) if was_inside and not is_border else (far, far)
+            assert tuple(slid.records[row * to_shape[1] + col, : RHS + 1]) == wanted
+            assert before[row, col] == (not was_free)
+    assert slid.padded.all()
+    assert slid.records.dtype == costs
+
+
+@each_planner
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4]), MOVES, RULES)
+def test_optimal_whatever_moves(assert_optimal_throughout, make, seed, density, moves, rules):
+    assert_optimal_throughout(make(rules), seed, density, moves)
+
+
+@each_planner
+def test_same_question_again_expands_nothing(make, forest):
+    planner, blocked = make(), forest()
+    first, second = planner.plan(blocked, START, GOAL), planner.plan(blocked, START, GOAL)
+    assert first.from_scratch
+    assert first.expanded > 0
+    assert (second.expanded, second.generated, second.touched) == (0, 0, 0)
+    assert not second.from_scratch
+    assert second.cost == first.cost
+    assert second.reused_cells == len(second.cells)
+
+
+@each_planner
+def test_unreachable_again_expands_nothing(make, forest):
+    planner, blocked = make(), forest()
+    blocked[20] = True
+    first, second = planner.plan(blocked, START, GOAL), planner.plan(blocked, START, GOAL)
+    assert not first.found
+    assert first.expanded > 0
+    assert not second.found
+    assert second.expanded == 0
+
+
+@each_planner
+def test_slid_window_keeps_what_it_shares(make):
+    """On open ground nothing of the path's costs changes when an empty column enters and another leaves."""
+    blocked = np.zeros((30, 30), dtype=bool)
+    planner = make()
+    before = planner.plan(blocked, (10, 10), (20, 15))
+    after = planner.plan(blocked, (9, 9), (19, 14), (1, 1))
+    assert not after.from_scratch
+    assert after.expanded == 0
+    assert after.reused_cells == len(after.cells)
+    np.testing.assert_array_equal(after.cells, before.cells - 1)
+
+
+@each_planner
+def test_first_search_does_no_more_than_astar(make, forest):
+    """From the same end. Among equal f the larger g goes first; equal f and g are free: a few cells more or less."""
+    ends = (GOAL, START) if make is DStarLite else (START, GOAL)
+    for seed in range(20):
+        blocked = forest(seed, 0.25)
+        plan, best = make().plan(blocked, START, GOAL), AStar().plan(blocked, *ends)
+        assert plan.expanded == pytest.approx(best.expanded, rel=0.15, abs=12)
+        assert plan.cost == best.cost
+    blocked = np.zeros((40, 40), dtype=bool)
+    assert make().plan(blocked, START, GOAL).expanded <= AStar().plan(blocked, START, GOAL).expanded
+
+
+@each_planner
+def test_small_change_costs_less_than_a_search(make, forest):
+    """Near the end that is searched for, so that little hangs on it."""
+    planner, blocked = make(), forest()
+    plan = planner.plan(blocked, START, GOAL)
+    col, row = plan.cells[2 if make is DStarLite else -3]
+    blocked[row, col] = True
+    again = planner.plan(blocked, START, GOAL)
+    assert not again.from_scratch
+    assert 0 < again.expanded < AStar().plan(blocked, START, GOAL).expanded
+    assert 0 < again.reused_cells < len(again.cells)
+
+
+@each_planner
+def test_published_ties_expand_open_ground(make, forest):
+    """The smaller g first is all of the parallelogram that cheapest ways go through; both cost the same."""
+    blocked = np.zeros((60, 60), dtype=bool)
+    ours, published = (make(Rules(ties=ties)).plan(blocked, (5, 5), (50, 30)) for ties in TIES)
+    assert ours.cost == published.cost
+    assert ours.expanded < 50
+    assert published.expanded > 300
+
+
+@each_planner
+def test_published_ties_repair_as_well(make, forest):
+    """Whatever goes first among equals, what a change did not touch is not searched again."""
+    planner, blocked = make(Rules(ties="smaller_g")), forest()
+    plan = planner.plan(blocked, START, GOAL)
+    col, row = plan.cells[2 if make is DStarLite else -3]
+    blocked[row, col] = True
+    again = planner.plan(blocked, START, GOAL)
+    assert not again.from_scratch
+    assert 0 < again.expanded < AStar(Rules(ties="smaller_g")).plan(blocked, START, GOAL).expanded
+
+
+@each_planner
+def test_after_a_query_without_an_answer_the_next_is_a_fresh_one(make):
+    blocked, planner = np.zeros((4, 5), dtype=bool), make()
+    planner.plan(blocked, (0, 0), (2, 2))
+    blocked[1, 1] = True
+    assert not planner.plan(blocked, (1, 1), (2, 2)).found
+    assert planner.plan(blocked, (0, 0), (2, 2)).from_scratch

@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.compiled import kernel
+from quadlog.planning.search import grid_steps as routes
+from quadlog.planning.search.grid_steps import REANCHOR_CELLS
+
+UNITS = (10, 14)
+# As they are compiled into the searches: in Python, sums of numpy's int32 would overflow.
+anchor, kept_route, link = kernel(routes.anchor), kernel(routes.kept_route), kernel(routes.link)
+
+
+def is_open(blocked, at, to, cutting):
+    """The rule of a legal step between neighbouring cells."""
+    (col, row), (to_col, to_row) = at, to
+    if not (0 <= to_row < blocked.shape[0] and 0 <= to_col < blocked.shape[1]) or blocked[to_row, to_col]:
+        return False
+    return cutting or not (blocked[row, to_col] or blocked[to_row, col])
+
+
+def cost_of(cells, units=UNITS):
+    """Of a way (col, row) of single steps."""
+    return sum(units[a[0] != b[0] and a[1] != b[1]] for a, b in pairwise(cells))
+
+
+def octile(a, b, units=UNITS):
+    across, along = abs(a[0] - b[0]), abs(a[1] - b[1])
+    return units[0] * abs(across - along) + units[1] * min(across, along)
+
+
+def direct_ways(at, to):
+    """Both ways with all diagonal steps at one end: the diagonal ones first, then last."""
+    signs = np.sign(np.subtract(to, at))
+    away = np.abs(np.subtract(to, at))
+    straight = np.where(away == away.max(), signs, 0) if away[0] != away[1] else signs
+    steps = [signs] * min(away) + [straight] * (max(away) - min(away))
+    for each in (steps, steps[::-1]):
+        yield [tuple((np.array(at) + sum(each[:k], np.zeros(2, dtype=int))).tolist()) for k in range(len(each) + 1)]
+
+
+def free_way(blocked, at, to, cutting):
+    """The first direct way that is free, None when neither is."""
+    for way in direct_ways(at, to):
+        if all(is_open(blocked, a, b, cutting) for a, b in pairwise(way)):
+            return way
+    return None
+
+
+def reference(blocked, route, start, goal, cutting, units):
+    """(kept cells, those of them that are new), by the rules taken one at a time."""
+    inside = [0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in route]
+    if start in route:
+        first, way = route.index(start), [start]
+    else:
+        ways = {
+            i: free_way(blocked, start, cell, cutting)
+            for i, cell in enumerate(route)
+            if inside[i] and max(abs(cell[0] - start[0]), abs(cell[1] - start[1])) <= REANCHOR_CELLS
+        }
+        lengths = {i: octile(start, route[i], units) + cost_of(route[i:], units) for i, way in ways.items() if way}
+        if not lengths:
+            return [], 0
+        first = min(i for i, length in lengths.items() if length == min(lengths.values()))
+        way = ways[first]
+    end = next((i for i in range(first, len(route)) if not inside[i]), len(route))
+    path = way[:-1] + route[first:end]
+    if blocked[path[0][1], path[0][0]] or not all(is_open(blocked, a, b, cutting) for a, b in pairwise(path)):
+        return [], 0
+    f = [
+        cost_of(path[: i + 1], units) + units[0] * (abs(c - goal[0]) + abs(r - goal[1]))
+        for i, (c, r) in enumerate(path)
+    ]
+    waypoint = max(i for i in range(len(path)) if f[i] == min(f))
+    return path[: waypoint + 1], len(way) - 1
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    density=st.sampled_from([0.0, 0.05, 0.15]),
+    cutting=st.booleans(),
+    units=st.sampled_from([UNITS, (2**32, round(2**32 * 2**0.5))]),
+)
+def test_what_is_kept_step_by_step(seed, density, cutting, units):
+    """On routes that may leave the window and return, for a robot on them, beside them, and far from them."""
+    rng = np.random.default_rng(seed)
+    blocked = rng.random((11, 12)) < density
+    steps = rng.choice([-1, 0, 1], (14, 2), p=[0.15, 0.15, 0.7])
+    shift = rng.integers(-3, 4, 2)
+    route = rng.integers(-2, 6, 2) + np.cumsum(steps[steps.any(axis=1)], axis=0)
+    start, goal = (tuple(rng.integers(0, (12, 11)).tolist()) for _ in range(2))
+    on_route = tuple(route[rng.integers(len(route))].tolist())
+    if rng.random() < 0.3 and 0 <= on_route[0] < 12 and 0 <= on_route[1] < 11:
+        start = on_route
+    blocked[start[1], start[0]] = False
+    cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
+    old_route = (route + shift).astype(np.int32)
+    kept, linking, straights, diagonals = kept_route(blocked, old_route, *shift, start, goal, cutting, units, cells)
+    wanted, new = reference(blocked, [tuple(cell) for cell in route.tolist()], start, goal, cutting, units)
+    assert [tuple(cell) for cell in cells[:kept].tolist()] == wanted
+    if wanted:
+        assert linking == new
+        assert units[0] * straights + units[1] * diagonals == cost_of(wanted, units)
+        assert straights + diagonals == kept - 1
+
+
+def kept_cells(route, start, goal, blocked=None):
+    blocked = np.zeros((20, 30), dtype=bool) if blocked is None else blocked
+    cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
+    route = np.array(route, dtype=np.int32)
+    kept, linking, straights, diagonals = kept_route(blocked, route, 0, 0, start, goal, False, UNITS, cells)
+    return cells[:kept].tolist(), linking, 10 * straights + 14 * diagonals
+
+
+def test_kept_up_to_the_least_f_from_the_end():
+    """f by hand: straight towards the goal it is constant, and the last of equals is taken."""
+    route = [[0, 0], [1, 0], [2, 0], [3, 0], [3, 1]]
+    assert kept_cells(route, (0, 0), (9, 0)) == (route[:4], 0, 30)
+    # A diagonal step costs 14 and brings the goal 20 nearer.
+    diagonal = [[0, 0], [1, 1], [2, 2]]
+    assert kept_cells(diagonal, (0, 0), (5, 5)) == (diagonal, 0, 28)
+
+
+def test_a_blocked_step_beyond_the_waypoint_keeps_nothing():
+    route = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [2, 3]]
+    blocked = np.zeros((20, 30), dtype=bool)
+    assert kept_cells(route, (0, 0), (9, 0), blocked)[0] == route[:3]
+    blocked[3, 2] = True
+    assert kept_cells(route, (0, 0), (9, 0), blocked) == ([], 0, 0)
+
+
+@pytest.mark.parametrize("to", [(4, 1), (-3, 5), (0, 0), (2, -2), (0, -5), (5, -4)])
+@pytest.mark.parametrize("diagonal_first", [True, False])
+def test_a_direct_way_joins_any_two_cells(to, diagonal_first):
+    blocked, cells = np.zeros((11, 11), dtype=bool), np.zeros((10, 2), dtype=np.int32)
+    way = next(
+        way
+        for way, first in zip(direct_ways((5, 5), (5 + to[0], 5 + to[1])), (True, False), strict=True)
+        if first == diagonal_first
+    )
+    count = link(blocked, 5, 5, 5 + to[0], 5 + to[1], diagonal_first, False, cells)
+    assert [tuple(cell) for cell in cells[:count].tolist()] == way[:-1]
+    assert count == max(map(abs, to))
+
+
+def anchored(blocked, route, start):
+    cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
+    return anchor(blocked, np.array(route, dtype=np.int32), 0, 0, *start, False, UNITS, cells)
+
+
+def test_on_the_route_nothing_is_linked():
+    """Even where another cell of it would be a shorter way."""
+    route = [[c, 5] for c in range(10)] + [[9, 6], [9, 7]] + [[c, 8] for c in range(8, -1, -1)]
+    for i, cell in enumerate(route):
+        assert anchored(np.zeros((20, 30), dtype=bool), route, cell) == (i, 0)
+
+
+def test_farther_than_it_may_be_is_lost():
+    route = [[c, 5] for c in range(10)]
+    free = np.zeros((20, 30), dtype=bool)
+    assert anchored(free, route, (4, 5 + REANCHOR_CELLS)) == (9, REANCHOR_CELLS)
+    assert anchored(free, route, (4, 6 + REANCHOR_CELLS)) == (-1, 0)
+
+
+def test_the_way_round_a_corner_is_the_other_direct_one():
+    """Diagonal steps first are blocked, last they are free; with both blocked, no cell of the route is reached."""
+    route, blocked = [[8, 5]], np.zeros((20, 30), dtype=bool)
+    cells = np.zeros((10, 2), dtype=np.int32)
+    blocked[6, 5] = True
+    assert anchor(blocked, np.array(route, dtype=np.int32), 0, 0, 4, 7, False, UNITS, cells) == (0, 4)
+    assert cells[:4].tolist() == [[4, 7], [5, 7], [6, 7], [7, 6]]
+    blocked[7, 5] = True
+    assert anchored(blocked, route, (4, 7)) == (-1, 0)

@@ -1,0 +1,256 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadlog.messages import Float
+from quadlog.positioning.track.tracker import TrackedRanges, track_ranges
+
+
+def track(lab, simulated, anchors_m: Float, *, smooth: bool, keep=slice(None), **more) -> TrackedRanges:
+    """Started at the truth, so that only tracking is tested; the start is a fix known at once."""
+    rows = simulated.series
+    return track_ranges(
+        rows.t_ns[keep],
+        rows.anchor[keep],
+        rows.range_m[keep],
+        anchors_m,
+        lab.TAG_HEIGHT_M,
+        simulated.t_ns,
+        simulated.position_m,
+        range_std_m=0.1,
+        acceleration_std_mps2=1.0,
+        smooth=smooth,
+        **more,
+    )
+
+
+def errors(lab, tracked: TrackedRanges, simulated) -> float:
+    return lab.rmse(tracked.track.position_m - simulated.truth_at(tracked.track.t_ns))
+
+
+def test_clean_ranges_are_smoothed_far_below_their_noise(lab):
+    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 1)
+    assert errors(lab, track(lab, simulated, lab.TRIANGLE_M, smooth=False), simulated) < 0.08
+    tracked = track(lab, simulated, lab.TRIANGLE_M, smooth=True)
+    assert errors(lab, tracked, simulated) < 0.05
+    np.testing.assert_allclose(tracked.track.velocity_mps[100:-100].mean(axis=0), [0.4, 0.3], atol=0.02)
+
+
+def test_bursts_with_three_anchors_are_survived(lab):
+    """50 Hz, constant velocity, 0.6 s bursts: at most 0.11 m is asked for; 0.041 over seeds 1000 to 1300."""
+    squares, worst = [], 0.0
+    for seed in range(40):
+        simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, seed, bursts=True)
+        tracked = track(lab, simulated, lab.TRIANGLE_M, smooth=True)
+        squares.append(errors(lab, tracked, simulated) ** 2)
+        end_m = tracked.track.position_m[-1] - simulated.position_m[-1]
+        worst = max(worst, float(np.hypot(*end_m)))
+        assert len(tracked.restart_ns) == 0
+    assert np.sqrt(np.mean(squares)) <= 0.06
+    assert worst < 0.5
+
+
+@pytest.mark.parametrize("cut", [150, 437])
+def test_causal_poses_do_not_change_with_what_comes_later(lab, cut):
+    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 3, bursts=True)
+    whole = track(lab, simulated, lab.TRIANGLE_M, smooth=False)
+    start = track(lab, simulated, lab.TRIANGLE_M, smooth=False, keep=slice(3 * cut))
+    np.testing.assert_array_equal(start.track.position_m, whole.track.position_m[:cut])
+    np.testing.assert_array_equal(start.weight, whole.weight[: 3 * cut])
+
+
+def test_ranges_that_come_one_by_one_are_tracked_as_well(lab):
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 4, rate_hz=80)
+    one_by_one = np.arange(len(simulated.t_ns)) * 4 + np.arange(len(simulated.t_ns)) % 4
+    tracked = track(lab, simulated, lab.SQUARE_M, smooth=True, keep=one_by_one)
+    assert len(tracked.track) == len(simulated.t_ns)
+    assert errors(lab, tracked, simulated) < 0.06
+
+
+def test_weights_point_at_the_late_ranges(lab):
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 5)
+    late = (simulated.series.anchor == 2) & (simulated.series.t_ns > simulated.t_ns[200])
+    late &= simulated.series.t_ns < simulated.t_ns[230]
+    simulated.series.range_m[late] += 1.0
+    for smooth in (False, True):
+        tracked = track(lab, simulated, lab.SQUARE_M, smooth=smooth)
+        assert tracked.weight[late].max() < 0.2
+        assert np.median(tracked.weight[~late]) > 0.8
+        residual_m = simulated.series.range_m - tracked.predicted_m
+        assert residual_m[late].mean() == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_long_gap_starts_a_new_track_at_the_next_fix(lab):
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 6, duration_s=20)
+    seconds = (simulated.series.t_ns - simulated.t_ns[0]) * 1e-9
+    keep = np.flatnonzero((seconds < 5) | (seconds > 9))
+    known = (simulated.t_ns - simulated.t_ns[0]) * 1e-9
+    fixes = np.flatnonzero((known < 1) | (known > 9.5))
+    rows = simulated.series
+    tracked = track_ranges(
+        rows.t_ns[keep], rows.anchor[keep], rows.range_m[keep], lab.SQUARE_M, lab.TAG_HEIGHT_M,
+        simulated.t_ns[fixes], simulated.position_m[fixes], range_std_m=0.1, acceleration_std_mps2=1.0, smooth=True,
+    )  # fmt: skip
+    between = (seconds[keep] > 5) & (seconds[keep] < 9.51)
+    np.testing.assert_array_equal(np.isnan(tracked.predicted_m), between)
+    np.testing.assert_array_equal(tracked.weight == 0, between)
+    after = tracked.track.t_ns - simulated.t_ns[0] > 9e9
+    assert (tracked.track.t_ns[after][0] - simulated.t_ns[0]) * 1e-9 == pytest.approx(9.52, abs=0.02)
+    assert errors(lab, tracked, simulated) < 0.06
+
+
+def walk_as_assumed(seed: int):
+    """White acceleration of the density that the tracker assumes."""
+
+    def walk(t_s):
+        rng, step_s = np.random.default_rng([99, seed]), t_s[1] - t_s[0]
+        noise = 0.1 * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
+        kick = rng.standard_normal((len(t_s), 2, 2)) @ np.linalg.cholesky(noise).T
+        velocity = rng.normal(0, 0.3, 2) + np.cumsum(kick[:, :, 1], axis=0)
+        return np.array([4.0, 2.8]) + np.cumsum(velocity * step_s + kick[:, :, 0], axis=0)
+
+    return walk
+
+
+def normalised_errors(simulated, tracked: TrackedRanges) -> Float:
+    got = tracked.track
+    error_m = got.position_m - simulated.truth_at(got.t_ns)
+    return np.einsum("ti,ti->t", error_m, np.linalg.solve(got.covariance_m2, error_m[:, :, None])[:, :, 0])
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_ellipses_hold_what_they_say_under_white_noise(lab, smooth):
+    """Near 95 %, also where ranges are better or worse than the 0.1 m that is assumed: the residuals tell it."""
+    for std_m, low, high in ((0.05, 0.94, 0.99), (0.1, 0.92, 0.965), (0.2, 0.86, 0.965)):
+        inside = []
+        for seed in range(20):
+            simulated = lab.simulate(walk_as_assumed(seed), lab.SQUARE_M, seed, rate_hz=25, std_m=std_m)
+            tracked = track(lab, simulated, lab.SQUARE_M, smooth=smooth)
+            inside.append(normalised_errors(simulated, tracked)[25:] < 5.991)
+        assert low < np.mean(inside) < high
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_ellipses_grow_with_errors_that_persist(lab, smooth):
+    """Range errors that last for a second, as real ones do. What keeps them out of the residuals keeps 95 % away."""
+    inside, unscaled, excess = [], [], []
+    for seed in range(6):
+        simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, seed, duration_s=30, std_m=0.05)
+        rng, keep = np.random.default_rng([3, seed]), np.exp(-0.02)
+        slow_m = np.zeros(4)
+        for k in range(len(simulated.range_m)):
+            slow_m = keep * slow_m + 0.06 * np.sqrt(1 - keep**2) * rng.standard_normal(4)
+            simulated.series.range_m[4 * k : 4 * k + 4] += slow_m
+        tracked = track(lab, simulated, lab.SQUARE_M, smooth=smooth)
+        excess.append(tracked.excess)
+        inside.append(normalised_errors(simulated, tracked)[50:] < 5.991)
+        unscaled.append((normalised_errors(simulated, tracked) * tracked.track.position_excess)[50:] < 5.991)
+    assert 0.75 < np.mean(inside) <= 0.98
+    assert np.mean(unscaled) < np.mean(inside) - 0.15
+    assert np.min(excess) > 1.5
+
+
+def test_a_turned_and_shifted_world_gives_the_turned_and_shifted_track(lab):
+    """Ranges do not know where map's axes lie."""
+    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 8, bursts=True)
+    turn = np.array([[np.cos(2.0), -np.sin(2.0)], [np.sin(2.0), np.cos(2.0)]])
+    anchors_m = np.column_stack([lab.SQUARE_M[:, :2] @ turn.T + [30.0, -7.0], lab.SQUARE_M[:, 2]])
+    here = track(lab, simulated, lab.SQUARE_M, smooth=True, tag_height_std_m=0.2).track
+    moved = replace(simulated, position_m=simulated.position_m @ turn.T + [30.0, -7.0])
+    there = track(lab, moved, anchors_m, smooth=True, tag_height_std_m=0.2).track
+    np.testing.assert_allclose(there.position_m, here.position_m @ turn.T + [30.0, -7.0], atol=1e-4)
+    np.testing.assert_allclose(there.velocity_mps, here.velocity_mps @ turn.T, atol=1e-3)
+    np.testing.assert_allclose(there.covariance_m2, turn @ here.covariance_m2 @ turn.T, rtol=1e-2, atol=1e-7)
+    np.testing.assert_allclose(there.z_m, here.z_m, atol=1e-4)
+
+
+def test_a_smoothed_track_is_the_same_backwards(lab):
+    """But for what the first fix adds at either end."""
+    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 9)
+    forth = track(lab, simulated, lab.SQUARE_M, smooth=True).track
+    t_ns = simulated.t_ns[0] + simulated.t_ns[-1] - simulated.t_ns[::-1]
+    flipped = simulated.range_m[::-1]
+    rows = replace(simulated.series, range_m=flipped.reshape(-1).copy())
+    reverse = replace(
+        simulated,
+        t_ns=t_ns,
+        position_m=simulated.position_m[::-1],
+        range_m=flipped,
+        series=replace(rows, t_ns=np.repeat(t_ns, 4)),
+    )
+    back = track(lab, reverse, lab.SQUARE_M, smooth=True).track
+    inner = slice(60, -60)
+    np.testing.assert_allclose(back.position_m[::-1][inner], forth.position_m[inner], atol=3e-3)
+    np.testing.assert_allclose(-back.velocity_mps[::-1][inner], forth.velocity_mps[inner], atol=0.02)
+
+
+HEIGHTS_M = np.array([[0.0, 0.0, 0.3], [8.0, 0.0, 2.6], [8.0, 7.0, 0.4], [0.0, 7.0, 2.5]])
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_height_is_found_where_the_geometry_tells_it(lab, smooth):
+    """The tag is 0.4 m lower than told; ranges are those of 0.6 m."""
+    simulated = lab.simulate(lab.walk_figure_eight, HEIGHTS_M, 10, duration_s=20)
+    rows = simulated.series
+    fixes_m = simulated.position_m
+    known, tracked = (
+        track_ranges(
+            rows.t_ns, rows.anchor, rows.range_m, HEIGHTS_M, 1.0, simulated.t_ns, fixes_m, range_std_m=0.1,
+            acceleration_std_mps2=1.0, smooth=smooth, tag_height_std_m=std_m,
+        ).track
+        for std_m in (0.0, 0.5)
+    )  # fmt: skip
+    np.testing.assert_array_equal(known.z_m, 1.0)
+    np.testing.assert_array_equal(known.z_std_m, 0.0)
+    assert np.abs(tracked.z_m[100:] - 0.6).mean() < 0.06
+    assert (np.abs(tracked.z_m - 0.6)[100:] < 3 * tracked.z_std_m[100:]).mean() > 0.97
+    assert tracked.z_std_m[100:].max() < 0.15
+    assert lab.rmse(tracked.position_m - simulated.position_m) < 0.6 * lab.rmse(known.position_m - simulated.position_m)
+
+
+def test_a_height_the_anchors_cannot_see_stays_as_it_was_told(lab):
+    """Anchors level with the tag: neither a drift, nor a std below or above what was told."""
+    level_m = lab.SQUARE_M * [1.0, 1.0, 0.0] + [0.0, 0.0, lab.TAG_HEIGHT_M]
+    simulated = lab.simulate(lab.walk_straight, level_m, 11, duration_s=60, rate_hz=10)
+    got = track(lab, simulated, level_m, smooth=True, tag_height_std_m=0.1).track
+    np.testing.assert_allclose(got.z_m, lab.TAG_HEIGHT_M, atol=0.05)
+    assert got.z_std_m.min() > 0.03
+    assert got.z_std_m.max() <= 0.13
+
+
+def test_a_tag_that_appears_half_way(lab):
+    """Its first second brings two ranges an epoch, so no fix: it is untracked, and counted as such."""
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 12, duration_s=20)
+    seconds = (simulated.series.t_ns - simulated.t_ns[0]) * 1e-9
+    keep = np.flatnonzero((seconds >= 11) | ((seconds >= 10) & (simulated.series.anchor < 2)))
+    rows = simulated.series
+    fixes = slice(550, None)
+    tracked = track_ranges(
+        rows.t_ns[keep], rows.anchor[keep], rows.range_m[keep], lab.SQUARE_M, lab.TAG_HEIGHT_M,
+        simulated.t_ns[fixes], simulated.position_m[fixes], range_std_m=0.1, acceleration_std_mps2=1.0, smooth=True,
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.isnan(tracked.predicted_m), seconds[keep] < 11)
+    assert tracked.track.t_ns[0] == simulated.t_ns[550]
+    assert errors(lab, tracked, simulated) < 0.05
+    assert len(tracked.restart_ns) == 0
+
+
+def test_nothing_to_track(lab):
+    none = np.empty(0, dtype=np.int64)
+    tracked = track_ranges(
+        none,
+        none,
+        np.empty(0),
+        lab.SQUARE_M,
+        0.6,
+        none,
+        np.empty((0, 2)),
+        range_std_m=0.1,
+        acceleration_std_mps2=1.0,
+        smooth=True,
+    )
+    assert len(tracked.track) == 0
+    assert tracked.track.covariance_m2.shape == (0, 2, 2)

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import foxglove.messages
+import numpy as np
+import pytest
+from mcap.reader import SeekingReader
+from mcap.records import DataEnd, Footer, Message
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
+
+from quadlog.errors import NotARun
+from quadlog.results import load_maps, read_table
+from quadlog.results.foxglove.derived_mcap import write_derived
+from quadlog.results.run.tables import TABLES, write_table
+
+START_NS = 1_700_000_000_123_456_789
+
+
+TOPICS = {
+    "/quadlog/tf": ("foxglove.FrameTransform", 40),
+    "/quadlog/pose": ("foxglove.PoseInFrame", 40),
+    "/quadlog/target": ("foxglove.PoseInFrame", 40),
+    "/quadlog/uwb/anchors": ("foxglove.SceneUpdate", 1),
+    "/quadlog/uwb/fix/0": ("foxglove.PoseInFrame", 40),
+    "/quadlog/uwb/fix/1": ("foxglove.PoseInFrame", 39),
+    "/quadlog/map": ("foxglove.Grid", 40),
+    "/quadlog/scan": ("foxglove.PointCloud", 2),
+    "/quadlog/cells": ("foxglove.Vector2", 40),
+    "/quadlog/path": ("foxglove.SceneUpdate", 40),
+    "/quadlog/path_smooth": ("foxglove.SceneUpdate", 40),
+    "/quadlog/resim/tf": ("foxglove.FrameTransform", 200),
+    "/quadlog/resim/pose": ("foxglove.PoseInFrame", 200),
+    "/quadlog/resim/error": ("foxglove.Vector3", 200),
+    "/quadlog/resim/path": ("foxglove.SceneUpdate", 40),
+    "/quadlog/resim/path_smooth": ("foxglove.SceneUpdate", 40),
+    "/quadlog/log": ("foxglove.Log", 4),
+}
+
+
+def test_topics_schemas_and_counts(tiny_run: Path) -> None:
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    found = {
+        channel.topic: (summary.schemas[channel.schema_id].name, counts[channel.id])
+        for channel in summary.channels.values()
+    }
+    assert found == TOPICS
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+    assert summary.statistics.message_start_time == START_NS
+
+
+def test_every_schema_is_foxgloves_as_the_sdk_holds_it(tiny_run: Path, derived: Any) -> None:
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+    assert summary is not None
+    assert len(derived) == len(summary.channels)  # all of them could be decoded
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        own = getattr(foxglove.messages, schema.name.removeprefix("foxglove.")).get_schema()
+        assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+        assert (schema.name, schema.data) == (own.name, own.data)
+
+
+def test_chunks_and_their_indexes_account_for_every_message(tiny_run: Path) -> None:
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+        file.seek(0)
+        records = StreamReader(file, validate_crcs=True).records
+        straight = [record for record in records if isinstance(record, Message)]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert len(straight) == summary.statistics.message_count == sum(count for _, count in TOPICS.values())
+    first, last = summary.chunk_indexes[0], summary.chunk_indexes[-1]
+    assert (first.message_start_time, last.message_end_time) == (straight[0].log_time, straight[-1].log_time)
+    for channel, name in ((channel.id, channel.topic) for channel in summary.channels.values()):
+        numbers = [message.sequence for message in straight if message.channel_id == channel]
+        assert numbers == list(range(TOPICS[name][1]))
+
+
+def test_data_and_summary_checksums_hold(tiny_run: Path) -> None:
+    content = (tiny_run / "derived.mcap").read_bytes()
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+    footer = records[-1]
+    assert isinstance(footer, Footer)
+    ends = [record for record in records if isinstance(record, DataEnd)]
+    data_end = footer.summary_start - (1 + 8 + 4)
+    assert ends[0].data_section_crc == zlib.crc32(content[:data_end])
+    covered = content[footer.summary_start : -(4 + 8)]
+    assert footer.summary_crc == zlib.crc32(covered)
+    assert struct.unpack("<I", content[-12:-8])[0] == footer.summary_crc
+
+
+def test_times_are_the_tables_and_in_order(tiny_run: Path, derived: Any) -> None:
+    poses = read_table(tiny_run, "poses")
+    assert [t for t, _ in derived["/quadlog/pose"]] == poses["t_ns"].tolist()
+    control = read_table(tiny_run, "control")
+    assert [t for t, _ in derived["/quadlog/resim/error"]] == control["t_ns"].tolist()
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        stored = [message.log_time for *_, message in SeekingReader(file).iter_messages(log_time_order=False)]
+    assert stored == sorted(stored)
+
+
+def test_poses_and_transforms_say_what_the_tables_say(tiny_run: Path, derived: Any) -> None:
+    poses = read_table(tiny_run, "poses")
+    for i, (t_ns, message) in enumerate(derived["/quadlog/pose"]):
+        assert message.timestamp.seconds * 10**9 + message.timestamp.nanos == t_ns
+        assert message.frame_id == "map"
+        assert (message.pose.position.x, message.pose.position.y) == (poses["x_m"][i], poses["y_m"][i])
+        quat = message.pose.orientation
+        assert 2 * np.arctan2(quat.z, quat.w) == pytest.approx(poses["yaw_rad"][i])
+    last = derived["/quadlog/tf"][-1][1]
+    assert (last.parent_frame_id, last.child_frame_id) == ("map", "base")
+    assert (last.translation.x, last.translation.y) == (poses["x_m"][-1], poses["y_m"][-1])
+    resim = derived["/quadlog/resim/tf"][0][1]
+    assert (resim.parent_frame_id, resim.child_frame_id) == ("map", "base_resim")
+    assert derived["/quadlog/uwb/fix/0"][0][1].pose.position.z == 0.6
+    assert derived["/quadlog/resim/pose"][0][1].pose.position.z == 0.0  # a kinematic robot has no height
+
+
+def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
+    for (t_ns, grid), (map_t_ns, origin_m, occupied) in zip(derived["/quadlog/map"], load_maps(tiny_run), strict=True):
+        assert t_ns == map_t_ns
+        assert (grid.pose.position.x, grid.pose.position.y) == tuple(origin_m)
+        assert (grid.column_count, grid.row_stride, grid.cell_stride, grid.cell_size.x) == (50, 50, 1, 0.1)
+        assert [(field.name, field.offset, field.type) for field in grid.fields] == [("occupied", 0, 1)]
+        np.testing.assert_array_equal(np.frombuffer(grid.data, np.uint8).reshape(60, 50), occupied)
+
+
+def test_numbers_and_what_was_said(tiny_run: Path, derived: Any) -> None:
+    plans, control = read_table(tiny_run, "plans"), read_table(tiny_run, "control")
+    cells = [(each.x, each.y) for _, each in derived["/quadlog/cells"]]
+    assert cells == list(zip(plans["expanded"], plans["generated"], strict=True))
+    errors = [(each.x, each.y, each.z) for _, each in derived["/quadlog/resim/error"]]
+    expected = np.column_stack([control[name] for name in ("error_m", "cross_track_m", "time_error_m")])
+    np.testing.assert_array_equal(errors, expected)
+    assert {t for t, _ in derived["/quadlog/log"]} == {START_NS}
+    assert [(line.level, line.name, line.message) for _, line in derived["/quadlog/log"]] == [
+        (4, "loss", "one chunk is damaged, from 1.0 s to 1.5 s (/points)"),
+        (3, "warning", "no heading source: yaw is the course"),
+        (2, "metric", "eta_m = 0.123 m (n = 200)"),
+        (2, "metric", "fallen = 0 (n = 1)"),
+    ]
+
+
+def test_the_bytes_do_not_depend_on_the_process(tiny_run: Path) -> None:
+    written = (tiny_run / "derived.mcap").read_bytes()
+    script = (
+        "import foxglove; foxglove.Channel('/other', message_encoding='json')\n"
+        f"from pathlib import Path\nfrom quadlog.results.foxglove.derived_mcap import write_derived\n"
+        f"write_derived(Path({str(tiny_run)!r}))"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, env={**os.environ, "PYTHONHASHSEED": "7"})
+    assert (tiny_run / "derived.mcap").read_bytes() == written
+
+
+def test_a_run_of_nothing_but_positions(tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tiny_run / "poses.parquet").rename(tmp_path / "run" / "poses.parquet")
+    write_derived(tmp_path / "run")
+    with (tmp_path / "run" / "derived.mcap").open("rb") as file:
+        assert {channel.topic for _, channel, _ in SeekingReader(file).iter_messages()} == {
+            "/quadlog/tf",
+            "/quadlog/pose",
+        }
+
+
+def test_a_walk_along_a_course_is_its_own_frame_and_its_tilt_is_scipys(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    control = {name: np.zeros(50) for name in TABLES["control"].names}
+    control |= {name: rng.uniform(-1, 1, 50) for name in ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")}
+    control |= {"t_ns": np.arange(50), "fallen": np.zeros(50, bool)}
+    for name in ("z_m", "roll_rad", "pitch_rad"):
+        control[name][7] = np.nan  # as without a body
+    write_table(tmp_path / "control.parquet", TABLES["control"], control)
+    (tmp_path / "metrics.json").write_text(
+        json.dumps({name: {"value": 2.0, "n": 1, "unit": ""} for name in ("fallen", "realtime_factor")})
+    )
+    with write_derived(tmp_path).open("rb") as file:
+        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        frames = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/tf"])]
+        poses = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/resim/pose"])]
+        lines = [decoded.message for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/log"])]
+    assert lines == ["fallen = 2 (n = 1)"]  # how fast it was is no result
+    angles = np.nan_to_num(np.column_stack([control["yaw_rad"], control["pitch_rad"], control["roll_rad"]]))
+    truth = Rotation.from_euler("ZYX", angles)
+    for quats, places in (
+        ([frame.rotation for frame in frames], [frame.translation for frame in frames]),
+        ([pose.pose.orientation for pose in poses], [pose.pose.position for pose in poses]),
+    ):
+        found = Rotation.from_quat([[quat.x, quat.y, quat.z, quat.w] for quat in quats])
+        assert (truth.inv() * found).magnitude().max() < 1e-7
+        expected = np.nan_to_num(np.column_stack([control[name] for name in ("x_m", "y_m", "z_m")]))
+        np.testing.assert_array_equal([[place.x, place.y, place.z] for place in places], expected)
+    assert {(frame.parent_frame_id, frame.child_frame_id) for frame in frames} == {("map", "base")}
+    with (tmp_path / "derived.mcap").open("rb") as file:
+        assert not list(SeekingReader(file).iter_messages(topics=["/quadlog/resim/tf"]))
+
+
+@pytest.mark.parametrize("t_ns", [-1, (1 << 32) * 10**9])
+def test_a_time_that_foxglove_cannot_show_is_refused(tmp_path: Path, t_ns: int) -> None:
+    pose = {"t_ns": [t_ns], "x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0, "source": "uwb"}
+    write_table(tmp_path / "poses.parquet", TABLES["poses"], pose)
+    with pytest.raises(NotARun, match="before 1970 or after 2106"):
+        write_derived(tmp_path)
+    assert [each.name for each in tmp_path.iterdir()] == ["poses.parquet"]
+
+
+def test_a_damaged_table_stops_it_whole(write_run: Callable[[Path], Path], tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run")
+    (run / "derived.mcap").unlink()
+    (run / "plans.parquet").write_bytes(b"PAR1")
+    with pytest.raises(NotARun, match=r"plans\.parquet"):
+        write_derived(run)
+    assert not (run / "derived.mcap").exists()
+    assert not [name for name in [each.name for each in run.iterdir()] if name.startswith(".")]

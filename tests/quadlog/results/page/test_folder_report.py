@@ -1,0 +1,130 @@
+import json
+import re
+import statistics
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadlog.errors import NotARun
+from quadlog.results.page.folder_report import write_folder_report
+from quadlog.results.run.tables import METRIC_NAMES, TABLES, write_table
+
+HOSTILE = "</script><script>alert(1)</script>"
+
+
+def _summary(folder: Path, **columns: Any) -> None:
+    write_table(folder / "summary.parquet", TABLES["summary"], columns)
+
+
+def _rows(page: str) -> list[str]:
+    body = re.search(r"<tbody>(.*)</tbody>", page, re.DOTALL)
+    assert body is not None
+    return body[1].split("</tr>")[:-1]
+
+
+def test_a_row_for_each_recording_with_its_outcome_and_metrics(tmp_path: Path) -> None:
+    (tmp_path / "walk #1").mkdir()
+    (tmp_path / "walk #1" / "report.html").write_text("")
+    _summary(
+        tmp_path,
+        recording=["walk #1", "torn", "empty"],
+        exit_code=[0, 3, 1],
+        reason=["", "12 messages lost", "nothing readable"],
+        eta_m=[0.0345678, 0.5, np.nan],
+        expanded_total=[1234567.0, np.nan, np.nan],
+    )
+    page = write_folder_report(tmp_path).read_text()
+    first, second, third = _rows(page)
+    assert '<a href="./walk%20%231/report.html">walk #1</a>' in first
+    assert ">0 done<" in first
+    assert 'data-value="0.0345678">0.03457<' in first
+    assert "1\u2009234\u2009567" in first
+    assert ">3 with loss<" in second
+    assert "12 messages lost" in second
+    assert "<a " not in second
+    assert ">1 failed<" in third
+    assert third.count('data-value="">–<') == 2
+    assert "sigma_m" not in page  # a metric that no run has
+
+
+def test_hostile_names_stay_text_and_lead_nowhere(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "report.html").write_text("")
+    names = ["..", HOSTILE, "javascript:alert(1)", "a/../..", "."]
+    _summary(tmp_path / "runs", recording=names, exit_code=[1] * 5, reason=[HOSTILE] * 5, eta_m=[5, 1, 2, 3, 4])
+    page = write_folder_report(tmp_path / "runs").read_text()
+    assert page.count("<script>") == 1
+    assert page.count("<title>") == 6  # of the page, and of each dot of the chart
+    assert "<a " not in page
+    assert len(_rows(page)) == 5
+
+
+def test_an_empty_summary_is_a_page_and_a_missing_one_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NotARun, match=r"summary\.parquet"):
+        write_folder_report(tmp_path)
+    _summary(tmp_path, recording=np.array([], object), exit_code=np.array([], int), reason=np.array([], object))
+    assert "no recordings" in write_folder_report(tmp_path).read_text()
+
+
+def test_the_same_summary_gives_the_same_bytes(tmp_path: Path) -> None:
+    _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], eta_m=[1.0, 2.0])
+    assert write_folder_report(tmp_path).read_bytes() == write_folder_report(tmp_path).read_bytes()
+
+
+def _walks(folder: Path, *names: str, option: str = "course") -> None:
+    for name in names:
+        (folder / name).mkdir()
+        (folder / name / "run.json").write_text(json.dumps({"options": {option: "line"}}))
+
+
+def test_seeds_of_a_course_are_walks_with_their_mean_and_deviation(tmp_path: Path) -> None:
+    _walks(tmp_path, "seed-000", "seed-001", "seed-002")
+    names = ["seed-000", "seed-001", "seed-002"]
+    columns = {"eta_m": [1.0, 2.0, 6.0], "completion_time_s": [np.nan, 30.0, np.nan]}
+    _summary(tmp_path, recording=names, exit_code=[0, 0, 0], reason=["", "fell", ""], **columns)
+    page = write_folder_report(tmp_path).read_text()
+    assert f"{tmp_path.name}: 3 walks" in page
+    assert ">Walks</h2>" in page
+    assert "recording" not in page.lower()
+    foot = re.search(r"<tfoot>(.*)</tfoot>", page, re.DOTALL)
+    assert foot is not None
+    mean, std = (re.findall(r"<t[hd][^>]*>([^<]*)</t", row) for row in foot[1].split("</tr>")[:-1])
+    assert mean == ["mean", "", "", "3", "30"]
+    assert std == ["std", "", "", f"{statistics.stdev([1, 2, 6]):.4g}", "–"]
+
+
+def test_one_walk_has_no_mean_and_a_column_without_a_reason_is_left_out(tmp_path: Path) -> None:
+    _walks(tmp_path, "seed-000")
+    _summary(tmp_path, recording=["seed-000"], exit_code=[0], reason=[""], eta_m=[1.0])
+    page = write_folder_report(tmp_path).read_text()
+    assert f"{tmp_path.name}: 1 walk<" in page or f"{tmp_path.name}: 1 walk " in page
+    assert "<tfoot>" not in page
+    assert ">reason<" not in page
+    assert [len(re.findall(r"<t[hd]", row)) for row in _rows(page)] == [3]
+
+
+@pytest.mark.parametrize("other", ["replay", "damaged", "missing", "hostile"])
+def test_walks_beside_anything_else_are_recordings(tmp_path: Path, other: str) -> None:
+    _walks(tmp_path, "seed-000")
+    if other == "replay":
+        _walks(tmp_path, other, option="until")
+    elif other == "damaged":
+        (tmp_path / other).mkdir()
+        (tmp_path / other / "run.json").write_text("{")
+    name = "./seed-000" if other == "hostile" else other
+    _summary(tmp_path, recording=["seed-000", name], exit_code=[0, 0], reason=["", ""], eta_m=[1.0, 2.0])
+    page = write_folder_report(tmp_path).read_text()
+    assert ": 2 recordings" in page
+    assert "<tfoot>" not in page
+
+
+@pytest.mark.parametrize("count", [3, 8, 9, len(METRIC_NAMES)])
+def test_on_paper_every_number_of_a_broad_table_has_its_name_beside_it(tmp_path: Path, count: int) -> None:
+    columns = {name: [1.0, 2.0] for name in METRIC_NAMES[:count]}
+    _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], **columns)
+    page = write_folder_report(tmp_path).read_text()
+    assert ('<table class="broad">' in page) == (count > 8)
+    for row in _rows(page):
+        assert re.findall(r'<td class="number" data-name="(\w+)"', row)[:count] == list(METRIC_NAMES[:count])

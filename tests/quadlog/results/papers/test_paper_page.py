@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+from markdown_it import MarkdownIt
+
+from quadlog.results.papers.page import csv_text, format_value, latex_text, section_text
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
+from quadlog.results.text.markup import LINES_A_PAGE
+
+ROWS = (
+    PaperRow('length, "A|B" (m)', 1.2345678, 1.23, 1.2, 1.3, True, "as_is & 5 %"),
+    PaperRow("time (s)", 1e-7, 2.0, None, None, False, "why\nnot"),
+    PaperRow("bound (m)", -0.0),
+)
+
+
+def table(fast: bool = False) -> PaperTable:
+    groups = (RowGroup("One_group", "How.", ROWS[:2]), RowGroup("Two", "", ROWS[2:]))
+    picture = TablePicture("site", "An [alt]", "A *caption*", b"png")
+    return PaperTable("planning-1", "Title & more", "About.", "3 seeds.", 0, fast, groups, (picture,), ("Erratum_1",))
+
+
+def test_the_csv_file_has_the_columns_of_the_contract_and_reads_back():
+    read = list(csv.DictReader(io.StringIO(csv_text(table()))))
+    assert list(read[0]) == ["quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note"]
+    assert [row["quantity"] for row in read] == [row.quantity for row in ROWS]
+    assert list(read[0].values())[1:] == ["1.23", "1.23457", "1.2", "1.3", "0.0045678", "yes", "as_is & 5 %"]
+    assert list(read[1].values())[1:] == ["2", "1e-07", "", "", "-2", "no", "why\nnot"]
+    assert list(read[2].values())[1:] == ["", "0", "", "", "", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(None, 4, ""), (-0.0, 4, "0"), (0.123456, 4, "0.1235"), (5.2, 6, "5.2"), (1234567.0, 6, "1.23457e+06")],
+)
+def test_numbers_are_short_and_zero_has_no_sign(value, digits, text):
+    assert format_value(value, digits) == text
+
+
+def test_the_section_shows_everything():
+    text = section_text(table())
+    html = MarkdownIt("commonmark").enable("table").render(text)
+    for expected in (
+        "<h2>Title &amp; more</h2>",
+        "<code>quadlog tables planning-1</code>",
+        "3 seeds.",
+        '<img src="planning-1-site.png" alt="An [alt]" />',
+        "<em>A *caption*</em>",
+        "<h3>One_group</h3>",
+        "<td>length, &quot;A|B&quot; (m)</td>",
+        '<td style="text-align:right">1.2 to 1.3</td>',
+        "<td>✗ no</td>\n<td>why not</td>",
+        "<li>Erratum_1</li>",
+        '<a href="planning-1.csv">',
+        '<a href="planning-1.tex">',
+    ):
+        assert expected in html
+    assert html.count("<table>") == 2
+
+
+def test_a_fast_run_says_so_on_the_page_and_in_latex():
+    assert "fast run" not in section_text(table()).lower()
+    assert "**A fast run" in section_text(table(fast=True))
+    assert "--fast" in section_text(table(fast=True))
+    assert "(fast run)" not in latex_text(table())
+    assert latex_text(table(fast=True)).count("(fast run)") == 2
+
+
+def test_latex_has_one_table_per_group():
+    text = latex_text(table())
+    assert text.count(r"\toprule") == 2
+    assert r"\caption{Title \& more: One\_group}" in text
+    assert r"\label{tab:planning-1-1}" in text
+    assert r"\label{tab:planning-1-2}" in text
+    assert "95 \\% interval" in text
+    assert text.count(r"\begin{tabular}{@{}p{0.32\linewidth}rrrrl@{}}") == 2
+
+
+def test_latex_continues_what_is_longer_than_a_page():
+    rows = tuple(PaperRow(f"row {number}", float(number)) for number in range(LINES_A_PAGE + 1))
+    text = latex_text(PaperTable("foot-drift", "Title", "", "", 0, False, (RowGroup("Group", "", rows),)))
+    assert text.count(r"\toprule") == 2
+    assert text.count("Group (continued)}") == text.count(rf"\label{{tab:foot-drift-1-{LINES_A_PAGE}}}") == 1
+    assert [text.count(f"row {number} &") for number in range(len(rows))] == [1] * len(rows)

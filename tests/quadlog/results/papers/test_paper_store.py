@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.results.papers.table import (
+    Origin,
+    PaperRow,
+    PaperTable,
+    RowGroup,
+    SavedTable,
+    TablePicture,
+    json_bytes,
+    load_saved,
+    picture_file,
+)
+
+ORIGIN = Origin("code", False, 3)
+ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, False, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
+
+
+PICTURES = (TablePicture("site", "Alt", "Caption", b"\x89PNG"),)
+
+
+def saved(rows=ROWS, pictures=PICTURES):
+    group = RowGroup("Group", "Text.", tuple(rows))
+    table = PaperTable("one", "Title", "Caption.", "Sizes.", 3, False, (group,), tuple(pictures), ("Erratum.",))
+    return SavedTable(table, ORIGIN)
+
+
+def write(folder, each):
+    for picture in each.table.pictures:
+        (folder / picture_file(each.table, picture)).write_bytes(picture.png)
+    (folder / "one.json").write_bytes(json_bytes(each))
+
+
+def test_a_table_comes_back_as_it_was(tmp_path):
+    write(tmp_path, saved())
+    assert load_saved(tmp_path, "one") == saved()
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+rows = st.builds(
+    PaperRow, st.text(), numbers, st.none() | numbers, reproduces=st.none() | st.booleans(), note=st.text()
+)
+
+
+@given(st.lists(rows, max_size=4, unique_by=lambda row: row.quantity))
+def test_any_rows_come_back(tmp_path_factory, some):
+    folder = tmp_path_factory.mktemp("saved")
+    write(folder, saved(some, ()))
+    back = load_saved(folder, "one")
+    assert back == saved(some, ())
+    assert json_bytes(back) == json_bytes(saved(some, ()))
+
+
+def test_what_is_not_there_is_no_table(tmp_path):
+    assert load_saved(tmp_path, "one") is None
+    assert load_saved(tmp_path / "no folder", "one") is None
+    (tmp_path / "one.json").mkdir()
+    assert load_saved(tmp_path, "one") is None
+
+
+@given(data=st.data())
+def test_no_damaged_file_is_trusted(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("saved")
+    write(folder, saved())
+    good = (folder / "one.json").read_bytes()
+    at = data.draw(st.integers(0, len(good) - 1))
+    bad = data.draw(
+        st.sampled_from([good[:at], good[:at] + bytes([good[at] ^ 1]) + good[at + 1 :], good[:at] + b"7" + good[at:]])
+    )
+    (folder / "one.json").write_bytes(bad)
+    back = load_saved(folder, "one")
+    # White space about the values may differ, and what it means does not.
+    assert back is None or back == saved()
+
+
+@pytest.mark.parametrize("text", [b"", b"{}", b"[]", b"null", b"[" * 100_000, b"\xff", b'{"sha256": 1}', b"1e999"])
+def test_what_is_another_file_is_no_table(tmp_path, text):
+    (tmp_path / "one.json").write_bytes(text)
+    assert load_saved(tmp_path, "one") is None
+
+
+def test_a_number_changed_by_hand_is_noticed(tmp_path):
+    write(tmp_path, saved())
+    path = tmp_path / "one.json"
+    body = json.loads(path.read_text(encoding="utf-8"))
+    body["table"]["groups"][0]["rows"][0]["ours"] = 0.5
+    path.write_text(json.dumps(body), encoding="utf-8")
+    assert load_saved(tmp_path, "one") is None
+
+
+def test_a_file_of_another_table_is_not_taken_for_it(tmp_path):
+    write(tmp_path, saved(pictures=()))
+    (tmp_path / "one.json").rename(tmp_path / "two.json")
+    assert load_saved(tmp_path, "two") is None
+
+
+@pytest.mark.parametrize("damage", ["missing", "other"])
+def test_a_table_without_its_pictures_is_not_whole(tmp_path, damage):
+    write(tmp_path, saved())
+    picture = tmp_path / "one-site.png"
+    picture.unlink() if damage == "missing" else picture.write_bytes(b"\x89PNF")
+    assert load_saved(tmp_path, "one") is None
+
+
+def test_a_file_too_large_is_not_read(tmp_path, monkeypatch):
+    write(tmp_path, saved())
+    monkeypatch.setattr("quadlog.results.papers.table.LARGEST_BYTES", 100)
+    assert load_saved(tmp_path, "one") is None

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import pytest
+
+from quadlog.errors import AlreadyExists, CannotWrite
+from quadlog.results.papers.page import Appendix, prepare_folder, reusable_tables, write_readme, write_table
+from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
+
+ORIGIN = Origin("code", False, 0)
+FILES = {"one.csv", "one.tex", "one.json", "one-p.png"}
+
+
+def saved(name: str, origin: Origin = ORIGIN) -> SavedTable:
+    group = RowGroup("Group", "Text.", (PaperRow("a (m)", 1.0),))
+    pictures = (TablePicture("p", "", "", b"P"),)
+    table = PaperTable(name, f"Title of {name}", "Caption.", "Sizes.", 0, False, (group,), pictures)
+    return SavedTable(table, origin)
+
+
+def test_a_table_is_its_files_and_its_pictures(tmp_path):
+    folder = tmp_path / "new" / "folder"
+    prepare_folder(folder, ["one"], [], force=False)
+    write_table(folder, saved("one"))
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert (folder / "one-p.png").read_bytes() == b"P"
+    assert write_readme(folder, ["one"], "code", [], force=False).name == "README.md"
+
+
+def test_the_page_has_all_tables_there_are_in_the_order_asked_for(tmp_path):
+    for name in ("two", "one", "three"):
+        write_table(tmp_path, saved(name))
+    (tmp_path / "other.json").write_text("{}")
+    appendices = [Appendix("Errata", "None.\n")]
+    text = write_readme(tmp_path, ["one", "missing", "other", "two"], "code", appendices, force=False).read_text()
+    assert text.index("## Title of one") < text.index("## Title of two") < text.index("## Errata\n\nNone.")
+    assert "three" not in text
+
+
+@pytest.mark.parametrize("name", ["README.md", *sorted(FILES)])
+def test_nothing_is_overwritten_without_force(tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(AlreadyExists, match="--force"):
+        prepare_folder(tmp_path, ["one"], [], force=False)
+    prepare_folder(tmp_path, ["one"], [], force=True)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", sorted(FILES))
+def test_a_reused_table_may_lie_there_as_it_is_and_not_otherwise(tmp_path, name):
+    write_table(tmp_path, saved("one"))
+    (tmp_path / "README.md").write_text("the page is looked at when it is written")
+    prepare_folder(tmp_path, [], [saved("one")], force=False)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(AlreadyExists, match=name):
+        prepare_folder(tmp_path, [], [saved("one")], force=False)
+    prepare_folder(tmp_path, [], [saved("one")], force=True)
+    (tmp_path / name).unlink()
+    prepare_folder(tmp_path, [], [saved("one")], force=False)
+
+
+def test_files_as_they_should_be_are_not_written_again(tmp_path):
+    write_table(tmp_path, saved("one"))
+    before = {path.name: path.stat().st_ino for path in tmp_path.iterdir()}
+    write_table(tmp_path, saved("one"))
+    assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
+    (tmp_path / "one.csv").write_text("mine")
+    write_table(tmp_path, saved("one"))
+    assert (tmp_path / "one.csv").read_text().startswith("quantity,")
+
+
+def test_another_page_is_not_overwritten_without_force(tmp_path):
+    write_table(tmp_path, saved("one"))
+    page = write_readme(tmp_path, ["one"], "code", [], force=False)
+    before = page.read_text()
+    write_readme(tmp_path, ["one"], "code", [], force=False)
+    page.write_text("mine")
+    with pytest.raises(AlreadyExists, match="README"):
+        write_readme(tmp_path, ["one"], "code", [], force=False)
+    assert page.read_text() == "mine"
+    write_readme(tmp_path, ["one"], "code", [], force=True)
+    assert page.read_text() == before
+
+
+@pytest.mark.parametrize("other", [Origin("other", False, 0), Origin("code", True, 0), Origin("code", False, 1)])
+def test_only_what_has_the_same_origin_is_reused(tmp_path, other):
+    write_table(tmp_path, saved("one"))
+    write_table(tmp_path, saved("two", other))
+    assert reusable_tables(tmp_path, ["two", "one", "three"], ORIGIN) == [saved("one")]
+    assert reusable_tables(tmp_path / "elsewhere", ["one"], ORIGIN) == []
+
+
+def test_a_table_that_is_not_asked_for_does_not_stand_in_the_way(tmp_path):
+    (tmp_path / "two.csv").write_text("mine")
+    (tmp_path / "two-p.png").write_text("mine")
+    prepare_folder(tmp_path, ["one"], [], force=False)
+
+
+def test_a_file_in_the_folders_place_is_told(tmp_path):
+    (tmp_path / "taken").touch()
+    with pytest.raises(CannotWrite, match="taken"):
+        prepare_folder(tmp_path / "taken", ["one"], [], force=True)

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.errors import NotARun
+from quadlog.results.run.find_runs import find_runs, is_run, run_labels
+from quadlog.results.run.run_folder import RunFolder
+
+
+def make_run(path: Path) -> Path:
+    RunFolder.create(path).write_config({})
+    return path
+
+
+def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path / name) for name in ("b", "a", "line-fpmw/seed-000", "line-fpmw/seed-001")]
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "report.html").write_text("")
+    make_run(tmp_path / ".hidden")
+    make_run(runs[0] / "copy")
+    assert find_runs([tmp_path]) == [runs[1], runs[0], *runs[2:]]
+    assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
+
+
+def test_runs_are_looked_for_three_folders_deep(tmp_path: Path) -> None:
+    deep = make_run(tmp_path / "a" / "b" / "run")
+    make_run(tmp_path / "a" / "b" / "c" / "run")
+    assert find_runs([tmp_path]) == [deep]
+
+
+def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "m")
+    for name in ("a.txt", "report.html", "summary.parquet"):
+        (tmp_path / name).write_text("")
+    assert find_runs(sorted(tmp_path.iterdir())) == [run]
+    (tmp_path / "no run").mkdir()
+    with pytest.raises(NotARun, match="no run"):
+        find_runs(sorted(tmp_path.iterdir()))
+
+
+def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "made" / "a")
+    link = tmp_path / "chosen" / "fast"
+    link.parent.mkdir()
+    link.symlink_to(run)
+    (tmp_path / "made" / "loop").symlink_to(tmp_path / "made")
+    assert find_runs([link.parent]) == [link]
+    assert find_runs([tmp_path / "made", link]) == [run]
+
+
+def test_what_is_no_run_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "empty").mkdir()
+    for name, words in (("none", "no such folder"), ("file", "is no folder"), ("empty", "there is none in it")):
+        with pytest.raises(NotARun, match=f"{name}: .*{words}"):
+            find_runs([tmp_path / name])
+
+
+def test_a_folder_is_a_run_by_what_its_files_say(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("[mine]\n")
+    assert not is_run(tmp_path)
+    (tmp_path / "run.json").write_text("{damaged")
+    assert is_run(tmp_path)
+
+
+def test_labels_are_as_short_as_they_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_labels([Path("runs/walk")]) == ["walk"]
+    assert run_labels([Path("runs/a"), Path("runs/b")]) == ["a", "b"]
+    assert run_labels([Path("sim/line/seed-000"), Path("sim/circle/seed-000")]) == ["line/seed-000", "circle/seed-000"]
+    assert run_labels([Path("runs/a"), tmp_path / "a"]) == ["runs/a", "a"]
+    assert run_labels([Path(), Path("runs")]) == [tmp_path.name, f"{tmp_path.name}/runs"]
+    assert run_labels([]) == []
+
+
+@given(
+    st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple), min_size=2, max_size=8, unique=True)
+)
+def test_labels_tell_all_runs_apart(parts: list[tuple[str, ...]]) -> None:
+    labels = run_labels([Path("/", *each) for each in parts])
+    assert len(set(labels)) == len(labels)
+    assert all(f"/{'/'.join(each)}".endswith(f"/{label}") for each, label in zip(parts, labels, strict=True))

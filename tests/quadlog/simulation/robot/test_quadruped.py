@@ -1,0 +1,236 @@
+import math
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.simulation.robot.height_field import flat, slope
+from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf, quadruped_model
+from quadlog.simulation.robot.quadruped import DOF, Quadruped, roll_pitch_yaw
+
+ROBOT = ROBOTS["tracking"]
+
+
+@pytest.fixture(scope="module")
+def model() -> QuadrupedModel:
+    return quadruped_model(ROBOT, flat())
+
+
+def tumbling(model: QuadrupedModel, seed: int) -> Quadruped:
+    """In the air, every joint and the trunk in motion."""
+    rng, quadruped = np.random.default_rng(seed), Quadruped(model, 0.0, 0.0, 0.0)
+    data = quadruped.data
+    data.qpos[:3] = rng.uniform([-1, -1, 2], [1, 1, 4])
+    data.qpos[3:7] = Rotation.from_rotvec(rng.uniform(-2, 2, 3)).as_quat()[[3, 0, 1, 2]]
+    data.qpos[7:] += rng.uniform(-0.5, 0.5, 12)
+    data.qvel[:] = rng.uniform(-3, 3, DOF)
+    return quadruped
+
+
+def feet_at(model: QuadrupedModel, qpos: np.ndarray) -> np.ndarray:
+    data = mujoco.MjData(model.model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model.model, data)
+    return data.site_xpos[model.foot_sites].copy()
+
+
+def moved(model: QuadrupedModel, qpos: np.ndarray, qvel: np.ndarray, dt_s: float) -> np.ndarray:
+    qpos = qpos.copy()
+    mujoco.mj_integratePos(model.model, qpos, qvel, dt_s)
+    return qpos
+
+
+def jacobians_at(model: QuadrupedModel, qpos: np.ndarray) -> np.ndarray:
+    """(4, 3, 18) by central differences of the feet's positions."""
+    h = 1e-5
+    ways = [feet_at(model, moved(model, qpos, e, h)) - feet_at(model, moved(model, qpos, e, -h)) for e in np.eye(DOF)]
+    return np.stack(ways, axis=-1) / (2 * h)
+
+
+def hold(quadruped: Quadruped, seconds: float) -> None:
+    """Stand by springs in the joints; the last act comes last."""
+    model, data = quadruped.model, quadruped.data
+    wanted = data.qpos[model.joint_qpos].copy()
+    for _ in range(round(seconds / model.model.opt.timestep)):
+        quadruped.read()
+        quadruped.act(400 * (wanted - data.qpos[model.joint_qpos]) - 8 * data.qvel[model.joint_qvel])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_read_is_where_the_robot_is(model, seed):
+    quadruped = tumbling(model, seed)
+    qpos, qvel = quadruped.data.qpos.copy(), quadruped.data.qvel.copy()
+    state = quadruped.read()
+    np.testing.assert_array_equal(state.position_m, qpos[:3])
+    np.testing.assert_array_equal(state.qvel, qvel)
+    np.testing.assert_allclose(
+        state.rotation_body_to_map, Rotation.from_quat(qpos[[4, 5, 6, 3]]).as_matrix(), atol=1e-12
+    )
+    np.testing.assert_allclose(state.feet_m, feet_at(model, qpos), atol=1e-12)
+    np.testing.assert_array_equal(state.rpy, roll_pitch_yaw(state.rotation_body_to_map))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_jacobians_and_their_change_are_finite_differences_of_the_feet(model, seed):
+    quadruped = tumbling(model, seed)
+    qpos, qvel, state = quadruped.data.qpos.copy(), quadruped.data.qvel.copy(), quadruped.read()
+    np.testing.assert_allclose(state.foot_jacobians, jacobians_at(model, qpos), atol=1e-8)
+    h = 1e-4
+    change = jacobians_at(model, moved(model, qpos, qvel, h)) - jacobians_at(model, moved(model, qpos, qvel, -h))
+    np.testing.assert_allclose(state.foot_jacobian_rates, change @ qvel / (2 * h), atol=2e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
+    quadruped = tumbling(model, seed)
+    state = quadruped.read()
+    data = mujoco.MjData(model.model)
+    data.qpos[:], data.qvel[:] = quadruped.data.qpos, quadruped.data.qvel
+    mujoco.mj_forward(model.model, data)
+    np.testing.assert_allclose(state.bias, data.qfrc_bias, atol=1e-12)
+    assert data.ncon == 0
+    # M qddot + bias is what it takes to accelerate so, one column of M after the other.
+    for row, e in enumerate(np.eye(DOF)):
+        data.qacc[:] = e
+        mujoco.mj_inverse(model.model, data)
+        np.testing.assert_allclose(state.mass_matrix[:, row] + state.bias, data.qfrc_inverse, atol=1e-10)
+    full = np.zeros((DOF, DOF))
+    mujoco.mj_fullM(model.model, data, full)
+    np.testing.assert_allclose(state.mass_matrix, full, atol=1e-12)
+
+
+def test_it_starts_on_its_feet_where_it_is_put():
+    up = quadruped_model(ROBOT, slope(0.1))
+    quadruped = Quadruped(up, 1.0, -2.0, 0.7)
+    state = quadruped.read()
+    np.testing.assert_allclose(state.position_m[:2] - [1.0, -2.0], 0, atol=ROBOT.standing_height_m * 0.11)
+    assert roll_pitch_yaw(state.rotation_body_to_map)[2] == pytest.approx(0.7)
+    hold(quadruped, 0.2)
+    assert quadruped.read().touches.all()
+
+
+def test_a_foot_touches_when_it_is_no_higher_than_its_radius(model):
+    quadruped, data, rng = Quadruped(model, 0.0, 0.0, 0.3), mujoco.MjData(model.model), np.random.default_rng(2)
+    wanted = quadruped.data.qpos[model.joint_qpos].copy()
+    seen = set()
+    for tick in range(600):
+        state = quadruped.read()
+        touches = state.touches
+        np.testing.assert_array_equal(touches, state.feet_m[:, 2] <= ROBOT.foot_radius_m)
+        seen.add(tuple(touches.tolist()))
+        if tick % 50 == 0:
+            lifts = rng.uniform(-0.3, 0.3, 12)
+        off = wanted + lifts - quadruped.data.qpos[model.joint_qpos]
+        quadruped.act(200 * off - 4 * quadruped.data.qvel[model.joint_qvel])
+        assert data.time == 0
+    assert len(seen) > 5
+
+
+def test_a_robot_on_its_back_touches_with_no_foot(model):
+    quadruped = Quadruped(model, 0.0, 0.0, 0.0)
+    quadruped.data.qpos[2:7] = [0.15, 0, 1, 0, 0]
+    for _ in range(300):
+        quadruped.read()
+        quadruped.act(np.zeros(12))
+    loads_n = quadruped.foot_loads_n()
+    assert quadruped.data.ncon > 0
+    np.testing.assert_array_equal(loads_n > 0, quadruped.read().touches)
+    assert loads_n.sum() < 0.5 * ROBOT.mass_kg * 9.81
+
+
+def test_standing_the_feet_carry_the_weight(model):
+    quadruped = Quadruped(model, 0.0, 0.0, 0.4)
+    hold(quadruped, 1.0)
+    loads_n = quadruped.foot_loads_n()
+    assert (loads_n > 10).all()
+    assert loads_n.sum() == pytest.approx(ROBOT.mass_kg * 9.81, rel=1e-3)
+    # Left and right alike, and the moments about the centre of mass cancel.
+    assert loads_n[[0, 2]] == pytest.approx(loads_n[[1, 3]], rel=1e-3)
+
+
+def test_moving_the_feet_carry_what_holds_the_robot_up(model):
+    quadruped, rng = Quadruped(model, 0.0, 0.0, 0.0), np.random.default_rng(1)
+    hold(quadruped, 0.1)
+    for _ in range(50):
+        quadruped.read()
+        quadruped.act(rng.uniform(-4, 4, 12))
+        # On level ground normals are vertical: MuJoCo's own sum of constraint forces on the trunk's height.
+        assert quadruped.foot_loads_n().sum() == pytest.approx(quadruped.data.qfrc_constraint[2], abs=1e-9)
+
+
+def test_torques_go_to_their_joints_within_the_limits(model):
+    quadruped = tumbling(model, 0)
+    torques_nm = np.linspace(-40, 40, 12)
+    quadruped.read()
+    quadruped.act(torques_nm)
+    limit = ROBOT.torque_limit_nm
+    np.testing.assert_allclose(quadruped.data.qfrc_actuator[model.joint_qvel], np.clip(torques_nm, -limit, limit))
+    np.testing.assert_array_equal(quadruped.data.qfrc_actuator[:6], 0)
+
+
+def momentum(quadruped: Quadruped) -> np.ndarray:
+    mujoco.mj_subtreeVel(quadruped.model.model, quadruped.data)
+    return ROBOT.mass_kg * quadruped.data.subtree_linvel[quadruped.model.trunk_body]
+
+
+def test_a_push_changes_the_momentum_for_one_tick(model):
+    quadruped, dt_s = Quadruped(model, 0.0, 0.0, 0.0), model.model.opt.timestep
+    quadruped.data.qpos[2] = 3.0
+    weight_n = np.array([0, 0, -9.81 * ROBOT.mass_kg])
+    for push_n in (np.array([30.0, -60.0, 5.0]), None):
+        quadruped.read()
+        before = momentum(quadruped).copy()
+        quadruped.act(np.zeros(12), push_n)
+        quadruped.read()
+        change = momentum(quadruped) - before
+        np.testing.assert_allclose(change, dt_s * (weight_n + (0 if push_n is None else push_n)), rtol=1e-3, atol=1e-3)
+
+
+def test_legs_in_another_order_are_read_and_driven_as_quadlogs(model):
+    """The same robot with its right legs first, as many a user's file has them."""
+    order = [1, 0, 3, 2]
+    head, *legs = re.split(r"(?=<body name=\"[a-z_]+_abduction\")", mjcf(ROBOT))
+    legs[-1], tail = legs[-1].split("    </body>\n  </worldbody>")
+    text = head + "".join(legs[leg] for leg in order) + "    </body>\n  </worldbody>" + tail
+    spec = mujoco.MjSpec.from_string(text)
+    add_world(spec, model.ground, 0.8, float(model.model.opt.timestep))
+    other = describe(spec.compile(), ROBOT, model.ground)
+    assert other.joint_qvel.tolist() != model.joint_qvel.tolist()
+    here, there = tumbling(model, 4), Quadruped(other, 0.0, 0.0, 0.0)
+    for _ in range(20):
+        there.data.qpos[:7], there.data.qvel[:6] = here.data.qpos[:7], here.data.qvel[:6]
+        there.data.qpos[other.joint_qpos] = here.data.qpos[model.joint_qpos]
+        there.data.qvel[other.joint_qvel] = here.data.qvel[model.joint_qvel]
+        ours, theirs = here.read(), there.read()
+        for name in ours.record.dtype.names:
+            np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=0, atol=1e-11, err_msg=name)
+        for quadruped in (here, there):
+            quadruped.act(np.linspace(-8, 8, 12))
+    np.testing.assert_allclose(there.read().qvel, here.read().qvel, rtol=0, atol=1e-9)
+
+
+def test_two_runs_are_the_same_to_the_bit(model):
+    runs = []
+    for _ in range(2):
+        quadruped, rng = Quadruped(model, 0.0, 0.0, 0.2), np.random.default_rng(5)
+        for _ in range(300):
+            state = quadruped.read()
+            quadruped.act(rng.uniform(-8, 8, 12), rng.uniform(-20, 20, 3))
+        runs.append(state.record.tobytes())
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_roll_pitch_yaw_against_scipy(seed):
+    rotation = Rotation.random(random_state=seed)
+    yaw, pitch, roll = rotation.as_euler("ZYX")
+    np.testing.assert_allclose(roll_pitch_yaw(rotation.as_matrix()), [roll, pitch, yaw], atol=1e-12)
+
+
+def test_straight_down_rounding_is_survived():
+    rotation = Rotation.from_euler("y", math.pi / 2).as_matrix()
+    rotation[2, 0] = -1.0000000000000002
+    assert roll_pitch_yaw(rotation)[1] == math.pi / 2

@@ -1,0 +1,299 @@
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from quadlog.control.locomotion.robot import ROBOTS, SIDES, Robot
+from quadlog.errors import QuadlogError, TooLarge, UnreadableFile, UnusableRobot
+from quadlog.simulation.robot import model_files
+from quadlog.simulation.robot.height_field import Extent, flat, undulating
+from quadlog.simulation.robot.model import mjcf, quadruped_model
+from quadlog.simulation.robot.user_model import load_user_model
+
+ROBOT = ROBOTS["tracking"]
+UNITREE = {"left_fore": "FL", "right_fore": "FR", "left_hind": "RL", "right_hind": "RR"}
+
+
+def unitree_names(text: str) -> str:
+    """Our own model with Unitree's names, and hip and knee turning about +y."""
+    for leg, short in UNITREE.items():
+        for ours, theirs in [("abduction", "hip"), ("hip", "thigh"), ("knee", "calf")]:
+            text = text.replace(f'"{leg}_{ours}"', f'"{short}_{theirs}_joint"')
+        text = text.replace(f'"{leg}_foot"', f'"{short}_foot"')
+    return text.replace('axis="0 -1 0"', 'axis="0 1 0"')
+
+
+def urdf(robot: Robot, legs: int = 4) -> str:
+    """The robot as Unitree writes its URDF: a massless base, fixed feet, meshes that are not there."""
+
+    def link(name: str, mass: float, centre: np.ndarray, inertia: np.ndarray, shape: str = "") -> str:
+        xx, yy, zz = inertia
+        return (
+            f'<link name="{name}"><visual><geometry><mesh filename="package://r/{name}.dae"/></geometry></visual>'
+            f'<collision><geometry><mesh filename="/etc/passwd"/></geometry></collision>{shape}'
+            f'<inertial><origin xyz="{centre[0]!r} {centre[1]!r} {centre[2]!r}"/><mass value="{mass!r}"/>'
+            f'<inertia ixx="{xx!r}" iyy="{yy!r}" izz="{zz!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+
+    def joint(name: str, parent: str, child: str, place: tuple[float, ...], axis: str = "") -> str:
+        kind = "revolute" if axis else "fixed"
+        limit = f'<axis xyz="{axis}"/><limit effort="33.5" velocity="20" lower="-20" upper="30"/>' if axis else ""
+        at = " ".join(map(repr, place))
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{at}"/>{limit}</joint>'
+        )
+
+    trunk, (abduction, thigh, shank) = robot.trunk, robot.links
+    parts = ['<robot name="any"><link name="base"/>', joint("floating_base", "base", "trunk", (0.0, 0.0, 0.0))]
+    parts.append(link("trunk", trunk.mass_kg, trunk.centre_m.tolist(), trunk.inertia_kgm2.tolist()))
+    ball = f'<collision><geometry><sphere radius="{robot.foot_radius_m}"/></geometry></collision>'
+    aside, thigh_m, shank_m = robot.lengths_m
+    for leg, short in enumerate(list(UNITREE.values())[:legs]):
+        side = float(SIDES[leg])
+        for name, piece in [("hip", abduction), ("thigh", thigh), ("calf", shank)]:
+            centre = (piece.centre_m * [1, side, 1]).tolist()
+            parts.append(link(f"{short}_{name}", piece.mass_kg, centre, piece.inertia_kgm2.tolist()))
+        parts.append(f'<link name="{short}_foot">{ball}</link>')
+        parts.append(joint(f"{short}_foot_fixed", f"{short}_calf", f"{short}_foot", (0.0, 0.0, -shank_m)))
+        parts.append(joint(f"{short}_calf_joint", f"{short}_thigh", f"{short}_calf", (0.0, 0.0, -thigh_m), "0 1 0"))
+        parts.append(joint(f"{short}_thigh_joint", f"{short}_hip", f"{short}_thigh", (0.0, side * aside, 0.0), "0 1 0"))
+        hip = tuple(robot.hips_m[leg].tolist())
+        parts.append(joint(f"{short}_hip_joint", "trunk", f"{short}_hip", hip, "1 0 0"))
+    return "".join([*parts, "</robot>"])
+
+
+def write(folder: Path, text: str, name: str = "robot.xml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["ours", "mjcf", "urdf"])
+def test_our_robot_in_other_words_is_our_robot(tmp_path: Path, kind: str):
+    texts = {"ours": mjcf(ROBOT), "mjcf": unitree_names(mjcf(ROBOT)), "urdf": urdf(ROBOT)}
+    ground = undulating(0.03, seed=1, extent=Extent(-1.0, -1.0, 1.0, 1.0))
+    theirs, ours = load_user_model(write(tmp_path, texts[kind]), ground), quadruped_model(ROBOT, ground)
+    robot = theirs.robot
+    assert robot.mass_kg == pytest.approx(ROBOT.mass_kg)
+    assert robot.lengths_m == pytest.approx(ROBOT.lengths_m)
+    assert (robot.hip_x_m, robot.hip_y_m, robot.torque_limit_nm) == pytest.approx((0.1805, 0.047, 33.5))
+    assert robot.foot_radius_m == pytest.approx(0.02)
+    # The same movement from the same torques is the same robot in every mass, length, sign and limit.
+    qpos = ours.standing_at(0.1, 0.2, 0.3)
+    ends = []
+    for quadruped in (theirs, ours):
+        data = mujoco.MjData(quadruped.model)
+        data.qpos[:7], data.qpos[quadruped.joint_qpos] = qpos[:7], qpos[quadruped.joint_qpos]
+        for step in range(100):
+            data.ctrl[quadruped.actuators] = 5 * np.sin(0.1 * step + np.arange(12)) + 40 * (np.arange(12) == 5) * (
+                step < 5
+            )
+            mujoco.mj_step(quadruped.model, data)
+        ends.append(
+            np.concatenate(
+                [data.qpos[:7], data.qpos[quadruped.joint_qpos], data.site_xpos[quadruped.foot_sites].ravel()]
+            )
+        )
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+def test_its_inertia_is_that_of_its_own_links(tmp_path: Path):
+    robot = load_user_model(write(tmp_path, urdf(ROBOT)), flat()).robot
+    as_high = replace(ROBOT, standing_height_m=robot.standing_height_m)
+    np.testing.assert_allclose(robot.inertia_kgm2, as_high.inertia_kgm2, atol=1e-9)
+    np.testing.assert_allclose(robot.centre_of_mass_m, as_high.centre_of_mass_m, atol=1e-9)
+
+
+def test_a_joint_that_is_turned_round_keeps_its_range(tmp_path: Path):
+    model = load_user_model(write(tmp_path, urdf(ROBOT)), flat()).model
+    np.testing.assert_array_equal(model.joint("left_fore_abduction").range, [-20, 30])
+    np.testing.assert_array_equal(model.joint("left_fore_knee").range, [-30, 20])
+
+
+def test_a_trunk_of_meshes_alone_reaches_as_far_as_the_hips(tmp_path: Path):
+    quadruped = load_user_model(write(tmp_path, urdf(ROBOT)), flat())
+    geom = quadruped.model.geom("trunk")
+    assert geom.bodyid[0] == quadruped.trunk_body
+    np.testing.assert_allclose(geom.size, [0.1805, 0.05, 0.05])
+    assert (geom.contype[0], geom.conaffinity[0]) == (0, 1)
+
+
+def test_numbers_before_a_legs_name_do_not_matter(tmp_path: Path):
+    text = (
+        urdf(ROBOT).replace("FL_", "01_lf_").replace("FR_", "02_rf_").replace("RL_", "03_lh_").replace("RR_", "04_rh_")
+    )
+    assert load_user_model(write(tmp_path, text), flat()).robot.mass_kg == pytest.approx(ROBOT.mass_kg)
+
+
+def test_a_floating_joint_to_the_trunk_is_the_free_one(tmp_path: Path):
+    text = urdf(ROBOT).replace('type="fixed"', 'type="floating"', 1)
+    assert load_user_model(write(tmp_path, text), flat()).model.nv == 18
+
+
+def test_mujoco_leaves_no_log_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    text = urdf(ROBOT)
+    load_user_model(write(tmp_path, text.replace('lower="-20" upper="30"', 'lower="1" upper="1"', 1)), flat())
+    with pytest.raises(UnreadableFile, match="nan"):
+        load_user_model(write(tmp_path, text.replace('effort="33.5"', 'effort="NaN"', 1)), flat())
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.xml"]
+
+
+def test_a_body_whose_origin_is_elsewhere_keeps_it(tmp_path: Path):
+    text = urdf(ROBOT).replace(
+        '<child link="trunk"/><origin xyz="0.0 0.0 0.0"/>', '<child link="trunk"/><origin xyz="0.02 0 0.05"/>'
+    )
+    quadruped = load_user_model(write(tmp_path, text), flat())
+    assert quadruped.robot.hip_centre_m == pytest.approx((0.02, 0.0, 0.05))
+    data = mujoco.MjData(quadruped.model)
+    data.qpos[:] = quadruped.standing_at(0.0, 0.0)
+    mujoco.mj_forward(quadruped.model, data)
+    np.testing.assert_allclose(data.site_xpos[quadruped.foot_sites][:, 2], 0.02, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "needed"),
+    [
+        (unitree_names(mjcf(ROBOT)).replace("FL_", "arm_"), "named left_fore or FL_... (found none)"),
+        (urdf(ROBOT, legs=3), "named right_hind or RH_"),
+        (unitree_names(mjcf(ROBOT)).replace("_foot", "_tip"), "a foot: a site, sphere or body below FL_calf_joint"),
+        (
+            unitree_names(mjcf(ROBOT)).replace('name="RR_calf_joint"', 'name="tail"'),
+            "found RR_hip_joint, RR_thigh_joint",
+        ),
+        (mjcf(ROBOT).replace('type="hinge"', 'type="slide"', 1), "three hinge joints"),
+        (mjcf(ROBOT).replace('axis="0 -1 0"', 'axis="1 0 0"', 1), "legs like quadlog's"),
+        (urdf(ROBOT).replace('effort="33.5"', 'effort="0"', 1), "a torque limit of FL_calf_joint"),
+    ],
+)
+def test_what_is_missing_is_told(tmp_path: Path, text: str, needed: str):
+    with pytest.raises(UnusableRobot) as caught:
+        load_user_model(write(tmp_path, text), flat())
+    assert needed in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "no xml",
+        "<html/>",
+        "<mujoco><worldbody><body><geom/></body></worldbody>",
+        '<!DOCTYPE mujoco [<!ENTITY a "b">]><mujoco/>',
+        "<mujoco>" + "<body>" * 300 + "</body>" * 300 + "</mujoco>",
+        '<mujoco><worldbody><body><geom type="box" size="x"/></body></worldbody></mujoco>',
+        '<mujoco><asset><mesh name="a" file="/etc/passwd"/></asset></mujoco>',
+        '<mujoco><compiler meshdir=".."/><asset><mesh name="a" file="secret.stl"/></asset></mujoco>',
+        '<mujoco><asset><mesh name="a" file="absent.stl"/></asset></mujoco>',
+        '<mujoco><include file="../secret.xml"/></mujoco>',
+        '<mujoco><include file="robot.xml"/></mujoco>',
+        "\ud800",
+    ],
+)
+def test_a_file_that_is_no_model_or_reaches_out_is_refused(tmp_path: Path, text: str):
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    write(tmp_path, "<mujoco/>", "secret.xml")
+    write(tmp_path, "solid", "secret.stl")
+    path = folder / "robot.xml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    with pytest.raises(UnreadableFile):
+        model_files.read_model(path)
+
+
+def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path: Path):
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    (folder / "inner.xml").symlink_to(write(tmp_path, "<mujoco/>", "secret.xml"))
+    with pytest.raises(UnreadableFile, match="lies outside"):
+        model_files.read_model(write(folder, '<mujoco><include file="inner.xml"/></mujoco>'))
+
+
+def test_what_could_swell_never_reaches_mujoco(tmp_path: Path):
+    swelling = (
+        '<size memory="900G"/><asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'
+        '<texture name="t" type="2d" builtin="flat" width="99999" height="99999"/></asset>'
+        '<worldbody><replicate count="100000000"><geom size="1"/></replicate>'
+        '<body><flexcomp name="f" type="grid" count="999 999 999"/></body></worldbody></mujoco>'
+    )
+    text = mjcf(ROBOT).replace("</mujoco>", swelling)
+    assert load_user_model(write(tmp_path, text), flat()).model.nv == 18
+
+
+def test_an_included_file_and_a_mesh_beside_it_are_taken(tmp_path: Path):
+    (tmp_path / "parts").mkdir()
+    corners = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)]
+    faces = "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    write(tmp_path / "parts", "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + faces, "wedge.obj")
+    text = mjcf(ROBOT).replace('<geom name="trunk"', '<geom type="mesh" mesh="wedge"/><geom name="trunk"')
+    body = text[text.index("<worldbody>") : text.index("</worldbody>") + len("</worldbody>")]
+    write(tmp_path, f"<mujoco>{body}</mujoco>", "body.xml")
+    asset = '<compiler angle="radian" meshdir="parts"/><asset><mesh file="wedge.obj"/></asset>'
+    path = write(tmp_path, text.replace(body, f'{asset}<include file="body.xml"/>'))
+    quadruped = load_user_model(path, flat())
+    assert quadruped.model.nmesh == 1
+    assert quadruped.robot.mass_kg == pytest.approx(ROBOT.mass_kg)
+
+
+def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = write(tmp_path, mjcf(ROBOT))
+    with monkeypatch.context() as patch:
+        patch.setattr(model_files, "MOST_XML_BYTES", 1000)
+        with pytest.raises(TooLarge):
+            model_files.read_model(path)
+    write(tmp_path, "v 0 0 0\n" * 100, "a.obj")
+    monkeypatch.setattr(model_files, "MOST_MESH_BYTES", 100)
+    with pytest.raises(TooLarge):
+        model_files.read_model(write(tmp_path, '<mujoco><asset><mesh file="a.obj"/></asset></mujoco>'))
+
+
+@pytest.mark.parametrize(
+    ("before", "part", "many", "named"),
+    [
+        ("</worldbody>", '<geom size="1"/>', 200_000, "XML tags: 200[0-9]+ exceeds the limit of 50000"),
+        ("</worldbody>", '<geom size="1"/>', 2000, "geoms: 2017 exceeds the limit of 1000"),
+        ("</worldbody>", "<body/>", 1000, "bodies"),
+        ("</worldbody>", '<site size="1"/>', 10_000, "elements"),
+        ("</actuator>", '<motor joint="left_fore_knee"/>', 1000, "actuators"),
+        ("<worldbody>", '<asset><mesh vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>', 5_000, "elements"),
+    ],
+)
+def test_more_parts_than_a_robot_has_are_refused_before_mujoco_sees_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, part: str, many: int, named: str
+):
+    monkeypatch.setattr(mujoco, "MjSpec", None)
+    text = mjcf(ROBOT)
+    assert text.count(before) == 1
+    with pytest.raises(TooLarge, match=named):
+        model_files.read_model(write(tmp_path, text.replace(before, part * many + before)))
+
+
+def test_an_urdf_of_many_shapes_is_refused(tmp_path: Path):
+    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    with pytest.raises(TooLarge, match="geoms"):
+        model_files.read_model(write(tmp_path, urdf(ROBOT).replace("</link>", shape * 100 + "</link>"), "r.urdf"))
+
+
+def test_a_file_that_is_not_there_is_told(tmp_path: Path):
+    with pytest.raises(UnreadableFile, match="no such file"):
+        load_user_model(tmp_path / "absent.xml", flat())
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 7000), st.integers(1, 200), st.binary(max_size=20))
+def test_a_damaged_file_is_read_or_refused(tmp_path: Path, at: int, cut: int, instead: bytes):
+    content = urdf(ROBOT).encode()
+    path = tmp_path / "damaged.urdf"
+    path.write_bytes(content[:at] + instead + content[at + cut :])
+    message = ""
+    try:
+        load_user_model(path, flat())
+    except QuadlogError as error:
+        message = str(error)
+    assert "\n" not in message

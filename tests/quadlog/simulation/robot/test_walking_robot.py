@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import Walker, WalkerSettings
+from quadlog.simulation.robot import height_field as ground
+from quadlog.simulation.robot.disturbances import NONE
+from quadlog.simulation.robot.model import quadruped_model
+from quadlog.simulation.robot.walking_robot import WalkingRobot
+
+ROBOT = ROBOTS["tracking"]
+START = np.array([1.0, 2.0, 0.5])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return quadruped_model(ROBOT, ground.flat())
+
+
+def _robot(model, disturbances=NONE, **settings) -> WalkingRobot:
+    return WalkingRobot(model, WalkerSettings(**settings), START, np.random.default_rng(0), disturbances)
+
+
+@pytest.fixture(scope="module")
+def walked(model):
+    """After a second at 0.4 m/s, and what its feet carried on the way."""
+    robot, loads = _robot(model), []
+    for _ in range(50):
+        robot.walk(10, 0.4, 0.0)
+        loads.append(robot.foot_loads_n.sum())
+    return robot, np.array(loads)
+
+
+def test_it_starts_where_it_is_put(model):
+    robot = _robot(model)
+    np.testing.assert_allclose(robot.pose, START, atol=1e-9)
+    assert robot.position_m[2] == pytest.approx(ROBOT.standing_height_m, abs=1e-3)
+    assert robot.t_s == 0
+    assert not robot.fallen
+
+
+def test_it_walks_as_it_is_told(walked):
+    robot, _ = walked
+    assert robot.t_s == pytest.approx(1.0)
+    assert not robot.fallen
+    moved = robot.pose[:2] - START[:2]
+    along = moved @ [math.cos(0.5), math.sin(0.5)]
+    # Up to 0.4 m/s at 1 m/s^2 loses 0.08 m; the body lags a little more.
+    assert 0.22 < along < 0.36
+    assert abs(moved @ [-math.sin(0.5), math.cos(0.5)]) < 0.02
+    assert robot.pose[2] == pytest.approx(0.5, abs=0.03)
+    assert robot.velocity[0] == pytest.approx(0.4, abs=0.08)
+
+
+def test_its_feet_carry_its_weight(walked):
+    _, loads = walked
+    assert loads[10:].mean() == pytest.approx(ROBOT.mass_kg * 9.81, rel=0.08)
+
+
+def test_effort_is_summed_over_all_ticks(walked):
+    robot, _ = walked
+    effort = robot.effort
+    assert effort.distance_m == pytest.approx(np.hypot(*(robot.pose[:2] - START[:2])), rel=0.15)
+    assert 2 < effort.torque_max_nm <= ROBOT.torque_limit_nm
+    assert 0 <= effort.saturation_share <= 1
+    assert 0.1 < effort.energy_j / (robot.mass_kg * 9.81 * effort.distance_m) < 5
+    assert effort.pitch_rms_rad < 0.03
+    assert effort.height_rms_m < 0.01
+
+
+def test_it_turns_as_it_is_told(model):
+    robot = _robot(model)
+    robot.walk(400, 0.2, 0.5)
+    assert robot.pose[2] - 0.5 == pytest.approx(0.5 * 0.8 - 0.5 * 0.5**2 / 4, abs=0.08)
+
+
+def test_a_push_moves_it_and_a_strong_one_fells_it(model):
+    pushed = _robot(model, replace(NONE, push_n=60.0, push_s=0.1, push_every_s=0.2))
+    calm = _robot(model)
+    for robot in (pushed, calm):
+        robot.walk(175, 0.0, 0.0)
+    sideways = np.array([-math.sin(0.5), math.cos(0.5)])
+    assert abs((pushed.pose - calm.pose)[:2] @ sideways) > 0.01
+    assert not pushed.fallen
+    felled = _robot(model, replace(NONE, push_n=2000.0, push_s=0.2, push_every_s=0.1))
+    felled.walk(505, 0.0, 0.0)
+    assert felled.fallen
+    assert felled.t_s == pytest.approx(1.01)
+    lying = felled.pose
+    felled.walk(10, 0.6, 0.0)
+    np.testing.assert_array_equal(felled.pose, lying)
+    assert felled.t_s == pytest.approx(1.03)
+
+
+def test_what_it_walked_is_what_it_truly_walked(model):
+    biased = _robot(model, replace(NONE, velocity_bias_mps=0.2))
+    places = [biased.pose[:2]]
+    for _ in range(150):
+        biased.walk(1, 0.0, 0.0)
+        places.append(biased.pose[:2])
+    assert biased.effort.distance_m == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum(), rel=0.02)
+
+
+def test_the_controller_is_told_the_velocity_with_its_error(model, monkeypatch):
+    told, step = [], Walker.step
+
+    def spy(walker, t_s, dt_s, state, wanted):
+        told.append(state.qvel.copy())
+        return step(walker, t_s, dt_s, state, wanted)
+
+    monkeypatch.setattr(Walker, "step", spy)
+    robot = _robot(model, replace(NONE, velocity_bias_mps=0.2))
+    for _ in range(5):
+        true = robot._state.qvel.copy()
+        robot.walk(1, 0.3, 0.0)
+        np.testing.assert_array_equal(told[-1][:3], true[:3] + robot.disturbances.velocity_bias_mps)
+        np.testing.assert_array_equal(told[-1][3:], true[3:])
+
+
+def test_the_same_walk_twice_is_bitwise_the_same(model):
+    first, second = _robot(model), _robot(model)
+    for robot in (first, second):
+        robot.walk(100, 0.5, 0.2)
+    np.testing.assert_array_equal(first.joints, second.joints)
+    np.testing.assert_array_equal(first.torques_nm, second.torques_nm)

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.simulation.sensors.scene import RayCaster
+from quadlog.simulation.synthetic import corridor
+from quadlog.simulation.synthetic.recording import START_NS
+
+LAP_S = np.arange(0.0, 100.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def lap():
+    return corridor.synthesize(seed=0, duration_s=90.0, azimuth_steps=16)
+
+
+def test_the_corridor_is_two_metres_wide_between_walls_and_doors():
+    caster, way = RayCaster(corridor.building()), corridor.route()
+    place, heading, curvature = way.at(np.arange(0.0, way.length_m, 0.05))
+    left = np.column_stack([-np.sin(heading), np.cos(heading), np.zeros(len(heading))])
+    origins = np.column_stack([place, np.full(len(place), 0.5)])
+    straight = np.abs(curvature) < 0.02
+    to_left, to_right = (caster.cast(origins, side).range_m[straight] for side in (left, -left))
+    width = to_left + to_right
+    assert np.mean(np.abs(width - 2.0) < 0.02) > 0.6
+    # A closed door stands 10 cm back, the open one lets one look 4 m into a room.
+    assert width.min() > 1.97
+    assert 0.02 < np.mean(np.abs(width - 2.1) < 0.02) < 0.3
+    assert np.isclose(to_left.max(), 5.0, atol=0.05)
+
+
+def test_the_way_is_the_middle_and_bends_four_times_by_a_right_angle():
+    way = corridor.route()
+    step_m = 0.01
+    place, heading, curvature = way.at(np.arange(0.0, way.length_m, step_m))
+    assert curvature.sum() * step_m == pytest.approx(2 * np.pi, abs=1e-2)
+    assert np.abs(curvature).max() < 1.6
+    x, y = place.T
+    walls = np.min([x, y, 16.0 - x, 12.0 - y], axis=0)
+    assert walls.min() > 0.99
+    bends = np.abs(curvature) > 0.5
+    assert np.count_nonzero(np.diff(bends.astype(int)) == 1) == 4
+    assert np.allclose(np.sin(2 * heading[np.abs(curvature) < 0.02]), 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_robot_and_people_touch_neither_walls_nor_cartons(seed, distance_to):
+    site = corridor.synthesize(seed=seed, duration_s=1.0, azimuth_steps=16).site
+    for walk, room_m in ((site.robot, 0.42), (site.person, 0.4), (site.passer_by, 0.3)):
+        xy = walk.at(LAP_S).position_m
+        points = np.concatenate([np.column_stack([xy, np.full(len(xy), z)]) for z in (0.1, 0.4, 1.5)])
+        assert min(distance_to(each)(points).min() for each in site.obstacles) > room_m
+    apart = np.linalg.norm(site.robot.at(LAP_S).position_m - site.person.at(LAP_S).position_m, axis=1)
+    assert apart.min() > 1.4
+    assert apart.max() < 2.6
+
+
+def test_the_seed_puts_the_cartons_down_and_leaves_the_building():
+    one, same, other = (corridor.synthesize(seed=s, duration_s=1.0, azimuth_steps=16).site for s in (3, 3, 4))
+    assert one.obstacles == same.obstacles
+    assert one.obstacles != other.obstacles
+    building = set(corridor.building())
+    assert building < set(one.obstacles)
+    cartons = [each for each in other.obstacles if each not in building]
+    assert 8 <= len(cartons) <= 12
+    assert all(0.15 <= each.height_m <= 0.9 for each in cartons)
+
+
+def test_round_the_bend_sight_to_anchors_is_lost(lap):
+    for ranges, tag in zip(lap.ranges, lap.tags, strict=True):
+        place = tag.position_m((ranges.t_ns - START_NS) * 1e-9)
+        south = (place[:, 1] < 1.5) & (np.abs(place[:, 0] - 8.0) < 4.0)
+        assert south.sum() > 300
+        # From the south side: the two corners of its own and the anchor halfway, none of the far sides.
+        assert ranges.line_of_sight[south][:, [0, 1, 4]].all()
+        assert not ranges.line_of_sight[south][:, [2, 3, 5, 6, 7]].any()
+        assert (ranges.line_of_sight.sum(axis=1) >= 2).all()
+
+
+def test_there_is_a_ceiling_and_it_is_not_in_the_way():
+    caster = RayCaster(corridor.building())
+    up = caster.cast(np.array([[1.0, 6.0, 0.45]]), np.array([[0.0, 0.0, 1.0]]))
+    assert up.range_m == pytest.approx(2.15, abs=1e-4)

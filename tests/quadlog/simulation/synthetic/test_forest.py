@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.simulation.sensors.lidar import TruePointClass
+from quadlog.simulation.sensors.scene import Cylinder
+from quadlog.simulation.synthetic import forest
+from quadlog.simulation.synthetic.recording import PERSON_TRUTH_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
+
+LAP_S = np.arange(0.0, 90.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return forest.synthesize(seed=1, duration_s=4.0, azimuth_steps=120)
+
+
+def outline_distance(obstacle, xy):
+    """Horizontal distance of points (N, 2) to a cylinder or box."""
+    offset = xy - [obstacle.x_m, obstacle.y_m]
+    if isinstance(obstacle, Cylinder):
+        return np.hypot(*offset.T) - obstacle.radius_m
+    turn = np.exp(-1j * obstacle.yaw_rad) * (offset @ [1, 1j])
+    outside = [np.abs(turn.real) - obstacle.length_m / 2, np.abs(turn.imag) - obstacle.width_m / 2]
+    return np.linalg.norm(np.maximum(outside, 0), axis=0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_that_grows_is_in_the_way_of_robot_and_people(seed):
+    site = forest.synthesize(seed=seed, duration_s=1.0, azimuth_steps=16).site
+    for walk in (site.robot, site.person, site.passer_by):
+        xy = walk.at(LAP_S).position_m
+        for grown in site.obstacles + site.foliage:
+            if grown.bottom_m < 2.0:
+                assert outline_distance(grown, xy).min() > 0.6
+    robot, person, other = (each.at(LAP_S).position_m for each in (site.robot, site.person, site.passer_by))
+    apart = np.linalg.norm(robot - person, axis=1)
+    assert apart.min() > 1.4
+    assert apart.max() < 2.6
+    assert min(np.linalg.norm(other - each, axis=1).min() for each in (robot, person)) > 0.8
+    assert np.abs(site.robot.at(LAP_S).yaw_rate_radps).max() < 1.2
+
+
+def test_trees_are_many_of_many_sizes_and_apart():
+    for seed in range(4):
+        trunks = forest.grow(np.random.default_rng(seed)).trunks
+        assert len(trunks) > 70
+        place = np.array([[each.x_m, each.y_m] for each in trunks])
+        radius = np.array([each.radius_m for each in trunks])
+        assert radius.min() < 0.12
+        assert radius.max() > 0.3
+        gap = np.linalg.norm(place[:, None] - place, axis=2) - radius[:, None] - radius
+        assert gap[~np.eye(len(trunks), dtype=bool)].min() >= 0.9 - 1e-9
+
+
+def test_the_seed_grows_the_forest_and_lays_the_way():
+    one, same, other = (forest.synthesize(seed=s, duration_s=1.0, azimuth_steps=16).site for s in (3, 3, 4))
+    assert one.obstacles == same.obstacles
+    assert one.foliage == same.foliage
+    np.testing.assert_array_equal(one.terrain.height_m, same.terrain.height_m)
+    np.testing.assert_array_equal(one.robot.at(LAP_S).position_m, same.robot.at(LAP_S).position_m)
+    assert one.obstacles != other.obstacles
+    assert np.abs(one.robot.at(LAP_S).position_m - other.robot.at(LAP_S).position_m).max() > 0.5
+
+
+def test_ground_points_lie_on_the_uneven_ground_from_the_true_pose_of_their_instant(recording):
+    poses = [m.message for m in recording.messages() if m.topic == ROBOT_TRUTH_TOPIC]
+    t_ns = np.array([each.stamp_ns for each in poses])
+    place = np.array([each.position_m for each in poses])
+    turn = Rotation.from_quat([each.quat_xyzw for each in poses])
+    assert np.ptp(place[:, 2]) > 0.01
+    errors, tree_errors = [], []
+    for scan in recording.scans():
+        # At the recorded poses only: between them the robot moves by less than the noise.
+        stamps = scan.cloud.stamp_ns + scan.cloud.offset_ns
+        nearest = np.searchsorted(t_ns, stamps).clip(0, len(t_ns) - 1)
+        at_once = np.abs(t_ns[nearest] - stamps) < 2_000_000
+        in_map = turn[nearest].apply(scan.cloud.xyz_m + np.array([0.0, 0.0, 0.45])) + place[nearest]
+        above = in_map[:, 2] - recording.site.terrain.height_at(in_map[:, :2])
+        errors.append(above[at_once & (scan.point_class == TruePointClass.GROUND)])
+        trees = in_map[at_once & (scan.point_class == TruePointClass.OBSTACLE)]
+        grown = recording.site.obstacles + recording.site.foliage
+        tree_errors.append(np.min([outline_distance(each, trees[:, :2]) for each in grown], axis=0))
+    ground, trees = np.concatenate(errors), np.concatenate(tree_errors)
+    assert len(ground) > 2000
+    # A ground return's range noise is 2 cm along a ray that falls by at most 15 + 8 degrees.
+    assert np.abs(ground).max() < 0.06
+    assert np.abs(ground.mean()) < 2e-3
+    assert len(trees) > 2000
+    assert trees.max() < 0.1
+
+
+def test_the_person_stands_on_the_ground_too(recording):
+    site = recording.site
+    poses = [m.message for m in recording.messages() if m.topic == PERSON_TRUTH_TOPIC]
+    xyz = np.array([each.position_m for each in poses])
+    np.testing.assert_allclose(xyz[:, 2], site.terrain.height_at(xyz[:, :2]), atol=1e-12)
+    t_s = np.array([0.0, 1.0, 2.0])
+    for tag, walk, height_m in zip(recording.tags, (site.robot, site.person), (0.6, 1.3), strict=True):
+        ground_m = site.terrain.height_at(walk.at(t_s).position_m)
+        np.testing.assert_allclose(tag.position_m(t_s)[:, 2] - ground_m, height_m, atol=0.05)
+
+
+def test_trunks_hold_up_uwb_and_saplings_do_not():
+    lap = forest.synthesize(seed=2, duration_s=60.0, azimuth_steps=16)
+    for ranges, tag in zip(lap.ranges, lap.tags, strict=True):
+        assert 0.1 < 1 - ranges.line_of_sight.mean() < 0.5
+        every = slice(0, None, 53)
+        tag_m = tag.position_m((ranges.t_ns[every] - START_NS) * 1e-9)
+        along = np.linspace(0, 1, 1500)[:, None, None]
+        for anchor, place_m in enumerate(forest.ANCHORS_M):
+            samples = (tag_m + along * (place_m - tag_m))[..., :2].reshape(-1, 2)
+            depth = np.min([outline_distance(each, samples) for each in lap.site.obstacles], axis=0)
+            depth = depth.reshape(1500, -1).min(axis=0)
+            sure = np.abs(depth) > 0.01
+            np.testing.assert_array_equal(ranges.line_of_sight[every, anchor][sure], depth[sure] > 0)

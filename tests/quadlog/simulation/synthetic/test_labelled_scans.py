@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.errors import UnknownName
+from quadlog.geometry import apply_transform
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.simulation.synthetic.labelled_scans import (
+    PLACES,
+    SCANS_LIDAR,
+    is_true_obstacle,
+    labelled_scans,
+    true_obstacle_cells,
+    with_missing,
+)
+
+RAYS = 30_000
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """Four scans of every place."""
+    return {name: list(labelled_scans(name, seed=7, n=4)) for name in PLACES}
+
+
+def of_class(scan, wanted):
+    return scan.xyz_lidar_m[scan.truth == wanted].astype(np.float64)
+
+
+def in_map(scan, wanted):
+    return apply_transform(scan.transform_base_to_map @ scan.transform_lidar_to_base, of_class(scan, wanted))
+
+
+def in_level(scan, wanted):
+    return apply_transform(scan.transform_base_to_level @ scan.transform_lidar_to_base, of_class(scan, wanted))
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_scans_are_those_of_the_sensor(scans, name):
+    for scan in scans[name]:
+        n = len(scan.truth)
+        assert 8_000 < n <= RAYS
+        assert {len(each) for each in (scan.xyz_lidar_m, scan.ring, scan.offset_ns, scan.height_m)} == {n}
+        assert (scan.xyz_lidar_m.dtype, scan.ring.dtype, scan.truth.dtype) == (np.float32, np.uint16, np.uint8)
+        x, y, z = scan.xyz_lidar_m.astype(np.float64).T
+        elevation_deg = np.rad2deg(np.arctan2(z, np.hypot(x, y)))
+        np.testing.assert_allclose(elevation_deg, -15 + 2 * scan.ring.astype(float), atol=1e-3)
+        # Column by column, each bottom up.
+        assert (np.diff(scan.offset_ns) >= 0).all()
+        same_column = np.diff(scan.offset_ns) == 0
+        assert (np.diff(scan.ring.astype(int))[same_column] > 0).all()
+        assert len(np.unique(scan.offset_ns)) <= 1875
+        assert 0.4 <= scan.transform_lidar_to_base[2, 3] <= 0.5
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_one_percent_are_outliers_and_the_rest_is_ground_and_obstacles(scans, name):
+    truth = np.concatenate([scan.truth for scan in scans[name]])
+    assert set(np.unique(truth)) == {PointClass.OUTLIER, PointClass.GROUND, PointClass.OBSTACLE}
+    assert np.mean(truth == PointClass.OUTLIER) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / len(truth)))
+    assert np.mean(truth == PointClass.GROUND) > (0.05 if name == "corridor" else 0.3)
+    assert np.mean(truth == PointClass.OBSTACLE) > 0.03
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_heights_are_above_the_true_ground(scans, name):
+    for scan in scans[name]:
+        assert np.array_equal(np.isnan(scan.height_m), scan.truth == PointClass.OUTLIER)
+        assert np.abs(scan.height_m[scan.truth == PointClass.GROUND]).max() < 1e-3
+        obstacle = scan.height_m[scan.truth == PointClass.OBSTACLE]
+        assert obstacle.min() > -0.12  # a leg swings over a slope
+        assert np.mean(obstacle < 0) < 0.02
+
+
+def test_ranges_of_ground_points_on_the_flat_are_those_to_a_plane(scans):
+    errors = []
+    for scan in scans["flat"]:
+        turn = (scan.transform_base_to_map @ scan.transform_lidar_to_base)[:3, :3]
+        points = of_class(scan, PointClass.GROUND)
+        range_m = np.linalg.norm(points, axis=1)
+        down = -(points / range_m[:, None] @ turn.T)[:, 2]
+        sensor_m = (scan.transform_base_to_map @ scan.transform_lidar_to_base)[2, 3]
+        errors.append(range_m - sensor_m / down)
+    error = np.concatenate(errors)
+    assert error.std() == pytest.approx(0.02, rel=0.02)
+    assert error.mean() == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "angle_deg"), [("slope_15", 15.0), ("slope_20", 20.0)])
+def test_a_slopes_ground_is_its_plane_and_the_body_is_parallel_or_level(scans, name, angle_deg):
+    for index, scan in enumerate(scans[name]):
+        x, _, z = in_map(scan, PointClass.GROUND).T
+        off = (z - np.tan(np.deg2rad(angle_deg)) * x) * np.cos(np.deg2rad(angle_deg))
+        assert np.abs(off).max() < 6 * 0.02
+        up = scan.transform_base_to_map[:3, 2]
+        tilt_deg = np.rad2deg(np.arccos(up @ [0.0, 0.0, 1.0]))
+        if index == 0:
+            assert tilt_deg == pytest.approx(angle_deg, abs=1e-6)
+        elif index == 2:
+            assert tilt_deg == pytest.approx(0.0, abs=1e-5)
+        else:
+            assert 0.1 < abs(tilt_deg - (angle_deg if index < 2 else 0.0)) < 12.0
+
+
+@pytest.mark.parametrize(("name", "angle_deg"), [("ramp_15", 15.0), ("ramp_20", 20.0)])
+def test_a_ramp_lies_ahead_of_a_robot_on_the_flat(scans, name, angle_deg):
+    for scan in scans[name]:
+        x, _, z = in_map(scan, PointClass.GROUND).T
+        assert np.abs(z[x < 1.4]).max() < 0.05
+        on_ramp = (z > 0.15) & (z < 4.0 * np.tan(np.deg2rad(angle_deg)) - 0.1)
+        assert on_ramp.sum() > 300
+        rise, _ = np.polyfit(x[on_ramp], z[on_ramp], 1)
+        assert np.rad2deg(np.arctan(rise)) == pytest.approx(angle_deg, abs=0.6)
+        assert abs(np.arctan2(scan.transform_base_to_map[1, 0], scan.transform_base_to_map[0, 0])) <= 0.4
+
+
+def test_the_wall_ahead_is_near_and_across_the_way(scans):
+    for scan in scans["wall_ahead"]:
+        x, y, z = in_level(scan, PointClass.OBSTACLE).T
+        ahead = (np.abs(y) < 1.0) & (x > 0) & (z < 0.6)
+        assert 1.3 < x[ahead].min() < 4.4
+        assert ahead.sum() > 800
+        askew, near_m = np.polyfit(y[ahead], x[ahead], 1)
+        np.testing.assert_allclose(x[ahead], askew * y[ahead] + near_m, atol=0.1)
+
+
+def test_corridor_walls_are_two_metres_apart(scans):
+    for scan in scans["corridor"]:
+        x, y, _ = in_map(scan, PointClass.OBSTACLE).T
+        inside = np.min([x, y, 16.0 - x, 12.0 - y], axis=0)
+        # Inside the outer walls (doors 10 cm back), and in the ring but for the one room and doors.
+        assert inside.min() > -0.3
+        assert np.mean(inside < 2.2) > 0.85
+
+
+def test_a_person_stands_one_to_three_metres_ahead(scans):
+    for name in ("flat", "corridor", "forest", "slope_15"):
+        found = 0
+        for scan in scans[name]:
+            x, y, _ = in_level(scan, PointClass.OBSTACLE).T
+            found += np.count_nonzero((np.hypot(x, y) < 3.4) & (x > 0.9) & (np.abs(y) < 0.9)) > 30
+        assert found >= 3
+
+
+def test_every_other_scan_is_tilted_by_the_gait_and_levelling_undoes_it():
+    tilts = []
+    for index, scan in enumerate(labelled_scans("flat", seed=11, n=8)):
+        up = scan.transform_base_to_map[:3, 2]
+        tilts.append(np.rad2deg(np.arccos(min(1.0, up[2]))))
+        assert (tilts[-1] > 0) == (index % 2 == 1)
+        assert np.abs(in_level(scan, PointClass.GROUND)[:, 2]).max() < 0.05
+    assert 0.5 < np.mean(tilts[1::2]) < 6.0
+    tilted = next(iter(list(labelled_scans("flat", seed=11, n=2))[1:]))
+    assert (
+        np.abs(apply_transform(tilted.transform_lidar_to_base, of_class(tilted, PointClass.GROUND))[:, 2]).max() > 0.05
+    )
+
+
+@pytest.mark.parametrize("name", ["undulating", "corridor", "forest"])
+def test_a_scan_is_its_seeds_and_its_numbers(scans, name):
+    again = list(labelled_scans(name, seed=7, n=2))
+    for one, other in zip(scans[name], again, strict=False):
+        np.testing.assert_array_equal(one.xyz_lidar_m, other.xyz_lidar_m)
+        np.testing.assert_array_equal(one.truth, other.truth)
+    assert not np.array_equal(again[0].xyz_lidar_m[:100], again[1].xyz_lidar_m[:100])
+    (other_seed,) = labelled_scans(name, seed=8, n=1)
+    assert not np.array_equal(other_seed.xyz_lidar_m[:100], again[0].xyz_lidar_m[:100])
+
+
+def test_the_other_style_of_driver_sends_what_is_missing_as_nan(scans):
+    (kept,) = labelled_scans("flat", seed=7, n=1, lidar=with_missing(SCANS_LIDAR))
+    left_out = scans["flat"][0]
+    assert len(kept.truth) == RAYS
+    missing = np.isnan(kept.xyz_lidar_m).all(axis=1)
+    np.testing.assert_array_equal(missing, kept.truth == PointClass.INVALID)
+    np.testing.assert_array_equal(kept.xyz_lidar_m[~missing], left_out.xyz_lidar_m)
+    np.testing.assert_array_equal(kept.ring.reshape(-1, 16), np.tile(np.arange(16), (1875, 1)))
+    np.testing.assert_array_equal(kept.truth[~missing], left_out.truth)
+    np.testing.assert_array_equal(kept.height_m[~missing], left_out.height_m)
+
+
+def test_true_obstacle_cells_are_the_cells_of_true_obstacle_points(scans):
+    for name in ("forest", "corridor", "slope_20"):
+        scan = scans[name][1]
+        wanted = set()
+        xyz = apply_transform(scan.transform_lidar_to_base, scan.xyz_lidar_m.astype(np.float64))
+        for (x, y, _), label, height in zip(xyz, scan.truth, scan.height_m, strict=True):
+            if label == PointClass.OBSTACLE and 0.05 <= height <= 1.5:
+                wanted.add((int(np.floor(x / 0.1)), int(np.floor(y / 0.1))))
+        assert {tuple(cell) for cell in true_obstacle_cells(scan, 0.1).tolist()} == wanted
+        assert len(wanted) > 50
+        assert is_true_obstacle(scan).sum() < np.sum(scan.truth == PointClass.OBSTACLE)
+
+
+def test_cells_lie_in_the_grids_own_frame(scans):
+    scan = scans["flat"][0]
+    shifted = scan.transform_lidar_to_base.copy()
+    shifted[:2, 3] += [1.0, -2.0]
+    here, there = true_obstacle_cells(scan, 0.5), true_obstacle_cells(scan, 0.5, transform_lidar_to_grid=shifted)
+    assert set(map(tuple, (here + np.array([2, -4])).tolist())) == set(map(tuple, there.tolist()))
+
+
+def test_an_unknown_place_lists_the_known():
+    with pytest.raises(UnknownName, match="wall_ahead"):
+        next(labelled_scans("moon", 0, 1))

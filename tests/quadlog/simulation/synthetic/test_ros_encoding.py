@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mcap_ros1._vendor.genpy.dynamic import generate_dynamic as ros1_types
+from mcap_ros2._dynamic import generate_dynamic as ros2_types
+
+from quadlog.messages import UwbRanges
+from quadlog.simulation.synthetic.ros_encoding import LINKTRACK, POINT, TYPE_NAMES, RosEncoder
+
+
+def decode(encoder, message, sequence=0):
+    """By a decoder that is not rosbags', from the definition that goes into the recording."""
+    type_name = TYPE_NAMES[type(message)]
+    text, payload = encoder.definition(type_name).text, encoder.encode(message, sequence)
+    if encoder.version == 2:
+        return ros2_types(type_name, text)[type_name](payload)
+    name = type_name.replace("/msg/", "/")
+    return ros1_types(name, text)[name]().deserialize(payload)
+
+
+@pytest.fixture(params=[1, 2], ids=["ros1", "ros2"])
+def encoder(request):
+    return RosEncoder(request.param)
+
+
+def stamp_ns(header):
+    parts = header.stamp
+    return getattr(parts, "sec", 0) * 10**9 + parts.nanosec if hasattr(parts, "nanosec") else parts.to_nsec()
+
+
+def test_a_scan_is_a_velodyne_cloud(encoder, short):
+    scan = next(short.scans())
+    decoded = decode(encoder, scan, 4)
+    assert stamp_ns(decoded.header) == scan.cloud.stamp_ns
+    assert decoded.header.frame_id == "lidar"
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in decoded.fields]
+    assert fields == [
+        ("x", 0, 7, 1),
+        ("y", 4, 7, 1),
+        ("z", 8, 7, 1),
+        ("intensity", 12, 7, 1),
+        ("ring", 16, 4, 1),
+        ("time", 18, 7, 1),
+    ]
+    assert (decoded.point_step, decoded.height, decoded.width) == (22, 1, len(scan.intensity))
+    assert decoded.row_step == 22 * decoded.width == len(decoded.data)
+    points = np.frombuffer(bytes(decoded.data), dtype=POINT)
+    np.testing.assert_array_equal(np.column_stack([points["x"], points["y"], points["z"]]), scan.cloud.xyz_m)
+    np.testing.assert_array_equal(points["ring"], scan.cloud.ring)
+    np.testing.assert_allclose(points["time"] * 1e9, scan.cloud.offset_ns, rtol=1e-6, atol=1e-3)
+
+
+def test_ranges_stand_at_their_anchors_place_and_absent_ones_are_zero(encoder):
+    ranges = UwbRanges(1_767_225_600_123_456_789, 1, np.array([0, 3]), np.array([2.5, 7.25]))
+    decoded = decode(encoder, ranges)
+    assert stamp_ns(decoded.header) == ranges.stamp_ns
+    assert (decoded.role, decoded.id) == (2, 1)
+    assert list(decoded.dis_arr) == [2.5, 0, 0, 7.25, 0, 0, 0, 0]
+
+
+def test_every_other_message_keeps_its_numbers(encoder, short):
+    seen = set()
+    for _, _, message in short.messages():
+        kind = type(message).__name__
+        if kind in seen or kind in ("SimulatedScan", "UwbRanges"):
+            continue
+        seen.add(kind)
+        decoded = decode(encoder, message)
+        if kind == "Imu":
+            assert decoded.angular_velocity.z == message.angular_radps[2]
+            assert decoded.linear_acceleration.z == message.linear_mps2[2]
+            assert decoded.orientation.w == message.quat_xyzw[3]
+        elif kind == "Odometry":
+            assert (decoded.header.frame_id, decoded.child_frame_id) == ("odom", "base")
+            assert decoded.pose.pose.position.x == message.position_m[0]
+            assert decoded.twist.twist.linear.x == message.linear_mps[0]
+        elif kind == "Pose":
+            assert decoded.header.frame_id == "map"
+            assert decoded.pose.position.y == message.position_m[1]
+        else:
+            (transform,) = decoded.transforms
+            assert (transform.header.frame_id, transform.child_frame_id) == ("base", "lidar")
+            assert transform.transform.translation.z == pytest.approx(0.45)
+    assert seen == {"Imu", "Odometry", "Pose", "Transforms"}
+
+
+def test_ros1_headers_are_numbered():
+    ranges = UwbRanges(5, 0, np.array([0]), np.array([1.0]))
+    assert decode(RosEncoder(1), ranges, 41).header.seq == 41
+
+
+def test_digests_of_standard_types_are_ros_own():
+    """MD5 and RIHS01 as ROS itself publishes them for these types."""
+    assert RosEncoder(1).definition("sensor_msgs/msg/Imu").digest == "6a62c6daae103f4ff57a132d6f95cec2"
+    assert RosEncoder(1).definition("tf2_msgs/msg/TFMessage").digest == "94810edda583a504dfda3829e70d7eec"
+    assert RosEncoder(2).definition(LINKTRACK).digest.startswith("RIHS01_")

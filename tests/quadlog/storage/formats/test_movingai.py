@@ -1,0 +1,242 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.errors import QuadlogError, TooLarge, UnreadableFile
+from quadlog.storage.formats import movingai
+from quadlog.storage.formats.movingai import ScenQuery, check_scen, read_movingai_map, read_movingai_scen
+
+MAP = b"type octile\nheight 3\nwidth 4\nmap\n.GS.\n@OTW\n..T.\n"
+# The two queries that the benchmark's own description of the format shows.
+SCEN = (
+    b"version 1\n0\tmaps/dao/arena.map\t49\t49\t1\t11\t1\t12\t1\n0\tmaps/dao/arena.map\t49\t49\t1\t13\t4\t12\t3.41421\n"
+)
+
+terrains = st.integers(1, 12).flatmap(
+    lambda cols: st.lists(st.text(".GS@OTW", min_size=cols, max_size=cols), min_size=1, max_size=12)
+)
+
+
+def cell_by_cell(content: bytes) -> list[list[bool]]:
+    """What the file says, read as simply as can be."""
+    lines = [line.removesuffix(b"\r") for line in content.split(b"\n")]
+    header = dict(line.split() for line in lines[:3])
+    rows = [
+        [bytes([each]) not in {b".", b"G", b"S"} for each in line] for line in lines[4 : 4 + int(header[b"height"])]
+    ]
+    assert {len(row) for row in rows} == {int(header[b"width"])}
+    return rows
+
+
+def field_by_field(content: bytes) -> list[tuple[object, ...]]:
+    queries: list[tuple[object, ...]] = []
+    for number, line in enumerate(content.decode().split("\n")[1:], 2):
+        if line.strip():
+            text = line.removesuffix("\r").strip(" \t")
+            bucket, name, *rest, cost = text.split("\t") if text.count("\t") == 8 else text.split()
+            w, h, sx, sy, gx, gy = map(int, rest)
+            queries.append((int(bucket), name.strip(), w, h, (sx, sy), (gx, gy), float(cost), number))
+    return queries
+
+
+def as_tuple(query: ScenQuery) -> tuple[object, ...]:
+    return tuple(getattr(query, name) for name in ScenQuery.__slots__)
+
+
+def damaged(content: bytes) -> Iterator[bytes]:
+    """Cut anywhere; each byte changed into whatever may mean something, left out, or doubled."""
+    for at in range(len(content)):
+        yield content[:at]
+        yield content[:at] + content[at + 1 :]
+        yield content[:at] + content[at : at + 1] + content[at:]
+        for byte in b"0129.-+_,e@GtW \t\n\r\v\x00\x1b\x1c\x7f\x85\xa0\xc3\xff":
+            yield content[:at] + bytes([byte]) + content[at + 1 :]
+
+
+def names_a_line(error: QuadlogError, content: bytes) -> bool:
+    if isinstance(error, UnreadableFile):
+        return error.line is not None and 1 <= error.line <= content.count(b"\n") + 2  # what is missing comes after
+    return isinstance(error, TooLarge) and ", line " in error.what
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    rows=terrains,
+    header=st.permutations([0, 1, 2]),
+    end=st.sampled_from(["\n", "\r\n"]),
+    after=st.integers(0, 3),
+)
+def test_any_map_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[str], header: list[int], end: str, after: int
+) -> None:
+    path = tmp_path_factory.mktemp("maps") / "a.map"
+    head = ["type octile", f"height {len(rows)}", f"width {len(rows[0])}"]
+    path.write_bytes((end.join([*(head[each] for each in header), "map", *rows]) + end * after).encode())
+    blocked = read_movingai_map(path)
+    assert blocked.dtype == np.bool_
+    assert blocked.tolist() == [[each in "@OTW" for each in row] for row in rows]
+
+
+def test_the_first_row_is_the_upper_one_and_swamp_is_passable(tmp_path: Path) -> None:
+    (tmp_path / "a.map").write_bytes(MAP)
+    blocked = read_movingai_map(tmp_path / "a.map")
+    assert blocked.tolist() == [[False] * 4, [True] * 4, [False, False, True, False]]
+
+
+@pytest.mark.parametrize("content", [MAP, MAP.replace(b"\n", b"\r\n")])
+def test_a_damaged_map_is_read_as_it_stands_or_refused(tmp_path: Path, content: bytes) -> None:
+    _read_each(tmp_path / "a.map", content, lambda path: read_movingai_map(path).tolist(), cell_by_cell)
+
+
+@pytest.mark.parametrize("content", [SCEN, SCEN.replace(b"\t", b" ").replace(b"\n", b"\r\n")])
+def test_a_damaged_scenario_is_read_as_it_stands_or_refused(tmp_path: Path, content: bytes) -> None:
+    _read_each(tmp_path / "a.scen", content, lambda path: [*map(as_tuple, read_movingai_scen(path))], field_by_field)
+
+
+def _read_each(path: Path, content: bytes, read: Callable[[Path], object], expected: Callable[[bytes], object]) -> None:
+    refused = 0
+    for each in damaged(content):
+        path.write_bytes(each)
+        answer = _answer(read, path)
+        if isinstance(answer, QuadlogError):
+            assert names_a_line(answer, each), each
+            refused += 1
+        else:
+            assert answer == expected(each), each
+    assert refused > 100
+
+
+def _answer(read: Callable[[Path], object], path: Path) -> object:
+    try:
+        return read(path)
+    except QuadlogError as error:
+        return error
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "match"),
+    [
+        (b"type octile\n", b"", 3, "expected 'type octile', 'height' and 'width'"),
+        (b"octile", b"tile", 1, "type is 'tile', expected octile"),
+        (b"height 3", b"height 4", 8, "ends after 3 of 4 rows"),
+        (b"height 3", b"height 2", 7, "goes on after its 2 rows"),
+        (b"height 3", b"height -3", 2, "height is no whole number above 0"),
+        (b"height 3", b"width 3", 3, "each once"),
+        (b"width 4", b"width 0", 3, "width is no whole number above 0"),
+        (b"map\n", b"", 4, "expected 'map'"),
+        (b"@OTW", b"@OT", 6, "only 3 of 4 columns"),
+        (b"@OTW", b"@OTWW", 6, "more of 4 columns"),
+        (b"@OTW", b"@O\xffW", 6, r"'\\xff' in column 3 is none of \. G S"),
+        (b"@OTW", b"@Ot\x1b", 6, "'t' in column 3"),
+        (b"..T.\n", b"..T.\n\n.\n", 9, "goes on"),
+        (b"..T.\n", b"..T." + b"\n" * 2000, 1008, "goes on"),
+    ],
+)
+def test_what_is_wrong_with_a_map_is_said(tmp_path: Path, old: bytes, new: bytes, line: int, match: str) -> None:
+    assert MAP.count(old) == 1
+    path = tmp_path / "a.map"
+    path.write_bytes(MAP.replace(old, new))
+    with pytest.raises(UnreadableFile, match=rf"a\.map, line {line}: .*{match}"):
+        read_movingai_map(path)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "match"),
+    [(65537, 1, "line 2: height: 65537"), (1, 999999999, "line 3: width"), (65536, 65536, "line 4: cells: 4294967296")],
+)
+def test_a_huge_map_is_refused_before_it_is_read(tmp_path: Path, height: int, width: int, match: str) -> None:
+    path = tmp_path / "a.map"
+    path.write_text(f"type octile\nheight {height}\nwidth {width}\nmap\n")
+    with pytest.raises(TooLarge, match=match):
+        read_movingai_map(path)
+
+
+names = st.text(st.characters(codec="utf-8", categories=("L", "N", "P")), min_size=1, max_size=20)
+cells = st.tuples(st.integers(0, 48), st.integers(0, 30))
+rows_of_scen = st.tuples(st.integers(0, 10**6), names, cells, cells, st.floats(0, 1e6))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    queries=st.lists(rows_of_scen, min_size=1, max_size=8),
+    tabs=st.booleans(),
+    version=st.sampled_from(["version 1", "version 1.0", "version\t1.0 "]),
+    end=st.sampled_from(["\n", "\r\n"]),
+    after=st.integers(0, 3),
+)
+def test_any_scenario_comes_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    queries: list[tuple[int, str, tuple[int, int], tuple[int, int], float]],
+    tabs: bool,
+    version: str,
+    end: str,
+    after: int,
+) -> None:
+    path = tmp_path_factory.mktemp("scens") / "a.scen"
+    between, blank = ("\t", " ") if tabs else (" ", "_")
+    expected = [
+        (bucket, f"a{blank}{name}", 49, 31, start, goal, cost, number)
+        for number, (bucket, name, start, goal, cost) in enumerate(queries, 2)
+    ]
+    lines = [between.join(map(str, (*row[:4], *row[4], *row[5], repr(row[6])))) for row in expected]  # type: ignore[misc]
+    path.write_bytes((end.join([version, *lines]) + end * after).encode())
+    assert [as_tuple(query) for query in read_movingai_scen(path)] == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "match"),
+    [
+        (b"version 1\n", b"", 1, "expected 'version 1'"),
+        (b"version 1", b"version 2", 1, "expected 'version 1'"),
+        (b"\t3.41421", b"", 3, "has 8 fields, not the nine"),
+        (b"3.41421", b"nan", 3, "is no number of 0 or more"),
+        (b"3.41421", b"-1", 3, "is no number of 0 or more"),
+        (b"3.41421", b"1e999", 3, "is no number of 0 or more"),
+        (b"\t13\t", b"\t-13\t", 3, "is no query: bucket, map, width"),
+        (b"\t13\t", b"\t49\t", 3, "outside the 49 x 49 cells"),
+        (b"1\t11\t1\t12", b"1\t11\t49\t12", 2, "outside the 49 x 49 cells"),
+        (b"dao/arena.map\t49\t49\t1\t13", b"\x1b[31m\t49\t49\t1\t13", 3, "is no query"),
+        (b"dao/arena.map\t49\t49\t1\t13", b"\xff\t49\t49\t1\t13", 3, "is no UTF-8"),
+        (b"3.41421", b"3" * 1000, 3, "longer than any query"),
+        (SCEN[10:], b"", 1, "holds no query"),
+    ],
+)
+def test_what_is_wrong_with_a_scenario_is_said(tmp_path: Path, old: bytes, new: bytes, line: int, match: str) -> None:
+    assert SCEN.count(old) == 1
+    path = tmp_path / "a.scen"
+    path.write_bytes(SCEN.replace(old, new))
+    with pytest.raises(UnreadableFile, match=rf"a\.scen, line {line}: .*{match}"):
+        read_movingai_scen(path)
+
+
+def test_too_many_queries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.scen").write_bytes(SCEN)
+    monkeypatch.setattr(movingai, "_MAX_QUERIES", 1)
+    with pytest.raises(TooLarge, match="line 3: queries"):
+        read_movingai_scen(tmp_path / "a.scen")
+
+
+def test_a_scenario_must_be_for_the_map(tmp_path: Path) -> None:
+    path = tmp_path / "a.scen"
+    path.write_bytes(SCEN.replace(b"49\t49", b"49\t30"))
+    queries = read_movingai_scen(path)
+    check_scen(queries, (30, 49), path)
+    with pytest.raises(
+        UnreadableFile, match=r"a\.scen, line 2: is for a map of 49 x 30 cells, and the map has 30 x 49"
+    ):
+        check_scen(queries, (49, 30), path)
+    path.write_bytes(SCEN.replace(b"arena.map\t49\t49\t1\t13", b"arena2.map\t49\t49\t1\t13"))
+    with pytest.raises(UnreadableFile, match="line 3: is for another map than line 2"):
+        check_scen(read_movingai_scen(path), (49, 49), path)
+
+
+@pytest.mark.parametrize("read", [read_movingai_map, read_movingai_scen])
+def test_a_missing_file_is_named(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    with pytest.raises(UnreadableFile, match=r"gone: No such file"):
+        read(tmp_path / "gone")

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.errors import QuadlogError, TooLarge, UnreadableFile
+from quadlog.storage.formats import path_file
+from quadlog.storage.formats.path_file import read_path
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text: str, name: str = "path.csv"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_two_columns_need_no_header(write):
+    assert read_path(write("# a path\n0, 1\n\n2.5,-3e0\r\n")).tolist() == [[0, 1], [2.5, -3]]
+
+
+def test_a_header_says_which_columns(write):
+    text = "\ufefft_ns,y_m,x_m,source\n0,1,2,uwb\n1,3,4,uwb\n"
+    assert read_path(write(text)).tolist() == [[2, 1], [4, 3]]
+
+
+def test_tum_is_read_by_every_other_name(write):
+    text = "0 1 2 0 0 0 0 1\n1.5 3 4 9 0 0 0 1\n"
+    assert (
+        read_path(write(text, "path.tum")).tolist() == read_path(write(text, "path.txt")).tolist() == [[1, 2], [3, 4]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("0,0\n1\n", 2),
+        ("0,0\n1,2,3\n", 2),
+        ("0,0\n\n1,nan\n", 3),
+        ("0,0\n1,inf\n", 2),
+        ("x_m,y_m\n0,\n", 2),
+        ("x,y\n0,0\n", 1),
+        ("1,2,3\n", 1),
+        ("0,0\n" + "1" * 20_000 + ",0\n", 2),
+        ('0,0\n"1,0\n', 2),
+    ],
+)
+def test_a_malformed_line_is_named(write, text, line):
+    with pytest.raises(UnreadableFile) as caught:
+        read_path(write(text))
+    assert caught.value.line == line
+
+
+def test_no_file_no_point_and_too_many_are_refused(write, tmp_path, monkeypatch):
+    with pytest.raises(UnreadableFile, match="No such file"):
+        read_path(tmp_path / "none.csv")
+    with pytest.raises(UnreadableFile, match="no file"):
+        read_path(tmp_path)
+    with pytest.raises(UnreadableFile, match="no point"):
+        read_path(write("x_m,y_m\n"))
+    monkeypatch.setattr(path_file, "MAX_POINTS", 2)
+    with pytest.raises(TooLarge):
+        read_path(write("0,0\n1,1\n2,2\n"))
+    monkeypatch.setattr(path_file, "MAX_BYTES", 3)
+    with pytest.raises(TooLarge):
+        read_path(write("0,0\n"))
+
+
+@given(content=st.one_of(st.binary(max_size=200), st.text('0123456789.,-e\nx_my "', max_size=100).map(str.encode)))
+def test_no_file_ends_in_anything_but_points_or_a_quadlog_error(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(content)
+    try:
+        points = read_path(path)
+    except QuadlogError:
+        return
+    assert points.ndim == 2
+    assert points.shape[1] == 2
+    assert np.isfinite(points).all()

@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as stn
+from PIL import Image
+
+from quadlog.errors import TooLarge, UnreadableFile
+from quadlog.storage.formats.ros_map import read_rosmap
+
+ABOUT = """\
+image: map.pgm
+mode: trinary
+resolution: 0.1
+origin: [-1.0, 2.0, 0.0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+PGM = b"P5\n3 2\n255\n" + bytes([0, 0, 254, 254, 0, 205])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "map.pgm").write_bytes(PGM)
+    (tmp_path / "map.yaml").write_text(ABOUT)
+    return tmp_path
+
+
+def describe(folder: Path, **changes: object) -> Path:
+    """map.yaml with these keys changed."""
+    lines = [line for line in ABOUT.splitlines() if line.split(":")[0] not in changes]
+    (folder / "map.yaml").write_text("\n".join([*lines, *(f"{key}: {value}" for key, value in changes.items())]))
+    return folder / "map.yaml"
+
+
+def as_nav2_does(pixel: tuple[int, ...], mode: str, negate: bool, occupied: float, free: float) -> int:
+    """One pixel (red, green, blue, alpha), by the rules of nav2_map_server's map_io."""
+    average = sum(pixel[:3]) / 3
+    if mode == "raw":
+        return round(average) if round(average) <= 100 else -1
+    occupancy = (average if negate else 255 - average) / 255
+    if pixel[3] < 255:
+        return -1
+    if occupancy > occupied:
+        return 100
+    if occupancy < free:
+        return 0
+    return round((occupancy - free) / (occupied - free) * 100) if mode == "scale" else -1
+
+
+def test_the_first_row_is_the_lowest(folder: Path) -> None:
+    ros_map = read_rosmap(folder / "map.yaml")
+    assert ros_map.cells.tolist() == [[0, 100, -1], [100, 100, 0]]
+    assert ros_map.cells.dtype == np.int8
+    assert (ros_map.origin_m.tolist(), ros_map.cell_m) == ([-1.0, 2.0], 0.1)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    pixels=stn.arrays(np.uint8, st.tuples(st.integers(1, 5), st.integers(1, 5), st.just(4))),
+    opaque=st.booleans(),
+    kind=st.sampled_from([("L", "pgm"), ("RGB", "png"), ("RGBA", "png"), ("LA", "png"), ("P", "png"), ("L", "bmp")]),
+    mode=st.sampled_from(["trinary", "scale", "raw"]),
+    negate=st.booleans(),
+    thresholds=st.sampled_from([(0.65, 0.196), (0.65, 0.25), (0.9, 0.1)]),
+)
+def test_every_mode_reads_a_picture_as_nav2_does(
+    tmp_path_factory: pytest.TempPathFactory,
+    pixels: np.ndarray,
+    opaque: bool,
+    kind: tuple[str, str],
+    mode: str,
+    negate: bool,
+    thresholds: tuple[float, float],
+) -> None:
+    folder = tmp_path_factory.mktemp("map")
+    pixels[..., 3] |= 255 * opaque
+    image = Image.fromarray(pixels).convert(kind[0])
+    image.save(folder / f"map.{kind[1]}")
+    path = describe(
+        folder,
+        image=f"map.{kind[1]}",
+        mode=mode,
+        negate=int(negate),
+        occupied_thresh=thresholds[0],
+        free_thresh=thresholds[1],
+    )
+    with Image.open(folder / f"map.{kind[1]}") as saved:
+        colours = np.asarray(saved.convert("RGBA"))[::-1].tolist()
+    expected = [[as_nav2_does(pixel, mode, negate, *thresholds) for pixel in row] for row in colours]
+    ros_map = read_rosmap(path)
+    assert ros_map.cells.tolist() == expected
+    assert ros_map.blocked.tolist() == [[value == 100 for value in row] for row in expected]
+
+
+def test_greys_between_the_thresholds_and_negated_maps(folder: Path) -> None:
+    (folder / "map.pgm").write_bytes(b"P5 # made by hand\n# two comments\n4 1\n255\n" + bytes([0, 100, 205, 255]))
+    assert read_rosmap(folder / "map.yaml").cells.tolist() == [[100, -1, -1, 0]]
+    assert read_rosmap(describe(folder, negate=1)).cells.tolist() == [[0, -1, 100, 100]]
+    assert read_rosmap(describe(folder, mode="Scale")).cells.tolist() == [[100, 91, 0, 0]]
+    assert read_rosmap(describe(folder, mode="raw", negate=1)).cells.tolist() == [[0, 100, -1, -1]]
+
+
+def test_thresholds_may_coincide(folder: Path) -> None:
+    (folder / "map.pgm").write_bytes(b"P5\n3 1\n255\n" + bytes([203, 204, 205]))  # 204 is exactly 0.2
+    for mode in ("trinary", "scale"):
+        path = describe(folder, mode=mode, occupied_thresh=0.2, free_thresh=0.2)
+        assert read_rosmap(path).cells.tolist() == [[100, -1, 0]]
+
+
+def test_what_may_be_left_out_and_where_the_picture_may_lie(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "m.pgm"
+    elsewhere.write_bytes(PGM)
+    lines = ABOUT.replace("image: map.pgm", f"image: {elsewhere}").splitlines()
+    kept = [line for line in lines if not line.startswith(("mode", "negate"))]
+    (folder / "map.yaml").write_text("\n".join(kept))
+    assert read_rosmap(folder / "map.yaml").cells.tolist() == [[0, 100, -1], [100, 100, 0]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("image: map.pgm", "image: gone.pgm", r"gone\.pgm: No such file"),
+        ("image: map.pgm", "image: .", r"is no regular file"),
+        ("image: map.pgm", "image: /dev/zero", r"/dev/zero: is no regular file"),
+        ("image: map.pgm", "image:", r"image is no text"),
+        ("image: map.pgm", 'image: "a\\0b"', r"is damaged"),
+        ("resolution: 0.1", "resolution: .nan", "resolution is no number: '.nan'"),
+        ("resolution: 0.1", "resolution: fine", "no map_server file: resolution is no number: 'fine'"),
+        *(
+            ("resolution: 0.1", f"resolution: {value}", "resolution is .* it must be between 0.001 and 1000")
+            for value in ("1e-300", "1e300", "inf", "-1", "0", "1" + "0" * 400)
+        ),
+        ("[-1.0, ", "[1e300, ", "origin must be"),
+        ("resolution: 0.1", "", "resolution is no text"),
+        ("2.0, 0.0]", "2.0, 0.5]", "rotated"),
+        ("2.0, 0.0]", "2.0]", "origin must be"),
+        ("mode: trinary", "mode: fine", "mode is 'fine'; choose one of: raw, scale, trinary"),
+        ("mode: trinary", "mode: [raw]", "mode is no text"),
+        ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "thresholds are not"),
+        ("free_thresh: 0.196", "free_thresh: .nan", "free_thresh is no number"),
+        ("image: map.pgm", "image: [unclosed", r"map\.yaml, line 2: no map_server file: is no YAML"),
+        ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", r"map\.yaml, line 1: .* has the tag"),
+        ("negate: 0", "negate: !!int x", r"map\.yaml, line 5: .* has the tag"),
+        ("negate: 0", "negate: maybe", "negate is 'maybe'; choose one of"),
+        ("negate: 0", "negate: &a 0", r"map\.yaml, line 5: .* has an alias or anchor"),
+        ("negate: 0", "<<: {negate: 0}", r"map\.yaml, line 5: .* has a merge key"),
+        ("negate: 0", "mode: raw", r"map\.yaml, line 5: .* has the key mode twice"),
+        ("mode: trinary", "mode: " + "a" * 50_000, "mode is 'a{50}... "),
+        ("image: map.pgm", "image: map.yaml", r"map\.yaml: is no PGM, PNG or BMP"),
+        (ABOUT, "- just a list\n", "the document is no mapping"),
+    ],
+)
+def test_a_wrong_description_is_refused(folder: Path, old: str, new: str, match: str) -> None:
+    assert old in ABOUT
+    (folder / "map.yaml").write_text(ABOUT.replace(old, new))
+    with pytest.raises(UnreadableFile, match=match):
+        read_rosmap(folder / "map.yaml")
+
+
+def test_a_huge_description_is_refused(folder: Path) -> None:
+    (folder / "map.yaml").write_bytes(b"#" * 100_000)
+    with pytest.raises(UnreadableFile, match="too long"):
+        read_rosmap(folder / "map.yaml")
+
+
+def test_a_huge_picture_is_refused(folder: Path) -> None:
+    (folder / "map.pgm").write_bytes(b"P5\n999999999 999999999\n255\n")
+    with pytest.raises(TooLarge, match=r"map\.pgm: pixels"):
+        read_rosmap(folder / "map.yaml")

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from evo.core.trajectory import PoseTrajectory3D
+from evo.tools import file_interface
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.errors import TooLarge, UnreadableFile
+from quadlog.geometry import yaw_from_quat
+from quadlog.storage.formats import tum
+from quadlog.storage.formats.tum import read_tum, write_tum
+
+LINE = "1.5 1 2 3 0 0 0 1\n"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    t_ns=st.lists(st.integers(-(10**18), 2**63 - 1 - 10**18), min_size=1, max_size=20, unique=True),
+    x_m=st.floats(-1e6, 1e6),
+    yaw_rad=st.floats(-3.14, 3.14),
+)
+def test_any_trajectory_comes_back_to_the_nanosecond(
+    tmp_path_factory: pytest.TempPathFactory, t_ns: Any, x_m: float, yaw_rad: float
+) -> None:
+    path = tmp_path_factory.mktemp("run") / "trajectory.tum"
+    t_ns = np.array(sorted(t_ns), np.int64)
+    same = np.full(len(t_ns), x_m)
+    write_tum(path, t_ns, same, -same, np.full(len(t_ns), yaw_rad))
+    back = read_tum(path)
+    np.testing.assert_array_equal(back.t_ns, t_ns)
+    np.testing.assert_array_equal(back.position_m, np.column_stack([same, -same, 0 * same]))
+    np.testing.assert_allclose(yaw_from_quat(back.quat_xyzw), yaw_rad, atol=1e-15)
+
+
+def test_evo_reads_what_we_write(tmp_path: Path) -> None:
+    t_ns = 1_700_000_000_123_456_789 + np.arange(40) * 100_000_000
+    yaw_rad = np.linspace(0, np.pi / 2, 40)
+    write_tum(tmp_path / "trajectory.tum", t_ns, 3 * np.sin(yaw_rad), 3 - 3 * np.cos(yaw_rad), yaw_rad)
+    trajectory = file_interface.read_tum_trajectory_file(str(tmp_path / "trajectory.tum"))
+    valid, details = trajectory.check()
+    assert valid, details
+    assert trajectory.num_poses == 40
+    assert trajectory.timestamps[0] == pytest.approx(1_700_000_000.123456789, abs=1e-6)
+    np.testing.assert_allclose(trajectory.positions_xyz[-1], [3, 3, 0], atol=1e-12)
+    turned_rad = Rotation.from_quat(np.roll(trajectory.orientations_quat_wxyz, -1, axis=1)).as_euler("ZYX")[:, 0]
+    np.testing.assert_allclose(turned_rad, yaw_rad, atol=1e-12)
+
+
+def test_we_read_what_evo_writes(tmp_path: Path) -> None:
+    quat_wxyz = np.roll(Rotation.random(5, random_state=1).as_quat(), 1, axis=1)
+    positions_m = np.random.default_rng(0).normal(size=(5, 3))
+    written = PoseTrajectory3D(positions_m, quat_wxyz, np.arange(5) + 1_700_000_000.25)
+    file_interface.write_tum_trajectory_file(str(tmp_path / "evo.tum"), written)
+    back = read_tum(tmp_path / "evo.tum")
+    np.testing.assert_array_equal(back.t_ns, np.arange(5) * 10**9 + 1_700_000_000_250_000_000)
+    np.testing.assert_allclose(back.position_m, positions_m)
+    np.testing.assert_allclose(back.quat_xyzw, np.roll(quat_wxyz, -1, axis=1))
+
+
+def test_the_first_line_is_exact(tmp_path: Path) -> None:
+    t_ns = np.array([-500_000_000, 1_700_000_000_000_000_001], np.int64)
+    write_tum(tmp_path / "t", t_ns, np.array([1.1, 2.0]), np.array([0.1, 0.0]), np.array([0.0, 0.0]))
+    assert (tmp_path / "t").read_text().splitlines() == [
+        "-0.500000000 1.1 0.1 0.0 0.0 0.0 0.0 1.0",
+        "1700000000.000000001 2.0 0.0 0.0 0.0 0.0 0.0 1.0",
+    ]
+
+
+def test_poses_that_are_none_are_left_out(tmp_path: Path) -> None:
+    nan = np.array([np.nan, 1.0])
+    write_tum(tmp_path / "t", np.array([1, 2]), nan, np.zeros(2), np.zeros(2))
+    assert read_tum(tmp_path / "t").t_ns.tolist() == [2]
+
+
+def test_comments_and_blank_lines_are_skipped(tmp_path: Path) -> None:
+    (tmp_path / "t").write_text("\ufeff# time x y z qx qy qz qw\n\n" + LINE + "   # again\n2e0\t0 0 0 0 0 0 2\r\n")
+    back = read_tum(tmp_path / "t")
+    assert back.t_ns.tolist() == [1_500_000_000, 2_000_000_000]
+    np.testing.assert_array_equal(back.quat_xyzw[1], [0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        *("1 2 3", "2 1 2 3 0 0 0 1 9", "x 1 2 3 0 0 0 1", "2 1 2 3 0 0 0 0", "2 nan 2 3 0 0 0 1"),
+        *("nan 1 2 3 0 0 0 1", "1e999999999 1 2 3 0 0 0 1", "2 1 2 3 0 0 0 inf", "2,1,2,3,0,0,0,1", "\x00"),
+    ],
+)
+def test_a_bad_line_is_named(tmp_path: Path, bad: str) -> None:
+    (tmp_path / "t").write_text("# comment\n" + LINE + bad + "\n")
+    with pytest.raises(UnreadableFile, match=r"t, line 3: is not 't x y z") as caught:
+        read_tum(tmp_path / "t")
+    assert caught.value.line == 3
+
+
+def test_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "t").write_text(LINE + LINE)
+    with pytest.raises(UnreadableFile, match="line 2: time does not increase"):
+        read_tum(tmp_path / "t")
+    (tmp_path / "t").write_text(LINE + "2 0 -1e300 0 0 0 0 1\n")
+    with pytest.raises(UnreadableFile, match="line 2: has a position beyond 1e\\+08 m"):
+        read_tum(tmp_path / "t")
+    (tmp_path / "t").write_bytes(bytes(range(256)) * 100)
+    with pytest.raises(UnreadableFile):
+        read_tum(tmp_path / "t")
+    (tmp_path / "t").write_text("1" * 5000)
+    with pytest.raises(UnreadableFile, match="line 1: is longer than any pose"):
+        read_tum(tmp_path / "t")
+    (tmp_path / "t").write_text("# nothing\n")
+    with pytest.raises(UnreadableFile, match="holds no pose"):
+        read_tum(tmp_path / "t")
+    with pytest.raises(UnreadableFile, match="No such file"):
+        read_tum(tmp_path / "gone")
+    monkeypatch.setattr(tum, "_MAX_POSES", 1)
+    (tmp_path / "t").write_text("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n")
+    with pytest.raises(TooLarge):
+        read_tum(tmp_path / "t")

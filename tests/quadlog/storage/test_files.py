@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from quadlog.errors import CannotWrite
+from quadlog.storage.atomic_write import (
+    files_written,
+    is_part,
+    part_prefix,
+    remove_stale_parts,
+    whole_file,
+    write_whole,
+)
+
+
+def test_the_file_appears_only_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "metrics.json"
+    with whole_file(path) as part:
+        part.write_bytes(b"all")
+        assert not path.exists()
+    assert path.read_bytes() == b"all"
+    assert [each.name for each in tmp_path.iterdir()] == ["metrics.json"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, error: type) -> None:
+    path = tmp_path / "metrics.json"
+    path.write_bytes(b"old")
+
+    def interrupted() -> None:
+        with whole_file(path) as part:
+            part.write_bytes(b"ne")
+            raise error
+
+    with pytest.raises(error):
+        interrupted()
+    assert path.read_bytes() == b"old"
+    assert [each.name for each in tmp_path.iterdir()] == ["metrics.json"]
+
+
+def test_a_killed_process_leaves_no_file_of_the_final_name(tmp_path: Path) -> None:
+    script = f"""
+import os, signal
+from pathlib import Path
+from quadlog.results.run.tables import TABLES
+from quadlog.results.run.tables import TableWriter
+from quadlog.results.run.maps import MapsWriter
+import numpy as np
+folder = Path({str(tmp_path)!r})
+poses, shape = TABLES["poses"], (900, 900)
+with TableWriter(folder / "poses.parquet", poses) as table, MapsWriter(folder / "maps.npz", 0.1, shape) as maps:
+    n = 50_000
+    table.append(dict(t_ns=np.arange(n), x_m=np.zeros(n), y_m=0.0, yaw_rad=0.0, source="uwb"))
+    for t in range(50):
+        maps.append(t, (0, 0), np.random.default_rng(t).random(shape) < 0.5)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    left = sorted(tmp_path.iterdir())
+    assert len(left) == 2
+    assert all(is_part(path.name) and path.stat().st_size > 10_000 for path in left)  # it was in the middle
+    remove_stale_parts(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_one_line_and_no_file(tmp_path: Path) -> None:
+    script = f"""
+import resource
+from pathlib import Path
+from quadlog.errors import CannotWrite
+from quadlog.results.run.tables import TABLES
+from quadlog.results.run.tables import write_table
+from quadlog.results.run.maps import MapsWriter
+from quadlog.storage.atomic_write import write_whole
+import numpy as np
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+folder = Path({str(tmp_path)!r})
+def table():
+    random = np.random.default_rng(0).random(100_000)
+    write_table(folder / "poses.parquet", TABLES["poses"], dict(
+        t_ns=np.arange(100_000), x_m=random, y_m=random, yaw_rad=0.0, source="uwb"))
+def maps():
+    with MapsWriter(folder / "maps.npz", 0.1, (900, 900)) as maps:
+        for t in range(50):
+            maps.append(t, (0, 0), np.random.default_rng(t).random((900, 900)) < 0.5)
+for write in (table, maps, lambda: write_whole(folder / "big", bytes(200_000))):
+    try:
+        write()
+    except CannotWrite as error:
+        print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    assert [line.split(": ")[0] for line in lines] == [str(tmp_path / n) for n in ("poses.parquet", "maps.npz", "big")]
+    assert all("cannot be written: " in line for line in lines)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_folder_and_a_folder_in_the_way_are_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CannotWrite, match="No such file"):
+        write_whole(tmp_path / "gone" / "a", b"")
+    (tmp_path / "b").mkdir()
+    with pytest.raises(CannotWrite, match="cannot be written"):
+        write_whole(tmp_path / "b", b"")
+    assert [each.name for each in tmp_path.iterdir()] == ["b"]
+
+
+def test_an_error_of_reading_inside_the_block_stays_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a"):
+        (tmp_path / "input").read_bytes()
+
+
+def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.write_bytes(b"precious")
+    (tmp_path / "a").symlink_to(other)
+    write_whole(tmp_path / "a", b"new")
+    assert other.read_bytes() == b"precious"
+    assert not (tmp_path / "a").is_symlink()
+
+
+def test_cleaning_keeps_what_is_not_ours(tmp_path: Path, left_part: str) -> None:
+    (tmp_path / left_part).write_bytes(b"")
+    (tmp_path / ".quadlog-folder.part").mkdir()
+    (tmp_path / "notes.part").write_bytes(b"")
+    remove_stale_parts(tmp_path)
+    assert sorted([each.name for each in tmp_path.iterdir()]) == [".quadlog-folder.part", "notes.part"]
+
+
+def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: str) -> None:
+    """Own files, those of another process that runs, of another host, and of an older quadlog; a day later nobody's."""
+    elsewhere = ".quadlog-" + "0" * 8 + left_part[len(".quadlog-") + 8 :]
+    names = [f"{part_prefix(pid)}00000001.part" for pid in (os.getpid(), os.getppid())]
+    names += [elsewhere, ".quadlog-1-2.part"]
+    for name in (*names, left_part):
+        (tmp_path / name).write_bytes(b"")
+    remove_stale_parts(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    for name in names[1:]:
+        os.utime(tmp_path / name, (time.time() - 25 * 3600,) * 2)
+    remove_stale_parts(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == names[:1]
+
+
+def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "a") as one, whole_file(tmp_path / "a") as other:
+        assert one != other
+        assert one.name.startswith(part_prefix(os.getpid()))
+        other.write_bytes(b"last")
+        one.write_bytes(b"first")
+    # The inner block ends first; whoever ends last has the name.
+    assert (tmp_path / "a").read_bytes() == b"first"
+
+
+def test_what_is_written_is_told_once_it_has_its_name(tmp_path: Path) -> None:
+    write_whole(tmp_path / "before", b"")
+    with files_written() as outer:
+        write_whole(tmp_path / "a", b"")
+        with files_written() as inner:
+            write_whole(tmp_path / "b", b"")
+            with pytest.raises(CannotWrite):
+                write_whole(tmp_path / "gone" / "c", b"")
+    write_whole(tmp_path / "after", b"")
+    assert outer == [tmp_path / "a", tmp_path / "b"]
+    assert inner == [tmp_path / "b"]
+
+
+def test_a_file_that_somebody_took_away_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CannotWrite, match="was taken away by another process"), whole_file(tmp_path / "a") as part:
+        part.unlink()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:
+    """Four processes write one name and clean up behind each other: the file is whole each time it is looked at."""
+    script = f"""
+import sys
+from pathlib import Path
+from quadlog.storage.atomic_write import remove_stale_parts, write_whole
+for number in range(50):
+    write_whole(Path({str(tmp_path)!r}) / "run.json", sys.argv[1].encode() * 100_000)
+    remove_stale_parts(Path({str(tmp_path)!r}))
+"""
+    writers = [subprocess.Popen([sys.executable, "-c", script, letter]) for letter in "abcd"]
+    while any(writer.poll() is None for writer in writers):
+        if (tmp_path / "run.json").exists():
+            content = (tmp_path / "run.json").read_bytes()
+            assert len(content) == 100_000
+            assert len(set(content)) == 1
+    assert [writer.wait() for writer in writers] == [0] * 4
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]

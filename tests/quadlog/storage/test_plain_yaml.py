@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.storage.plain_yaml import NotPlainYaml, parse_yaml
+
+texts = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=8)
+values = st.recursive(st.none() | texts, lambda each: st.lists(each) | st.dictionaries(texts, each), max_leaves=12)
+
+
+@given(values, st.booleans())
+def test_what_a_writer_wrote_comes_back(value: Any, flow: bool) -> None:
+    assert parse_yaml(yaml.safe_dump(value, default_flow_style=flow, allow_unicode=True).encode()) == value
+
+
+@given(st.binary(max_size=60) | texts.map(str.encode) | st.text("-:,[]{}&*!<a#?|>'\"% \n").map(str.encode))
+def test_anything_else_is_refused(content: bytes) -> None:
+    with contextlib.suppress(NotPlainYaml):
+        parse_yaml(content)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("a: &b c", "line 1: has an alias or anchor"),
+        ("a: 1\nb: *a", "line 2: has an alias or anchor"),
+        ("a: {<<: {}}", "line 1: has a merge key"),
+        ("!!set {}", "line 1: has the tag"),
+        ("a: 1\na: 2", "line 2: has the key a twice"),
+        ("[a]: 1", "line 1: has a key that is no text"),
+        ("a\n--- b", "line 2: has more than one document"),
+        ("[" * 30, "line 1: is nested deeper than 20"),
+        ("- a\n" * 250_000, "has more than 200000 parts"),
+    ],
+)
+def test_what_it_refuses_is_named(content: str, reason: str) -> None:
+    with pytest.raises(NotPlainYaml, match=reason):
+        parse_yaml(content.encode())
+
+
+def test_a_quoted_merge_key_and_null_are_text() -> None:
+    assert parse_yaml(b"{'<<': '~', b: ~}") == {"<<": "~", "b": None}
