@@ -1,4 +1,4 @@
-"""`quadlog info`: what is in a recording."""
+"""`quadlog info`: what is in a recording, how regular it is, and how good its ranges are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in a recording: the story of `quadlog info`."""
+"""What `quadlog info` tells of a recording: topics and roles, clocks, losses, and the health of its ranges."""
 
 from __future__ import annotations
 

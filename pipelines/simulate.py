@@ -1,4 +1,4 @@
-"""The story of `quadlog simulate`: find the course, and for each seed make the ground, walk, and fill a run folder."""
+"""`quadlog simulate` as a library: a course or a trot on the spot, walked once for each seed into run folders."""
 
 from __future__ import annotations
 

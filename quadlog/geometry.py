@@ -1,4 +1,6 @@
-"""Rigid transforms on plain arrays: 4x4 matrices named transform_A_to_B, quaternions as xyzw, yaw about z."""
+"""Rigid transforms on plain arrays: 4x4 matrices named transform_A_to_B, quaternions as xyzw, yaw about z; poses
+between poses.
+"""
 
 from __future__ import annotations
 

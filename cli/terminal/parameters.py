@@ -1,4 +1,4 @@
-"""What a shell offers where click cannot tell by itself; nothing heavy is imported for it.
+"""Kinds of arguments and what a shell completes for them; nothing heavy is imported for it.
 
 The scripts are click's own: `eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"`, and the same with zsh and fish.
 """

@@ -1,4 +1,4 @@
-"""A batch's progress on stderr: a line for each worker, and for the whole with the time left; plain lines elsewhere."""
+"""Progress on stderr, of one replay and of a batch: bars in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 

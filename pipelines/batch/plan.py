@@ -1,4 +1,4 @@
-"""Names of run folders that stay what they are when recordings are added to a season, or taken away."""
+"""Which recordings a batch replays, into which run folders: a folder's name stays when recordings come or go."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a replay cost, as the last columns of summary.parquet have it."""
+"""One recording of a batch, replayed in a worker, and what that cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated walks through random forests, as [Planning, section 4] has them: 40 by 40 cells, a goal far beyond."""
+"""Where planning problems come from: random forests, benchmark and ROS maps, runs, and recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run against a reference trajectory from elsewhere, paired in time as evo does."""
+"""A run against a reference trajectory, its own or one from elsewhere, paired in time as evo does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One interface to wherever tasks run: processes on this machine, or the workers of a Dask cluster."""
+"""One interface to wherever tasks run: this process, processes on this machine, or a Dask cluster."""
 
 from __future__ import annotations
 

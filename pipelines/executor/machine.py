@@ -1,4 +1,4 @@
-"""How much of the machine is ours."""
+"""What the machine gives and takes: cores, interrupts, and memory that runs out."""
 
 from __future__ import annotations
 

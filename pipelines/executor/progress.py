@@ -1,4 +1,4 @@
-"""How a replay says where it is; silent unless somebody looks."""
+"""How a replay says where it is, from whatever process it runs in; silent unless somebody listens."""
 
 from __future__ import annotations
 

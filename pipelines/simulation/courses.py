@@ -1,4 +1,4 @@
-"""The ground that a run saw, for a robot to walk on: its `ground.npz`."""
+"""Where a simulated robot walks: the course, and the ground, drawn from a seed or seen by an earlier run."""
 
 from __future__ import annotations
 

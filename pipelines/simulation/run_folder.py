@@ -1,4 +1,4 @@
-"""The run folder of one walk of trot-32s: table, metrics, plots and the page; `run.json` last."""
+"""The run folder of a simulated walk, along a course or a trot: tables, metrics, plots and page; `run.json` last."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the configuration to the settings of robot, controller and disturbances."""
+"""One simulated walk, from the configuration to every tick of robot and controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the robot and the target were, at any instant a later stage asks for."""
+"""The state of a replay: what was read, where robot and target were, and what each stage leaves for the next."""
 
 from __future__ import annotations
 

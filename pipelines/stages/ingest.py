@@ -1,4 +1,4 @@
-"""Stage `ingest`: open the recording, find out which topic plays which role, and read it."""
+"""Stage `ingest`: open the recording, find out which topic plays which role, and read it in one pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage `position`: where the robot and the target were, from the best source the recording has."""
+"""Stage `position`: where the robot and the target were, and where they looked, from the best source there is."""
 
 from __future__ import annotations
 

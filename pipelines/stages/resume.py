@@ -1,4 +1,4 @@
-"""Which runs need not be made again, and which must not be: what an output folder holds, against what is asked for."""
+"""What an output folder already holds: finished runs that need not be made again, and stages that can be reused."""
 
 from __future__ import annotations
 

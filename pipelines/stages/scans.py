@@ -1,4 +1,4 @@
-"""From a cloud to what is kept of it until positions are known: its row, and what a map needs."""
+"""From a cloud to what is kept of it until positions are known, and where that is kept."""
 
 from __future__ import annotations
 

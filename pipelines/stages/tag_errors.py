@@ -1,4 +1,4 @@
-"""Which UWB tag is whose, and where it sits on the robot."""
+"""Which UWB tag is whose, where it sits on the robot, and how far its positions are from a reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""UWB in a replay: which tag is whose, its fixes and track, and what became of every range."""
+"""UWB in a replay: fixes and tracks of every tag, the tables of them, and what is said about anchors and losses."""
 
 from __future__ import annotations
 

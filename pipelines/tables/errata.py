@@ -1,4 +1,4 @@
-"""All errata of the four papers in one place: for the tables' page and, by `python -m`, for docs/errata.md."""
+"""All errata of the four papers: for the tables' page and, by `python -m`, for docs/errata.md."""
 
 from __future__ import annotations
 

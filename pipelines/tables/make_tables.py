@@ -1,4 +1,6 @@
-"""What measures the tables, as one digest: quadlog's own source, the packages under it, and the machine's kind."""
+"""Tables are measured, several at a time, and written; what was measured by the same code on the same kind of machine
+is reused.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a point of a scan can be, and which points may be looked at at all."""
+"""What a point of a scan can be, which points may be looked at at all, and a scan whose points are classified."""
 
 from __future__ import annotations
 

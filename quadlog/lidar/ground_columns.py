@@ -1,4 +1,5 @@
-"""Short pieces of a beam that stand out of the ground: a box or a log, however gentle the slope up to it.
+"""The ground along each column of beams, from the lidar outwards, and short pieces of a beam that stand out of it: a
+box or a log, however gentle the slope up to it.
 
 Constants were chosen on seed 100 of quadlog.simulation.synthetic.labelled_scans, and are never reported on that seed.
 """

@@ -1,4 +1,4 @@
-"""The ground's height around the lidar by sector and distance: what heights above the ground are measured from."""
+"""Ground or obstacle: the ground's height around the lidar by sector and distance, and labels by height above it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan's points by direction and range, for what is found out about a sensor once."""
+"""A scan as a range image: points by direction and range, and the beams of a sensor that no message describes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far each point of a cloud lies from its nearest neighbours: exact, and made for one core.
+"""Statistical outliers as the papers remove them: points farther from their nearest neighbours than most.
 
 A k-d tree whose leaves hold a few more points than are looked for. All points
 of a leaf share one list of the leaves near it; each point then measures its

@@ -1,4 +1,4 @@
-"""One map of the whole run: how often each cell was seen occupied, and how often seen through."""
+"""Maps of the whole run: how often each cell was seen occupied or seen through, and how high the ground is."""
 
 from __future__ import annotations
 

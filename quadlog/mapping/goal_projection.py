@@ -1,4 +1,4 @@
-"""The way out when the robot stands where obstacles have been grown over it. [Planning]
+"""Start and goal of a plan, moved to free cells where obstacles have been grown over them. [Planning]
 
 A logged robot walks closer to obstacles than the planner would: its cell is
 then blocked by the growth alone, and no planner could start there.

@@ -1,4 +1,4 @@
-"""A grid of occupied cells."""
+"""The window of a grid that lies around a robot."""
 
 from __future__ import annotations
 

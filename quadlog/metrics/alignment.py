@@ -1,4 +1,4 @@
-"""The rigid motion that brings one trajectory onto another, and the plane they are compared in: evo's two options."""
+"""One trajectory brought onto another: the rigid motion, the plane and the clock's offset between them."""
 
 from __future__ import annotations
 

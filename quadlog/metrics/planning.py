@@ -1,4 +1,4 @@
-"""What each of several planners did on the same replans of one source: one row of figures per planner.
+"""What planners did: of one run's replans, and of several planners on the same replans of one source.
 
 Two kinds of figures. What a planner was asked for and what work it did is over
 all its replans: `replans`, `success_rate`, the totals and the mean of cells

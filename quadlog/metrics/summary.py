@@ -1,4 +1,4 @@
-"""How the samples behind one value scatter, and how far that value is known."""
+"""Samples behind a value: how they scatter, how far the value is known, and when they were at their worst."""
 
 from __future__ import annotations
 

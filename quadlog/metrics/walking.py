@@ -1,4 +1,4 @@
-"""How far a robot that is sent straight on goes aside, and how it sways meanwhile [Foot, Figs 5-6]."""
+"""How well a robot walked: drift and sway of a trot [Foot, Figs 5-6], effort, tracking errors and contacts."""
 
 from __future__ import annotations
 

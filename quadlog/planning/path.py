@@ -1,4 +1,6 @@
-"""Polylines in the plane: their length along the way, points at given lengths, and whether a grid lets them through."""
+"""Polylines in the plane: length along the way, points at given lengths, whether a grid lets them through, and how
+they are smoothed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all epochs of a log share, link biases and misplaced anchors, fitted with every epoch's fix being free."""
+"""Biases of links, estimated from a whole log: what all epochs share is fitted with every epoch's fix being free."""
 
 from __future__ import annotations
 

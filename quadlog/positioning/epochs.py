@@ -1,4 +1,4 @@
-"""Ranges of one tag, gathered into epochs that one fix can be made from."""
+"""Ranges of one tag, screened, and gathered into epochs that one fix can be made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The clock of a recording: header stamps or log times, and never two distant clocks mixed.
+"""The clock of a recording: header stamps or log times, never two distant clocks mixed, and stamps that go back or
+repeat.
 
 What is watched is the offset, header stamp minus log time: it jumps wherever
 one clock gives way to another. Messages without a stamp have the offset 0.

@@ -1,4 +1,4 @@
-"""One object behind a URL: what its server tells of it, and any stretch of its bytes."""
+"""One object behind a URL, in a bucket or on a web server: what its server tells of it, any stretch of its bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A place behind a URL with the methods of pathlib.Path that quadlog uses.
+"""A place behind a URL with the methods of pathlib.Path that quadlog uses, and copies of what lies there.
 
 Not universal-pathlib's UPath: its text shows signatures and passwords, its
 names end in the URL's query, and of a web server it reads whole files to see

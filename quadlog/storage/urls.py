@@ -1,4 +1,6 @@
-"""What a user types as a place: a path, or a URL of object storage, of a web server, or of any system fsspec knows."""
+"""What a user types as a place, a path or a URL; its secrets left out of every message, and its failures told in
+words.
+"""
 
 from __future__ import annotations
 

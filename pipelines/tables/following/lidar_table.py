@@ -1,4 +1,4 @@
-"""Pictures of the table following-lidar: every number by place, and single scans as both chains see them."""
+"""The table following-lidar: every number by place, and pictures of single scans as both chains see them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forests in which a robot follows a person who walks ahead, for the table following-2."""
+"""The table following-2: cells searched while a robot follows a person through forests and along a known walk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every method against the Cramér-Rao bound, by number of anchors, with and without late ranges."""
+"""Rows of the table following-uwb: every method against the Cramér-Rao bound, standing and walking."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The site of [Following]'s positioning experiment, and ranges simulated there."""
+"""The site of [Following]'s positioning experiment: ranges drawn there, and the truths its distances can mean."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of the table following-uwb: the site with its error ellipses, and every method against the bound."""
+"""The table following-uwb: ranges, coordinates and estimators, with pictures of the site and of the bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The groups of rows of the table foot-drift, and the sentence on what survives of the claim."""
+"""The table foot-drift: how far asymmetric robots drift with and without y(t), and what survives of the claim."""
 
 from __future__ import annotations
 

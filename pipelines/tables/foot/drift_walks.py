@@ -1,4 +1,6 @@
-"""The walks of the table foot-drift: symmetric and asymmetric robots, with and without y(t), many at a time."""
+"""The walks behind the table foot-drift: symmetric and asymmetric robots, with and without y(t), and their
+statistics.
+"""
 
 from __future__ import annotations
 

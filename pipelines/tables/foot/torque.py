@@ -1,4 +1,4 @@
-"""Pictures of the table foot-torque: Fig. 3, and what tips the body over a stance."""
+"""The table foot-torque: what tips the body over a stance, by the paper's moment and by whole-body dynamics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of the table planning-ea: how far from obstacles EA* stays, by how many rings, and what that costs."""
+"""The table planning-ea: how far from obstacles EA* stays, by how many rings, and what that costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planners spend on the same walks: presets, held-out seeds, and totals of cells episode by episode."""
+"""What planners spend on the same walks: presets, held-out seeds, totals of cells, and pictures of them."""
 
 from __future__ import annotations
 

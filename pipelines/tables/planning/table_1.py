@@ -1,4 +1,4 @@
-"""Walks as a robot really goes them: each planner leads its own, and the robot follows the smoothed paths."""
+"""The table planning-1: lengths of routes that robots really walked, each led by its own planner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of the table planning-2: cells that A* and IA* search on nine walks, by presets, leaders and counts."""
+"""The table planning-2: cells that A* and IA* search on nine walks, by presets, leaders and counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The walks of the table tracking-courses: [Tracking]'s simulated courses, walked by FpMW."""
+"""The table tracking-courses: [Tracking]'s simulated courses, walked by FpMW."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The walks of the table tracking-5: the three controllers on the S-curve, and what the fuzzy rules have to beat."""
+"""The table tracking-5: three controllers on the S-curve, and what the fuzzy rules have to beat."""
 
 from __future__ import annotations
 

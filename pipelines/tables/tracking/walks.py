@@ -1,4 +1,6 @@
-"""Walks of the tracking tables: a course, its ground and disturbances drawn from a seed, many of them at a time."""
+"""Walks of the tracking tables: course, ground and disturbances drawn from a seed, many at a time; rows and pictures
+of them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the body should be now and within the horizon, for a wanted speed and yaw rate over the ground under it."""
+"""Where the body should be now and within the horizon, and where its feet should land on the ground under it."""
 
 from __future__ import annotations
 

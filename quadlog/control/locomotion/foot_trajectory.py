@@ -1,4 +1,5 @@
-"""The way of a foot as [Foot, eqs 9-12] has it, corrected: a compound cycloid on and up, and a bulge aside.
+"""The way of a foot through a swing: as the MPC walks it, and as [Foot, eqs 9-12] has it, corrected: a compound
+cycloid on and up, and a bulge aside.
 
 A swing has the phases 0..1. On: s - sin(2 pi s) / (2 pi). Up: the same at twice the pace, to the middle and back.
 Aside: b = 4 s (1 - s), which is eq. 12's y(t) over its peak: its speed is not 0 at the ends, as that of the other two

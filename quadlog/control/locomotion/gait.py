@@ -1,4 +1,4 @@
-"""Which feet are on the ground when: gaits as phase tables [Following, Table 1]."""
+"""Which feet are on the ground when: gaits as phase tables [Following, Table 1], and a stride that goes on by them."""
 
 from __future__ import annotations
 

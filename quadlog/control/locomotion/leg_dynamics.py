@@ -1,4 +1,5 @@
-"""A leg as a chain of four links after Denavit and Hartenberg [Foot, Table 1 and eq. 1; the rest corrected].
+"""A leg as a chain of four links after Denavit and Hartenberg, its masses, and the torques of a stance [Foot, Table 1
+and eqs 1-8, corrected].
 
 Frame {0} lies at the hip, on the abduction axis: x down, y left, z forward, so that body = BODY_FROM_DH @ dh. The joint
 angles are those of quadlog.control.locomotion.kinematics. side is +1 on the left and -1 on the right, whose leg

@@ -1,4 +1,6 @@
-"""The forces of the feet in stance, by a small strictly convex QP that always gives an answer [Tracking, eq. 31]."""
+"""The whole-body controller's compiled part: the forces of the feet in stance by a small strictly convex QP that
+always gives an answer, and the joints' torques [Tracking, eqs 24-31].
+"""
 
 from __future__ import annotations
 

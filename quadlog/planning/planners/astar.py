@@ -1,4 +1,6 @@
-"""A*: octile heuristic, ties to the larger g, from scratch every time. The honest baseline."""
+"""Planners that search from scratch every time: A* with octile heuristic and ties to the larger g, the honest
+baseline; A* as printed; Dijkstra.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""D* Lite: searches from the goal, so that the robot may move, and repairs only what a change of the map spoilt."""
+"""Planners that repair their last search where the map has changed: D* Lite from the goal, its moving-target form,
+and LPA*.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""EA* as printed: cells near obstacles get a larger g, so that the way keeps off them [Planning, section 2.3]."""
+"""EA* as printed: cells near obstacles get a larger g, so that the way keeps off them [Planning, section 2.3]; and A*
+that charges for nearness.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""IA*: keep the old route up to its best waypoint, and search only from there [Planning, section 2.2]."""
+"""IA*: keep the old route up to its best waypoint, and search only from there [Planning, section 2.2]; and the same
+with a bounded cost.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The compiled A* under the planners: costs 10/14, octile heuristic, bucket queue, ties to the larger g.
+"""The compiled A* under the planners: costs 10/14, octile heuristic, bucket queue, ties to the larger g; and the
+choice between it and the heap.
 
 Why it is fast. All costs and heuristics are even, and with the consistent
 octile heuristic f grows by at most 28 a step, so OPEN is a ring of 16 lists

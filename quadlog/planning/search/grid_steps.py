@@ -1,4 +1,6 @@
-"""What IA* keeps of the route of the plan before: from where the robot is now to the best place to search on from."""
+"""Legal steps on a grid, and what IA* keeps of the route of the plan before: from the robot to the best place to
+search on from.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Anchors on one line: every fix has a mirror image. Which of the two it is must come from elsewhere."""
+"""Anchors on one line or at one height: which of two mirror images a fix is, and whether heights are told at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Compiled descent to the fix that fits the ranges of one epoch best; every iterative solver walks it.
+"""Compiled descent to the fix that fits the ranges of one epoch best; every iterative solver walks it. And what a fix
+is.
 
 The unknown is (x, y) or, with `solve_z`, (x, y, z). Where z is given it is frozen, so that slant ranges need no
 other model. Everything here runs once per fix, which is why it is compiled and written out in components.

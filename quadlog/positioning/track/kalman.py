@@ -1,4 +1,4 @@
-"""Compiled constant-velocity filter on the ranges of one tag; `tracker` is what to call."""
+"""Compiled constant-velocity filter on the ranges of one tag: its state, its updates and its loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ranges of one tag as the filter takes them, and a stretch of them filtered."""
+"""The ranges of one tag, and velocities beside them, as the filter takes them; and a stretch of them filtered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Weights from the residuals of a smoothed track: late paths exist, early ones hardly do, and they last."""
+"""A filtered stretch smoothed backwards, and weights from its residuals: late paths exist, early ones hardly do, and
+they last.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a causal track has lost its tag although ranges keep coming: fixes that agree contradict how it moved."""
+"""A tag's track in stretches: where a causal track has lost its tag although ranges keep coming, it begins anew."""
 
 from __future__ import annotations
 

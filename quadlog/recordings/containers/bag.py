@@ -1,4 +1,6 @@
-"""The records of a ROS 1 bag (format 2.0, wiki.ros.org/Bags/Format/2.0), from bytes to plain values."""
+"""A ROS 1 bag (format 2.0, wiki.ros.org/Bags/Format/2.0): its records, its index, and how both are recovered where
+the file is damaged.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What MCAP and ROS 1 bags have in common: a file of chunks, each read, checked and decompressed at once."""
+"""What MCAP and ROS 1 bags have in common: a file of chunks, each read, checked and decompressed at once; and what is
+lost of them.
+"""
 
 from __future__ import annotations
 

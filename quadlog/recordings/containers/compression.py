@@ -1,4 +1,6 @@
-"""Decompression of untrusted data: every frame of it, and never more bytes than allowed."""
+"""Decompression of untrusted data, of single messages, chunks and whole files: every frame of it, and never more
+bytes than allowed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What every container reader offers: channels, raw messages as a stream, and an honest list of losses."""
+"""What every container reader offers: channels, raw messages as a stream in order of time, and an honest list of
+losses.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The end of an MCAP file: its footer, and the summary that makes it searchable."""
+"""An MCAP file: its footer and summary, which make it searchable, and the reader on top of them."""
 
 from __future__ import annotations
 

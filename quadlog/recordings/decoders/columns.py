@@ -1,4 +1,4 @@
-"""Small messages decoded by columns: many payloads in one pass of numpy, instead of a Python object for each."""
+"""Small messages decoded by columns: the layout of a type is learned once, then many payloads are one pass of numpy."""
 
 from __future__ import annotations
 

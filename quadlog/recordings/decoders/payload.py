@@ -1,4 +1,4 @@
-"""The stamp and frame of a deserialised ROS message, for those that have a header and those that have none."""
+"""A deserialised ROS message's stamp and frame, and a payload read field by field."""
 
 from __future__ import annotations
 

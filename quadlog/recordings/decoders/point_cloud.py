@@ -1,4 +1,4 @@
-"""When each point of a scan was measured, from fields whose unit no message states.
+"""Point clouds, of PointCloud2 and Livox messages, with the instant at which each point was measured.
 
 Drivers disagree: seconds or nanoseconds, since the scan's stamp or since 1970.
 A reading counts only if it puts every point within a second of the stamp.

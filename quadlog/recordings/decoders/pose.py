@@ -1,4 +1,6 @@
-"""PoseStamped, PoseWithCovarianceStamped and TransformStamped: all become a Pose."""
+"""Poses, odometry and transforms of ROS messages, one at a time or by columns; a position or an attitude that cannot
+be is refused.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""gtec_msgs/Ranging: one range in whole millimetres, without a header."""
+"""UWB ranges of every driver's messages, and whose ends a topic's ranges have."""
 
 from __future__ import annotations
 

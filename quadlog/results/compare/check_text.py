@@ -1,4 +1,4 @@
-"""Checks as lines for people and as JSON for programs."""
+"""Checks as lines for people, as JSON for programs, and as JUnit XML for a CI."""
 
 from __future__ import annotations
 

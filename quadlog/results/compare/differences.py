@@ -1,4 +1,4 @@
-"""What `quadlog diff` says of two runs: plain data, from a single value up to the whole."""
+"""What `quadlog diff` says of two runs, from a single value up to the whole, and when two values are the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two runs' files compared that are neither tables nor map sequences: trajectories, grids, samples, pictures."""
+"""Two runs' files compared that are no tables: maps, trajectories, grids, samples, pictures."""
 
 from __future__ import annotations
 

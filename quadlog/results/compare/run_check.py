@@ -1,4 +1,4 @@
-"""Saved metrics of a run held against the bounds that are expected of them."""
+"""Saved metrics of a run held against the bounds that are expected of them; bounds proposed from a run."""
 
 from __future__ import annotations
 

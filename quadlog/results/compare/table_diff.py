@@ -1,4 +1,6 @@
-"""Two tables compared row by row: which column differs where first, in how many rows, and by how much at most."""
+"""Two tables compared row by row: which rows match, which column differs where first, in how many rows, and by how
+much at most.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errata of the papers as a Markdown table each: for the page of the tables, and for docs/errata.md."""
+"""The page of the papers' tables: README, a CSV and LaTeX file for each, and the errata."""
 
 from __future__ import annotations
 

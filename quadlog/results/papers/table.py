@@ -1,4 +1,6 @@
-"""What a table of a paper holds beside ours: rows in groups, pictures, and what was run to get them."""
+"""What a table of a paper holds beside ours, rows in groups, pictures and what was run to get them; saved and read
+back.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of `quadlog compare-planners`: columns in order, with their types; null only where a float is."""
+"""The tables of `quadlog compare-planners`: columns with their types, and every format they are printed in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the controller decided: look-ahead, commands and joint torques."""
+"""What the controller decided, and how the robot walked by it: look-ahead, commands, torques, posture, errors."""
 
 from __future__ import annotations
 

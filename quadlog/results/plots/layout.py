@@ -1,4 +1,4 @@
-"""The robot seen from above, to scale: its footprint and where it looks."""
+"""Panels and maps of figures, and the robot seen from above, to scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the search cost at each replan [Planning, Fig. 18]."""
+"""What the planner saw and what its search cost: the grid at a replan, and cells per replan [Planning, Fig. 18]."""
 
 from __future__ import annotations
 

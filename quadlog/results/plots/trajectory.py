@@ -1,4 +1,4 @@
-"""Everything that moves, over everything that stands: the picture to look at first."""
+"""Everything that moves, over everything that stands, and the ground's height below: the picture to look at first."""
 
 from __future__ import annotations
 

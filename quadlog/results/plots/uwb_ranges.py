@@ -1,4 +1,4 @@
-"""UWB ranges over time and how far each lies from what the smoothed track predicts, per tag and anchor."""
+"""UWB ranges over time, how far each lies from what the smoothed track predicts, and every link's statistics."""
 
 from __future__ import annotations
 

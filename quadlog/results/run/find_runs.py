@@ -1,4 +1,4 @@
-"""Which run folders a path stands for."""
+"""Which run folders a path stands for, which recordings failed, and runs fetched from elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The map sequence `maps.npz`: one occupancy window per mapped scan, packed to bits.
+"""What a run keeps of its maps: the sequence `maps.npz`, one occupancy window per mapped scan; ground, clouds and
+dilution.
 
 Row = y, column = x; the origin is the window's lower-left corner in map; the
 windows are undilated. Members: `t_ns (S,)`, `origin_m (S, 2)`, `cell_m`,

@@ -1,4 +1,4 @@
-"""Parquet tables of a run folder: written as a stream, read back as numpy columns."""
+"""Parquet tables of a run folder: their columns, written as a stream, read back as numpy columns."""
 
 from __future__ import annotations
 

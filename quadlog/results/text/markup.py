@@ -1,4 +1,5 @@
-r"""LaTeX from text and tables that may contain anything; needs \usepackage{booktabs,graphicx} and UTF-8 input.
+r"""LaTeX and Markdown from text and tables that may contain anything; LaTeX needs \usepackage{booktabs,graphicx} and
+UTF-8 input.
 
 A table fits the text of a plain one-column article: what is wider is shrunk, what is longer than a page is continued.
 """

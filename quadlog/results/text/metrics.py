@@ -1,4 +1,4 @@
-"""What a metric means, and when runs were at their worst by it, as text for people."""
+"""Metrics of runs as text: tables in every format, and what a metric means and when runs were at their worst by it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What a seed draws of the experiment of [Foot, section 4]: friction, the feet's radius, and how the robot stands."""
+"""The experiment of [Foot, section 4]: a robot that trots by joint targets, what a seed draws for it, and how it
+walks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A walking person as a lidar sees one: upright cylinders for trunk, head and swinging legs."""
+"""A simulated lidar, sweep by sweep, and a walking person as upright cylinders: trunk, head and legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands on a site: boxes, walls and tree trunks on its ground, and rays cast against them."""
+"""What stands on a site: terrain, boxes, walls and tree trunks, and rays cast against them."""
 
 from __future__ import annotations
 

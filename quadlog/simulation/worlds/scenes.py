@@ -1,4 +1,4 @@
-"""Random forests for planners to walk through, as many as there are seeds. [Planning, section 4]"""
+"""Worlds that planners walk through: random forests and the scenes of [Planning, section 4]."""
 
 from __future__ import annotations
 

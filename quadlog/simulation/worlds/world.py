@@ -1,4 +1,4 @@
-"""How far a walking robot's body stays from what was seen."""
+"""A planner's world of rectangles and discs, some of which move, and how far a body stays from what was seen of it."""
 
 from __future__ import annotations
 

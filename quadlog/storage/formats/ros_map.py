@@ -1,4 +1,4 @@
-"""A map as ROS map_server reads it: a `.yaml` that says where the map lies, and the picture it names."""
+"""A map as ROS map_server has it: a `.yaml` that says where it lies, and the picture it names; read and written."""
 
 from __future__ import annotations
 
