@@ -8,7 +8,7 @@ from importlib import metadata
 from typing import Any
 
 _PACKAGES = (
-    *("daqp", "foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support", "mcap-ros1-support", "mcap-ros2-support"),
+    *("daqp", "foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support"),
     *("mujoco", "numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "quadprog", "rosbags"),
     *("scipy",),
 )
