@@ -26,6 +26,7 @@ _LAST = frozenset({"run.json", "README.md"})
 """Files that are written when all others of their folder are."""
 _watching: list[list[Path]] = []
 _unfinished: set[Path] = set()
+_new_folders: set[Path] = set()
 _complete_s: dict[Path, float] = {}
 
 
@@ -66,6 +67,27 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 @contextmanager
+def new_folder(path: Path) -> Iterator[None]:
+    """Make the folder for the block, unless it is there; one that was made goes again if it is empty when that fails.
+
+    Raises CannotWrite.
+    """
+    if not path.exists():
+        _new_folders.add(path)  # before it is there, since a signal may come at any moment
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        _new_folders.discard(path)
+        raise CannotWrite(path, error.strerror or str(error)) from error
+    try:
+        yield
+    except BaseException:
+        _remove_empty(path)
+        raise
+    _new_folders.discard(path)
+
+
+@contextmanager
 def files_written() -> Iterator[list[Path]]:
     """The files that this process writes whole while the block runs, each as soon as it has its name."""
     written: list[Path] = []
@@ -82,10 +104,19 @@ def complete_folders(since_s: float) -> list[Path]:
 
 
 def remove_unfinished() -> None:
-    """Remove the files that this process had not finished when it was interrupted, wherever that was."""
+    """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
     for part in tuple(_unfinished):
         with suppress(OSError):
             part.unlink(missing_ok=True)
+    for folder in tuple(_new_folders):
+        _remove_empty(folder)
+
+
+def _remove_empty(folder: Path) -> None:
+    if folder in _new_folders:
+        with suppress(OSError):  # it holds files: others', or unfinished ones of a block that a signal cut off
+            folder.rmdir()
+            _new_folders.discard(folder)
 
 
 @contextmanager

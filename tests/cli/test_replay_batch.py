@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -123,7 +124,8 @@ def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_p
     _, err = process.communicate()
     assert process.returncode == 1
     assert len([line for line in err.splitlines() if line.startswith("stopping: disk full")]) == 1
-    assert "b.mcap: not started: disk full" in err
+    # One task is given out ahead, so the second may have begun by the time the first has failed.
+    assert re.search(r"b\.mcap: (not started|stopped): disk full", err), err
     assert "--resume goes on" in err
     assert "Traceback" not in err
     assert not list((tmp_path / "runs").rglob("run.json"))

@@ -9,7 +9,7 @@ earlier comparison is lost, before all sources are compared.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -24,7 +24,7 @@ from quadlog.results.plots.planner_comparison import PathScene, draw_cells, draw
 from quadlog.results.plots.style import render_png
 from quadlog.results.run.tables import TableWriter
 from quadlog.results.text.markup import escape_markdown
-from quadlog.storage.atomic_write import uninterrupted, write_whole
+from quadlog.storage.atomic_write import new_folder, uninterrupted, write_whole
 
 README = "README.md"
 TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
@@ -48,13 +48,8 @@ class ComparisonFiles:
         there = _earlier_files(self._folder)
         if there and not self._force:
             raise AlreadyExists(there[0])
-        self._is_new = not self._folder.exists()
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CannotWrite(self._folder, error.strerror or str(error)) from error
         with ExitStack() as stack:
-            stack.push(self._leave_nothing)
+            stack.enter_context(new_folder(self._folder))
             self._replans = stack.enter_context(TableWriter(self._folder / "replans.parquet", REPLANS))
             if self._has_queries:
                 self._scenarios = stack.enter_context(TableWriter(self._folder / "scenarios.parquet", SCENARIOS))
@@ -102,12 +97,6 @@ class ComparisonFiles:
             (self._folder / "plots").mkdir(exist_ok=True)
         except OSError as error:
             raise CannotWrite(self._folder, error.strerror or str(error)) from error
-
-    def _leave_nothing(self, kind: type[BaseException] | None, *_: object) -> None:
-        """After the tables are gone."""
-        if kind is not None and self._is_new:
-            with suppress(OSError):  # somebody may have put something there
-                self._folder.rmdir()
 
 
 def _write_comparison(

@@ -13,11 +13,32 @@ from quadlog.errors import CannotWrite
 from quadlog.storage.atomic_write import (
     files_written,
     is_part,
+    new_folder,
     part_prefix,
     remove_stale_parts,
+    remove_unfinished,
     whole_file,
     write_whole,
 )
+
+
+def test_a_new_folder_stays_with_what_is_in_it_and_goes_when_its_block_fails(tmp_path: Path) -> None:
+    with new_folder(tmp_path / "kept"):
+        pass
+    for name in ("kept", "new"):
+        with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / name):
+            raise KeyboardInterrupt
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept"]
+
+
+def test_a_signal_between_two_blocks_leaves_neither_the_file_nor_its_folder(tmp_path: Path) -> None:
+    """As one does that comes when a block has begun and the caller does not know it yet: nothing leaves the block."""
+    blocks = [new_folder(tmp_path / "out"), whole_file(tmp_path / "out" / "a.csv")]
+    for block in blocks:
+        block.__enter__()
+    assert list((tmp_path / "out").iterdir())
+    remove_unfinished()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_file_appears_only_at_the_end(tmp_path: Path) -> None:
