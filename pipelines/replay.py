@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -14,13 +14,14 @@ from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.results.run.record import InputRecord, describe_input
 from quadlog.results.run.stage_marks import MARKS_FILE
-from quadlog.results.run.stages import reused_words, stages_until
+from quadlog.results.run.stages import reused_words
 from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:
     from quadlog.pipelines.executor.compilation import Compilation
     from quadlog.pipelines.stages.context import ReplayContext
     from quadlog.pipelines.stages.ingest import Clouds
+    from quadlog.pipelines.stages.stage import Stage
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
@@ -35,33 +36,25 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         refuse_another(request, described)
 
     from quadlog.pipelines.stages.ingest import open_walk
-    from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, stages_of
-    from quadlog.pipelines.stages.stage import CONTROL, FILTER, MAP, PLAN, POSITION
+    from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
+    from quadlog.pipelines.stages.stage import stages_for
     from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
-        progress.say(reused_words(stages_of(earlier), request.options.until))
-    todo = stages_until(request.options.until)
+        progress.say(reused_words(names_of(earlier), request.options.until))
+    todo = stages_for(request.options.until)
+    missing = [name for stage in todo if stage not in earlier for name in stage.names]
+    clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
     clock = StageClock()
-    missing = [stage for stage in todo if stage not in stages_of(earlier)]
-    clouds = _clouds(todo, stages_of(earlier))
     with (
         compilation(missing, request.config, progress.say) as compiled,
         open_walk(request, clock, progress, described, clouds, partial(_compile, compiled, "filter", "map")) as walk,
         _telling_how_to_go_on(request.run),
     ):
-        stages = MarkedStages(walk, request, earlier)
-        if "position" in todo:
-            stages.do(POSITION, partial(_locate, compiled))
-        if "map" in todo:
-            stages.do(MAP, _filter_and_map)
-        elif "filter" in todo:
-            stages.do(FILTER, _filter)
-        if "plan" in todo:
-            stages.do(PLAN, partial(_replan, compiled))
-        if "control" in todo:
-            stages.do(CONTROL, partial(_resimulate, compiled))
+        marked = MarkedStages(walk, request, earlier)
+        for stage in todo:
+            marked.do(stage, partial(_work, stage, compiled))
         with clock.stage("report"):
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import finish_walk
@@ -80,9 +73,9 @@ def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
     described = _input_of_earlier(request)
     if described is None:
         return ()
-    from quadlog.pipelines.stages.resume import find_reusable, stages_of
+    from quadlog.pipelines.stages.resume import find_reusable, names_of
 
-    return stages_of(find_reusable(request, described.identity))
+    return names_of(find_reusable(request, described.identity))
 
 
 def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
@@ -104,52 +97,15 @@ def _telling_how_to_go_on(written: Path | str) -> Iterator[None]:
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
 
 
-def _clouds(todo: Sequence[str], reused: Sequence[str]) -> Clouds:
-    """What the clouds are read for, when some of the stages to do have been done before."""
-    if "map" in todo:
-        return None if "map" in reused else "map"
-    return "filter" if "filter" in todo and "filter" not in reused else None
+def _work(stage: Stage, compiled: Compilation, walk: ReplayContext) -> None:
+    if stage.needs_compiled(walk):
+        _compile(compiled, *stage.names)
+    stage.load()(walk)
 
 
-def _locate(compiled: Compilation, walk: ReplayContext) -> None:
-    from quadlog.pipelines.stages.position import locate_walk
-
-    if walk.streams.ranges is not None:
-        _compile(compiled, "position")
-    locate_walk(walk)
-
-
-def _filter_and_map(walk: ReplayContext) -> None:
-    from quadlog.pipelines.stages.perceive import filter_and_map
-
-    filter_and_map(walk)
-
-
-def _filter(walk: ReplayContext) -> None:
-    from quadlog.pipelines.stages.perceive import filter_scans
-
-    filter_scans(walk)
-
-
-def _replan(compiled: Compilation, walk: ReplayContext) -> None:
-    from quadlog.pipelines.stages.plan import replan_walk
-
-    if walk.target is not None:
-        _compile(compiled, "plan")
-    replan_walk(walk)
-
-
-def _resimulate(compiled: Compilation, walk: ReplayContext) -> None:
-    from quadlog.pipelines.stages.control import resimulate_walk
-
-    if walk.target is not None:
-        _compile(compiled, "control")
-    resimulate_walk(walk)
-
-
-def _compile(compiled: Compilation, *stages: str) -> None:
+def _compile(compiled: Compilation, *names: str) -> None:
     with _telling_how_to_go_on("the cache of compiled code"):
-        compiled.before(*stages)
+        compiled.before(*names)
 
 
 def _code(losses: str) -> ExitCode:

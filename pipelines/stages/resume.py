@@ -22,7 +22,7 @@ from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
-from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Unit, units_until
+from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Stage, stages_for
 from quadlog.recordings.containers.container import Loss
 from quadlog.results.run.record import RUN_FORMAT, InputRecord, describe_input
 from quadlog.results.run.run_folder import RunFolder, read_metrics, read_run_json
@@ -75,7 +75,7 @@ def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
     marks = read_marks(request.run)
     if until == "report" and not (request.run / "report.html").is_file():
         return None
-    if not all(unit.name in marks and files_are_whole(request.run, marks[unit.name]) for unit in units_until(until)):
+    if not all(stage.name in marks and files_are_whole(request.run, marks[stage.name]) for stage in stages_for(until)):
         return None
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
@@ -96,7 +96,7 @@ def _may_be_one(saved: str, asked: str) -> bool:
     return bool(shorter) and one[-shorter:] == other[-shorter:]
 
 
-class _Stage(Marked):
+class _Took(Marked):
     """What a stage took when it ran."""
 
     seconds: float
@@ -139,7 +139,7 @@ class _Robot(Marked):
 
 
 class Known(Marked):
-    """All that a walk knew when a unit was done: what the unit found out, and those before it.
+    """All that a walk knew when a stage was done: what the stage found out, and those before it.
 
     losses, read_warnings: of the recording, as far as it was read by then. The order of all is kept.
     """
@@ -155,11 +155,11 @@ class Known(Marked):
     losses: list[_Loss]
     read_warnings: list[str]
     body: _Body | None
-    stages: dict[str, _Stage]
+    stages: dict[str, _Took]
 
 
-def note_known(walk: ReplayContext, unit: Unit) -> Known:
-    """What a walk knows, now that a unit is done."""
+def note_known(walk: ReplayContext, stage: Stage) -> Known:
+    """What a walk knows, now that a stage is done."""
     robot, target, body, clock = walk.robot, walk.target, walk.body, walk.clock
     return Known(
         first_ns=int(walk.first_ns),
@@ -174,8 +174,8 @@ def note_known(walk: ReplayContext, unit: Unit) -> Known:
         read_warnings=walk.read_warnings,
         body=None if body is None else _body(body),
         stages={
-            name: _Stage(seconds=clock.seconds[name], peak_memory_mb=clock.peak_memory_mb[name])
-            for name in unit.stages
+            name: _Took(seconds=clock.seconds[name], peak_memory_mb=clock.peak_memory_mb[name])
+            for name in stage.names
             if name in clock.seconds
         },
     )
@@ -189,8 +189,8 @@ def known_of(mark: StageMark) -> Known | None:
         return None
 
 
-def hand_over(known: Known, unit: Unit, walk: ReplayContext) -> None:
-    """Bring a walk to where it was when the unit was done. Raises NotARun for damaged tables."""
+def hand_over(known: Known, stage: Stage, walk: ReplayContext) -> None:
+    """Bring a walk to where it was when the stage was done. Raises NotARun for damaged tables."""
     run, body = walk.run.path, known.body
     walk.first_ns, walk.last_ns = known.first_ns, known.last_ns
     if known.robot is not None:
@@ -201,11 +201,11 @@ def hand_over(known: Known, unit: Unit, walk: ReplayContext) -> None:
     walk.counts = dict(known.counts)
     walk.notes, walk.own_warnings = list(known.notes), list(known.warnings)
     walk.body = None if body is None else WalkedBody(body.mass_kg, body.ticks, Effort(**body.effort.model_dump()))
-    if "filter" in unit.stages:
+    if "filter" in stage.names:
         losses = [Loss(**loss.model_dump()) for loss in known.losses]
         walk.read_before = WhatWasRead(losses, list(known.read_warnings))
-    for name, stage in known.stages.items():
-        walk.clock.seconds[name], walk.clock.peak_memory_mb[name] = stage.seconds, stage.peak_memory_mb
+    for name, took in known.stages.items():
+        walk.clock.seconds[name], walk.clock.peak_memory_mb[name] = took.seconds, took.peak_memory_mb
 
 
 def _body(body: WalkedBody) -> _Body:
@@ -235,19 +235,19 @@ _MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
 """Where definitions are looked for below a folder of --msg-path."""
 
 
-def unit_keys(request: ReplayRequest, identity: str) -> dict[Unit, str]:
-    """The key of each unit that a request asks for; each has those before it in it. identity: the input's."""
-    keys: dict[Unit, str] = {}
+def stage_keys(request: ReplayRequest, identity: str) -> dict[Stage, str]:
+    """The key of each stage that a request asks for; each has those before it in it. identity: the input's."""
+    keys: dict[Stage, str] = {}
     key = _digest(_common(request, identity))
-    for unit in units_until(request.options.until):
-        config = {name: _value(request.config, name) for name in unit.reads}
-        key = _digest([key, unit.stages, config, _named_by_config(unit, request.config)])
-        keys[unit] = key
+    for stage in stages_for(request.options.until):
+        config = {name: _value(request.config, name) for name in stage.reads}
+        key = _digest([key, stage.names, config, _named_by_config(stage, request.config)])
+        keys[stage] = key
     return keys
 
 
 def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
-    """What every unit depends on; not until which one is asked for."""
+    """What every stage depends on; not until which one is asked for."""
     options = request.options
     return {
         "input": identity,
@@ -261,13 +261,13 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
     }
 
 
-def _named_by_config(unit: Unit, config: Config) -> Any:
-    """The content of what a unit's configuration only names."""
-    if unit == POSITION:
+def _named_by_config(stage: Stage, config: Config) -> Any:
+    """The content of what a stage's configuration only names."""
+    if stage == POSITION:
         return _file_digest(Path(config.topics.position))
-    if unit == PLAN:
+    if stage == PLAN:
         return [each for each in _plugins(PLANNERS) if each[0] == config.planner.name]
-    if unit == CONTROL and config.simulation.has_body:
+    if stage == CONTROL and config.simulation.has_body:
         return _model_digest(config.robot.model)
     return None
 
@@ -324,52 +324,52 @@ def _digest(content: dict[str, Any] | Sequence[Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-Earlier = Mapping[Unit, StageMark]
-"""The units that an earlier replay has done, in order, all from the first one on."""
+Earlier = Mapping[Stage, StageMark]
+"""The stages that an earlier replay has done, in order, all from the first one on."""
 
 
 def find_reusable(request: ReplayRequest, identity: str) -> Earlier:
     """What is done of a request: the same key as now, and every file as it was left. identity: the input's."""
-    found: dict[Unit, StageMark] = {}
+    found: dict[Stage, StageMark] = {}
     marks = read_marks(request.run)
-    for unit, key in unit_keys(request, identity).items() if marks else ():
-        mark = marks.get(unit.name)
+    for stage, key in stage_keys(request, identity).items() if marks else ():
+        mark = marks.get(stage.name)
         if mark is None or mark.key != key or known_of(mark) is None or not files_are_whole(request.run, mark):
             break
-        found[unit] = mark
+        found[stage] = mark
     return found
 
 
-def stages_of(earlier: Earlier) -> tuple[str, ...]:
+def names_of(earlier: Earlier) -> tuple[str, ...]:
     """The stages that need not be done again."""
-    return tuple(stage for unit in earlier for stage in unit.stages)
+    return tuple(name for stage in earlier for name in stage.names)
 
 
 class MarkedStages:
-    """Does each unit of a walk once: what is done already is handed over, the rest is done now and marked."""
+    """Does each stage of a walk once: what is done already is handed over, the rest is done now and marked."""
 
     def __init__(self, walk: ReplayContext, request: ReplayRequest, earlier: Earlier) -> None:
         self._walk, self._earlier = walk, earlier
-        self._keys = unit_keys(request, walk.input.identity)
+        self._keys = stage_keys(request, walk.input.identity)
         self._marks: list[StageMark] = []
-        walk.reused = stages_of(earlier)
+        walk.reused = names_of(earlier)
         walk.keep = (MARKS_FILE, *(file.name for mark in earlier.values() for file in mark.files)) if earlier else ()
 
-    def do(self, unit: Unit, work: Callable[[ReplayContext], None]) -> None:
-        """One unit, those before it being done. Raises what the work raises."""
+    def do(self, stage: Stage, work: Callable[[ReplayContext], None]) -> None:
+        """One stage, those before it being done. Raises what the work raises."""
         walk = self._walk
-        if (mark := self._earlier.get(unit)) is not None:
+        if (mark := self._earlier.get(stage)) is not None:
             known = Known.model_validate(mark.known)
             walk.begin_folder()
-            hand_over(known, unit, walk)
+            hand_over(known, stage, walk)
             self._note(mark)
             return
         with files_written() as written:
             work(walk)
-        known = note_known(walk, unit)
+        known = note_known(walk, stage)
         # Not what is there: a mark must miss what another process has removed meanwhile.
-        files = mark_files(walk.run.path, [name for name in unit.files if walk.run.path / name in written])
-        self._note(StageMark(stage=unit.name, key=self._keys[unit], files=files, known=known.model_dump()))
+        files = mark_files(walk.run.path, [name for name in stage.files if walk.run.path / name in written])
+        self._note(StageMark(stage=stage.name, key=self._keys[stage], files=files, known=known.model_dump()))
         write_marks(walk.run.path, self._marks)
 
     def _note(self, mark: StageMark) -> None:

@@ -13,12 +13,11 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
-from quadlog.pipelines import replay as story
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages import report
-from quadlog.pipelines.stages import resume as unit_keys
+from quadlog.pipelines.stages import position, report
+from quadlog.pipelines.stages import resume as stage_keys
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.compare.differences import Tolerance
 from quadlog.results.compare.run_diff import diff_runs, first_difference
@@ -194,7 +193,7 @@ def test_another_option_starts_anew(option, ask, fresh, saved, tmp_path):
 def test_another_version_starts_anew(ask, monkeypatch, tmp_path):
     replay(ask(tmp_path / "run", until="map"), Silent())
     assert reusable_stages(ask(tmp_path / "run")) == ALL[:3]
-    monkeypatch.setattr(unit_keys, "__version__", "0.0.1")
+    monkeypatch.setattr(stage_keys, "__version__", "0.0.1")
     assert reusable_stages(ask(tmp_path / "run")) == ()
 
 
@@ -315,13 +314,13 @@ def test_what_is_reused_is_told_without_a_look_at_the_input_where_nothing_is_mar
 
 def test_a_stage_whose_file_another_process_has_removed_is_not_marked(ask, monkeypatch, tmp_path):
     """Its mark would say that the stage is whole, without that file."""
-    locate = story._locate
+    locate = position.locate_walk
 
-    def locate_and_lose(compiled: Any, walk: Any) -> None:
-        locate(compiled, walk)
+    def locate_and_lose(walk: Any) -> None:
+        locate(walk)
         (tmp_path / "run" / "uwb_errors.parquet").unlink()
 
-    monkeypatch.setattr(story, "_locate", locate_and_lose)
+    monkeypatch.setattr(position, "locate_walk", locate_and_lose)
     with pytest.raises(CannotWrite, match=r"uwb_errors\.parquet: .* another process has removed it; --resume goes on"):
         replay(ask(tmp_path / "run"), Silent())
     assert reusable_stages(ask(tmp_path / "run")) == ()

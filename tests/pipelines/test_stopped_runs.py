@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from mcap.writer import Writer
 
 from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite
-from quadlog.pipelines import replay as story
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
@@ -118,21 +118,22 @@ def full_disk(most_bytes: int) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("work", "most_bytes", "file", "count"),
     [
-        ("_locate", 5000, "ranges.parquet", 0),
-        ("_locate", 50_000, "dilution.npz", 0),
-        ("_filter_and_map", 2000, "scans.parquet", 1),
-        ("_filter_and_map", 20_000, "cloud_samples.npz", 1),
-        ("_replan", 2000, "paths.parquet", 3),
-        ("_resimulate", 2000, "control.parquet", 4),
-        ("finish_walk", 1000, "metrics.json", 5),
-        ("finish_walk", 20_000, "derived.mcap", 5),
-        ("write_page", 20_000, "report.html", 5),
+        ("position:locate_walk", 5000, "ranges.parquet", 0),
+        ("position:locate_walk", 50_000, "dilution.npz", 0),
+        ("perceive:filter_and_map", 2000, "scans.parquet", 1),
+        ("perceive:filter_and_map", 20_000, "cloud_samples.npz", 1),
+        ("plan:replan_walk", 2000, "paths.parquet", 3),
+        ("control:resimulate_walk", 2000, "control.parquet", 4),
+        ("report:finish_walk", 1000, "metrics.json", 5),
+        ("report:finish_walk", 20_000, "derived.mcap", 5),
+        ("report:write_page", 20_000, "report.html", 5),
     ],
 )
 def test_a_full_disk_ends_with_one_line_and_a_run_that_goes_on(
     work, most_bytes, file, count, ask, tmp_path, monkeypatch
 ):
-    module = report if hasattr(report, work) else story
+    module, work = work.split(":")
+    module = import_module(f"quadlog.pipelines.stages.{module}")
     does = getattr(module, work)
 
     def on_a_full_disk(*arguments: Any) -> Any:

@@ -19,7 +19,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.pipelines.stages.stage import units_until
+from quadlog.pipelines.stages.stage import stages_for
 from quadlog.results.run.find_runs import runs_here
 from quadlog.results.run.record import RunRecord, StageRecord, describe_input
 from quadlog.results.run.run_folder import RunFolder
@@ -85,7 +85,7 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     folder.write_config({})
     for name in FILES_UNTIL[request.options.until]:
         (folder.path / name).write_bytes(name.encode())
-    marks = [StageMark(stage=unit.name, key="", files=[], known={}) for unit in units_until(request.options.until)]
+    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
     marks[0].files.extend(mark_files(folder.path, ["poses.parquet"]))
     write_marks(folder.path, marks)
     metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}

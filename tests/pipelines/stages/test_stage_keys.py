@@ -1,4 +1,4 @@
-"""What a unit's results depend on is in its key: every key of the configuration, and whatever it only names."""
+"""What a stage's results depend on is in its key: every key of the configuration, and whatever it only names."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages import resume as module
-from quadlog.pipelines.stages.resume import unit_keys
-from quadlog.pipelines.stages.stage import units_until
+from quadlog.pipelines.stages.resume import stage_keys
+from quadlog.pipelines.stages.stage import stages_for
 
 ROBOT = '<mujoco><worldbody><body name="{name}"><geom size="1"/></body></worldbody></mujoco>'
 # A value beside the default for what a rule below cannot make one of.
@@ -37,11 +37,11 @@ def request(config: Config | None = None, **options: object) -> ReplayRequest:
 
 
 def keys(config: Config | None = None, identity: str = "one", **options: object) -> list[str]:
-    return list(unit_keys(request(config, **options), identity).values())
+    return list(stage_keys(request(config, **options), identity).values())
 
 
 def unchanged(one: list[str], other: list[str]) -> int:
-    """How many units have the same key; behind the first that has another one, all have."""
+    """How many stages have the same key; behind the first that has another one, all have."""
     same = [a == b for a, b in zip(one, other, strict=True)]
     assert same == sorted(same, reverse=True)
     return sum(same)
@@ -81,15 +81,15 @@ LEAVES = leaves(load_config(environ={}))
 
 
 @pytest.mark.parametrize("name", LEAVES)
-def test_another_value_of_any_key_starts_at_the_unit_that_reads_it(name):
+def test_another_value_of_any_key_starts_at_the_stage_that_reads_it(name):
     changed = load_config(settings={name: other_value(name, LEAVES[name])}, environ={})
     assert leaves(changed)[name] != LEAVES[name]
     readers = [
         number
-        for number, unit in enumerate(units_until("report"))
-        if any(name == told or name.startswith(f"{told}.") for told in unit.reads)
+        for number, stage in enumerate(stages_for("report"))
+        if any(name == told or name.startswith(f"{told}.") for told in stage.reads)
     ]
-    assert unchanged(keys(), keys(changed)) == min(readers, default=len(units_until("report")))
+    assert unchanged(keys(), keys(changed)) == min(readers, default=len(stages_for("report")))
 
 
 @pytest.mark.parametrize("name", ["grid.dilation_m", "robot.model", "results.cloud_samples", "lidar.mount.x_m"])

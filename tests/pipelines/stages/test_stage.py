@@ -1,4 +1,4 @@
-"""The table of what each unit reads, held against what replays really read: a wrong entry would be a wrong number."""
+"""The table of what each stage reads, held against what replays really read: a wrong entry would be a wrong number."""
 
 from __future__ import annotations
 
@@ -17,21 +17,13 @@ from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.pipelines.executor.progress import Silent, StageClock
 from quadlog.pipelines.request import ReplayRequest
-from quadlog.pipelines.stages import control, ingest, perceive, plan, position
-from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages import ingest
 from quadlog.pipelines.stages.scans import ScanSettings
-from quadlog.pipelines.stages.stage import Unit, units_until
+from quadlog.pipelines.stages.stage import Stage, stages_for
 from quadlog.results.run.names import OWN_FILES
 from quadlog.results.run.stages import STAGES
 from quadlog.storage.atomic_write import files_written
 
-WORK: dict[str, Callable[[ReplayContext], None]] = {
-    "position": position.locate_walk,
-    "filter": perceive.filter_scans,
-    "map": perceive.filter_and_map,
-    "plan": plan.replan_walk,
-    "control": control.resimulate_walk,
-}
 # `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.
 ONLY_HANDED_ON = {"ingest": ("lidar.mount",)}
 CONFIGURATIONS = {
@@ -94,15 +86,15 @@ class Spy:
 
 
 def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
-    """What each unit reads, `ingest` too; what it writes must be its own."""
+    """What each stage reads, `ingest` too; what it writes must be its own."""
     with pytest.MonkeyPatch.context() as patch:
         spy = Spy(patch)
-        units = units_until(request.options.until)
-        scans = next((unit.name for unit in units if "filter" in unit.stages), "")
+        stages = stages_for(request.options.until)
+        scans = next((stage.name for stage in stages if "filter" in stage.names), "")
         of_config = ScanSettings.of_config
 
         def spied_settings(config: Config, *, maps: bool) -> ScanSettings:
-            # While the recording is read clouds are classified already, by the configuration of their unit.
+            # While the recording is read clouds are classified already, by the configuration of their stage.
             with spy.at(scans):
                 return of_config(config, maps=maps)
 
@@ -110,10 +102,10 @@ def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
         spy.at_work = "ingest"
         clouds = "map" if scans == "map" else "filter" if scans else None
         with ingest.open_walk(request, StageClock(), Silent(), None, clouds) as walk:
-            for unit in units:
-                with spy.at(unit.name), files_written() as written:
-                    WORK[unit.name](walk)
-                assert {path.name for path in written} <= {*unit.files, "config.toml"}
+            for stage in stages:
+                with spy.at(stage.name), files_written() as written:
+                    stage.load()(walk)
+                assert {path.name for path in written} <= {*stage.files, "config.toml"}
     return spy.reads
 
 
@@ -121,14 +113,14 @@ def is_told(key: str, told: tuple[str, ...]) -> bool:
     return any(key == name or key.startswith(f"{name}.") for name in told)
 
 
-def untold(reads: dict[str, set[str]], units: tuple[Unit, ...]) -> dict[str, set[str]]:
-    """Keys that were read, but neither by the table of the unit nor by those of the units before it."""
+def untold(reads: dict[str, set[str]], stages: tuple[Stage, ...]) -> dict[str, set[str]]:
+    """Keys that were read, but neither by the table of the stage nor by those of the stages before it."""
     told: tuple[str, ...] = ()
     found = {}
-    for unit in units:
-        told += unit.reads
-        found[unit.name] = {key for key in reads[unit.name] if not is_told(key, told)}
-    at_once = (*units[0].reads, *ONLY_HANDED_ON["ingest"])
+    for stage in stages:
+        told += stage.reads
+        found[stage.name] = {key for key in reads[stage.name] if not is_told(key, told)}
+    at_once = (*stages[0].reads, *ONLY_HANDED_ON["ingest"])
     found["ingest"] = {key for key in reads["ingest"] if not is_told(key, at_once)}
     return {name: keys for name, keys in found.items() if keys}
 
@@ -142,33 +134,33 @@ def made(fixtures: Path, follow_request: Callable[..., ReplayRequest], run: Path
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_nothing_is_read_that_the_table_does_not_tell(name, fixtures, follow_request, tmp_path):
     reads = reads_of(made(fixtures, follow_request, tmp_path / "run", sets=CONFIGURATIONS[name]))
-    assert untold(reads, units_until("control")) == {}
+    assert untold(reads, stages_for("control")) == {}
     assert {"topics.position", "uwb.anchors"} <= reads["ingest"] | reads["position"]  # the spy sees something
     assert "grid.cell_m" in reads["map"]
 
 
 def test_the_papers_methods_and_filter_alone_read_no_more_either(fixtures, follow_request, tmp_path):
     alone = reads_of(made(fixtures, follow_request, tmp_path / "a", preset="paper", until="filter"))
-    assert untold(alone, units_until("filter")) == {}
+    assert untold(alone, stages_for("filter")) == {}
     assert {"ground.inlier_share", "lidar.outlier_neighbours"} <= alone["filter"]
     mapped = reads_of(made(fixtures, follow_request, tmp_path / "b", preset="paper", until="plan"))
-    assert untold(mapped, units_until("plan")) == {}
+    assert untold(mapped, stages_for("plan")) == {}
 
 
-def test_every_key_of_the_configuration_belongs_to_a_unit_or_is_known_to_decide_nothing_in_a_replay():
+def test_every_key_of_the_configuration_belongs_to_a_stage_or_is_known_to_decide_nothing_in_a_replay():
     leaves = {f"{prefix}{key}" for model, prefix in PREFIX.items() if prefix for key in model.model_fields}
-    told = tuple(name for unit in units_until("report") for name in unit.reads)
+    told = tuple(name for stage in stages_for("report") for name in stage.reads)
     assert {key for key in leaves if not is_told(key, told)} == {"results.frames"}
     for name in told:
         assert name in leaves | set(Config.model_fields), name
 
 
-def test_every_file_of_a_run_belongs_to_one_unit_or_is_written_anew_each_time():
-    units = units_until("report")
-    files = [name for unit in units for name in unit.files]
+def test_every_file_of_a_run_belongs_to_one_stage_or_is_written_anew_each_time():
+    stages = stages_for("report")
+    files = [name for stage in stages for name in stage.files]
     assert len(files) == len(set(files))
     always = {"run.json", "config.toml", "stages.json", "metrics.json", "report.html", "derived.mcap"}
     assert set(files) | always | {"foxglove-layout.json"} == OWN_FILES
     for last in STAGES:
-        stages = [stage for unit in units_until(last) for stage in unit.stages]
-        assert stages == [stage for stage in STAGES[: STAGES.index(last) + 1] if stage not in ("ingest", "report")]
+        names = [name for stage in stages_for(last) for name in stage.names]
+        assert names == [stage for stage in STAGES[: STAGES.index(last) + 1] if stage not in ("ingest", "report")]
