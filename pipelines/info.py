@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,10 @@ from quadlog.pipelines.stages.tag_errors import (
     roles_of,
 )
 from quadlog.pipelines.stages.uwb import anchors_of, located_warnings, settings_of, tags_of
+from quadlog.positioning.anchor_survey import SurveyCheck, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
-from quadlog.positioning.locate import Located, TagResult, locate
+from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
 from quadlog.recordings.clock import FAR_APART_NS, REORDERED_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
@@ -59,7 +61,7 @@ def describe_recording(
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
         part, seen, unindexed = _look(recording, None if full else _budget(config), open_progress)
-        uwb, warnings = _uwb(part, roles, config)
+        uwb, warnings = _uwb(part, roles, config, whole=part is recording)
         info = _describe(recording, roles, seen)
         jumps = _back_warnings(seen, warnings)
         sampled = {"sampled": part is not recording}
@@ -105,11 +107,10 @@ def _advance(recording: Recording, progress: Progress, messages: Iterator[Decode
             progress.advance(steps * step_ns * 1e-9)
 
 
-def _uwb(part: Recording, roles: Roles, config: Config) -> tuple[dict[str, Any], list[str]]:
+def _uwb(part: Recording, roles: Roles, config: Config, whole: bool) -> tuple[dict[str, Any], list[str]]:
     if not config.uwb.anchors:
         return {"uwb": [], "uwb_tags": [], "dilution": None}, []
-
-    return uwb_diagnostics(part, roles, config)
+    return uwb_diagnostics(part, roles, config, whole)
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
@@ -193,11 +194,14 @@ MAP_ROWS, MAP_COLUMNS = 8, 12
 """What fits a terminal."""
 
 
-def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple[dict[str, Any], list[str]]:
+def uwb_diagnostics(
+    recording: Recording, roles: Roles, config: Config, whole: bool
+) -> tuple[dict[str, Any], list[str]]:
     """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `dilution`; and why they are empty.
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
-    None.
+    None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
+    walk tell them too badly.
     """
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
@@ -206,7 +210,8 @@ def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple
         if streams.ranges is None:
             return empty, ["anchors are configured, but the recording has no UWB ranges"]
         tags = tags_of(config, streams.ranges)
-        located = locate(streams.ranges, anchors_of(config), list(tags.values()), settings_of(config))
+        anchors, settings = anchors_of(config), settings_of(config)
+        located = locate(streams.ranges, anchors, list(tags.values()), settings)
     except QuadlogError as error:
         return empty, [f"UWB: {error}"]
     role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()}
@@ -218,7 +223,34 @@ def uwb_diagnostics(recording: Recording, roles: Roles, config: Config) -> tuple
         "dilution": _dilution(located, robot, config),
     }
     first_ns = int(streams.ranges.t_ns.min())
-    return found, [*streams.warnings, *located_warnings(located, config, first_ns)]
+    places = survey_warnings(check_located(located, anchors, settings), anchors) if whole else []
+    return found, [*streams.warnings, *located_warnings(located, config, first_ns), *places]
+
+
+def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyCheck:
+    """The check, by all tags that were located."""
+    logs = [
+        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
+        for result in located.tags
+    ]
+    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
+
+
+def survey_warnings(check: SurveyCheck, anchors: Anchors) -> list[str]:
+    """A line for each thing that seems to be wrong; several are alternatives."""
+    ids = anchors.ids.tolist()
+    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in check.swapped]
+    for steps in check.turned:
+        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
+    for shifted in check.shifted:
+        x_m, y_m = shifted.place_m
+        texts.append(
+            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
+            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
+        )
+    if len(texts) > 1:
+        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+    return texts
 
 
 def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[str, Any]]:

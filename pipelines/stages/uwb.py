@@ -14,46 +14,12 @@ from quadlog.messages import RangeSeries
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.tag_errors import TagErrors, dilution_of, errors_of_tags, levers_on_robot, roles_of
 from quadlog.positioning.anchor_bias import AnchorBias
-from quadlog.positioning.anchor_survey import SurveyCheck, TagEpochs, check_survey
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.results.run.maps import DilutionGrid, write_dilution
 from quadlog.results.run.tables import TABLES, TableWriter
-
-
-def tell_survey(walk: ReplayContext, located: Located, anchors: Anchors, settings: LocateSettings) -> None:
-    """Warn of anchors that seem to be swapped or at another place."""
-    for text in survey_warnings(check_located(located, anchors, settings), anchors):
-        walk.warn(text)
-
-
-def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyCheck:
-    """The check, by all tags that were located."""
-    logs = [
-        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
-        for result in located.tags
-    ]
-    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
-
-
-def survey_warnings(check: SurveyCheck, anchors: Anchors) -> list[str]:
-    """A line for each thing that seems to be wrong; several are alternatives."""
-    ids = anchors.ids.tolist()
-    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in check.swapped]
-    for steps in check.turned:
-        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
-    for shifted in check.shifted:
-        x_m, y_m = shifted.place_m
-        texts.append(
-            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
-            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
-        )
-    if len(texts) > 1:
-        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
-    return texts
-
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 
@@ -255,10 +221,8 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     robot = roles_of(config, list(tags)).get("robot", -1)
     if robot in tags and config.uwb.odometry:
         tags[robot] = replace(tags[robot], body_motion=_body_motion(walk))
-    anchors, settings = anchors_of(config), settings_of(config)
-    located = locate(ranges, anchors, list(tags.values()), settings)
+    located = locate(ranges, anchors_of(config), list(tags.values()), settings_of(config))
     tell_located(walk, located)
-    tell_survey(walk, located, anchors, settings)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))
     walk.use("uwb")

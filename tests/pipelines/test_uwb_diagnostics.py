@@ -135,3 +135,15 @@ def test_the_lever_arms_matter(lias: dict[str, Any]) -> None:
     """With the tags taken for the trolley's middle, a fix would be off by the lever itself."""
     for tag, lever_m in zip(lias["uwb_tags"], LIAS_LEVERS_M, strict=True):
         assert tag["track_error"]["rmse_m"] < 0.5 * np.hypot(*lever_m)
+
+
+def test_swapped_anchors_are_told_by_info(fixtures: Path) -> None:
+    config = load_config(fixtures / "follow.toml", environ={})
+    first, second, *others = config.uwb.anchors
+    exchanged = [first.model_copy(update={"id": second.id}), second.model_copy(update={"id": first.id}), *others]
+    told = []
+    for anchors in (config.uwb.anchors, exchanged):
+        uwb = config.uwb.model_copy(update={"anchors": anchors})
+        warnings = describe_recording(fixtures / "follow.mcap", config.model_copy(update={"uwb": uwb}))["warnings"]
+        told.append([each for each in warnings if "swapped" in each])
+    assert told == [[], [f"anchors {second.id} and {first.id} seem to be swapped in [[uwb.anchors]]"]]
