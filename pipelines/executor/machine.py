@@ -58,7 +58,12 @@ def _raise(number: int) -> None:
 
 
 def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
-    """Called for an exception in a destructor or a callback from C, which otherwise is printed and forgotten."""
+    """Called for an exception in a destructor or a callback from C, which otherwise is printed and forgotten.
+
+    Python itself reports one, of no object, for a signal that comes while its handler is being replaced by SIG_IGN.
+    """
+    if lost.exc_type is OSError and lost.object is None:
+        return
     if lost.exc_type is not KeyboardInterrupt or threading.current_thread() is not threading.main_thread():
         sys.__unraisablehook__(lost)
         return

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import signal
+import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -39,3 +41,22 @@ def test_who_has_an_ear_of_his_own_for_interrupts_keeps_it(mine):
         assert signal.getsignal(signal.SIGINT) is mine
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize(("lost_by", "is_told"), [(None, False), (print, True)])
+def test_pythons_report_of_a_signal_amid_a_change_of_its_handler_is_not_passed_on(
+    lost_by, is_told, capsys, monkeypatch
+):
+    """Python gives it to the hook for errors that nobody can catch, as one of no object: too rare to be provoked."""
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    monkeypatch.setattr(sys, "__unraisablehook__", told.append)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        interrupts.take_one_interrupt()
+        error = OSError("Signal 2 ignored due to race condition")
+        sys.unraisablehook(SimpleNamespace(exc_type=OSError, exc_value=error, exc_traceback=None, object=lost_by))
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert bool(told) == is_told
