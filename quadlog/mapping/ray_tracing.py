@@ -119,7 +119,8 @@ def _gather(
     width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
     and the greatest reach and height.
     """
-    reach_m[: sectors * BINS + 1], slope[: sectors * BINS + 1] = _INF, -_INF
+    for bin_k in range(sectors * BINS + 1):
+        reach_m[bin_k], slope[bin_k] = _INF, -_INF
     for begin in range(0, n, width):
         size = min(width, n - begin)
         slots = slot[begin:]
@@ -273,9 +274,14 @@ def _place(
         moved_m[1, k] = poses[k, 1] + sin * lidar_base_m[0] + cos * lidar_base_m[1]
         moved_m[2, k] = poses[k, 2] / (2.0 * math.pi)
         moved_m[3, k], moved_m[4, k] = cos, sin
-    start_x_m, start_y_m = moved_m[0].mean(), moved_m[1].mean()
-    moved_m[0] -= start_x_m
-    moved_m[1] -= start_y_m
+    start_x_m, start_y_m = 0.0, 0.0
+    for k in range(n):
+        start_x_m += moved_m[0, k]
+        start_y_m += moved_m[1, k]
+    start_x_m, start_y_m = start_x_m / n, start_y_m / n
+    for k in range(n):
+        moved_m[0, k] -= start_x_m
+        moved_m[1, k] -= start_y_m
     _draw_profiles(count, slot, reach, slope, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
     col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
     _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
@@ -302,7 +308,10 @@ def _draw_profiles(
     and sine of that. outward: (2, sectors) directions of the sectors in base.
     """
     sectors, steps = len(count), profile_mm.shape[1]
-    sector[:], profile_mm[sectors, :] = sectors, NO_RAY
+    for d in range(_DIRECTIONS):
+        sector[d] = sectors
+    for k in range(steps):
+        profile_mm[sectors, k] = NO_RAY
     ray, step_m = np.int64(0), 0.5 * cell_m
     for s in range(sectors):
         if count[s] == 0:
