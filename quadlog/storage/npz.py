@@ -17,11 +17,13 @@ from numpy.typing import DTypeLike, NDArray
 from quadlog.errors import NotARun, TooLarge
 from quadlog.storage.atomic_write import whole_file
 
+# Measurements as floats hardly shrink, and take most of the time.
+_TRIED_BYTES, _WORTH_RATIO, _LEVEL = 1 << 14, 0.75, 1
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first instant a zip knows; numpy.savez writes the same
 
 
 class NpzWriter:
-    """Adds arrays one by one to an open archive, deflated, none of them kept in memory."""
+    """Adds arrays one by one to an open archive, deflated where that saves much, none of them kept in memory."""
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
         self._archive = archive
@@ -29,12 +31,14 @@ class NpzWriter:
     def add(self, name: str, array: NDArray[Any]) -> None:
         """`array` as the member `name`, which `numpy.load(...)[name]` finds."""
         member = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-        member.compress_type = zipfile.ZIP_DEFLATED
         member.external_attr = 0o644 << 16
         member.create_system = 3  # Unix, wherever it is written
         content = io.BytesIO()
         np.lib.format.write_array(content, np.ascontiguousarray(array).reshape(array.shape), allow_pickle=False)
-        self._archive.writestr(member, content.getbuffer())
+        begin = content.getbuffer()[:_TRIED_BYTES]
+        worth = len(zlib.compress(begin, _LEVEL)) < _WORTH_RATIO * len(begin)
+        kind = zipfile.ZIP_DEFLATED if worth else zipfile.ZIP_STORED
+        self._archive.writestr(member, content.getbuffer(), kind, _LEVEL)
 
 
 @contextmanager

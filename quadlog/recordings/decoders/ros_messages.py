@@ -45,6 +45,7 @@ class Definitions:
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
         self._ways: dict[tuple[Any, ...], list[Way]] = {}
+        self._stores: list[Typestore] = []
 
     def decoder(self, channel: Channel, interpret: Interpret) -> Callable[[Payload], Any]:
         """A function from payload to what interpret makes of (message object, topic).
@@ -56,7 +57,7 @@ class Definitions:
         # Topics often share a definition, and to compile one takes 10 ms.
         alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = self._ways.get(alike) or [_way(types, channel) for types in self._candidates(channel)]
+            found = self._ways.get(alike) or [self._way(types, channel) for types in self._candidates(channel)]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
@@ -84,6 +85,32 @@ class Definitions:
         except BadDefinition:
             pass
         return None
+
+    def _way(self, types: Types, channel: Channel) -> Way:
+        """How rosbags reads payloads of a definition. Raises BadDefinition."""
+        store = self._typestore(types)
+        try:
+            store.get_msgdef(channel.type_name)
+        except Exception as error:  # rosbags compiles the definition; what it cannot is refused
+            raise _not_compiled(error) from error
+        deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
+        return partial(deserialise, typename=channel.type_name), largest_payload_bytes(types)
+
+    def _typestore(self, types: Types) -> Typestore:
+        """One that knows the types, shared where those of the same name are the same: each is compiled once."""
+        for store in self._stores:
+            known = {name: fields for name, (_, fields) in store.fielddefs.items()}
+            if all(known.get(name, fields) == fields for name, (_, fields) in types.items()):
+                break
+        else:
+            store = get_typestore(Stores.EMPTY)
+        try:
+            store.register({name: each for name, each in types.items() if name not in store.fielddefs})
+        except Exception as error:
+            raise _not_compiled(error) from error
+        if store not in self._stores:
+            self._stores.append(store)
+        return store
 
     def _candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
@@ -128,6 +155,10 @@ class Definitions:
         return lambda name: standard_types(channel.message_encoding, name)
 
 
+def _not_compiled(error: Exception) -> BadDefinition:
+    return BadDefinition(f"its definition cannot be compiled ({error})")
+
+
 class _FirstFitting:
     """Tries each way to read on the first payload and keeps the one that fits it exactly."""
 
@@ -156,23 +187,6 @@ class _FirstFitting:
         except (AttributeError, TypeError, ValueError, OverflowError) as error:  # a definition of another shape
             reason = f"not the usual {self.channel.type_name}: {error}"
             raise DecodeError(self.channel.topic, reason) from error
-
-
-def _way(types: Types, channel: Channel) -> Way:
-    """How rosbags reads payloads of a definition. Raises BadDefinition."""
-    store = _typestore(types, channel)
-    deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-    return partial(deserialise, typename=channel.type_name), largest_payload_bytes(types)
-
-
-def _typestore(types: Types, channel: Channel) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(types)
-        store.get_msgdef(channel.type_name)
-    except Exception as error:  # rosbags compiles the definition; what it cannot is refused
-        raise BadDefinition(f"its definition cannot be compiled ({error})") from error
-    return store
 
 
 @cache

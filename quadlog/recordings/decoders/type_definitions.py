@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from functools import lru_cache
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
@@ -49,8 +50,9 @@ class BadDefinition(ValueError):
     """A definition that cannot be used; says why."""
 
 
+@lru_cache(maxsize=64)  # asked for by decoders of single messages and of columns, and by topics of one type
 def parse_definition(text: bytes | str, type_name: str, encoding: str) -> Types:
-    """Every type in one definition text. encoding: ``ros1msg``, ``ros2msg`` or ``ros2idl``."""
+    """Every type in one definition text, not to be changed. encoding: ``ros1msg``, ``ros2msg`` or ``ros2idl``."""
     if len(text) > LARGEST_DEFINITION_BYTES:
         raise BadDefinition(f"its definition is larger than {LARGEST_DEFINITION_BYTES} bytes")
     if not TYPE_NAME.fullmatch(type_name):

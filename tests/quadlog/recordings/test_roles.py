@@ -242,8 +242,8 @@ def test_many_topics_are_looked_through_once_and_few_are_listed(log: Any, monkey
         log.add(f"/odom_{number:03}", T0, log.ros.odometry(T0, 0.0))
     looks, channels = [], type(log.container).channels
     monkeypatch.setattr(type(log.container), "channels", property(lambda self: looks.append(1) or channels.fget(self)))
-    compiled, way = [], ros_messages._way
-    monkeypatch.setattr(ros_messages, "_way", lambda *each: compiled.append(1) or way(*each))
+    compiled, largest = [], ros_messages.largest_payload_bytes
+    monkeypatch.setattr(ros_messages, "largest_payload_bytes", lambda *each: compiled.append(1) or largest(*each))
     recording = Recording(log.container)
     roles = detect_roles(recording, Topics())
     for _ in recording.everything():
