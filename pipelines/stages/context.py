@@ -219,9 +219,7 @@ class ReplayContext:
             return np.full((len(t_ns), 2), np.nan)
         return self.target.at(t_ns)
 
-    def target_at(self, t_ns: int) -> Float | None:
-        """Where a person or thing to keep clear of the map is (2,); None for a target that has no body."""
-        if self.target is None or not self.target.has_body:
-            return None
-        xy_m = self.target.at(np.array([t_ns]))[0]
-        return xy_m if np.isfinite(xy_m).all() else None
+    def solid_targets_at(self, t_ns: np.ndarray) -> Float:
+        """Where a person or thing to keep clear of the map is at instants (N,): (N, 2), NaN for none with a body."""
+        solid = self.target is not None and self.target.has_body
+        return self.targets_at(t_ns) if solid else np.full((len(t_ns), 2), np.nan)

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,26 +32,38 @@ from quadlog.results.run.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
 
+class ScanPlace(NamedTuple):
+    """Poses x, y, yaw (3,) at a scan's stamp and (K, 3) at its time slots, and the target's place (2,); NaN if unknown.
+
+    Of a target without a body there is no place.
+    """
+
+    pose: Float
+    slot_pose: Float
+    target_m: Float
+
+
 class ScanPoses:
     """Poses at stamps and time slots; skewed counts the scans that keep the robot's motion, and why."""
 
     def __init__(self, walk: ReplayContext) -> None:
         self.skewed: Counter[Skewed] = Counter()
-        self._robot, self._gap_s = walk.robot, walk.config.lidar.pose_gap_s
+        self._walk, self._gap_s = walk, walk.config.lidar.pose_gap_s
         self._moves = walk.robot is not None and walk.robot.source != "fixed"
 
-    def of(self, rows: Sequence[ScanRow]) -> list[tuple[Float, Float]]:
-        """For each scan the pose (3,) x, y, yaw at its stamp, and those (K, 3) at its slots; NaN where none is near."""
+    def of(self, rows: Sequence[ScanRow]) -> list[ScanPlace]:
+        """Where the robot was amid each scan."""
         bounds = np.cumsum([0, *(1 + len(row.slot_ns) for row in rows)]).tolist()
         found = self._poses(np.concatenate([part for row in rows for part in ([row.t_ns], row.slot_ns)]))
-        poses = []
-        for row, begin, end in zip(rows, bounds[:-1], bounds[1:], strict=True):
+        targets_m = self._walk.solid_targets_at(np.array([row.t_ns for row in rows], np.int64))
+        places = []
+        for row, target_m, begin, end in zip(rows, targets_m, bounds[:-1], bounds[1:], strict=True):
             at_slots, skewed = slot_poses(row.t_ns, row.slot_ns, found[begin:end])
             reason = row.skewed or (skewed if self._moves else Skewed.NO_TIMES)
             if reason is not None and not row.shows_nothing:
                 self.skewed[reason] += 1
-            poses.append((found[begin], at_slots))
-        return poses
+            places.append(ScanPlace(found[begin], at_slots, target_m))
+        return places
 
     def at(self, t_ns: int, slot_ns: Int) -> tuple[Float, Float]:
         """The same of one scan, which is not counted."""
@@ -58,9 +71,9 @@ class ScanPoses:
         return found[0], slot_poses(t_ns, slot_ns, found)[0]
 
     def _poses(self, t_ns: Int) -> Float:
-        if self._robot is None:
+        if self._walk.robot is None:
             return np.full((len(t_ns), 3), np.nan)
-        return self._robot.poses_at(np.asarray(t_ns, dtype=np.int64), self._gap_s)
+        return self._walk.robot.poses_at(np.asarray(t_ns, dtype=np.int64), self._gap_s)
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
@@ -94,9 +107,9 @@ def filter_and_map(walk: ReplayContext) -> None:
         scanner = _begin(walk)
         poses, mapper = ScanPoses(walk), _Mapper(walk.config)
         maps = stack.enter_context(MapsWriter(walk.run.path / "maps.npz", grid.cell_m, shape))
-        for row, pose, slot_pose in _filtered(walk, scanner, poses):
+        for row, place in _filtered(walk, scanner, poses):
             lap("filter")
-            _map_scan(walk, row, pose, slot_pose, maps, mapper)
+            _map_scan(walk, row, place, maps, mapper)
             lap("map")
         _end(walk, scanner, poses)
         lap("filter")
@@ -139,16 +152,16 @@ def _begin(walk: ReplayContext) -> Scanner:
     return walk.scanner
 
 
-def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, Float, Float]]:
-    """Every scan, whose row is kept, with the poses (3,) at its stamp and (K, 3) at its time slots."""
+def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, ScanPlace]]:
+    """Every scan, whose row is kept, with where the robot and the target were."""
     scans = map(ScanRow.from_bytes, scanner.spill)
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
         while rows := list(islice(scans, AT_ONCE)):
-            for row, (pose, slot_pose) in zip(rows, poses.of(rows), strict=True):
+            for row, place in zip(rows, poses.of(rows), strict=True):
                 walk.first_ns, walk.last_ns = min(walk.first_ns, row.t_ns), max(walk.last_ns, row.t_ns)
                 table.add_row(_columns(row))
                 _count_scan(walk, row)
-                yield row, pose, slot_pose
+                yield row, place
                 walk.progress.advance((row.t_ns - walk.first_ns) * 1e-9)
 
 
@@ -199,23 +212,21 @@ def _tell_of_scans(walk: ReplayContext) -> None:
             walk.warn(f"{count} of {n} scans: {text}" + (f" ({walk.lidar_topic()}: {why})" if count == n else ""))
 
 
-def _map_scan(
-    walk: ReplayContext, row: ScanRow, pose: Float, slot_pose: Float, maps: MapsWriter, mapper: _Mapper
-) -> None:
+def _map_scan(walk: ReplayContext, row: ScanRow, place: ScanPlace, maps: MapsWriter, mapper: _Mapper) -> None:
     if row.shows_nothing:
         return
-    if not np.isfinite(pose).all():
+    if not np.isfinite(place.pose).all():
         walk.count("scans_without_pose")
         return
     grid = walk.config.grid
-    scan, window = CompactScan.from_bytes(row.compact), window_around(pose[:2], grid.cell_m, grid.size_cells)
-    placed = mapper.placer.place(scan, slot_pose, walk.target_at(row.t_ns), window)
+    scan, window = CompactScan.from_bytes(row.compact), window_around(place.pose[:2], grid.cell_m, grid.size_cells)
+    placed = mapper.placer.place(scan, place.slot_pose, place.target_m, window)
     maps.append(row.t_ns, window.origin_m, mapper.memory.add(row.t_ns, window, placed))
     # What a ray passes above the robot's back may still be in its way.
     mapper.whole.add(window, placed, round(walk.config.robot.height_m * 1000))
     # A wall that was taken for the ground says nothing about where the floor is.
     if scan.level:
-        mapper.ground.add(scan, slot_pose)
+        mapper.ground.add(scan, place.slot_pose)
 
 
 def _write_maps(walk: ReplayContext, mapper: _Mapper) -> None:

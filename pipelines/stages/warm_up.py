@@ -80,7 +80,7 @@ def _map_toy_scan(config: Config) -> None:
     """One scan laid on every map there is."""
     scan, window = _classify_toy_scan(config), window_around(np.zeros(2), 0.1, 11)
     poses = np.zeros((len(scan.slot_ns), 3))
-    placed = ScanPlacer(1, 0.5).place(scan, poses, None, window)
+    placed = ScanPlacer(1, 0.5).place(scan, poses, np.full(2, np.nan), window)
     make_memory(config).add(0, window, placed)
     AccumulatedMap(0.1).add(window, placed, 500)
     GroundHeight(0.1).add(scan, poses)

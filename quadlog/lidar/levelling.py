@@ -66,30 +66,34 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
     All are the identity, and the reason is told, where one of them cannot be
     known: half a scan that is levelled would be torn.
     """
+    rotations = []
+    for t_ns in t_ns_wanted.tolist():
+        up = _up_at(t_ns, series)
+        if isinstance(up, NotLevelled):
+            return np.tile(np.eye(3), (len(t_ns_wanted), 1, 1)), up
+        rotations.append(_rotation(*up))
+    return np.array(rotations).reshape(-1, 3, 3), None
+
+
+def _up_at(t_ns: int, series: UpSeries) -> tuple[float, float, float] | NotLevelled:
+    """In plain numbers: a scan asks for two instants, for which arrays take ten times as long."""
     if len(series) == 0:
-        return _upright(len(t_ns_wanted)), NotLevelled.STALE
-    after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, side="left"), len(series) - 1)
-    before = np.maximum(np.searchsorted(series.t_ns, t_ns_wanted, side="right") - 1, 0)
-    to_before_ns, to_after_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
-    if np.maximum(to_before_ns, to_after_ns).max() > MAX_AGE_NS:
-        return _upright(len(t_ns_wanted)), NotLevelled.STALE
-    share = (to_before_ns / np.maximum(to_before_ns + to_after_ns, 1))[:, None]
-    up = (1 - share) * series.up[before] + share * series.up[after]
+        return NotLevelled.STALE
+    after = min(int(series.t_ns.searchsorted(t_ns, "left")), len(series) - 1)
+    before = max(int(series.t_ns.searchsorted(t_ns, "right")) - 1, 0)
+    since_ns, until_ns = abs(t_ns - int(series.t_ns[before])), abs(int(series.t_ns[after]) - t_ns)
+    if max(since_ns, until_ns) > MAX_AGE_NS:
+        return NotLevelled.STALE
+    share = since_ns / max(since_ns + until_ns, 1)
+    ends = zip(series.up[before].tolist(), series.up[after].tolist(), strict=True)
+    x, y, z = ((1 - share) * first + share * last for first, last in ends)
     # Opposite directions have no mean, and are steep.
-    up /= np.maximum(np.sqrt((up * up).sum(axis=1, keepdims=True)), 1e-9)
-    if up[:, 2].min() < math.cos(MAX_TILT_RAD):
-        return _upright(len(t_ns_wanted)), NotLevelled.STEEP
-    return _rotations(up), None
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-9)
+    return (x / length, y / length, z / length) if z / length >= math.cos(MAX_TILT_RAD) else NotLevelled.STEEP
 
 
-def _upright(count: int) -> Float:
-    return np.tile(np.eye(3), (count, 1, 1))
-
-
-def _rotations(up: Float) -> Float:
+def _rotation(x: float, y: float, z: float) -> list[list[float]]:
     """R_y(pitch) R_x(roll), whose last row is up: (-sin pitch, cos pitch sin roll, cos pitch cos roll)."""
-    x, y, z = up.T
-    cos_pitch = np.hypot(y, z)
-    sin_roll, cos_roll, zero = y / cos_pitch, z / cos_pitch, np.zeros(len(up))
-    rows = np.stack([cos_pitch, -x * sin_roll, -x * cos_roll, zero, cos_roll, -sin_roll, x, y, z], axis=1)
-    return rows.reshape(-1, 3, 3)
+    cos_pitch = math.hypot(y, z)
+    sin_roll, cos_roll = y / cos_pitch, z / cos_pitch
+    return [[cos_pitch, -x * sin_roll, -x * cos_roll], [0.0, cos_roll, -sin_roll], [x, y, z]]

@@ -42,19 +42,16 @@ class ScanPlacer:
         self._placed = PlacedScan(np.zeros((0, 0), np.int16), np.zeros((0, 0), np.int16))
         self._count = np.zeros((0, 0), np.int32)
 
-    def place(
-        self, scan: CompactScan, slot_pose_base_in_map: Float, target_xy_m: Float | None, window: Window
-    ) -> PlacedScan:
+    def place(self, scan: CompactScan, slot_pose_base_in_map: Float, target_xy_m: Float, window: Window) -> PlacedScan:
         """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
 
-        target_xy_m: (2,) in map, or None when nothing is followed.
+        target_xy_m: (2,) in map, NaN when nothing is followed.
         """
         if self._placed.top_mm.shape != window.shape:
             top_mm, lowest_ray_mm = np.zeros((2, *window.shape), np.int16)
             self._placed, self._count = PlacedScan(top_mm, lowest_ray_mm), np.zeros(window.shape, np.int32)
         # A place that is not a number is near to nothing.
-        target_m = (math.nan, math.nan) if target_xy_m is None else target_xy_m
-        place = np.array([window.col0, window.row0, window.cell_m, *target_m, self._target_radius_m**2], np.float64)
+        place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, self._target_radius_m**2], np.float64)
         _raise_tops(
             scan.obstacle, scan.obstacle_count, scan.obstacle_slot, slot_pose_base_in_map, scan.unit_m, place,
             self._min_points, self._count, self._placed.top_mm,

@@ -16,6 +16,7 @@ from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoding import column_decoder_for, ways_in_columns
 
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
+MOST_HELD, MOST_HELD_BYTES, MOST_BEFORE_HELD = 4, 1 << 24, 256
 MOST_TRIES = 8
 """So many broken payloads in a row say that no layout will be found."""
 
@@ -89,6 +90,9 @@ class Waiting:
         self._bytes += size
         return True
 
+    def __len__(self) -> int:
+        return len(self._payloads)
+
     @property
     def is_full(self) -> bool:
         """Whether nothing more should wait."""
@@ -111,6 +115,36 @@ class Waiting:
         self._orders, self._log_times_ns = array("q"), array("q")
         self._payloads: list[bytes] = []
         self._bytes = 0
+
+
+class Held:
+    """Single messages that wait for a few more, so that the columns that must come before them are decoded at once.
+
+    behind: what they must not come before. Few are held, and none where there is no such thing, since each keeps the
+    chunk it lies in.
+    """
+
+    def __init__(self) -> None:
+        self.behind: list[Waiting] = []
+        self._messages: list[tuple[int, RawMessage]] = []
+        self._bytes = 0
+
+    def take(self, order: int, raw: RawMessage) -> None:
+        """One more."""
+        self._messages.append((order, raw))
+        payload = raw.payload
+        self._bytes += memoryview(payload.obj).nbytes if isinstance(payload, memoryview) else len(payload)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether nothing more should be held."""
+        many = len(self._messages) >= MOST_HELD or self._bytes >= MOST_HELD_BYTES
+        return many or not self.behind or any(len(each) >= MOST_BEFORE_HELD for each in self.behind)
+
+    def drain(self) -> list[tuple[int, RawMessage]]:
+        """All that are held; then none are."""
+        messages, self._messages, self._bytes = self._messages, [], 0
+        return messages
 
 
 def timed_columns(

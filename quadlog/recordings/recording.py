@@ -19,7 +19,7 @@ from quadlog.recordings.containers.container import Budget, Channel, Container, 
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
-from quadlog.recordings.gathering import Gathered, One, Waiting, Within, timed_columns
+from quadlog.recordings.gathering import Gathered, Held, One, Waiting, Within, timed_columns
 from quadlog.storage.remote_path import to_path
 
 
@@ -147,7 +147,7 @@ class Recording:
     ) -> Iterator[Gathered]:
         """The same messages, but small ones of a topic many at a time, as columns; faster where all are wanted.
 
-        Columns come late, but those of topics in `prompt` before each single message that was logged after them.
+        Both come late, but columns of topics in `prompt` before each single message that was logged after them.
         Raises as `messages`.
         """
         self._check_known(topics)
@@ -162,24 +162,31 @@ class Recording:
         zeros: dict[str, int] = {}
         within = Within(start_ns, end_ns)
         waiting: dict[int, Waiting | None] = {}
-        urgent: list[Waiting] = []
+        held = Held()
         for order, raw in enumerate(self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns))):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
                 own = waiting[id(raw.channel)] = Waiting.for_channel(raw.channel)
                 if own is not None and raw.channel.topic in prompt:
-                    urgent.append(own)
-            if own is not None and own.take(order, raw):
-                if own.is_full:
-                    yield from self._columns(own, within, failed, zeros)
-                continue
-            for each in urgent:
-                yield from self._columns(each, within, failed, zeros)
-            yield from self._singly(order, raw, within, failed, zeros)
+                    held.behind.append(own)
+            if own is None or not own.take(order, raw):
+                held.take(order, raw)
+                if held.is_full:
+                    yield from self._held(held, within, failed, zeros)
+            elif own.is_full:
+                yield from self._columns(own, within, failed, zeros)
+        yield from self._held(held, within, failed, zeros)
         for left in waiting.values():
             if left is not None:
                 yield from self._columns(left, within, failed, zeros)
+
+    def _held(self, held: Held, within: Within, failed: dict[str, int], zeros: dict[str, int]) -> Iterator[Gathered]:
+        """The single messages that are held, behind the columns of what they must not come before."""
+        for each in held.behind:
+            yield from self._columns(each, within, failed, zeros)
+        for order, raw in held.drain():
+            yield from self._singly(order, raw, within, failed, zeros)
 
     def _columns(
         self, waiting: Waiting, within: Within, failed: dict[str, int], zeros: dict[str, int]

@@ -125,7 +125,7 @@ def found_cells(made: ClassifiedScan) -> Grid:
     slots = Slots(np.zeros(1, np.int64), None)
     returns = ClassifiedReturns.of_points(made, np.zeros(3), np.zeros(len(made.label), np.uint8), slots)
     compact = ScanCompactor(CompactSettings(BLOCKING)).compact(returns, 0)
-    return ScanPlacer(1, 0.0).place(compact, np.zeros((1, 3)), None, FRONT).top_mm > NO_TOP
+    return ScanPlacer(1, 0.0).place(compact, np.zeros((1, 3)), np.full(2, np.nan), FRONT).top_mm > NO_TOP
 
 
 def _occupied(points_m: Float) -> Grid:

@@ -402,7 +402,7 @@ class _PieceMessages:
         try:
             entries = self._opened()
             times_ns = entries.log_times_ns
-            stop = len(entries) if last_ns is None else int(np.searchsorted(times_ns, last_ns, "right"))
+            stop = len(entries) if last_ns is None else int(times_ns.searchsorted(np.int64(last_ns), "right"))
             if self._given < stop:
                 yield from self._messages(entries, stop)
         except Damaged as damage:

@@ -128,8 +128,7 @@ class Entries:
 
     def counts(self) -> dict[int, int]:
         """Messages for each channel id."""
-        numbers, counts = np.unique(self.channel_ids, return_counts=True)
-        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+        return dict(sorted(Counter(self.channel_ids.tolist()).items()))  # a chunk holds few: np.unique takes longer
 
     def listed(self) -> Listed:
         """The same as a message index would have them."""
@@ -144,7 +143,7 @@ class Entries:
 
     def chosen(self, wanted: Collection[int], start_ns: int | None, end_ns: int | None) -> Entries:
         """Those of these channels with start_ns <= log time < end_ns, in order of log time."""
-        keep = np.isin(self.channel_ids, list(wanted))
+        keep = np.fromiter(map(frozenset(wanted).__contains__, self.channel_ids.tolist()), np.bool_, len(self))
         if start_ns is not None:
             keep &= self.log_times_ns >= min(start_ns, MAX_TIME_NS)
         if end_ns is not None and end_ns <= MAX_TIME_NS:

@@ -33,7 +33,7 @@ def test_what_does_not_fit_into_memory_lies_beside_the_run(tmp_path):
     with Spill(tmp_path, 1000) as spill:
         spill.append(bytes(900))
         assert open_there() == []
-        spill.append(bytes(100))
+        spill.append(bytes(101))
         assert len(open_there()) == 1
     assert open_there() == []
     assert list(tmp_path.iterdir()) == []

@@ -45,7 +45,12 @@ def placed():
     """A function that places a compact scan in a window; pose: (3,) at all time slots, or (K, 3)."""
 
     def make(
-        compact: CompactScan, pose, window: Window, target_xy_m=None, min_points: int = 1, radius_m: float = 0.5
+        compact: CompactScan,
+        pose,
+        window: Window,
+        target_xy_m=(np.nan, np.nan),
+        min_points: int = 1,
+        radius_m: float = 0.5,
     ) -> PlacedScan:
         poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (len(compact.slot_ns), 3)).copy()
         return ScanPlacer(min_points, radius_m).place(compact, poses, target_xy_m, window)
