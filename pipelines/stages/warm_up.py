@@ -55,9 +55,12 @@ def _locate_toy_tag() -> None:
 
 
 def _classify_toy_scan(config: Config) -> CompactScan:
-    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, made compact."""
-    ring = np.tile(np.arange(16, dtype=np.uint16), 90)
-    azimuth_rad, elevation_rad = np.repeat(np.arange(90) * (2 * np.pi / 90), 16), np.radians(2.0 * ring - 15)
+    """A sweep of 16 beams over flat ground inside a round wall, as the configured method takes it, made compact.
+
+    Its last column comes twice, farther off: returns that share a cell are labelled by a function of their own.
+    """
+    column, ring = np.append(np.arange(90), 89).repeat(16), np.tile(np.arange(16, dtype=np.uint16), 91)
+    azimuth_rad, elevation_rad = column * (2 * np.pi / 90), np.radians(2.0 * ring - 15)
     direction = np.column_stack(
         [
             np.cos(elevation_rad) * np.cos(azimuth_rad),
@@ -66,10 +69,11 @@ def _classify_toy_scan(config: Config) -> CompactScan:
         ]
     )
     range_m = np.minimum(0.4 / np.maximum(-direction[:, 2], 1e-3), 6.0)
+    range_m[-16:] += 1.0
     xyz_m = np.asfortranarray(direction * range_m[:, None], np.float32)
     mount = np.eye(4)
     mount[2, 3] = 0.4
-    cloud = PointCloud(0, "lidar", xyz_m, ring, np.repeat(np.arange(90, dtype=np.int64) * 1_000_000, 16))
+    cloud = PointCloud(0, "lidar", xyz_m, ring, column * 1_000_000)
     settings = ScanSettings.of_config(config, maps=True)
     assert settings.compact is not None
     returns = ScanClassifier(settings.classifier, 0).classify(cloud, np.stack([mount, mount]))

@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from quadlog.compiled import inlined, kernel
 from quadlog.errors import UnknownName
 from quadlog.messages import Float, Int
 
@@ -99,12 +98,6 @@ def rule_tables(name: str) -> RuleTables:
     return TABLES[name]
 
 
-def memberships(value: Float | float) -> Float:
-    """(..., 7): how far each set holds of a value (...) of the universe, clipped to it."""
-    clipped = np.clip(np.asarray(value, dtype=np.float64), -LIMIT, LIMIT)
-    return np.maximum(1 - np.abs(clipped[..., None] - np.arange(-3.0, 4.0)), 0.0)
-
-
 def infer(e: float, ec: float, tables: RuleTables = PRINTED, centroid: Centroid = "points") -> tuple[float, float]:
     """(delta k_v, delta k_w) for an error and its rate, in units of the universe and clipped to it.
 
@@ -123,8 +116,18 @@ def infer_many(e: Float, ec: Float, tables: RuleTables = PRINTED, centroid: Cent
     e, ec = np.asarray(e, dtype=np.float64), np.asarray(ec, dtype=np.float64)
     if np.isnan(e).any() or np.isnan(ec).any():
         raise ValueError("fuzzy inference has no answer for NaN")
-    deltas = np.empty((len(e), 2))
-    _infer_all(e, ec, tables.rules, centroid == "continuous", deltas)
+    # The sets i and i + 1 hold of e as far as 1 - f and f; j, g likewise of ec.
+    row, col = np.clip(e, -LIMIT, LIMIT) + LIMIT, np.clip(ec, -LIMIT, LIMIT) + LIMIT
+    i, j = np.minimum(row.astype(np.int64), 5), np.minimum(col.astype(np.int64), 5)
+    f, g = row - i, col - j
+    each, deltas = np.arange(len(e)), np.empty((len(e), 2))
+    for output in range(2):
+        heights = np.zeros((7, len(e)))
+        for di, holds_e in enumerate((1 - f, f)):
+            for dj, holds_ec in enumerate((1 - g, g)):
+                of = tables.rules[output, i + di, j + dj]
+                heights[of, each] = np.maximum(heights[of, each], np.minimum(holds_e, holds_ec))
+        deltas[:, output] = _area_centre(heights) if centroid == "continuous" else _mean_centre(heights)
     return deltas
 
 
@@ -143,7 +146,16 @@ class FuzzyTable:
 
     def at(self, e: float, ec: float) -> tuple[float, float]:
         """(delta k_v, delta k_w), both NaN where an input is."""
-        return look_up(self.values, e, ec)
+        if math.isnan(e) or math.isnan(ec):
+            return math.nan, math.nan
+        last = len(self.values) - 1
+        row, col = ((min(max(each, -LIMIT), LIMIT) + LIMIT) * (last / (2 * LIMIT)) for each in (e, ec))
+        i, j = min(int(row), last - 1), min(int(col), last - 1)
+        f, g = row - i, col - j
+        corners = self.values[i : i + 2, j : j + 2].reshape(4, 2)
+        a, b, c, d = (1 - f) * (1 - g), (1 - f) * g, f * (1 - g), f * g
+        delta_k_v, delta_k_w = (a * p + b * q + c * r + d * s for p, q, r, s in corners.T.tolist())
+        return delta_k_v, delta_k_w
 
 
 @cache
@@ -152,60 +164,24 @@ def fuzzy_table(tables: str, centroid: Centroid) -> FuzzyTable:
     return FuzzyTable(rule_tables(tables), centroid)
 
 
-@kernel
-def look_up(values: Float, e: float, ec: float) -> tuple[float, float]:
-    """Bilinear in values (n, n, 2) over [-LIMIT, LIMIT] squared, for other compiled code too."""
-    if np.isnan(e) or np.isnan(ec):
-        return np.nan, np.nan
-    last = len(values) - 1
-    row = (min(max(e, -LIMIT), LIMIT) + LIMIT) * (last / (2 * LIMIT))
-    col = (min(max(ec, -LIMIT), LIMIT) + LIMIT) * (last / (2 * LIMIT))
-    i, j = min(int(row), last - 1), min(int(col), last - 1)
-    f, g = row - i, col - j
-    a, b, c, d = (1 - f) * (1 - g), (1 - f) * g, f * (1 - g), f * g
-    return (
-        a * values[i, j, 0] + b * values[i, j + 1, 0] + c * values[i + 1, j, 0] + d * values[i + 1, j + 1, 0],
-        a * values[i, j, 1] + b * values[i, j + 1, 1] + c * values[i + 1, j, 1] + d * values[i + 1, j + 1, 1],
-    )
+def _mean_centre(heights: Float) -> Float:
+    """(N,) mean of the sets' centres, weighted by how far they hold: heights (7, N)."""
+    centres = np.arange(7.0)[:, None] - LIMIT
+    mean: Float = (heights * centres).sum(axis=0) / heights.sum(axis=0)
+    return mean
 
 
-@kernel
-def _infer_all(e: Float, ec: Float, rules: Int, continuous: bool, deltas: Float) -> None:
-    heights = np.zeros(7)
-    for n in range(len(e)):
-        # The sets i and i + 1 hold of e as far as 1 - f and f; j, g likewise of ec.
-        row, col = min(max(e[n], -LIMIT), LIMIT) + LIMIT, min(max(ec[n], -LIMIT), LIMIT) + LIMIT
-        i, j = min(int(row), 5), min(int(col), 5)
-        f, g = row - i, col - j
-        for output in range(2):
-            heights[:] = 0.0
-            for di in range(2):
-                for dj in range(2):
-                    holds = min(f if di else 1 - f, g if dj else 1 - g)
-                    of = rules[output, i + di, j + dj]
-                    heights[of] = max(heights[of], holds)
-            if continuous:
-                deltas[n, output] = _area_centre(heights)
-            else:
-                total = moment = 0.0
-                for k in range(7):
-                    total += heights[k]
-                    moment += heights[k] * (k - LIMIT)
-                deltas[n, output] = moment / total
-
-
-@inlined
-def _area_centre(heights: Float) -> float:
-    """Centre of the area under the sets clipped at heights (7,).
+def _area_centre(heights: Float) -> Float:
+    """(N,) centres of the areas under the sets clipped at heights (7, N).
 
     Between two centres, t from 0 to 1, the left set falls as min(a, 1 - t) and the
     right one rises as min(b, t); the upper of them is the left up to where they cross.
     """
-    total = moment = 0.0
+    total, moment = np.zeros(heights.shape[1]), np.zeros(heights.shape[1])
     for k in range(6):
         a, b = heights[k], heights[k + 1]
-        lower = min(a, b, 0.5)
-        crossing = lower if a <= b else 1 - lower
+        lower = np.minimum(np.minimum(a, b), 0.5)
+        crossing = np.where(a <= b, lower, 1 - lower)
         left_area, left_moment = _below_falling(a, crossing)
         right_area, right_moment = _below_falling(b, 1 - crossing)
         total += left_area + right_area
@@ -213,10 +189,9 @@ def _area_centre(heights: Float) -> float:
     return moment / total
 
 
-@kernel
-def _below_falling(height: float, end: float) -> tuple[float, float]:
+def _below_falling(height: Float, end: Float) -> tuple[Float, Float]:
     """Area and first moment of min(height, 1 - t) over t from 0 to end."""
-    flat = min(1 - height, end)
+    flat = np.minimum(1 - height, end)
     area = height * flat + (end - flat) - (end * end - flat * flat) / 2
     moment = height * flat * flat / 2 + (end * end - flat * flat) / 2 - (end**3 - flat**3) / 3
     return area, moment

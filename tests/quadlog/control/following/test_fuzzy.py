@@ -18,7 +18,6 @@ from quadlog.control.following.lookahead import (
     fuzzy_table,
     infer,
     infer_many,
-    memberships,
     rule_tables,
 )
 from quadlog.errors import UnknownName
@@ -155,15 +154,6 @@ def test_bounds_and_symmetries_of_any_tables(e, ec, tables, centroid):
     assert infer(-e, -ec, mirrored, centroid) == pytest.approx([-delta for delta in deltas], abs=1e-9)
     exchanged = RuleTables("exchanged", tables.rules.transpose(0, 2, 1))
     assert infer(ec, e, exchanged, centroid) == pytest.approx(deltas, abs=1e-12)
-
-
-@given(st.floats(-10, 10))
-def test_the_sets_are_a_partition_of_unity(value):
-    holds = memberships(value)
-    assert holds.sum() == pytest.approx(1)
-    assert (holds >= 0).all()
-    assert np.count_nonzero(holds) <= 2
-    assert holds @ CENTRES == pytest.approx(min(max(value, -3), 3))
 
 
 @pytest.mark.parametrize("centroid", ["points", "continuous"])
