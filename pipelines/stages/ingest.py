@@ -188,8 +188,9 @@ def _read(
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
             settings = ScanSettings.of_config(config, maps=clouds == "map")
-            scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)))
-            progress.begin("ingest", _expected(recording, lidar, window))
+            expected = _expected(recording, lidar, window)
+            scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)), expected)
+            progress.begin("ingest", expected)
         first_cloud_ns = read_all(recording, wanted, lidar, window, scanner, tilt, clock, progress)
     with clock.stage("ingest"):
         streams = wanted.streams()

@@ -36,11 +36,16 @@ Item = TypeVar("Item")
 
 
 class EvenSample(Generic[Item]):
-    """Keeps every 2^k-th item, k growing with the stream, so that at most twice `wanted` are ever held."""
+    """Keeps every 2^k-th item, k growing with the stream, so that at most twice `wanted` are ever held.
 
-    def __init__(self, wanted: int) -> None:
+    expected: how long the stream is said to be, None where nothing says; k then begins where it would end.
+    """
+
+    def __init__(self, wanted: int, expected: int | None = None) -> None:
         self._wanted = wanted
         self._stride, self._seen = 1, 0
+        while wanted and (expected or 0) > 2 * wanted * self._stride:
+            self._stride *= 2
         self._held: list[Item] = []
 
     def offer(self, make: Callable[[], Item]) -> None:
@@ -61,7 +66,7 @@ class EvenSample(Generic[Item]):
         return [self._held[int(index * step)] for index in range(self._wanted)]
 
 
-MOST_IN_MEMORY_BYTES = 16 << 20
+MOST_IN_MEMORY_BYTES = 4 << 20
 _LENGTH = struct.Struct("<Q")
 
 
@@ -214,10 +219,17 @@ class Scanner:
     """Classifies clouds one by one, and keeps in the spill what is needed of them later."""
 
     def __init__(
-        self, settings: ScanSettings, seed: int, transform_lidar_to_base: Float, tilt: Tilt, spill: Spill
+        self,
+        settings: ScanSettings,
+        seed: int,
+        transform_lidar_to_base: Float,
+        tilt: Tilt,
+        spill: Spill,
+        expected: int | None = None,
     ) -> None:
+        """expected: how many clouds are said to come."""
         self.tally, self.spill = ScanTally(), spill
-        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples)
+        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, expected)
         self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
         self._compactor: ScanCompactor | None = None
         if settings.compact is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter, OrderedDict, deque
 from collections.abc import Collection, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -99,6 +100,7 @@ class Bodies:
         self._again_bytes = _AGAIN_BYTES
         self._waiting = deque(sorted((piece for piece in due if first.get(piece) is None), key=start_of))
         self._coming: dict[int, Future[Body | None]] = {}
+        self._most_ahead = _most_ahead()
         self._readers = ThreadPoolExecutor(_AHEAD, thread_name_prefix="quadlog-read")
         _let_freed_memory_be_reused()
 
@@ -157,9 +159,15 @@ class Bodies:
         return body
 
     def _read_ahead(self) -> None:
-        while self._waiting and len(self._coming) < _AHEAD:
+        while self._waiting and len(self._coming) < self._most_ahead:
             piece = self._waiting.popleft()
             self._coming[piece.offset] = self._readers.submit(self._form.load, piece, _LARGE_BYTES)
+
+
+def _most_ahead() -> int:
+    """None where there is but one core: what is decompressed earlier has left its cache when it is decoded."""
+    alone = hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1
+    return 0 if alone else _AHEAD
 
 
 @cache
