@@ -47,11 +47,6 @@ class Gait:
         """How long a foot is in the air."""
         return (1 - self.duty) * self.period_s
 
-    @property
-    def offsets_array(self) -> Float:
-        """(4,) for the compiled functions."""
-        return np.array(self.offsets)
-
 
 _GAITS = (
     # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.

@@ -53,21 +53,6 @@ def dh_frames(joints_rad: Float, side: float, lengths: Float) -> Float:
     return frames
 
 
-def dh_position(joints_rad: Float, side: float, lengths: Float) -> Float:
-    """(3,) the foot in frame {0}, in metres, of a leg's joints (3,) [Foot, eq. 2, corrected]."""
-    return dh_frames(joints_rad, side, lengths)[3, :3, 3]
-
-
-def dh_jacobian(joints_rad: Float, side: float, lengths: Float) -> Float:
-    """(3, 3) the foot's velocity in frame {0} per joint velocity [Foot, eq. 4, corrected].
-
-    A joint moves the foot along its axis, the z of its frame, times the lever from that frame to the foot.
-    """
-    frames = dh_frames(joints_rad, side, lengths)
-    levers = frames[3, :3, 3] - frames[:3, :3, 3]
-    return np.cross(frames[:3, :3, 2], levers).T
-
-
 def dh_inverse(foot_m: Float, side: float, lengths: Float, knee: float) -> tuple[Float, bool]:
     """Joints (3,) for a foot (3,) in frame {0}, and whether it is within reach [Foot, eq. 3, corrected].
 

@@ -196,12 +196,6 @@ def require_spread(anchor_ids: Int, anchors_m: Float, range_std_m: float) -> Non
         raise AnchorsCollinear([int(i) for i in anchor_ids], off_line_m)
 
 
-def predict_ranges(position_m: Float, anchors_m: Float, tag_height_m: float) -> Float:
-    """(E, A) slant distances from positions (E, 2) at tag_height_m to anchors (A, 3)."""
-    offset = position_m[:, None, :] - anchors_m[None, :, :2]
-    return np.sqrt((offset**2).sum(axis=-1) + (tag_height_m - anchors_m[:, 2]) ** 2)
-
-
 def complete_fixes(
     anchors_m: Float, range_m: Float, position_m: Float, covariance_m2: Float, outlier_m: float
 ) -> Fixes:

@@ -10,7 +10,7 @@ and holds its body level with its legs in the other two.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -203,33 +203,10 @@ def labelled_scans(name: str, seed: int, n: int, lidar: Lidar = SCANS_LIDAR) -> 
         yield _scan_at(PLACES[name](rng, index), rng, lidar)
 
 
-def with_missing(lidar: Lidar = SCANS_LIDAR) -> Lidar:
-    """The same sensor with the other style of driver: a ray without a return is sent as NaN."""
-    return replace(lidar, keeps_missing=True)
-
-
 def is_true_obstacle(scan: LabelledScan, min_height_m: float = 0.05, max_height_m: float = 1.5) -> NDArray[np.bool_]:
     """(N,) which points are returns from obstacles within these heights above the true ground below them."""
     within = (scan.height_m >= min_height_m) & (scan.height_m <= max_height_m)
     return within & (scan.truth == points.PointClass.OBSTACLE)
-
-
-def true_obstacle_cells(
-    scan: LabelledScan,
-    cell_m: float,
-    min_height_m: float = 0.05,
-    max_height_m: float = 1.5,
-    transform_lidar_to_grid: Float | None = None,
-) -> Int:
-    """The cells (M, 2), column and row, that true obstacle points fall into, each once and in order.
-
-    transform_lidar_to_grid: (4, 4), of a grid with the corner of cell (0, 0)
-    at its origin; without it the grid lies in base, neither levelled nor turned.
-    """
-    transform = scan.transform_lidar_to_base if transform_lidar_to_grid is None else transform_lidar_to_grid
-    seen = is_true_obstacle(scan, min_height_m, max_height_m)
-    xyz_m = apply_transform(transform, scan.xyz_lidar_m[seen].astype(np.float64))
-    return np.unique(np.floor(xyz_m[:, :2] / cell_m).astype(np.int64), axis=0)
 
 
 def _scan_at(place: ScanSite, rng: np.random.Generator, lidar: Lidar) -> LabelledScan:

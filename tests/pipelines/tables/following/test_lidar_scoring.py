@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.geometry import apply_transform
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.pipelines.tables.following import lidar_scores as lidar_scoring
 from quadlog.pipelines.tables.following.lidar_scores import (
@@ -18,7 +19,7 @@ from quadlog.pipelines.tables.following.lidar_scores import (
     true_cells,
 )
 from quadlog.simulation.synthetic import labelled_scans as places
-from quadlog.simulation.synthetic.labelled_scans import labelled_scans, true_obstacle_cells
+from quadlog.simulation.synthetic.labelled_scans import is_true_obstacle, labelled_scans
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,8 @@ def test_both_methods_are_judged_on_the_same_points_and_cells(scores):
 def test_true_cells_are_those_of_the_labelled_scan_in_the_front_half_of_the_window(corridor):
     rows, cols = np.nonzero(true_cells(corridor))
     got = {(col, row - 100) for col, row in zip(cols.tolist(), rows.tolist(), strict=True)}
-    listed = [tuple(cell) for cell in true_obstacle_cells(corridor, 0.1).tolist()]
+    seen_m = apply_transform(corridor.transform_lidar_to_base, corridor.xyz_lidar_m[is_true_obstacle(corridor)])
+    listed = np.floor(seen_m[:, :2] / 0.1).astype(int).tolist()
     assert got == {(col, row) for col, row in listed if 0 <= col < 100 and -100 <= row < 100}
     assert len(got) > 50
     assert FRONT.shape == (200, 100)

@@ -16,7 +16,7 @@ gaits = st.builds(
 
 def state(gait, t_s):
     stance, phase = np.empty(4, np.bool_), np.empty(4)
-    contact_state(t_s, gait.period_s, gait.duty, gait.offsets_array, stance, phase)
+    contact_state(t_s, gait.period_s, gait.duty, np.array(gait.offsets), stance, phase)
     return stance, phase
 
 
@@ -71,7 +71,7 @@ def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
 @given(gaits, st.floats(0, 100), st.floats(0.001, 0.1))
 def test_a_schedule_is_the_states_one_after_the_other(gait, t_s, step_s):
     contacts = np.empty((12, 4), np.bool_)
-    contact_schedule(t_s, step_s, gait.period_s, gait.duty, gait.offsets_array, contacts)
+    contact_schedule(t_s, step_s, gait.period_s, gait.duty, np.array(gait.offsets), contacts)
     np.testing.assert_array_equal(contacts, [state(gait, t_s + k * step_s)[0] for k in range(12)])
 
 

@@ -6,10 +6,8 @@ from hypothesis import strategies as st
 
 from quadlog.control.locomotion.kinematics import leg_position
 from quadlog.control.locomotion.leg_dynamics import (
-    BODY_FROM_DH,
     KNEE_BEHIND,
     KNEE_IN_FRONT,
-    dh_jacobian,
     hip_reaction,
     stance_feet,
     stance_joints,
@@ -68,14 +66,6 @@ def test_motors_and_ground_do_no_work_together(joints, side, force, rates):
     ground_w = np.array(force) @ (ahead - back) / (2 * step)
     motors_w = stance_torques(joints[None], np.array(force), side, LENGTHS)[0] @ rates
     assert motors_w + ground_w == pytest.approx(0.0, abs=1e-6)
-
-
-@settings(deadline=None)
-@given(ANGLES, side, FORCE)
-def test_the_same_torques_come_of_the_dh_jacobian_and_force(joints, side, force):
-    force = np.array(force)
-    expected = -dh_jacobian(joints, side, LENGTHS).T @ (BODY_FROM_DH.T @ force)
-    np.testing.assert_allclose(stance_torques(np.array([joints]), force, side, LENGTHS)[0], expected, atol=1e-12)
 
 
 @settings(deadline=None)

@@ -43,7 +43,7 @@ class March:
     def plan(self) -> tuple[np.ndarray, np.ndarray]:
         planned, phase = np.empty(4, dtype=bool), np.empty(4)
         gait = self.gait
-        contact_state(self.t_s, gait.period_s, gait.duty, gait.offsets_array, planned, phase)
+        contact_state(self.t_s, gait.period_s, gait.duty, np.array(gait.offsets), planned, phase)
         return planned, phase
 
     def step(self, touches=None, feet_m=STANDING_M) -> bool:

@@ -6,11 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, minimize
 
-from quadlog.positioning.fix.least_squares import predict_ranges
 from quadlog.positioning.fix.trilateration import LONG_STD, SHORT_STD, solve_gauss_newton, solve_huber
 
 SQUARE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
 HALL_M = np.array([[0, 0, 0.3], [8, 0, 2.6], [8, 7, 0.4], [0, 7, 2.5], [4, 0, 2.8], [4, 7, 0.2]], dtype=float)
+
+
+def predict_ranges(position_m, anchors_m, tag_height_m):
+    """(E, A) slant distances."""
+    places_m = np.column_stack([position_m, np.full(len(position_m), tag_height_m)])
+    return np.linalg.norm(places_m[:, None] - anchors_m, axis=2)
 
 
 def circle(n: int, radius_m: float = 5.0) -> np.ndarray:

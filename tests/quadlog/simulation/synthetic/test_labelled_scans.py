@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,10 +11,7 @@ from quadlog.lidar.classified_scan import PointClass
 from quadlog.simulation.synthetic.labelled_scans import (
     PLACES,
     SCANS_LIDAR,
-    is_true_obstacle,
     labelled_scans,
-    true_obstacle_cells,
-    with_missing,
 )
 
 RAYS = 30_000
@@ -169,7 +168,7 @@ def test_a_scan_is_its_seeds_and_its_numbers(scans, name):
 
 
 def test_the_other_style_of_driver_sends_what_is_missing_as_nan(scans):
-    (kept,) = labelled_scans("flat", seed=7, n=1, lidar=with_missing(SCANS_LIDAR))
+    (kept,) = labelled_scans("flat", seed=7, n=1, lidar=replace(SCANS_LIDAR, keeps_missing=True))
     left_out = scans["flat"][0]
     assert len(kept.truth) == RAYS
     missing = np.isnan(kept.xyz_lidar_m).all(axis=1)
@@ -178,27 +177,6 @@ def test_the_other_style_of_driver_sends_what_is_missing_as_nan(scans):
     np.testing.assert_array_equal(kept.ring.reshape(-1, 16), np.tile(np.arange(16), (1875, 1)))
     np.testing.assert_array_equal(kept.truth[~missing], left_out.truth)
     np.testing.assert_array_equal(kept.height_m[~missing], left_out.height_m)
-
-
-def test_true_obstacle_cells_are_the_cells_of_true_obstacle_points(scans):
-    for name in ("forest", "corridor", "slope_20"):
-        scan = scans[name][1]
-        wanted = set()
-        xyz = apply_transform(scan.transform_lidar_to_base, scan.xyz_lidar_m.astype(np.float64))
-        for (x, y, _), label, height in zip(xyz, scan.truth, scan.height_m, strict=True):
-            if label == PointClass.OBSTACLE and 0.05 <= height <= 1.5:
-                wanted.add((int(np.floor(x / 0.1)), int(np.floor(y / 0.1))))
-        assert {tuple(cell) for cell in true_obstacle_cells(scan, 0.1).tolist()} == wanted
-        assert len(wanted) > 50
-        assert is_true_obstacle(scan).sum() < np.sum(scan.truth == PointClass.OBSTACLE)
-
-
-def test_cells_lie_in_the_grids_own_frame(scans):
-    scan = scans["flat"][0]
-    shifted = scan.transform_lidar_to_base.copy()
-    shifted[:2, 3] += [1.0, -2.0]
-    here, there = true_obstacle_cells(scan, 0.5), true_obstacle_cells(scan, 0.5, transform_lidar_to_grid=shifted)
-    assert set(map(tuple, (here + np.array([2, -4])).tolist())) == set(map(tuple, there.tolist()))
 
 
 def test_an_unknown_place_lists_the_known():
