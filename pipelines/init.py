@@ -14,9 +14,9 @@ from quadlog.config.file import commented_toml
 from quadlog.config.schema import Config
 from quadlog.errors import AlreadyExists, printable
 from quadlog.messages import Float
-from quadlog.pipelines.stages.ingest import lidar_in_base, open_configured
+from quadlog.pipelines.stages.ingest import lidar_in_base
 from quadlog.recordings.containers.container import Loss
-from quadlog.recordings.recording import Recording
+from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey

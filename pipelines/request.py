@@ -1,4 +1,4 @@
-"""From one recording to one run folder: the story of `quadlog replay`, top to bottom."""
+"""What a replay is asked for, and what comes of it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
-
-if TYPE_CHECKING:
-    pass
 
 GOES_ON = "--resume goes on"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,9 +20,8 @@ from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
 from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
 from quadlog.pipelines.stages.uwb import wants_uwb
-from quadlog.recordings.clock import Stamp
 from quadlog.recordings.gathering import One
-from quadlog.recordings.recording import Recording, open_recording
+from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.recordings.tf_tree import TransformTree
@@ -34,17 +33,6 @@ from quadlog.storage.shared_digest import SharedDigest
 
 if TYPE_CHECKING:
     from quadlog.pipelines.request import ReplayRequest
-
-
-def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
-    """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
-    return open_recording(
-        path,
-        stamp=stamp,
-        msg_path=msg_path,
-        range_topics={each.topic: (each.tag, each.anchor) for each in config.uwb.range_topics},
-        anchor_ids=[anchor.id for anchor in config.uwb.anchors],
-    )
 
 
 def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, base_frame: str = "") -> Float | None:

@@ -12,6 +12,7 @@ from types import TracebackType
 
 import numpy as np
 
+from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
@@ -45,6 +46,17 @@ def open_recording(
         definitions=Definitions([Path(folder) for folder in msg_path]),
         range_topics=range_topics or {},
         anchor_ids=anchor_ids,
+    )
+
+
+def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
+    """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
+    return open_recording(
+        path,
+        stamp=stamp,
+        msg_path=msg_path,
+        range_topics={each.topic: (each.tag, each.anchor) for each in config.uwb.range_topics},
+        anchor_ids=[anchor.id for anchor in config.uwb.anchors],
     )
 
 

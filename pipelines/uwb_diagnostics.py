@@ -1,0 +1,179 @@
+"""The health of a recording's ranges, as `quadlog info` tells it: links, tags, geometry, and the anchors' places."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.errors import QuadlogError
+from quadlog.messages import Float
+from quadlog.pipelines.stages.tag_errors import (
+    PositionErrors,
+    TagErrors,
+    dilution_of,
+    errors_of_tags,
+    levers_on_robot,
+    roles_of,
+)
+from quadlog.pipelines.stages.uwb import anchors_of, located_warnings, settings_of, tags_of
+from quadlog.positioning.anchor_survey import SurveyCheck, TagEpochs, check_survey
+from quadlog.positioning.fix.dilution import ellipse_95
+from quadlog.positioning.link_quality import link_quality, weak_first_path_share
+from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams, gather
+
+MAP_ROWS, MAP_COLUMNS = 8, 12
+"""What fits a terminal."""
+
+
+def uwb_diagnostics(
+    recording: Recording, roles: Roles, config: Config, whole: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `dilution`; and why they are empty.
+
+    Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
+    None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
+    walk tell them too badly.
+    """
+    empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "dilution": None}
+    reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
+    try:
+        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference)
+        if streams.ranges is None:
+            return empty, ["anchors are configured, but the recording has no UWB ranges"]
+        tags = tags_of(config, streams.ranges)
+        anchors, settings = anchors_of(config), settings_of(config)
+        located = locate(streams.ranges, anchors, list(tags.values()), settings)
+    except QuadlogError as error:
+        return empty, [f"UWB: {error}"]
+    role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()}
+    robot = next((tag for tag, role in role_of.items() if role == "robot"), None)
+    errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
+    found = {
+        "uwb": _link_rows(located, streams, config),
+        "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
+        "dilution": _dilution(located, robot, config),
+    }
+    first_ns = int(streams.ranges.t_ns.min())
+    places = survey_warnings(check_located(located, anchors, settings), anchors) if whole else []
+    return found, [*streams.warnings, *located_warnings(located, config, first_ns), *places]
+
+
+def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyCheck:
+    """The check, by all tags that were located."""
+    logs = [
+        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
+        for result in located.tags
+    ]
+    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
+
+
+def survey_warnings(check: SurveyCheck, anchors: Anchors) -> list[str]:
+    """A line for each thing that seems to be wrong; several are alternatives."""
+    ids = anchors.ids.tolist()
+    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in check.swapped]
+    for steps in check.turned:
+        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
+    for shifted in check.shifted:
+        x_m, y_m = shifted.place_m
+        texts.append(
+            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
+            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
+        )
+    if len(texts) > 1:
+        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+    return texts
+
+
+def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[str, Any]]:
+    """A row for each link that has ranges on a track."""
+    assert streams.ranges is not None
+    anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
+    rows = []
+    for result in located.tags:
+        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+        weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor_ids)
+        rows += [
+            {
+                "tag": result.tag,
+                "anchor": int(anchor_ids[index]),
+                "n": int(links.n[index]),
+                "residual_m": float(links.residual_rms_m[index]),
+                "residual_median_m": float(links.residual_median_m[index]),
+                "bias_m": _number(links.bias_m[index]),
+                "bias_std_m": _number(links.bias_std_m[index]),
+                "bias_applied": bool(links.bias_applied[index]),
+                "why_not": links.why_not[index],
+                "nlos_share": float(links.nlos_share[index]),
+                "weak_first_path_share": _number(weak[index]),
+            }
+            for index in np.flatnonzero(links.n)
+        ]
+    return rows
+
+
+def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
+    """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
+    solved, fixes = result.fixes.solved, result.fixes
+    major_m, minor_m, _ = ellipse_95(fixes.covariance_m2[solved])
+    row = {
+        "tag": result.tag,
+        "role": role,
+        "height_m": result.height_m,
+        "epochs": len(result.fix_t_ns),
+        "fixes": int(solved.sum()),
+        "too_few_ranges": result.n_too_few,
+        "degenerate": result.n_degenerate,
+        "outliers": int(fixes.outlier.sum()),
+        "hdop_median": _median(fixes.hdop[solved]),
+        "ellipse_major_median_m": _median(major_m),
+        "ellipse_minor_median_m": _median(minor_m),
+    }
+    if errors is None:
+        return row | {"reference": None, "fix_error": None, "track_error": None}
+    return row | {
+        "reference": reference,
+        "fix_error": _error_summary(errors.fixes),
+        "track_error": _error_summary(errors.track),
+    }
+
+
+def _error_summary(errors: PositionErrors) -> dict[str, Any] | None:
+    """RMSE, mean error and the share inside the claimed 95 % ellipses; None where the reference covers nothing."""
+    if len(errors.t_ns) == 0:
+        return None
+    bias_x_m, bias_y_m = errors.error_m.mean(axis=0)
+    return {
+        "n": len(errors.t_ns),
+        "rmse_m": float(np.sqrt(np.mean(errors.distance_m**2))),
+        "bias_x_m": float(bias_x_m),
+        "bias_y_m": float(bias_y_m),
+        "share_in_ellipse": float(np.mean(errors.distance_m <= errors.bound_m)),
+    }
+
+
+def _dilution(located: Located, robot: int | None, config: Config) -> dict[str, Any] | None:
+    """A coarse map of HDOP, rows from south to north, None in a cell without a fix."""
+    grid = dilution_of(located, robot, config, MAP_ROWS, MAP_COLUMNS)
+    if grid is None:
+        return None
+    return {
+        "origin_x_m": float(grid.origin_m[0]),
+        "origin_y_m": float(grid.origin_m[1]),
+        "cell_m": grid.cell_m,
+        "tag_height_m": grid.tag_height_m,
+        "hdop": [[_number(value) for value in row] for row in grid.hdop],
+    }
+
+
+def _median(values: Float) -> float | None:
+    return float(np.median(values)) if len(values) else None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
