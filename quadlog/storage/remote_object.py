@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -299,6 +298,8 @@ class WebObject:
 
     async def _try(self, headers: dict[str, str], size: int, take: Any, fine: tuple[int, ...]) -> Any:
         """What `take` makes of an answer with a fine status; a few tries where waiting may help."""
+        import asyncio
+
         import aiohttp
 
         hopeless = (aiohttp.ClientConnectorDNSError, aiohttp.InvalidURL, aiohttp.ClientConnectorCertificateError)
