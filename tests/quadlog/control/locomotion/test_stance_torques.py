@@ -79,6 +79,18 @@ def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force)
     np.testing.assert_allclose([-couple[0], -(couple @ hip_axis)], motors[:2], atol=1e-12)
 
 
+@settings(deadline=None)
+@given(ANGLES, side, st.sampled_from([KNEE_BEHIND, KNEE_IN_FRONT]))
+def test_joints_for_a_foot_bring_it_back_with_the_knee_where_it_is_wanted(joints, side, knee):
+    foot, again = np.empty(3), np.empty(3)
+    leg_position(np.array(joints), side, LENGTHS, foot)
+    found = stance_joints(foot[None], side, LENGTHS, knee)[0]
+    leg_position(found, side, LENGTHS, again)
+    # Near a stretched leg the knee's angle is known to the root of what floats tell.
+    np.testing.assert_allclose(again, foot, atol=3e-8 if abs(joints[2]) < 0.01 else 2e-14)
+    assert knee * found[2] >= 0
+
+
 def test_a_foot_out_of_reach_has_no_torques():
     feet = np.array([[0.0, -0.07, -0.2], [0.0, -0.07, -0.43], [0.0, -0.01, -0.02]])
     joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
