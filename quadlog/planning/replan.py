@@ -18,9 +18,18 @@ from quadlog.planning.query import NoQuery, Query, make_query
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothingSettings:
-    """See smooth_path."""
+class ReplanSettings:
+    """How a map becomes a path.
 
+    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    stop_short_m: the path ends so far from the goal, 0 to reach it.
+    smooth, merge_m, spacing_m: see smooth_path.
+    """
+
+    dilation_m: float = 0.3
+    dilation: str = "euclidean"
+    stop_short_m: float = 1.0
+    smooth: bool = True
     merge_m: float = 0.3
     spacing_m: float = 0.05
 
@@ -47,10 +56,10 @@ class Answer:
 class Panel:
     """Asks its planners in turns, so that none is always the one that finds the map in the processor's cache.
 
-    smoothing: None leaves curvatures out.
+    smoothing: how paths are smoothed; None leaves curvatures out.
     """
 
-    def __init__(self, planners: Sequence[Planner], smoothing: SmoothingSettings | None) -> None:
+    def __init__(self, planners: Sequence[Planner], smoothing: ReplanSettings | None) -> None:
         self._planners = planners
         self._smoothing = smoothing
         self._reference = AStar(planners[0].rules)
@@ -121,23 +130,6 @@ def why_no_path(blocked: Bool, start: Cell, goal: Cell) -> str:
         if not is_usable(blocked, (col, row)):
             return f"{name} blocked"
     return "unreachable"
-
-
-@dataclass(frozen=True, slots=True)
-class ReplanSettings:
-    """How a map becomes a path.
-
-    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
-    stop_short_m: the path ends so far from the goal, 0 to reach it.
-    smooth, merge_m, spacing_m: see smooth_path.
-    """
-
-    dilation_m: float = 0.3
-    dilation: str = "euclidean"
-    stop_short_m: float = 1.0
-    smooth: bool = True
-    merge_m: float = 0.3
-    spacing_m: float = 0.05
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,8 +23,11 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, CourseRobot, FollowedPath, follow_tick
+from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
 from quadlog.simulation.worlds.world import body_clearance, occupied_centres
+
+if TYPE_CHECKING:
+    from quadlog.simulation.course_walk import CourseRobot
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000

@@ -121,32 +121,20 @@ class Mpc:
         the reference's. ValueError for other shapes and for what is not finite;
         never an error for numerical trouble, which `status` tells.
         """
-        problem = self._shaped(state, reference, lever_arms_m, contacts, ground_to_map)
-        forces, status, iterations = self._forces(*problem)
-        self._last = forces, problem[3]
-        self.counts[status] += 1
-        return MpcSolution(forces[0].copy(), forces.copy(), status, iterations)
-
-    def _shaped(
-        self,
-        state: Float,
-        reference: Float,
-        lever_arms_m: Float,
-        contacts: NDArray[np.bool_],
-        ground_to_map: Float,
-    ) -> tuple[Float, Float, Float, NDArray[np.bool_], Float]:
         steps = self.settings.horizon
-        state = np.ascontiguousarray(state, dtype=np.float64)
-        reference = np.ascontiguousarray(reference, dtype=np.float64)
-        lever_arms_m = np.ascontiguousarray(lever_arms_m, dtype=np.float64)
+        state, reference, lever_arms_m, ground_to_map = (
+            np.ascontiguousarray(each, dtype=np.float64) for each in (state, reference, lever_arms_m, ground_to_map)
+        )
         # A copy, as it is kept beside the forces.
         contacts = np.array(contacts, dtype=np.bool_, order="C")
-        ground_to_map = np.ascontiguousarray(ground_to_map, dtype=np.float64)
         shapes = state.shape, reference.shape, lever_arms_m.shape, contacts.shape, ground_to_map.shape
         wanted = (STATES,), (steps, STATES), (steps, LEGS, 3), (steps, LEGS), (3, 3)
         if shapes != wanted:
             raise ValueError(f"state, reference, lever arms, contacts and ground have shapes {shapes}, not {wanted}")
-        return state, reference, lever_arms_m, contacts, ground_to_map
+        forces, status, iterations = self._forces(state, reference, lever_arms_m, contacts, ground_to_map)
+        self._last = forces, contacts
+        self.counts[status] += 1
+        return MpcSolution(forces[0].copy(), forces.copy(), status, iterations)
 
     def _forces(
         self,

@@ -94,12 +94,10 @@ class QuadrupedModel:
         return (self.ground.height_at(around).reshape(len(xy_m), -1) + up).max(axis=1) + _GAP_M
 
 
-def quadruped_model(
-    robot: Robot, ground: HeightField, friction: float = FRICTION, timestep_s: float = TIMESTEP_S
-) -> QuadrupedModel:
+def quadruped_model(robot: Robot, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with one robot of quadlog's own."""
     spec = mujoco.MjSpec.from_string(mjcf(robot, friction))
-    add_world(spec, ground, friction, timestep_s)
+    add_world(spec, ground, friction, TIMESTEP_S)
     model = spec.compile()
     fill_heights(model, ground)
     return describe(model, robot, ground)

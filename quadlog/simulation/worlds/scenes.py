@@ -38,7 +38,6 @@ def forest_world(
     rng: np.random.Generator,
     *,
     window_cells: int = WINDOW_CELLS,
-    dilation_m: float = GROWTH_M,
     dilation: str = "euclidean",
 ) -> World:
     """A forest with its goal 15 to 25 m from the start in any direction, both drawn evenly; the start is at (0, 0).
@@ -56,7 +55,7 @@ def forest_world(
     window = _around(start_m, goal_m, DETOUR_M + window_cells / 2 * CELL_M)
     trees_m = plant(density_per_m2, window, rng)
     # A square's corner reaches sqrt(2) times as far as its side.
-    room_m = math.sqrt(2) * dilation_m + _CLEAR_M
+    room_m = math.sqrt(2) * GROWTH_M + _CLEAR_M
     for place_m in (start_m, goal_m):
         trees_m = trees_m[np.hypot(*(trees_m[:, :2] - place_m).T) > trees_m[:, 2] + room_m]
     return World(
@@ -67,7 +66,6 @@ def forest_world(
         start_xy_m=start_m,
         goal=standing(float(goal_m[0]), float(goal_m[1])),
         window_cells=window_cells,
-        dilation_m=dilation_m,
         dilation=dilation,
     )
 

@@ -16,7 +16,6 @@ from quadlog.control.following.lookahead import (
     FuzzyTable,
     RuleTables,
     fuzzy_table,
-    infer,
     infer_many,
     rule_tables,
 )
@@ -38,7 +37,10 @@ universe = st.floats(-3, 3)
 rules = st.lists(st.integers(0, 6), min_size=98, max_size=98).map(
     lambda cells: RuleTables("any", np.array(cells, dtype=np.int64).reshape(2, 7, 7))
 )
-centroids = st.sampled_from(["points", "continuous"])
+
+
+def infer(e, ec, tables=PRINTED, centroid="points"):
+    return tuple(infer_many(np.array([e]), np.array([ec]), tables, centroid)[0].tolist())
 
 
 def clipped_sets(e, ec, rules_of_one):
@@ -91,13 +93,6 @@ def test_continuous_centroid_against_scikit_fuzzy(tables):
         assert infer(*at, tables, "continuous") == pytest.approx(expected, abs=1e-4)
 
 
-def test_at_the_centres_of_the_sets_the_rule_speaks_alone():
-    for tables in (PRINTED, CORRECTED):
-        e, ec = np.meshgrid(CENTRES, CENTRES, indexing="ij")
-        deltas = infer_many(e.ravel(), ec.ravel(), tables, "points").reshape(7, 7, 2)
-        assert np.array_equal(deltas, np.moveaxis(tables.rules, 0, 2) - 3.0)
-
-
 def breaks_of_monotony(rules_of_one):
     """The cells without which no row and no column rises anywhere."""
     falls = (np.diff(rules_of_one, axis=0) <= 0).all() and (np.diff(rules_of_one, axis=1) <= 0).all()
@@ -142,20 +137,6 @@ def test_the_published_look_aheads():
     assert np.abs(apart @ weights).max() == pytest.approx(0.57, abs=0.005)
 
 
-@settings(max_examples=200, deadline=None)
-@given(universe, universe, rules, centroids)
-def test_bounds_and_symmetries_of_any_tables(e, ec, tables, centroid):
-    deltas = infer(e, ec, tables, centroid)
-    assert max(map(abs, deltas)) <= (3 if centroid == "points" else 8 / 3) + 1e-12
-    fired = tables.rules[:, math.floor(e) + 3 : math.floor(e) + 5, math.floor(ec) + 3 : math.floor(ec) + 5] - 3
-    for delta, of in zip(deltas, fired, strict=True):
-        assert of.min() - 1 <= delta <= of.max() + 1
-    mirrored = RuleTables("mirrored", 6 - tables.rules[:, ::-1, ::-1])
-    assert infer(-e, -ec, mirrored, centroid) == pytest.approx([-delta for delta in deltas], abs=1e-9)
-    exchanged = RuleTables("exchanged", tables.rules.transpose(0, 2, 1))
-    assert infer(ec, e, exchanged, centroid) == pytest.approx(deltas, abs=1e-12)
-
-
 @pytest.mark.parametrize("centroid", ["points", "continuous"])
 def test_inputs_are_clipped_and_nan_is_refused(centroid):
     table = FuzzyTable(PRINTED, centroid)
@@ -167,18 +148,10 @@ def test_inputs_are_clipped_and_nan_is_refused(centroid):
     assert np.isnan(table.at(0, math.nan)).all()
 
 
-@pytest.mark.parametrize(
-    ("nodes", "centroid", "largest", "mean"),
-    [
-        (241, "points", 0.025, 2e-4),
-        (241, "continuous", 0.085, 3e-4),
-        (61, "points", 0.075, 3e-3),
-        (61, "continuous", 0.3, 4e-3),
-    ],
-)
+@pytest.mark.parametrize(("centroid", "largest", "mean"), [("points", 0.025, 2e-4), ("continuous", 0.085, 3e-4)])
 @pytest.mark.parametrize("tables", TABLES.values(), ids=list(TABLES))
-def test_the_table_is_as_exact_as_it_says(tables, nodes, centroid, largest, mean):
-    table = FuzzyTable(tables, centroid, nodes)
+def test_the_table_is_as_exact_as_it_says(tables, centroid, largest, mean):
+    table = FuzzyTable(tables, centroid)
     e, ec = np.random.default_rng(0).uniform(-3, 3, (2, 20_000))
     looked_up = np.array([table.at(*at) for at in zip(e.tolist(), ec.tolist(), strict=True)])
     errors = np.abs(looked_up - infer_many(e, ec, tables, centroid))

@@ -187,7 +187,6 @@ def test_checked_paths():
     assert checked.dtype == np.float64
     assert checked.flags.c_contiguous
     assert len(checked_path([(0, 0), (10, 10)])) == 2
-    assert len(checked_path([(0, 0), (30, 0)], gap_m=30)) == 2
 
 
 @pytest.mark.parametrize(

@@ -206,19 +206,6 @@ def test_a_foot_that_landed_early_and_bounced_off_swings_on():
     np.testing.assert_allclose(march.stride.swing[:, 0], expected, atol=1e-9, rtol=1e-9)
 
 
-def test_the_plane_lies_through_the_last_contacts():
-    march = March()
-    march.until(0, LANDS_FROM_PHASE + 0.05)
-    feet_m = STANDING_M.copy()
-    feet_m[:, 2] += 0.2 * feet_m[:, 0] - 0.1 * feet_m[:, 1]
-    np.testing.assert_allclose(march.stride.plane, [0, 0, ROBOT.foot_radius_m], atol=1e-12)
-    # With nothing landed it waits; with the pair that lands it is laid through all four.
-    assert not march.step([False] * 4, feet_m)
-    np.testing.assert_allclose(march.stride.plane, [0, 0, ROBOT.foot_radius_m], atol=1e-12)
-    assert march.step([True] * 4, feet_m)
-    np.testing.assert_allclose(march.stride.plane, [0.2, -0.1, ROBOT.foot_radius_m], atol=1e-12)
-
-
 @pytest.mark.parametrize("gait", GAITS.values(), ids=list(GAITS))
 def test_contacts_ahead_are_the_gaits_and_now_the_feets(gait):
     march, step_s = March(gait), 0.03
@@ -231,17 +218,6 @@ def test_contacts_ahead_are_the_gaits_and_now_the_feets(gait):
         for k in range(1, len(ahead)):
             turns = (march.t_s + (k + 0.5) * step_s) / gait.period_s + np.array(gait.offsets)
             np.testing.assert_array_equal(ahead[k], turns % 1 < gait.duty)
-
-
-def test_a_foot_landed_early_stands_in_the_first_step_ahead():
-    march = March()
-    march.until(0, LANDS_FROM_PHASE)
-    march.step([True] * 4)
-    ahead = np.empty((3, 4), dtype=bool)
-    march.stride.contacts_ahead(march.t_s, 0.01, ahead)
-    assert ahead[0].all()
-    assert not march.plan[0][0]
-    np.testing.assert_array_equal(ahead[1], [False, True, True, False])
 
 
 patterns = st.lists(st.tuples(st.integers(1, 60), st.lists(st.booleans(), min_size=4, max_size=4)), max_size=12)

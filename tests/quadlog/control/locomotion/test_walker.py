@@ -96,29 +96,23 @@ def walk(
     return Walk(dt_s, columns[:, :3], columns[:, 3:6], columns[:, 6:9], columns[:, 9], cut, walker)
 
 
+@pytest.mark.parametrize(("whole_body", "height_m"), [(True, 0.01), (False, 0.012)])
 @pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
-def test_it_walks_as_told(level, yaw_rate_radps):
-    walked = walk(level, 3.0, 0.5, yaw_rate_radps, WalkerSettings())
+def test_it_walks_as_told(level, yaw_rate_radps, whole_body, height_m):
+    walked = walk(level, 3.0, 0.5, yaw_rate_radps, WalkerSettings(whole_body=whole_body))
     assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
-    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.015)
+    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.015 if whole_body else 0.02)
     assert walked.tilt_deg < 3
-    assert np.abs(walked.height_errors_m).max() < 0.01
+    assert np.abs(walked.height_errors_m).max() < height_m
+    assert abs(walked.height_errors_m.mean()) < 0.005
+    if not whole_body:
+        return
     assert walked.positions_m[walked.settled, 2] == pytest.approx(ROBOT.standing_height_m, abs=0.015)
     assert walked.cut == 0
     counts = walked.walker.mpc.counts
     assert counts[MpcStatus.SOLVED] == counts.total() > 100
     if yaw_rate_radps == 0:
         assert abs(walked.positions_m[-1, 1]) < 0.01
-
-
-@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
-def test_without_whole_body_control_it_walks_nearly_as_told(level, yaw_rate_radps):
-    walked = walk(level, 3.0, 0.5, yaw_rate_radps)
-    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
-    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.02)
-    assert walked.tilt_deg < 3
-    assert np.abs(walked.height_errors_m).max() < 0.012
-    assert abs(walked.height_errors_m.mean()) < 0.005
 
 
 @pytest.mark.parametrize("whole_body", [True, False])
@@ -185,12 +179,6 @@ def test_in_a_turned_world_it_walks_the_same(level, whole_body, turned_deg, push
     np.testing.assert_allclose(elsewhere.rpy - walked.rpy, np.tile([0, 0, turned_rad], (len(walked.rpy), 1)), atol=5e-3)
 
 
-def test_told_the_mirror_image_it_walks_nearly_that(level):
-    left, right = (walk(level, 2.5, 0.5, rate, WalkerSettings()) for rate in (0.3, -0.3))
-    # Another pair of feet begins, which sways the body.
-    np.testing.assert_allclose(right.positions_m[-1], left.positions_m[-1] * [1, -1, 1], atol=0.01)
-
-
 @pytest.mark.parametrize("whole_body", [True, False])
 def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, monkeypatch):
     trot = GAITS["trot"]
@@ -199,14 +187,6 @@ def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, 
     left, right = walk(level, 1.5, 0.5, 0.3, settings), walk(level, 1.5, 0.5, -0.3, replace(settings, gait="mirrored"))
     np.testing.assert_allclose(right.positions_m, left.positions_m * [1, -1, 1], atol=1e-3)
     np.testing.assert_allclose(right.rpy, left.rpy * [-1, 1, -1], atol=5e-3)
-
-
-@pytest.mark.parametrize("whole_body", [True, False])
-def test_two_walks_are_the_same_to_the_bit(level, whole_body):
-    settings = WalkerSettings(whole_body=whole_body)
-    once, again = walk(level, 0.7, 0.5, 0.3, settings), walk(level, 0.7, 0.5, 0.3, settings)
-    for name in ("positions_m", "rpy", "velocities_mps"):
-        assert getattr(once, name).tobytes() == getattr(again, name).tobytes()
 
 
 def test_pushed_aside_it_goes_on_upright(level):

@@ -64,15 +64,6 @@ def test_an_unreachable_goal_is_searched_for_once(forest, costs_from):
     assert plan.expanded == plan.generated == np.isfinite(costs_from(blocked, (2, 2))).sum()
 
 
-def test_maps_of_different_sizes_in_turn(grids, cells_of):
-    planner = ARAStar()
-    for blocked in grids.values():
-        start, goal = cells_of(blocked, 2, 4)
-        ours, fresh = planner.plan(blocked, start, goal), ARAStar().plan(blocked, start, goal)
-        assert (ours.cost, ours.expanded, ours.touched) == (fresh.cost, fresh.expanded, fresh.touched)
-        np.testing.assert_array_equal(ours.cells, fresh.cells)
-
-
 @pytest.mark.parametrize("costs", COSTS)
 def test_keys_do_not_overflow_on_the_largest_map(costs):
     """A way through half of 8192 x 8192 cells, and the most inflated heuristic across them."""

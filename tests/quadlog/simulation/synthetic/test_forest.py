@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.simulation.sensors.lidar import TruePointClass
-from quadlog.simulation.sensors.scene import Cylinder
+from quadlog.simulation.sensors.scene import Cylinder, RayCaster
 from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.recording import PERSON_TRUTH_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
 
@@ -105,14 +105,11 @@ def test_the_person_stands_on_the_ground_too(recording):
 
 def test_trunks_hold_up_uwb_and_saplings_do_not():
     lap = forest.synthesize(seed=2, duration_s=60.0, azimuth_steps=16)
+    trunks = RayCaster(lap.site.obstacles, lap.site.terrain)
     for ranges, tag in zip(lap.ranges, lap.tags, strict=True):
         assert 0.1 < 1 - ranges.line_of_sight.mean() < 0.5
         every = slice(0, None, 53)
         tag_m = tag.position_m((ranges.t_ns[every] - START_NS) * 1e-9)
-        along = np.linspace(0, 1, 1500)[:, None, None]
         for anchor, place_m in enumerate(forest.ANCHORS_M):
-            samples = (tag_m + along * (place_m - tag_m))[..., :2].reshape(-1, 2)
-            depth = np.min([outline_distance(each, samples) for each in lap.site.obstacles], axis=0)
-            depth = depth.reshape(1500, -1).min(axis=0)
-            sure = np.abs(depth) > 0.01
-            np.testing.assert_array_equal(ranges.line_of_sight[every, anchor][sure], depth[sure] > 0)
+            to_m = np.tile(place_m, (len(tag_m), 1))
+            np.testing.assert_array_equal(ranges.line_of_sight[every, anchor], trunks.line_of_sight(tag_m, to_m))
