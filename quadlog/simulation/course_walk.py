@@ -127,8 +127,7 @@ def follow_tick(
         command = path.known.pursue(
             known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, path.speed_mps, path.max_yaw_rate_radps
         )
-        timed = path.truth.reference_at(age_s * path.speed_mps)
-        away_m = math.hypot(timed.x_m - x_m, timed.y_m - y_m)
+        away_m = math.dist(path.truth.reference_at(age_s * path.speed_mps), (x_m, y_m))
         near = place.near
         row[REFERENCE:LOOKAHEAD] = near.x_m, near.y_m, place.error_m, near.distance_m, away_m, place.heading_error_rad
         row[LOOKAHEAD:COMMAND] = ahead

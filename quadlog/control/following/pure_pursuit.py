@@ -14,7 +14,6 @@ from quadlog.control.following.path import (
     lookahead_within,
     nearest_between,
     remaining_length,
-    segment_heading,
 )
 from quadlog.errors import TooLarge
 from quadlog.messages import Float
@@ -123,14 +122,6 @@ class FollowState(NamedTuple):
         return abs(self.near.distance_m)
 
 
-class ReferencePoint(NamedTuple):
-    """A point of a path, and where it goes there; NaN when it goes nowhere."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-
-
 def checked_path(points: ArrayLike) -> Float:
     """A path (K, 2) in map, K >= 2, that can be walked: points repeated one after the other are dropped.
 
@@ -211,12 +202,11 @@ class PathFollower:
             x_m, y_m, yaw_rad, (ahead_x, ahead_y), self._end_m, state.remaining_m, speed_mps, max_yaw_rate_radps
         )
 
-    def reference_at(self, s_m: float) -> ReferencePoint:
-        """The point s_m along the path, an end of it beyond that: speed x time is where a reference walks."""
+    def reference_at(self, s_m: float) -> tuple[float, float]:
+        """(x_m, y_m) of the point s_m along the path, or of its end: where a reference is that walks for s_m."""
         segment, fraction = self._place(s_m)
         (x, y), (next_x, next_y) = self.path[[segment, min(segment + 1, len(self.path) - 1)]].tolist()
-        heading = segment_heading(self.path, segment)
-        return ReferencePoint(x + fraction * (next_x - x), y + fraction * (next_y - y), heading)
+        return x + fraction * (next_x - x), y + fraction * (next_y - y)
 
     def _place(self, s_m: float) -> tuple[int, float]:
         """(segment, fraction) of the point s_m along the path."""

@@ -74,13 +74,6 @@ def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_m
     assert abs(reference.rpy[2] - measured_rad) <= LEASH_RAD + 1e-12
 
 
-def test_a_push_moves_the_reference_and_not_farther_than_it_must():
-    reference = BodyReference(START_M, 0.0, HEIGHT_M)
-    push_m = np.array([0, 0.10, 0])
-    step(reference, 0.002, WantedMotion(0.0, 0.0), START_M + push_m, 0.0, LEVEL)
-    np.testing.assert_allclose(reference.position_m, START_M + (1 - LEASH_M / 0.10) * push_m, atol=1e-12)
-
-
 def test_past_half_a_turn_it_goes_on_turning():
     reference = BodyReference(START_M, math.pi - 0.01, HEIGHT_M)
     for _ in range(10):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import daqp
 import mujoco
 import numpy as np
@@ -16,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from quadlog.control.locomotion.wbc import WbcCommand, WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets
 from quadlog.control.locomotion.wbc_kernels import QpStatus, commands, rotation_error
 
-SOLVE = daqp.solve
 SEEDS = st.integers(0, 2**32 - 1)
 MASS_KG = 12.8
 TROT = np.array([True, False, False, True])
@@ -271,27 +268,6 @@ def test_forces_keep_to_the_pyramid_and_torques_to_the_limits(robot, seed, mu):
     assert ((down[:, 2] >= 2.0 - 1e-6) & (down[:, 2] <= 150.0 + 1e-6)).all()
     assert (np.abs(command.torques_nm) <= limits).all()
     np.testing.assert_array_equal(command.saturated, np.abs(command.torques_nm) == limits)
-
-
-def test_no_solver_is_asked_where_no_force_comes_to_its_limits(robot, monkeypatch):
-    rng = np.random.default_rng(3)
-    state = robot.anywhere(rng).state()
-    targets, forces_n = near(rng, state), np.tile([0.0, 0.0, 60.0], (4, 1))
-    chosen = WbcSettings(weight_acceleration=1e-3, f_max_n=1e3)
-    # The limit a little below what the largest of them would be.
-    free = step(WholeBodyControl(chosen), state, targets, TROT, forces_n)
-    lower = replace(chosen, f_max_n=float(free.forces_n[:, 2].max()) - 1e-3)
-    asked = []
-    monkeypatch.setattr(daqp, "solve", lambda *problem: asked.append(problem) or SOLVE(*problem))
-    for each, calls in ((chosen, 0), (lower, 1)):
-        command = step(WholeBodyControl(each), state, targets, TROT, forces_n)
-        assert command.status is QpStatus.SOLVED
-        assert len(asked) == calls
-    np.testing.assert_allclose(command.forces_n, free.forces_n, rtol=0, atol=0.01)
-    assert command.forces_n[:, 2].max() == pytest.approx(lower.f_max_n, abs=1e-6)
-    problem = asked[0]
-    # Its own cost, without limits.
-    np.testing.assert_allclose(free.forces_n[TROT].ravel(), np.linalg.solve(problem[0], -problem[1]), atol=1e-9)
 
 
 def failing(*args, **kwargs):

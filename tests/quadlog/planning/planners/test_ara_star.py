@@ -5,7 +5,6 @@ import pytest
 
 from quadlog.planning.planners import ara_star
 from quadlog.planning.planners.ara_star import WEIGHTS_TENTHS, ARAStar
-from quadlog.planning.planners.astar import AStar
 from quadlog.planning.rules import COSTS, TIES, Rules
 
 
@@ -32,17 +31,6 @@ def test_a_round_costs_no_more_than_its_weight_allows(forest, costs_from, assert
                 assert best * (1 - 1e-12) <= plan.cost <= best * weight / 10 * (1 + 1e-12)
                 dearer += plan.cost > best * (1 + 1e-12)
     assert (dearer > 0) == (weight > 10)
-
-
-def test_weight_of_one_alone_is_astar(forest):
-    """Which of several cells with equal f and g comes first is free: a few more or less."""
-    for seed in range(10):
-        blocked = forest(seed, 0.25)
-        ours, best = (
-            of_weights(10, rules=Rules()).plan(blocked, (2, 2), (30, 35)),
-            AStar().plan(blocked, (2, 2), (30, 35)),
-        )
-        assert ours.expanded == pytest.approx(best.expanded - 1, rel=0.15, abs=12)
 
 
 def test_rounds_go_on_from_what_is_known(forest):

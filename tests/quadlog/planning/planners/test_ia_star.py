@@ -44,19 +44,6 @@ def test_blocked_route_is_planned_from_scratch():
     assert plan.cost == AStar().plan(blocked, (2, 10), (18, 10)).cost
 
 
-def test_on_the_route_nothing_is_anchored_anew(forest):
-    """Wherever on its path the robot is, it goes on along it up to the waypoint."""
-    blocked = forest()
-    for step in range(0, 30, 3):
-        planner = IAStar()
-        path = planner.plan(blocked, (2, 2), (30, 35)).cells
-        at = tuple(path[step].tolist())
-        plan = planner.plan(blocked, at, (30, 35))
-        assert not plan.from_scratch
-        assert plan.reused_cells > 0
-        np.testing.assert_array_equal(plan.cells[: plan.reused_cells], path[step : step + plan.reused_cells])
-
-
 @pytest.mark.parametrize("away", range(1, REANCHOR_CELLS + 1))
 def test_robot_beside_its_route_takes_the_shortest_way_over_it(away):
     """On free ground by diagonal steps, which cost no more than the shortest way; it could get on at several cells.
@@ -98,13 +85,3 @@ def test_robot_that_walks_on_beyond_the_end_of_its_route_searches_on():
     plan = planner.plan(blocked, (10, 10), (20, 10))
     assert not plan.from_scratch
     assert (plan.cost, plan.reused_cells) == (100, 1)
-
-
-def test_robot_walled_off_from_its_route_plans_from_scratch():
-    blocked = np.zeros((30, 30), dtype=bool)
-    planner = IAStar()
-    planner.plan(blocked, (2, 10), (27, 10))
-    blocked[12, :20] = True
-    plan = planner.plan(blocked, (5, 14), (27, 10))
-    assert plan.from_scratch
-    assert plan.found

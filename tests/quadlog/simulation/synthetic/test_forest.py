@@ -27,22 +27,6 @@ def outline_distance(obstacle, xy):
     return np.linalg.norm(np.maximum(outside, 0), axis=0)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_nothing_that_grows_is_in_the_way_of_robot_and_people(seed):
-    site = forest.synthesize(seed=seed, duration_s=1.0, azimuth_steps=16).site
-    for walk in (site.robot, site.person, site.passer_by):
-        xy = walk.at(LAP_S).position_m
-        for grown in site.obstacles + site.foliage:
-            if grown.bottom_m < 2.0:
-                assert outline_distance(grown, xy).min() > 0.6
-    robot, person, other = (each.at(LAP_S).position_m for each in (site.robot, site.person, site.passer_by))
-    apart = np.linalg.norm(robot - person, axis=1)
-    assert apart.min() > 1.4
-    assert apart.max() < 2.6
-    assert min(np.linalg.norm(other - each, axis=1).min() for each in (robot, person)) > 0.8
-    assert np.abs(site.robot.at(LAP_S).yaw_rate_radps).max() < 1.2
-
-
 def test_trees_are_many_of_many_sizes_and_apart():
     for seed in range(4):
         trunks = forest.grow(np.random.default_rng(seed)).trunks
@@ -53,16 +37,6 @@ def test_trees_are_many_of_many_sizes_and_apart():
         assert radius.max() > 0.3
         gap = np.linalg.norm(place[:, None] - place, axis=2) - radius[:, None] - radius
         assert gap[~np.eye(len(trunks), dtype=bool)].min() >= 0.9 - 1e-9
-
-
-def test_the_seed_grows_the_forest_and_lays_the_way():
-    one, same, other = (forest.synthesize(seed=s, duration_s=1.0, azimuth_steps=16).site for s in (3, 3, 4))
-    assert one.obstacles == same.obstacles
-    assert one.foliage == same.foliage
-    np.testing.assert_array_equal(one.terrain.height_m, same.terrain.height_m)
-    np.testing.assert_array_equal(one.robot.at(LAP_S).position_m, same.robot.at(LAP_S).position_m)
-    assert one.obstacles != other.obstacles
-    assert np.abs(one.robot.at(LAP_S).position_m - other.robot.at(LAP_S).position_m).max() > 0.5
 
 
 def test_ground_points_lie_on_the_uneven_ground_from_the_true_pose_of_their_instant(recording):

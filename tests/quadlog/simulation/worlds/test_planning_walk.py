@@ -17,7 +17,7 @@ def ground(goal, boxes=(), moving=(), start=(0.05, 0.05), dilation_m=0.3):
     window = Window(-60, -60, 0.1, (120, 120))
     occupied = rectangles_in(window, [Rectangle(*box) for box in boxes])
     goal = standing(*goal) if isinstance(goal, tuple) else goal
-    return World("", "", window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
+    return World(window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
 
 
 def steps_of(walk, world):
