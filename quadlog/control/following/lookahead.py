@@ -19,15 +19,8 @@ SETS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 LIMIT = 3.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RuleTables:
-    """Which set each pair of input sets gives. rules: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec], NB = 0."""
-
-    name: str
-    rules: Int
-
-
 def _rules(k_v: str, k_w: str) -> Int:
+    """Which set each pair of input sets gives: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec], NB = 0."""
     tables = [
         [[SETS.index(name) for name in row.split()] for row in table.strip().splitlines()] for table in (k_v, k_w)
     ]
@@ -38,67 +31,61 @@ def _rules(k_v: str, k_w: str) -> Int:
 
 # Tables 1 and 2, rows e and columns ec from NB to PB. Table 1's (NS, PM), PS between ZO and NS,
 # is its only break of monotony. Table 2's centre, NS, shortens the look-ahead by lambda_w v without any error.
-PRINTED = RuleTables(
-    "printed",
-    _rules(
-        """
-        PB PB PB PB PM PS ZO
-        PB PB PB PB PM ZO ZO
-        PM PM PM PM ZO PS NS
-        PM PM PS ZO NS NS NM
-        PS PS ZO NS NM NM NM
-        PS ZO NS NM NM NM NB
-        ZO ZO NM NM NM NB NB
-        """,
-        """
-        PS PS ZO ZO ZO PB PB
-        NS NS NS NS ZO NS PM
-        NB NB NM NM NS PS PM
-        NB NM NM NS NS NS PM
-        NB NM NS NS ZO PS PS
-        NM NS NS NS ZO PS PS
-        NS ZO ZO ZO ZO PB PB
-        """,
-    ),
+PRINTED = _rules(
+    """
+    PB PB PB PB PM PS ZO
+    PB PB PB PB PM ZO ZO
+    PM PM PM PM ZO PS NS
+    PM PM PS ZO NS NS NM
+    PS PS ZO NS NM NM NM
+    PS ZO NS NM NM NM NB
+    ZO ZO NM NM NM NB NB
+    """,
+    """
+    PS PS ZO ZO ZO PB PB
+    NS NS NS NS ZO NS PM
+    NB NB NM NM NS PS PM
+    NB NM NM NS NS NS PM
+    NB NM NS NS ZO PS PS
+    NM NS NS NS ZO PS PS
+    NS ZO ZO ZO ZO PB PB
+    """,
 )
 # Table 1 with (NS, PM) = NS, which leaves no break. Table 2 is the textbook's fuzzy-PID table of delta K_d
 # with rows and columns exchanged, but for five cells: these are the textbook's here, (NS, ZO) = NS, (NS, PS) = ZO,
 # (ZO, PS) = ZO, (ZO, PM) = PS, (PB, NB) = PS, so that the rows NS .. PS rise throughout; and its centre is ZO,
 # so that l_0 is the look-ahead of a robot without error. The exchange stays: nothing says which was tuned.
-CORRECTED = RuleTables(
-    "corrected",
-    _rules(
-        """
-        PB PB PB PB PM PS ZO
-        PB PB PB PB PM ZO ZO
-        PM PM PM PM ZO NS NS
-        PM PM PS ZO NS NS NM
-        PS PS ZO NS NM NM NM
-        PS ZO NS NM NM NM NB
-        ZO ZO NM NM NM NB NB
-        """,
-        """
-        PS PS ZO ZO ZO PB PB
-        NS NS NS NS ZO NS PM
-        NB NB NM NS ZO PS PM
-        NB NM NM ZO ZO PS PM
-        NB NM NS NS ZO PS PS
-        NM NS NS NS ZO PS PS
-        PS ZO ZO ZO ZO PB PB
-        """,
-    ),
+CORRECTED = _rules(
+    """
+    PB PB PB PB PM PS ZO
+    PB PB PB PB PM ZO ZO
+    PM PM PM PM ZO NS NS
+    PM PM PS ZO NS NS NM
+    PS PS ZO NS NM NM NM
+    PS ZO NS NM NM NM NB
+    ZO ZO NM NM NM NB NB
+    """,
+    """
+    PS PS ZO ZO ZO PB PB
+    NS NS NS NS ZO NS PM
+    NB NB NM NS ZO PS PM
+    NB NM NM ZO ZO PS PM
+    NB NM NS NS ZO PS PS
+    NM NS NS NS ZO PS PS
+    PS ZO ZO ZO ZO PB PB
+    """,
 )
-TABLES = {tables.name: tables for tables in (PRINTED, CORRECTED)}
+TABLES = {"printed": PRINTED, "corrected": CORRECTED}
 
 
-def rule_tables(name: str) -> RuleTables:
+def rule_tables(name: str) -> Int:
     """The tables of that name; raises UnknownName."""
     if name not in TABLES:
         raise UnknownName("rule tables", name, TABLES)
     return TABLES[name]
 
 
-def infer_many(e: Float, ec: Float, tables: RuleTables = PRINTED, centroid: Centroid = "points") -> Float:
+def infer_many(e: Float, ec: Float, tables: Int = PRINTED, centroid: Centroid = "points") -> Float:
     """(delta k_v, delta k_w) (N, 2) for errors and their rates (N,), in units of the universe and clipped to it.
 
     centroid: "points" is eq. 21 as printed, the mean of the seven centres by how far
@@ -120,7 +107,7 @@ def infer_many(e: Float, ec: Float, tables: RuleTables = PRINTED, centroid: Cent
         heights = np.zeros((7, len(e)))
         for di, holds_e in enumerate((1 - f, f)):
             for dj, holds_ec in enumerate((1 - g, g)):
-                of = tables.rules[output, i + di, j + dj]
+                of = tables[output, i + di, j + dj]
                 heights[of, each] = np.maximum(heights[of, each], np.minimum(holds_e, holds_ec))
         deltas[:, output] = _area_centre(heights) if centroid == "continuous" else _mean_centre(heights)
     return deltas
@@ -136,7 +123,7 @@ class FuzzyTable:
     0.025 (0.0002) on the points, 0.085 (0.0003) on the continuous universe.
     """
 
-    def __init__(self, tables: RuleTables, centroid: Centroid) -> None:
+    def __init__(self, tables: Int, centroid: Centroid) -> None:
         self.nodes = np.linspace(-LIMIT, LIMIT, NODES)
         e, ec = np.meshgrid(self.nodes, self.nodes, indexing="ij")
         self.values = infer_many(e.ravel(), ec.ravel(), tables, centroid).reshape(NODES, NODES, 2)

@@ -14,7 +14,6 @@ from quadlog.control.following.lookahead import (
     SETS,
     TABLES,
     FuzzyTable,
-    RuleTables,
     fuzzy_table,
     infer_many,
     rule_tables,
@@ -35,7 +34,7 @@ PB PM PM PM PS PS PB
 """
 universe = st.floats(-3, 3)
 rules = st.lists(st.integers(0, 6), min_size=98, max_size=98).map(
-    lambda cells: RuleTables("any", np.array(cells, dtype=np.int64).reshape(2, 7, 7))
+    lambda cells: np.array(cells, dtype=np.int64).reshape(2, 7, 7)
 )
 
 
@@ -58,7 +57,7 @@ def clipped_sets(e, ec, rules_of_one):
 def test_both_centroids_against_all_49_rules(e, ec, tables):
     z = np.linspace(-3, 3, 6001)
     for output in range(2):
-        heights = clipped_sets(e, ec, tables.rules[output])
+        heights = clipped_sets(e, ec, tables[output])
         points = np.sum(heights * CENTRES) / np.sum(heights)
         assert infer(e, ec, tables, "points")[output] == pytest.approx(points, abs=1e-12)
         clipped = np.minimum(heights[:, None], np.maximum(1 - np.abs(z - CENTRES[:, None]), 0)).max(axis=0)
@@ -79,7 +78,7 @@ def test_continuous_centroid_against_scikit_fuzzy(tables):
     system = skfuzzy.control.ControlSystem(
         [
             skfuzzy.control.Rule(
-                e[SETS[i]] & ec[SETS[j]], [out[SETS[k[i, j]]] for out, k in zip(outputs, tables.rules, strict=True)]
+                e[SETS[i]] & ec[SETS[j]], [out[SETS[k[i, j]]] for out, k in zip(outputs, tables, strict=True)]
             )
             for i in range(7)
             for j in range(7)
@@ -110,14 +109,14 @@ def breaks_of_monotony(rules_of_one):
 
 
 def test_what_is_wrong_with_the_printed_tables():
-    assert breaks_of_monotony(PRINTED.rules[0]) == [("NS", "PM", "NS"), ("NS", "PM", "ZO")]
-    assert breaks_of_monotony(CORRECTED.rules[0]) == []
-    assert np.count_nonzero(PRINTED.rules[0] != CORRECTED.rules[0]) == 1
+    assert breaks_of_monotony(PRINTED[0]) == [("NS", "PM", "NS"), ("NS", "PM", "ZO")]
+    assert breaks_of_monotony(CORRECTED[0]) == []
+    assert np.count_nonzero(PRINTED[0] != CORRECTED[0]) == 1
     textbook = np.array([[SETS.index(name) for name in row.split()] for row in TEXTBOOK_K_D.strip().splitlines()]).T
-    assert np.count_nonzero(PRINTED.rules[1] == textbook) == 44
-    assert np.argwhere(CORRECTED.rules[1] != textbook).tolist() == [[3, 3]]
-    assert SETS[CORRECTED.rules[1][3, 3]] == "ZO"
-    assert (np.diff(CORRECTED.rules[1][2:5], axis=1) >= 0).all()
+    assert np.count_nonzero(PRINTED[1] == textbook) == 44
+    assert np.argwhere(CORRECTED[1] != textbook).tolist() == [[3, 3]]
+    assert SETS[CORRECTED[1][3, 3]] == "ZO"
+    assert (np.diff(CORRECTED[1][2:5], axis=1) >= 0).all()
 
 
 def test_the_published_look_aheads():
@@ -170,4 +169,4 @@ def test_names():
     with pytest.raises(UnknownName, match="continuous, points"):
         infer(0, 0, PRINTED, "bisector")
     with pytest.raises(ValueError, match="read-only"):
-        PRINTED.rules[0, 0, 0] = 1
+        PRINTED[0, 0, 0] = 1

@@ -7,8 +7,6 @@ from quadlog.simulation.sensors.scene import RayCaster
 from quadlog.simulation.synthetic import corridor
 from quadlog.simulation.synthetic.recording import START_NS
 
-LAP_S = np.arange(0.0, 100.0, 0.1)
-
 
 @pytest.fixture(scope="module")
 def lap():

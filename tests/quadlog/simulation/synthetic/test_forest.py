@@ -9,8 +9,6 @@ from quadlog.simulation.sensors.scene import Cylinder, RayCaster
 from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.recording import PERSON_TRUTH_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
 
-LAP_S = np.arange(0.0, 90.0, 0.1)
-
 
 @pytest.fixture(scope="module")
 def recording():
