@@ -14,7 +14,7 @@ from quadlog.pipelines.comparison.problems import ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Answer, Panel, SmoothingSettings
+from quadlog.planning.replan import Answer, Panel, ReplanSettings
 from quadlog.planning.rules import Rules
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
 from quadlog.results.plots.planner_comparison import PathScene, around_paths
@@ -78,7 +78,7 @@ def ask_everything(
     curvatures: of smoothed paths, which take longer than the plans; static sources have none.
     """
     book = _Notebook(source, names[0])
-    smoothing = SmoothingSettings() if curvatures and not source.is_static else None
+    smoothing = ReplanSettings() if curvatures and not source.is_static else None
     for members in [[name] for name in names] if source.is_static else [list(names)]:
         panel = Panel([make_planner(name, rules) for name in members], smoothing)
         for episode, questions in enumerate(source.episodes()):

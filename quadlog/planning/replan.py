@@ -18,9 +18,18 @@ from quadlog.planning.query import NoQuery, Query, make_query
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothingSettings:
-    """See smooth_path."""
+class ReplanSettings:
+    """How a map becomes a path.
 
+    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    stop_short_m: the path ends so far from the goal, 0 to reach it.
+    smooth, merge_m, spacing_m: see smooth_path.
+    """
+
+    dilation_m: float = 0.3
+    dilation: str = "euclidean"
+    stop_short_m: float = 1.0
+    smooth: bool = True
     merge_m: float = 0.3
     spacing_m: float = 0.05
 
@@ -47,10 +56,10 @@ class Answer:
 class Panel:
     """Asks its planners in turns, so that none is always the one that finds the map in the processor's cache.
 
-    smoothing: None leaves curvatures out.
+    smoothing: how paths are smoothed; None leaves curvatures out.
     """
 
-    def __init__(self, planners: Sequence[Planner], smoothing: SmoothingSettings | None) -> None:
+    def __init__(self, planners: Sequence[Planner], smoothing: ReplanSettings | None) -> None:
         self._planners = planners
         self._smoothing = smoothing
         self._reference = AStar(planners[0].rules)
@@ -124,23 +133,6 @@ def why_no_path(blocked: Bool, start: Cell, goal: Cell) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class ReplanSettings:
-    """How a map becomes a path.
-
-    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
-    stop_short_m: the path ends so far from the goal, 0 to reach it.
-    smooth, merge_m, spacing_m: see smooth_path.
-    """
-
-    dilation_m: float = 0.3
-    dilation: str = "euclidean"
-    stop_short_m: float = 1.0
-    smooth: bool = True
-    merge_m: float = 0.3
-    spacing_m: float = 0.05
-
-
-@dataclass(frozen=True, slots=True)
 class PlanRecord:
     """A row of plans.parquet, and A*'s counts on the same query.
 
@@ -207,38 +199,24 @@ class Replanner:
         """
         settings = self._settings
         query = make_query(window, occupied, start_xy_m, goal_xy_m, settings.dilation_m, settings.dilation)
-        if isinstance(query, NoQuery):
-            plan = optimum = no_plan()
-            return Replan(self._record(t_ns, plan, optimum, start_xy_m, goal_xy_m, False, math.nan, math.nan), None)
-        began_ns = time.perf_counter_ns()
-        plan = self._planner.plan(query.blocked, query.start, query.goal, self._shift_to(window))
-        microseconds = (time.perf_counter_ns() - began_ns) / 1000
-        self._last_window = window
-        # Not those derived from it, whose heuristic is another.
-        is_reference = type(self._planner) is AStar
-        optimum = plan if is_reference else self._reference.plan(query.blocked, query.start, query.goal)
-
-        goal_m = window.centre_of(np.array(query.goal)) if query.goal_projected else goal_xy_m
+        plan = optimum = no_plan()
+        goal_m, goal_projected, microseconds = goal_xy_m, False, math.nan
         path, length_m = None, math.nan
-        if plan.found:
-            raw_m = _walkable(plan, query, window, start_xy_m, goal_m)
-            raw_m = _stopped_short(raw_m, goal_xy_m, self._settings.stop_short_m)
-            path, length_m = self._path(t_ns, raw_m, query, window), float(arc_lengths(raw_m)[-1])
-        record = self._record(t_ns, plan, optimum, start_xy_m, goal_m, query.goal_projected, length_m, microseconds)
-        return Replan(record, path)
-
-    def _record(
-        self,
-        t_ns: int,
-        plan: Plan,
-        optimum: Plan,
-        start_m: Float,
-        goal_m: Float,
-        goal_projected: bool,
-        length_m: float,
-        microseconds: float,
-    ) -> PlanRecord:
-        return PlanRecord(
+        if not isinstance(query, NoQuery):
+            began_ns = time.perf_counter_ns()
+            plan = self._planner.plan(query.blocked, query.start, query.goal, self._shift_to(window))
+            microseconds = (time.perf_counter_ns() - began_ns) / 1000
+            self._last_window = window
+            # Not those derived from it, whose heuristic is another.
+            is_reference = type(self._planner) is AStar
+            optimum = plan if is_reference else self._reference.plan(query.blocked, query.start, query.goal)
+            goal_projected = query.goal_projected
+            goal_m = window.centre_of(np.array(query.goal)) if goal_projected else goal_xy_m
+            if plan.found:
+                raw_m = _walkable(plan, query, window, start_xy_m, goal_m)
+                raw_m = _stopped_short(raw_m, goal_xy_m, settings.stop_short_m)
+                path, length_m = self._path(t_ns, raw_m, query, window), float(arc_lengths(raw_m)[-1])
+        record = PlanRecord(
             t_ns=t_ns,
             planner=self._planner.name,
             found=plan.found,
@@ -249,8 +227,8 @@ class Replanner:
             optimal_cost=optimum.cost if optimum.found else None,
             from_scratch=plan.from_scratch,
             reused_cells=plan.reused_cells,
-            start_x_m=float(start_m[0]),
-            start_y_m=float(start_m[1]),
+            start_x_m=float(start_xy_m[0]),
+            start_y_m=float(start_xy_m[1]),
             goal_x_m=float(goal_m[0]),
             goal_y_m=float(goal_m[1]),
             goal_projected=goal_projected,
@@ -258,6 +236,7 @@ class Replanner:
             astar_expanded=optimum.expanded,
             astar_generated=optimum.generated,
         )
+        return Replan(record, path)
 
     def _shift_to(self, window: Window) -> Cell:
         """How far the window moved since the last plan; another cell size shares nothing, so the planner forgets."""

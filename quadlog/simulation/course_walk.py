@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,37 +14,13 @@ from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.pure_pursuit import FollowState, PathFollower
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
-from quadlog.simulation.robot.disturbances import Disturbances
 
+if TYPE_CHECKING:
+    from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
+    from quadlog.simulation.robot.walking_robot import WalkingRobot
 
-class CourseRobot(Protocol):
-    """A robot that can be sent along a path; see WalkingRobot and UnicycleRobot."""
-
-    @property
-    def tick_s(self) -> float: ...
-    @property
-    def t_s(self) -> float: ...
-    @property
-    def fallen(self) -> bool: ...
-    @property
-    def disturbances(self) -> Disturbances: ...
-    @property
-    def effort(self) -> Effort | None: ...
-    @property
-    def mass_kg(self) -> float: ...
-    @property
-    def pose(self) -> Float: ...
-    @property
-    def position_m(self) -> Float: ...
-    @property
-    def rpy(self) -> tuple[float, float, float]: ...
-    @property
-    def velocity(self) -> tuple[float, float, float]: ...
-    @property
-    def torques_nm(self) -> Float: ...
-    @property
-    def foot_loads_n(self) -> Float: ...
-    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None: ...
+    # A robot that takes a speed and a yaw rate and reports its pose. At run time this would import MuJoCo.
+    CourseRobot = UnicycleRobot | WalkingRobot
 
 
 SPACING_M = 0.02
@@ -151,8 +127,7 @@ def follow_tick(
         command = path.known.pursue(
             known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, path.speed_mps, path.max_yaw_rate_radps
         )
-        timed = path.truth.reference_at(age_s * path.speed_mps)
-        away_m = math.hypot(timed.x_m - x_m, timed.y_m - y_m)
+        away_m = math.dist(path.truth.reference_at(age_s * path.speed_mps), (x_m, y_m))
         near = place.near
         row[REFERENCE:LOOKAHEAD] = near.x_m, near.y_m, place.error_m, near.distance_m, away_m, place.heading_error_rad
         row[LOOKAHEAD:COMMAND] = ahead

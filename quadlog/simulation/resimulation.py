@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,8 +23,11 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, CourseRobot, FollowedPath, follow_tick
+from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
 from quadlog.simulation.worlds.world import body_clearance, occupied_centres
+
+if TYPE_CHECKING:
+    from quadlog.simulation.course_walk import CourseRobot
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
@@ -114,10 +118,10 @@ def resimulate(
         first_ns = instant.t_ns if first_ns is None else first_ns
         _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], settings)
         # Ticks up to the next map's instant, which itself belongs to that map's plan.
-        until = _ticks_before(next_ns - first_ns, settings.rate_hz)
+        until = max(math.ceil((next_ns - first_ns) * settings.rate_hz / NS), 0)
         if until > MAX_TICKS:
             raise TooLarge("ticks of the re-simulated walk", until, MAX_TICKS)
-        t_ns = first_ns + _tick_times_ns(tick, until, settings.rate_hz)
+        t_ns = first_ns + np.rint(np.arange(tick, until) * (NS / settings.rate_hz)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
         rows.append(_follow(walk, instant, t_ns, settings))
@@ -127,28 +131,13 @@ def resimulate(
 def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int]]:
     """Every instant with the time of the one after it; the last lasts for the tick at its own time."""
     last = None
-    for instant, following in pairwise(_and_none(instants)):
+    for instant, following in pairwise(chain(instants, [None])):
         if instant is None:
             break
         if last is not None and instant.t_ns < last:
             raise ValueError(f"maps are not in time order: {instant.t_ns} after {last}")
         last = instant.t_ns
         yield instant, instant.t_ns + 1 if following is None else following.t_ns
-
-
-def _and_none(instants: Iterable[MapInstant]) -> Iterator[MapInstant | None]:
-    yield from instants
-    yield None
-
-
-def _ticks_before(duration_ns: int, rate_hz: float) -> int:
-    """How many ticks, the first at 0, lie before duration_ns."""
-    return max(math.ceil(duration_ns * rate_hz / NS), 0)
-
-
-def _tick_times_ns(first: int, until: int, rate_hz: float) -> Int:
-    """Nanoseconds (until - first,) of the ticks since tick 0."""
-    return np.rint(np.arange(first, until) * (NS / rate_hz)).astype(np.int64)
 
 
 def _replan(

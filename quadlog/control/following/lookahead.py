@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,15 +19,8 @@ SETS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 LIMIT = 3.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RuleTables:
-    """Which set each pair of input sets gives. rules: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec], NB = 0."""
-
-    name: str
-    rules: Int
-
-
 def _rules(k_v: str, k_w: str) -> Int:
+    """Which set each pair of input sets gives: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec], NB = 0."""
     tables = [
         [[SETS.index(name) for name in row.split()] for row in table.strip().splitlines()] for table in (k_v, k_w)
     ]
@@ -38,79 +31,68 @@ def _rules(k_v: str, k_w: str) -> Int:
 
 # Tables 1 and 2, rows e and columns ec from NB to PB. Table 1's (NS, PM), PS between ZO and NS,
 # is its only break of monotony. Table 2's centre, NS, shortens the look-ahead by lambda_w v without any error.
-PRINTED = RuleTables(
-    "printed",
-    _rules(
-        """
-        PB PB PB PB PM PS ZO
-        PB PB PB PB PM ZO ZO
-        PM PM PM PM ZO PS NS
-        PM PM PS ZO NS NS NM
-        PS PS ZO NS NM NM NM
-        PS ZO NS NM NM NM NB
-        ZO ZO NM NM NM NB NB
-        """,
-        """
-        PS PS ZO ZO ZO PB PB
-        NS NS NS NS ZO NS PM
-        NB NB NM NM NS PS PM
-        NB NM NM NS NS NS PM
-        NB NM NS NS ZO PS PS
-        NM NS NS NS ZO PS PS
-        NS ZO ZO ZO ZO PB PB
-        """,
-    ),
+PRINTED = _rules(
+    """
+    PB PB PB PB PM PS ZO
+    PB PB PB PB PM ZO ZO
+    PM PM PM PM ZO PS NS
+    PM PM PS ZO NS NS NM
+    PS PS ZO NS NM NM NM
+    PS ZO NS NM NM NM NB
+    ZO ZO NM NM NM NB NB
+    """,
+    """
+    PS PS ZO ZO ZO PB PB
+    NS NS NS NS ZO NS PM
+    NB NB NM NM NS PS PM
+    NB NM NM NS NS NS PM
+    NB NM NS NS ZO PS PS
+    NM NS NS NS ZO PS PS
+    NS ZO ZO ZO ZO PB PB
+    """,
 )
 # Table 1 with (NS, PM) = NS, which leaves no break. Table 2 is the textbook's fuzzy-PID table of delta K_d
 # with rows and columns exchanged, but for five cells: these are the textbook's here, (NS, ZO) = NS, (NS, PS) = ZO,
 # (ZO, PS) = ZO, (ZO, PM) = PS, (PB, NB) = PS, so that the rows NS .. PS rise throughout; and its centre is ZO,
 # so that l_0 is the look-ahead of a robot without error. The exchange stays: nothing says which was tuned.
-CORRECTED = RuleTables(
-    "corrected",
-    _rules(
-        """
-        PB PB PB PB PM PS ZO
-        PB PB PB PB PM ZO ZO
-        PM PM PM PM ZO NS NS
-        PM PM PS ZO NS NS NM
-        PS PS ZO NS NM NM NM
-        PS ZO NS NM NM NM NB
-        ZO ZO NM NM NM NB NB
-        """,
-        """
-        PS PS ZO ZO ZO PB PB
-        NS NS NS NS ZO NS PM
-        NB NB NM NS ZO PS PM
-        NB NM NM ZO ZO PS PM
-        NB NM NS NS ZO PS PS
-        NM NS NS NS ZO PS PS
-        PS ZO ZO ZO ZO PB PB
-        """,
-    ),
+CORRECTED = _rules(
+    """
+    PB PB PB PB PM PS ZO
+    PB PB PB PB PM ZO ZO
+    PM PM PM PM ZO NS NS
+    PM PM PS ZO NS NS NM
+    PS PS ZO NS NM NM NM
+    PS ZO NS NM NM NM NB
+    ZO ZO NM NM NM NB NB
+    """,
+    """
+    PS PS ZO ZO ZO PB PB
+    NS NS NS NS ZO NS PM
+    NB NB NM NS ZO PS PM
+    NB NM NM ZO ZO PS PM
+    NB NM NS NS ZO PS PS
+    NM NS NS NS ZO PS PS
+    PS ZO ZO ZO ZO PB PB
+    """,
 )
-TABLES = {tables.name: tables for tables in (PRINTED, CORRECTED)}
+TABLES = {"printed": PRINTED, "corrected": CORRECTED}
 
 
-def rule_tables(name: str) -> RuleTables:
+def rule_tables(name: str) -> Int:
     """The tables of that name; raises UnknownName."""
     if name not in TABLES:
         raise UnknownName("rule tables", name, TABLES)
     return TABLES[name]
 
 
-def infer(e: float, ec: float, tables: RuleTables = PRINTED, centroid: Centroid = "points") -> tuple[float, float]:
-    """(delta k_v, delta k_w) for an error and its rate, in units of the universe and clipped to it.
+def infer_many(e: Float, ec: Float, tables: Int = PRINTED, centroid: Centroid = "points") -> Float:
+    """(delta k_v, delta k_w) (N, 2) for errors and their rates (N,), in units of the universe and clipped to it.
 
     centroid: "points" is eq. 21 as printed, the mean of the seven centres by how far
     their sets hold; "continuous" is the centre of the area under the clipped sets on
     [-3, 3], exact. There NB and PB are half triangles: it stays within +-2.67.
+    Raises ValueError where an input is NaN.
     """
-    delta_k_v, delta_k_w = infer_many(np.array([e]), np.array([ec]), tables, centroid)[0].tolist()
-    return delta_k_v, delta_k_w
-
-
-def infer_many(e: Float, ec: Float, tables: RuleTables = PRINTED, centroid: Centroid = "points") -> Float:
-    """(N, 2) of infer for e and ec (N,). Raises ValueError where one is NaN."""
     if centroid not in CENTROIDS:
         raise UnknownName("centroid", centroid, CENTROIDS)
     e, ec = np.asarray(e, dtype=np.float64), np.asarray(ec, dtype=np.float64)
@@ -125,24 +107,26 @@ def infer_many(e: Float, ec: Float, tables: RuleTables = PRINTED, centroid: Cent
         heights = np.zeros((7, len(e)))
         for di, holds_e in enumerate((1 - f, f)):
             for dj, holds_ec in enumerate((1 - g, g)):
-                of = tables.rules[output, i + di, j + dj]
+                of = tables[output, i + di, j + dj]
                 heights[of, each] = np.maximum(heights[of, each], np.minimum(holds_e, holds_ec))
         deltas[:, output] = _area_centre(heights) if centroid == "continuous" else _mean_centre(heights)
     return deltas
 
 
-class FuzzyTable:
-    """Inference looked up: bilinear between nodes x nodes of the universe, where it is exact.
+NODES = 241
 
-    Between them it rounds off the kinks of min and max. Largest (mean) error of a delta k
-    with 241 nodes: 0.025 (0.0002) on the points, 0.085 (0.0003) on the continuous universe;
-    with 61 nodes: 0.075 (0.003) and 0.3 (0.004).
+
+class FuzzyTable:
+    """Inference looked up: bilinear between NODES x NODES of the universe, where it is exact.
+
+    Between them it rounds off the kinks of min and max. Largest (mean) error of a delta k:
+    0.025 (0.0002) on the points, 0.085 (0.0003) on the continuous universe.
     """
 
-    def __init__(self, tables: RuleTables = PRINTED, centroid: Centroid = "points", nodes: int = 241) -> None:
-        self.nodes = np.linspace(-LIMIT, LIMIT, nodes)
+    def __init__(self, tables: Int, centroid: Centroid) -> None:
+        self.nodes = np.linspace(-LIMIT, LIMIT, NODES)
         e, ec = np.meshgrid(self.nodes, self.nodes, indexing="ij")
-        self.values = infer_many(e.ravel(), ec.ravel(), tables, centroid).reshape(nodes, nodes, 2)
+        self.values = infer_many(e.ravel(), ec.ravel(), tables, centroid).reshape(NODES, NODES, 2)
 
     def at(self, e: float, ec: float) -> tuple[float, float]:
         """(delta k_v, delta k_w), both NaN where an input is."""
@@ -205,16 +189,6 @@ class Lookahead(NamedTuple):
     k_w: float
 
 
-class LookaheadControl(Protocol):
-    """What gives a look-ahead at every tick."""
-
-    def step(self, cross_track_m: float, dt_s: float, speed_mps: float) -> Lookahead:
-        """For a robot cross_track_m left of its path, dt_s after the last step, walking at speed_mps."""
-
-    def reset(self) -> None:
-        """Forgets the last error: the path is another one."""
-
-
 class FixedLookahead:
     """The same distance at every tick: the baseline of every comparison."""
 
@@ -224,6 +198,7 @@ class FixedLookahead:
         self._lookahead = Lookahead(l_m, math.nan, math.nan)
 
     def step(self, cross_track_m: float, dt_s: float, speed_mps: float) -> Lookahead:
+        """The same, whatever the error."""
         return self._lookahead
 
     def reset(self) -> None:
@@ -297,7 +272,10 @@ class FuzzyLookahead:
         self._rate_mps = 0.0
 
     def step(self, cross_track_m: float, dt_s: float, speed_mps: float) -> Lookahead:
-        """Raises ValueError for an error or a speed that is not finite, or a dt_s that is not positive."""
+        """For a robot cross_track_m left of its path, dt_s after the last step, walking at speed_mps.
+
+        Raises ValueError for an error or a speed that is not finite, or a dt_s that is not positive.
+        """
         if not (dt_s > 0 and math.isfinite(cross_track_m) and math.isfinite(speed_mps)):
             raise ValueError(f"no look-ahead for an error of {cross_track_m} m, {dt_s} s later, at {speed_mps} m/s")
         settings = self.settings
@@ -316,3 +294,6 @@ class FuzzyLookahead:
             kept = math.exp(-dt_s / self.settings.ec_filter_s) if self.settings.ec_filter_s > 0 else 0.0
             self._rate_mps = kept * self._rate_mps + (1 - kept) * slope_mps
         self._last_m = error_m
+
+
+LookaheadControl = FixedLookahead | FuzzyLookahead

@@ -59,32 +59,20 @@ def segment_heading(path: Float, segment: int) -> float:
 
 def remaining_length(path: Float, segment: int, fraction: float) -> float:
     """Metres along the path (K, 2) from a point on it to its end."""
-    length_m = np.hypot(*_steps(path))[segment:]
+    length_m = np.hypot(*np.diff(path, axis=0).T)[segment:]
     length_m[:1] *= 1 - fraction
     return float(length_m.sum())
-
-
-def lookahead_point(path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float) -> tuple[float, float]:
-    """The first point of the path, from the nearest one on, that is lookahead_m away from the robot.
-
-    The end of the path when it ends nearer than that; the nearest point itself when that is farther already.
-    """
-    ahead_x, ahead_y, _ = lookahead_within(path, x_m, y_m, near, lookahead_m, math.inf)
-    return ahead_x, ahead_y
 
 
 def lookahead_within(
     path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float, reach_m: float
 ) -> tuple[float, float, float]:
-    """The same, but at most reach_m along the path, and how far along it that is: (x_m, y_m, along_m)."""
+    """(x_m, y_m, along_m) of the first point of the path, from the nearest on, that is lookahead_m away from the robot.
+
+    At most reach_m along the path, and along_m is how far; the end of the path when it ends nearer than that; the
+    nearest point itself when that is farther already.
+    """
     return _ahead(path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m)
-
-
-def _steps(path: Float) -> tuple[Float, Float]:
-    """(dx, dy), (K - 1,) each, from point to point; one of no length for a path of one point."""
-    if len(path) == 1:
-        return np.zeros(1), np.zeros(1)
-    return path[1:, 0] - path[:-1, 0], path[1:, 1] - path[:-1, 1]
 
 
 @kernel

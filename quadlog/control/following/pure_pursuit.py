@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike
 
 from quadlog.control.following.path import (
     PathPosition,
-    lookahead_point,
     lookahead_within,
     nearest_between,
     remaining_length,
-    segment_heading,
 )
 from quadlog.errors import TooLarge
 from quadlog.messages import Float
@@ -53,9 +51,9 @@ def pure_pursuit(
     its distance: lookahead_m, less near the path's end. In curves tighter than
     the yaw rate allows the robot goes slower, so it stays on the arc.
     """
-    ahead_m = lookahead_point(path, x_m, y_m, near, lookahead_m)
+    ahead_x, ahead_y, _ = lookahead_within(path, x_m, y_m, near, lookahead_m, math.inf)
     to_walk_m = remaining_length(path, near.segment, near.fraction)
-    return arc_to(x_m, y_m, yaw_rad, ahead_m, path[-1].tolist(), to_walk_m, speed_mps, max_yaw_rate_radps)
+    return arc_to(x_m, y_m, yaw_rad, (ahead_x, ahead_y), path[-1].tolist(), to_walk_m, speed_mps, max_yaw_rate_radps)
 
 
 def arc_to(
@@ -124,18 +122,10 @@ class FollowState(NamedTuple):
         return abs(self.near.distance_m)
 
 
-class ReferencePoint(NamedTuple):
-    """A point of a path, and where it goes there; NaN when it goes nowhere."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-
-
-def checked_path(points: ArrayLike, gap_m: float = GAP_M) -> Float:
+def checked_path(points: ArrayLike) -> Float:
     """A path (K, 2) in map, K >= 2, that can be walked: points repeated one after the other are dropped.
 
-    Two points up to gap_m apart are joined by a straight line. Raises ValueError, with the
+    Two points up to GAP_M apart are joined by a straight line. Raises ValueError, with the
     reason, for what is no path: a wrong shape, a coordinate that is no number or beyond
     FARTHEST_M, a single place, or a gap; and TooLarge.
     """
@@ -155,12 +145,12 @@ def checked_path(points: ArrayLike, gap_m: float = GAP_M) -> Float:
     if len(path) == 1:
         raise ValueError("a path needs two different points; this one stays at ({:g}, {:g})".format(*path[0]))
     steps_m = np.hypot(*np.diff(path, axis=0).T)
-    if steps_m.max() > gap_m:
-        i = int((steps_m > gap_m).argmax())
+    if steps_m.max() > GAP_M:
+        i = int((steps_m > GAP_M).argmax())
         (x, y), (next_x, next_y) = path[i], path[i + 1]
         raise ValueError(
             f"the path has a gap of {steps_m[i]:.1f} m from ({x:g}, {y:g}) to ({next_x:g}, {next_y:g}); "
-            f"points may lie up to {gap_m:g} m apart"
+            f"points may lie up to {GAP_M:g} m apart"
         )
     return path
 
@@ -212,12 +202,11 @@ class PathFollower:
             x_m, y_m, yaw_rad, (ahead_x, ahead_y), self._end_m, state.remaining_m, speed_mps, max_yaw_rate_radps
         )
 
-    def reference_at(self, s_m: float) -> ReferencePoint:
-        """The point s_m along the path, an end of it beyond that: speed x time is where a reference walks."""
+    def reference_at(self, s_m: float) -> tuple[float, float]:
+        """(x_m, y_m) of the point s_m along the path, or of its end: where a reference is that walks for s_m."""
         segment, fraction = self._place(s_m)
         (x, y), (next_x, next_y) = self.path[[segment, min(segment + 1, len(self.path) - 1)]].tolist()
-        heading = segment_heading(self.path, segment)
-        return ReferencePoint(x + fraction * (next_x - x), y + fraction * (next_y - y), heading)
+        return x + fraction * (next_x - x), y + fraction * (next_y - y)
 
     def _place(self, s_m: float) -> tuple[int, float]:
         """(segment, fraction) of the point s_m along the path."""

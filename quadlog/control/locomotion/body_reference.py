@@ -135,7 +135,7 @@ class BodyReference(Record):
         self.record["height_m"] = height_m
 
     def ahead(self, dt_s: float, states: Float) -> None:
-        """Writes the states (N, 12) wanted at the ends of the next steps, as `centroidal` has them, of the origin."""
+        """Writes the states (N, 12) wanted at the ends of the next steps, as `mpc_model` has them, of the origin."""
         roll, pitch, yaw = self.rpy.tolist()
         (x, y, z), (vx, vy, vz) = self.position_m.tolist(), self.velocity_mps.tolist()
         yaw_rate = float(self.record["yaw_rate_radps"][0])

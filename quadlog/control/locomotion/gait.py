@@ -37,16 +37,6 @@ class Gait:
         if not all(math.isfinite(offset) for offset in self.offsets):
             raise ValueError(f"{self.name}: a gait needs finite offsets")
 
-    @property
-    def stance_s(self) -> float:
-        """How long a foot stands."""
-        return self.duty * self.period_s
-
-    @property
-    def swing_s(self) -> float:
-        """How long a foot is in the air."""
-        return (1 - self.duty) * self.period_s
-
 
 _GAITS = (
     # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.

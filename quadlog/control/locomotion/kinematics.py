@@ -71,12 +71,6 @@ def foot_positions(joints_rad: Float, hips_m: Float, lengths: Float, feet_m: Flo
             feet_m[leg, axis] += hips_m[leg, axis]
 
 
-def foot_jacobians(joints_rad: Float, lengths: Float, jacobians: Float) -> None:
-    """Writes (4, 3, 3): each foot's velocity in the body per velocity of its own leg's joints."""
-    for leg in range(4):
-        leg_jacobian(joints_rad[3 * leg : 3 * leg + 3], 1.0 - 2.0 * (leg % 2), lengths, jacobians[leg])
-
-
 def joints_for(feet_m: Float, hips_m: Float, lengths: Float, joints_rad: Float) -> bool:
     """Writes the joints (12,) for feet (4, 3) in the body; False when one of them is out of reach."""
     reached = True

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
-from time import perf_counter_ns
 
 import daqp
 import numpy as np
@@ -77,7 +76,6 @@ class MpcSolution:
     all_forces_n: Float
     status: MpcStatus
     iterations: int
-    time_us: float
 
 
 class Mpc:
@@ -111,7 +109,7 @@ class Mpc:
         contacts: NDArray[np.bool_],
         ground_to_map: Float = LEVEL,
     ) -> MpcSolution:
-        """Forces for a state (12,) as in `centroidal`, over N steps of dt from now.
+        """Forces for a state (12,) as in `mpc_model`, over N steps of dt from now.
 
         reference (N, 12): the states wanted at the steps' ends. lever_arms_m
         (N, 4, 3): from the centre of mass to the feet amid each step, in map: taken
@@ -123,33 +121,20 @@ class Mpc:
         the reference's. ValueError for other shapes and for what is not finite;
         never an error for numerical trouble, which `status` tells.
         """
-        start_ns = perf_counter_ns()
-        problem = self._shaped(state, reference, lever_arms_m, contacts, ground_to_map)
-        forces, status, iterations = self._forces(*problem)
-        self._last = forces, problem[3]
-        self.counts[status] += 1
-        return MpcSolution(forces[0].copy(), forces.copy(), status, iterations, (perf_counter_ns() - start_ns) * 1e-3)
-
-    def _shaped(
-        self,
-        state: Float,
-        reference: Float,
-        lever_arms_m: Float,
-        contacts: NDArray[np.bool_],
-        ground_to_map: Float,
-    ) -> tuple[Float, Float, Float, NDArray[np.bool_], Float]:
         steps = self.settings.horizon
-        state = np.ascontiguousarray(state, dtype=np.float64)
-        reference = np.ascontiguousarray(reference, dtype=np.float64)
-        lever_arms_m = np.ascontiguousarray(lever_arms_m, dtype=np.float64)
+        state, reference, lever_arms_m, ground_to_map = (
+            np.ascontiguousarray(each, dtype=np.float64) for each in (state, reference, lever_arms_m, ground_to_map)
+        )
         # A copy, as it is kept beside the forces.
         contacts = np.array(contacts, dtype=np.bool_, order="C")
-        ground_to_map = np.ascontiguousarray(ground_to_map, dtype=np.float64)
         shapes = state.shape, reference.shape, lever_arms_m.shape, contacts.shape, ground_to_map.shape
         wanted = (STATES,), (steps, STATES), (steps, LEGS, 3), (steps, LEGS), (3, 3)
         if shapes != wanted:
             raise ValueError(f"state, reference, lever arms, contacts and ground have shapes {shapes}, not {wanted}")
-        return state, reference, lever_arms_m, contacts, ground_to_map
+        forces, status, iterations = self._forces(state, reference, lever_arms_m, contacts, ground_to_map)
+        self._last = forces, contacts
+        self.counts[status] += 1
+        return MpcSolution(forces[0].copy(), forces.copy(), status, iterations)
 
     def _forces(
         self,

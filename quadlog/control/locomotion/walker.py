@@ -60,11 +60,6 @@ class Walker:
         self._ahead, self._contacts = np.zeros((horizon, STATES)), np.zeros((horizon, 4), dtype=np.bool_)
         self._arms_m = np.zeros((horizon, 4, 3))
 
-    @property
-    def forces_n(self) -> Float:
-        """(4, 3) that the MPC wants of the ground."""
-        return self._targets.forces_n
-
     def step(self, t_s: float, dt_s: float, state: WholeBodyState, wanted: WantedMotion) -> tuple[Float, Bool]:
         """Torques (12,) for the tick at t_s, within the limits, and which were cut; both are overwritten by the next.
 

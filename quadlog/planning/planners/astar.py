@@ -17,9 +17,10 @@ class AStar:
 
     name: ClassVar[str] = "astar"
     incremental: ClassVar[bool] = False
+    _heuristic: ClassVar[str] = "octile"
 
     def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic="octile")
+        self.rules = replace(rules, heuristic=self._heuristic)
         self._search = make_search(self.rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
@@ -38,17 +39,11 @@ class AStarPaper(AStar):
     """
 
     name: ClassVar[str] = "astar_paper"
-
-    def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic="manhattan")
-        self._search = make_search(self.rules)
+    _heuristic: ClassVar[str] = "manhattan"
 
 
 class Dijkstra(AStar):
     """Optimal on every call, from scratch, stopping when the goal is closed. See Planner."""
 
     name: ClassVar[str] = "dijkstra"
-
-    def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic="zero")
-        self._search = make_search(self.rules)
+    _heuristic: ClassVar[str] = "zero"

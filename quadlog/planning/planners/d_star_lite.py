@@ -34,7 +34,7 @@ class DStarLite:
         self._search.forget()
 
 
-class LPAStar:
+class LPAStar(DStarLite):
     """Optimal and incremental while the start stays in its cell of the map [LPA*]. See Planner.
 
     A start that moved means a fresh search. A goal that moved does not: it changes the heuristic alone, for which
@@ -42,27 +42,18 @@ class LPAStar:
     """
 
     name: ClassVar[str] = "lpa_star"
-    incremental: ClassVar[bool] = True
-
-    def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic="octile")
-        self._search = LifelongSearch(self.rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path, by what the searches before left of the costs from the start."""
         backwards = self._search.plan(blocked, start, goal, shift)
         return backwards._replace(cells=backwards.cells[::-1].copy())
 
-    def reset(self) -> None:
-        """Forget the costs."""
-        self._search.forget()
-
 
 # The start's own cost grows with every step walked; this share of FAR leaves the rest to the ways.
 MAX_START_SHARE = 64
 
 
-class MTDStarLite:
+class MTDStarLite(LPAStar):
     """Optimal and incremental, with a start and a goal that move [MT-D* Lite]. See Planner.
 
     It searches from the start. When the robot has moved to a cell whose cost is settled, the tree of ways from there
@@ -73,20 +64,10 @@ class MTDStarLite:
     """
 
     name: ClassVar[str] = "mt_d_star_lite"
-    incremental: ClassVar[bool] = True
 
     def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic="octile")
+        super().__init__(rules)
         self._search = _SearchFromMovingRoot(self.rules)
-
-    def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
-        """The cheapest path, by what the searches before left of the costs from the start."""
-        backwards = self._search.plan(blocked, start, goal, shift)
-        return backwards._replace(cells=backwards.cells[::-1].copy())
-
-    def reset(self) -> None:
-        """Forget the costs."""
-        self._search.forget()
 
 
 class _SearchFromMovingRoot(LifelongSearch):

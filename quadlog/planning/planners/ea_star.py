@@ -44,6 +44,8 @@ class EAStar:
 
     name: ClassVar[str] = "ea_star"
     incremental: ClassVar[bool] = False
+    # On entering a level, given back on leaving it, and within one.
+    _charges: ClassVar[tuple[int, int, int]] = (LEVEL_CHARGE, LEVEL_CHARGE, SAME_LEVEL)
 
     def __init__(self, rules: Rules = USUAL, rings: int = 3) -> None:
         self.rules = rules
@@ -51,15 +53,15 @@ class EAStar:
         self._search = HeapSearch(rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
-        """The path that the printed search comes upon."""
-        danger = Danger(danger_levels(blocked, self._rings), LEVEL_CHARGE, LEVEL_CHARGE, SAME_LEVEL)
+        """The first path that the search finds with these charges."""
+        danger = Danger(danger_levels(blocked, self._rings), *self._charges)
         return self._search.search(blocked, start, goal, danger)
 
     def reset(self) -> None:
         """Nothing to forget."""
 
 
-class ClearanceAStar:
+class ClearanceAStar(EAStar):
     """From scratch on every call, and optimal for steps and charges together. See Planner; cost is that of the steps.
 
     Each cell entered is charged for its level in the rings around obstacles, a_1 = 14.01 for each
@@ -68,17 +70,4 @@ class ClearanceAStar:
     """
 
     name: ClassVar[str] = "clearance_astar"
-    incremental: ClassVar[bool] = False
-
-    def __init__(self, rules: Rules = USUAL, rings: int = 3) -> None:
-        self.rules = rules
-        self._rings = rings
-        self._search = HeapSearch(rules)
-
-    def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
-        """The path of least steps and charges."""
-        danger = Danger(danger_levels(blocked, self._rings), LEVEL_CHARGE, 0, 0)
-        return self._search.search(blocked, start, goal, danger)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
+    _charges: ClassVar[tuple[int, int, int]] = (LEVEL_CHARGE, 0, 0)

@@ -16,8 +16,6 @@ typed: apart, each would cost as much to compile again as it does together.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,7 +63,10 @@ class BucketSearch:
         return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
 
     def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell) -> Plan | None:
-        """What is kept of a route, see kept_route, and the cheapest path from there; None when nothing is kept."""
+        """What is kept of a route (L, 2), see kept_route, and the cheapest path from there; None when nothing is kept.
+
+        g(r'') = g(waypoint) + g [Planning, eq. 5 corrected].
+        """
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
             return None
         self._prepare(blocked)
@@ -298,22 +299,7 @@ def _search_on(  # type: ignore[no-untyped-def]
     return length, cost + 10 * straights + 14 * diagonals, expanded, generated, touched, max(kept - linking, 0)
 
 
-class Search(Protocol):
-    """Finds a path on one grid after another, and keeps nothing but its memory."""
-
-    def search(self, blocked: Bool, start: Cell, goal: Cell) -> Plan:
-        """The path from start to goal (col, row) on blocked (rows, cols); see Planner.plan."""
-        ...
-
-    def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell) -> Plan | None:
-        """What is kept of a route (L, 2), see kept_route, and a path from there: g(r'') = g(waypoint) + g.
-
-        [Planning, eq. 5 corrected]. None when nothing can be kept.
-        """
-        ...
-
-
-def make_search(rules: Rules) -> Search:
+def make_search(rules: Rules) -> BucketSearch | HeapSearch:
     """The fastest search that goes by these rules."""
     if (rules.costs, rules.heuristic, rules.ties) == ("integer", "octile", "larger_g"):
         return BucketSearch(rules.corner_cutting)

@@ -139,7 +139,10 @@ def undulating(band_m: float, correlation_m: float = 0.25, seed: int = 0, extent
     correlation_m: where the autocorrelation exp(-(d / correlation_m)^2) has fallen to 1/e; the filter's standard
     deviation is half of it.
     """
-    columns, rows = _corners(extent)
+    columns = math.ceil((extent.x1_m - extent.x0_m) / _CELL_M) + 1
+    rows = math.ceil((extent.y1_m - extent.y0_m) / _CELL_M) + 1
+    if columns * rows > MOST_CORNERS:
+        raise TooLarge("the ground's corners", columns * rows, MOST_CORNERS)
     noise = np.random.default_rng(seed).standard_normal((rows, columns))
     smooth = gaussian_filter(noise, correlation_m / 2 / _CELL_M, mode="wrap")
     low, middle, high = np.percentile(smooth, [_BAND[0], 50.0, _BAND[1]])
@@ -180,12 +183,3 @@ def from_height_map(height_m: Float, cell_m: float, origin_m: Float) -> HeightFi
     filled = np.pad(filled, missing, mode="edge")
     first_m = np.asarray(origin_m, np.float64) + cell_m / 2
     return HeightField(filled.astype(np.float32), float(cell_m), (float(first_m[0]), float(first_m[1])))
-
-
-def _corners(extent: Extent) -> tuple[int, int]:
-    """How many corners along x and along y. Raises TooLarge."""
-    columns = math.ceil((extent.x1_m - extent.x0_m) / _CELL_M) + 1
-    rows = math.ceil((extent.y1_m - extent.y0_m) / _CELL_M) + 1
-    if columns * rows > MOST_CORNERS:
-        raise TooLarge("the ground's corners", columns * rows, MOST_CORNERS)
-    return columns, rows

@@ -27,7 +27,7 @@ class QuadrupedModel:
 
     Its joints turn as quadlog.control.locomotion.kinematics has them. qpos begins with the trunk's position and
     quaternion wxyz, qvel with its velocity in map and its angular velocity in the body.
-    joint_qpos, joint_qvel, actuators: (12,); foot_bodies, foot_sites, foot_geoms: (4,).
+    joint_qpos, joint_qvel, actuators: (12,); foot_sites, foot_geoms: (4,).
     """
 
     robot: Robot
@@ -36,7 +36,6 @@ class QuadrupedModel:
     joint_qpos: Int
     joint_qvel: Int
     actuators: Int
-    foot_bodies: Int
     foot_sites: Int
     foot_geoms: Int
     trunk_body: int
@@ -94,12 +93,10 @@ class QuadrupedModel:
         return (self.ground.height_at(around).reshape(len(xy_m), -1) + up).max(axis=1) + _GAP_M
 
 
-def quadruped_model(
-    robot: Robot, ground: HeightField, friction: float = FRICTION, timestep_s: float = TIMESTEP_S
-) -> QuadrupedModel:
+def quadruped_model(robot: Robot, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with one robot of quadlog's own."""
     spec = mujoco.MjSpec.from_string(mjcf(robot, friction))
-    add_world(spec, ground, friction, timestep_s)
+    add_world(spec, ground, friction, TIMESTEP_S)
     model = spec.compile()
     fill_heights(model, ground)
     return describe(model, robot, ground)
@@ -120,7 +117,6 @@ def describe(model: mujoco.MjModel, robot: Robot, ground: HeightField) -> Quadru
         joint_qpos=model.jnt_qposadr[joints].astype(np.int64),
         joint_qvel=model.jnt_dofadr[joints].astype(np.int64),
         actuators=ids(mujoco.mjtObj.mjOBJ_ACTUATOR, joint_names),
-        foot_bodies=model.site_bodyid[sites].astype(np.int64),
         foot_sites=sites,
         foot_geoms=ids(mujoco.mjtObj.mjOBJ_GEOM, feet),
         trunk_body=int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "trunk")),

@@ -113,19 +113,17 @@ class _Foot:
     radius_m: float
 
 
-def load_user_model(
-    path: Path, ground: HeightField, friction: float = FRICTION, timestep_s: float = TIMESTEP_S
-) -> QuadrupedModel:
+def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with the robot of an MJCF or URDF file.
 
     Legs are told by the beginning of their joints' names, see PREFIXES; joints along a leg by their order.
     Raises UnreadableFile, TooLarge, UnusableRobot.
     """
     with without_log():
-        return _load(path, ground, friction, timestep_s)
+        return _load(path, ground, friction)
 
 
-def _load(path: Path, ground: HeightField, friction: float, timestep_s: float) -> QuadrupedModel:
+def _load(path: Path, ground: HeightField, friction: float) -> QuadrupedModel:
     spec = read_model(path)
     limits = limits_nm(spec)
     joints, feet, root = _find(spec, path)
@@ -141,7 +139,7 @@ def _load(path: Path, ground: HeightField, friction: float, timestep_s: float) -
         foot.body.add_site(name=f"{leg}_foot", pos=foot.place_m)
     _turn_joints(_compiled(spec, path), spec)
     _add_contacts(joints, feet, root, friction)
-    add_world(spec, ground, friction, timestep_s)
+    add_world(spec, ground, friction, TIMESTEP_S)
     # MuJoCo weighs a contact by its body, and a foot fixed to a shank is to count as the shank. Not before the last
     # compilation: it takes the foot's body out of `spec`.
     spec.compiler.fusestatic = True

@@ -81,7 +81,6 @@ class TruePointClass(IntEnum):
     PERSON = 2
     PASSER_BY = 3
     FALSE = 4
-    MISSING = 5
 
 
 REFLECTIVITY = {
@@ -90,7 +89,6 @@ REFLECTIVITY = {
     TruePointClass.PERSON: 35.0,
     TruePointClass.PASSER_BY: 30.0,
     TruePointClass.FALSE: 2.0,
-    TruePointClass.MISSING: 0.0,
 }
 """Intensity of a return, 0 to 255; a false point is weak."""
 
@@ -100,8 +98,8 @@ class Lidar:
     """Beams from -15 to +15 degrees, 10 Hz, clockwise from the back [Following, Fig. 4]; the rest as in a VLP-16.
 
     false_share of the returns are false: ranges drawn evenly between
-    min_range_m and false_range_m in place of the true ones. keeps_missing: a
-    ray without a return is sent as NaN, as some drivers do; others leave it out.
+    min_range_m and false_range_m in place of the true ones. Rays without a
+    return are left out.
     """
 
     azimuth_steps: int = 1875
@@ -115,7 +113,6 @@ class Lidar:
     dropout_share: float = 0.01
     false_share: float = 0.007
     false_range_m: float = 30.0
-    keeps_missing: bool = False
 
     def directions(self) -> Float:
         """(steps * beams, 3) unit vectors in lidar, in firing order: all beams of a step, lowest first."""
@@ -134,7 +131,7 @@ class SimulatedScan:
     """One sweep as it is recorded, and what each of its N points really is.
 
     cloud: see PointCloud, in lidar at each point's own instant; intensity: (N,) float32.
-    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points and missing ones.
+    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points.
     """
 
     cloud: PointCloud
@@ -166,11 +163,8 @@ def sweep(lidar: Lidar, world: SweepScene, start_ns: int, stamp_ns: int, rng: np
     measured_m = np.where(false, false_m, measured_m)
     measured_m = np.round(measured_m / lidar.resolution_m) * lidar.resolution_m
 
-    missing = ~np.isfinite(range_m) | lost | (measured_m < lidar.min_range_m) | (measured_m > lidar.max_range_m)
-    measured_m[missing] = np.nan
-    kept = np.full(len(missing), True) if lidar.keeps_missing else ~missing
-    point_class = np.where(false, np.uint8(TruePointClass.FALSE), point_class)
-    point_class = np.where(missing, np.uint8(TruePointClass.MISSING), point_class)[kept]
+    kept = np.isfinite(range_m) & ~lost & (measured_m >= lidar.min_range_m) & (measured_m <= lidar.max_range_m)
+    point_class = np.where(false, np.uint8(TruePointClass.FALSE), point_class)[kept]
     intensity = np.array([REFLECTIVITY[each] for each in TruePointClass], dtype=np.float32)[point_class]
     ring = np.tile(np.arange(lidar.beams, dtype=np.uint16), lidar.azimuth_steps)
     cloud = PointCloud(
@@ -180,7 +174,7 @@ def sweep(lidar: Lidar, world: SweepScene, start_ns: int, stamp_ns: int, rng: np
         ring=ring[kept],
         offset_ns=np.repeat(offset_ns, lidar.beams)[kept],
     )
-    return SimulatedScan(cloud, intensity, point_class, np.where(false | missing, np.nan, range_m)[kept])
+    return SimulatedScan(cloud, intensity, point_class, np.where(false, np.nan, range_m)[kept])
 
 
 def _true_returns(lidar: Lidar, world: SweepScene, t_s: Float, directions: Float) -> tuple[Float, NDArray[np.uint8]]:

@@ -159,7 +159,6 @@ _TRUTH = {
     TruePointClass.PERSON: points.PointClass.OBSTACLE,
     TruePointClass.PASSER_BY: points.PointClass.OBSTACLE,
     TruePointClass.FALSE: points.PointClass.OUTLIER,
-    TruePointClass.MISSING: points.PointClass.INVALID,
 }
 
 
@@ -167,11 +166,11 @@ _TRUTH = {
 class LabelledScan:
     """One scan of N points, as a driver sends them, column by column and each column bottom up, and its truth.
 
-    xyz_lidar_m: (N, 3) float32, NaN for rays without a return where they are kept.
+    xyz_lidar_m: (N, 3) float32; rays without a return are left out.
     ring: (N,) uint16 from 0, the lowest; offset_ns: (N,) relative to the first.
-    truth: (N,) uint8 of quadlog.lidar.classified_scan.PointClass; never CROPPED. A false
+    truth: (N,) uint8 of quadlog.lidar.classified_scan.PointClass: GROUND, OBSTACLE or OUTLIER. A false
     point is an OUTLIER even where its range happens to meet something.
-    height_m: (N,) of the true point above the ground right below it, NaN for outliers and missing returns.
+    height_m: (N,) of the true point above the ground right below it, NaN for outliers.
     transform_lidar_to_base: (4, 4) the mount, without the gait's tilt.
     transform_base_to_map: (4, 4) where the robot stands, and its tilt.
     """
@@ -184,23 +183,14 @@ class LabelledScan:
     transform_lidar_to_base: Float
     transform_base_to_map: Float
 
-    @property
-    def transform_base_to_level(self) -> Float:
-        """(4, 4) turns base upright about its own origin, without its heading."""
-        turn = self.transform_base_to_map.copy()
-        yaw_rad = np.arctan2(turn[1, 0], turn[0, 0])
-        turn[:3, 3] = 0.0
-        unturned: Float = transform_from_rpy(np.zeros(3), 0.0, 0.0, -float(yaw_rad)) @ turn
-        return unturned
 
-
-def labelled_scans(name: str, seed: int, n: int, lidar: Lidar = SCANS_LIDAR) -> Iterator[LabelledScan]:
+def labelled_scans(name: str, seed: int, n: int) -> Iterator[LabelledScan]:
     """The first n scans of a place of PLACES; scan i does not depend on n. Raises UnknownName."""
     if name not in PLACES:
         raise UnknownName("place", name, PLACES)
     for index in range(n):
         rng = np.random.default_rng([seed, index, *name.encode()])
-        yield _scan_at(PLACES[name](rng, index), rng, lidar)
+        yield _scan_at(PLACES[name](rng, index), rng)
 
 
 def is_true_obstacle(scan: LabelledScan, min_height_m: float = 0.05, max_height_m: float = 1.5) -> NDArray[np.bool_]:
@@ -209,13 +199,13 @@ def is_true_obstacle(scan: LabelledScan, min_height_m: float = 0.05, max_height_
     return within & (scan.truth == points.PointClass.OBSTACLE)
 
 
-def _scan_at(place: ScanSite, rng: np.random.Generator, lidar: Lidar) -> LabelledScan:
+def _scan_at(place: ScanSite, rng: np.random.Generator) -> LabelledScan:
     height_m = float(rng.uniform(*_MOUNT_HEIGHT_M))
     mount = transform_from_rpy(np.array([0.0, 0.0, height_m]), 0.0, 0.0, 0.0)
     caster = RayCaster(place.obstacles, place.terrain)
     world = SweepScene(caster, place.robot, tuple((each, TruePointClass.PERSON) for each in place.people), mount)
     # What nobody does while the scan lasts needs no clock.
-    scan = sweep(lidar, world, start_ns=0, stamp_ns=0, rng=rng)
+    scan = sweep(SCANS_LIDAR, world, start_ns=0, stamp_ns=0, rng=rng)
     pose = _pose(place.robot.at(np.zeros(1)))
     assert scan.cloud.ring is not None
     assert scan.cloud.offset_ns is not None

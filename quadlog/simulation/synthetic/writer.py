@@ -6,7 +6,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -25,42 +25,6 @@ LATCHED_QOS = (
 )
 
 
-class RecordingWriter(Protocol):
-    """A new recording. Topics are announced before their first message."""
-
-    ros_version: Literal[1, 2]
-
-    def add_topic(self, topic: str, type_name: str, definition: Definition) -> None:
-        """Announce a topic, its type in ROS 2 spelling and the type's definition."""
-
-    def write(self, topic: str, log_time_ns: int, sequence: int, payload: bytes) -> None:
-        """Append one message."""
-
-    def close(self) -> None:
-        """Finish the file; without this it is not a recording."""
-
-    def abandon(self) -> None:
-        """Release the file unfinished."""
-
-
-def write_recording(writer: RecordingWriter, messages: Iterable[SynthesizedMessage]) -> dict[str, int]:
-    """Write every message, close the recording, and say how many each topic has."""
-    encoder = RosEncoder(writer.ros_version)
-    counts: Counter[str] = Counter()
-    try:
-        for topic, log_time_ns, message in messages:
-            if topic not in counts:
-                type_name = TYPE_NAMES[type(message)]
-                writer.add_topic(topic, type_name, encoder.definition(type_name))
-            writer.write(topic, log_time_ns, counts[topic], encoder.encode(message, counts[topic]))
-            counts[topic] += 1
-    except BaseException:
-        writer.abandon()
-        raise
-    writer.close()
-    return dict(counts)
-
-
 class McapRecording:
     """One .mcap: CDR payloads in zstd chunks, definitions as ros2msg."""
 
@@ -75,23 +39,23 @@ class McapRecording:
         self._channels: dict[str, int] = {}
 
     def add_topic(self, topic: str, type_name: str, definition: Definition) -> None:
-        """See RecordingWriter."""
+        """Announce a topic before its first message, its type in ROS 2 spelling and the type's definition."""
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.text.encode())
         qos = {"offered_qos_profiles": LATCHED_QOS} if topic == TF_STATIC_TOPIC else {}
         self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[type_name], qos)
 
     def write(self, topic: str, log_time_ns: int, sequence: int, payload: bytes) -> None:
-        """See RecordingWriter."""
+        """Append one message."""
         self._writer.add_message(self._channels[topic], log_time_ns, payload, log_time_ns, sequence)
 
     def close(self) -> None:
-        """See RecordingWriter."""
+        """Finish the file; without this it is not a recording."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
     def abandon(self) -> None:
-        """See RecordingWriter."""
+        """Release the file unfinished."""
         self._file.close()
 
 
@@ -108,7 +72,7 @@ class BagRecording:
         self._connections: dict[str, Connection] = {}
 
     def add_topic(self, topic: str, type_name: str, definition: Definition) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         self._connections[topic] = self._writer.add_connection(
             topic,
             type_name,
@@ -118,15 +82,15 @@ class BagRecording:
         )
 
     def write(self, topic: str, log_time_ns: int, sequence: int, payload: bytes) -> None:
-        """See RecordingWriter; a bag numbers no message outside its header."""
+        """See McapRecording; a bag numbers no message outside its header."""
         self._writer.write(self._connections[topic], log_time_ns, payload)
 
     def close(self) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         self._writer.close()
 
     def abandon(self) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         if self._writer.bio is not None:
             self._writer.bio.close()
 
@@ -147,7 +111,7 @@ class Db3Recording:
         self._types: set[str] = set()
 
     def add_topic(self, topic: str, type_name: str, definition: Definition) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         if type_name not in self._types:
             self._types.add(type_name)
             row = (len(self._types), type_name, "ros2msg", definition.text, definition.digest)
@@ -158,22 +122,41 @@ class Db3Recording:
         self._database.execute("INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)", described)
 
     def write(self, topic: str, log_time_ns: int, sequence: int, payload: bytes) -> None:
-        """See RecordingWriter; sqlite keeps the order by its own row numbers."""
+        """See McapRecording; sqlite keeps the order by its own row numbers."""
         row = (self._topics[topic], log_time_ns, payload)
         self._database.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
 
     def close(self) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         self._database.execute("COMMIT")
         self._database.close()
 
     def abandon(self) -> None:
-        """See RecordingWriter."""
+        """See McapRecording."""
         self._database.close()
 
 
-WRITERS: dict[str, type[McapRecording] | type[BagRecording] | type[Db3Recording]] = {
+RecordingWriter = McapRecording | BagRecording | Db3Recording
+WRITERS: dict[str, type[RecordingWriter]] = {
     "mcap": McapRecording,
     "bag": BagRecording,
     "db3": Db3Recording,
 }
+
+
+def write_recording(writer: RecordingWriter, messages: Iterable[SynthesizedMessage]) -> dict[str, int]:
+    """Write every message, close the recording, and say how many each topic has."""
+    encoder = RosEncoder(writer.ros_version)
+    counts: Counter[str] = Counter()
+    try:
+        for topic, log_time_ns, message in messages:
+            if topic not in counts:
+                type_name = TYPE_NAMES[type(message)]
+                writer.add_topic(topic, type_name, encoder.definition(type_name))
+            writer.write(topic, log_time_ns, counts[topic], encoder.encode(message, counts[topic]))
+            counts[topic] += 1
+    except BaseException:
+        writer.abandon()
+        raise
+    writer.close()
+    return dict(counts)

@@ -66,19 +66,12 @@ class WorldWalk:
     outcome: Outcome
 
 
-def walk_world(
-    world: World,
-    planner: Planner,
-    *,
-    cells_per_replan: int = 1,
-    most_replans: int = MOST_REPLANS,
-    patience: int = PATIENCE,
-) -> WorldWalk:
+def walk_world(world: World, planner: Planner, *, cells_per_replan: int = 1) -> WorldWalk:
     """Walk from the world's start to its goal, cells_per_replan cells of each plan; planner forgets what it knew.
 
     Obstacles grow within the window: the robot knows nothing of those outside. It walks at the world's speed; where
     there is no way, or none any nearer to the goal, it waits as long as the steps would have taken. After more than
-    patience such replans in a row it is stuck. Raises ValueError unless it walks at least one cell a replan.
+    PATIENCE such replans in a row it is stuck. Raises ValueError unless it walks at least one cell a replan.
     """
     if cells_per_replan < 1:
         raise ValueError(f"a robot that walks {cells_per_replan} cells a replan arrives nowhere")
@@ -88,7 +81,7 @@ def walk_world(
     path_m = [world.start_xy_m]
     last_window: Window | None = None
     t_ns, waited = 0, 0
-    while (outcome := _outcome(world, path_m[-1], t_ns, waited > patience, len(plans) >= most_replans)) is None:
+    while (outcome := _outcome(world, path_m[-1], t_ns, waited, len(plans))) is None:
         instants.append(look(world, path_m[-1], t_ns))
         window, steps = instants[-1].window, np.empty((0, 2), dtype=np.int32)
         query = make_query(
@@ -116,12 +109,12 @@ def look(world: World, robot_xy_m: Float, t_ns: int) -> ReplanInstant:
     return ReplanInstant(t_ns, window, bits, robot_xy_m, world.goal.at(t_ns))
 
 
-def _outcome(world: World, robot_m: Float, t_ns: int, is_stuck: bool, is_over: bool) -> Outcome | None:
+def _outcome(world: World, robot_m: Float, t_ns: int, waited: int, replans: int) -> Outcome | None:
     if np.array_equal(world.window.cell_of(robot_m), world.window.cell_of(world.goal.at(t_ns))):
         return Outcome.ARRIVED
-    if is_stuck:
+    if waited > PATIENCE:
         return Outcome.STUCK
-    return Outcome.OUT_OF_REPLANS if is_over else None
+    return Outcome.OUT_OF_REPLANS if replans >= MOST_REPLANS else None
 
 
 def _next_steps(way_out: Cells, plan: Plan, most: int) -> Cells:

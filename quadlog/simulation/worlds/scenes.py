@@ -38,10 +38,9 @@ def forest_world(
     rng: np.random.Generator,
     *,
     window_cells: int = WINDOW_CELLS,
-    dilation_m: float = GROWTH_M,
     dilation: str = "euclidean",
 ) -> World:
-    """A forest with its goal 15 to 25 m from the start in any direction, both drawn evenly; the start is at (0, 0).
+    """A forest [Planning, Figs. 14-18], its goal 15 to 25 m from the start at (0, 0) in any direction, drawn evenly.
 
     Trees stand anywhere, Poisson-distributed with density_per_m2 a square metre, their radius even from 0.1 to 0.25 m,
     but none so near to start or goal that its growth reaches them. Cells of 0.1 m, and the growth, are printed in the
@@ -56,18 +55,15 @@ def forest_world(
     window = _around(start_m, goal_m, DETOUR_M + window_cells / 2 * CELL_M)
     trees_m = plant(density_per_m2, window, rng)
     # A square's corner reaches sqrt(2) times as far as its side.
-    room_m = math.sqrt(2) * dilation_m + _CLEAR_M
+    room_m = math.sqrt(2) * GROWTH_M + _CLEAR_M
     for place_m in (start_m, goal_m):
         trees_m = trees_m[np.hypot(*(trees_m[:, :2] - place_m).T) > trees_m[:, 2] + room_m]
     return World(
-        title=f"forest, {density_per_m2:g} trees per m²",
-        figure="[Planning] Figs. 14-18",
         window=window,
         occupied=discs_in(window, trees_m),
         start_xy_m=start_m,
         goal=standing(float(goal_m[0]), float(goal_m[1])),
         window_cells=window_cells,
-        dilation_m=dilation_m,
         dilation=dilation,
     )
 
@@ -96,7 +92,7 @@ def single_obstacle() -> World:
     """A square of 1.6 m, as printed, in the middle of the straight way; the way of 6 m is ours. [Planning] Fig. 19."""
     window, start_m, goal = _ground(8.0, 6.0), (1.05, 3.05), standing(7.05, 3.05)
     occupied = rectangles_in(window, [Rectangle(3.2, 2.2, 4.8, 3.8)])
-    return _planning("a single obstacle", "19", window, occupied, start_m, goal)
+    return _planning(window, occupied, start_m, goal)
 
 
 def passage() -> World:
@@ -106,7 +102,7 @@ def passage() -> World:
     """
     window, start_m, goal = _ground(10.0, 10.0), (1.55, 5.05), standing(8.55, 5.05)
     walls = [Rectangle(4.5, 0.0, 5.5, 5.3), Rectangle(4.5, 6.8, 5.5, 10.0)]
-    return _planning("a narrow passage", "20", window, rectangles_in(window, walls), start_m, goal)
+    return _planning(window, rectangles_in(window, walls), start_m, goal)
 
 
 def complex_environment() -> World:
@@ -123,7 +119,7 @@ def complex_environment() -> World:
     ]
     trunks = [(3.0, 1.8, 0.2), (3.4, 6.4, 0.25), (7.2, 5.6, 0.2), (8.9, 3.2, 0.15), (6.6, 1.0, 0.25), (11.9, 2.4, 0.2)]
     occupied = rectangles_in(window, boxes) | discs_in(window, np.array(trunks))
-    return _planning("a complex environment", "21", window, occupied, start_m, goal)
+    return _planning(window, occupied, start_m, goal)
 
 
 def path_coherence() -> World:
@@ -135,7 +131,7 @@ def path_coherence() -> World:
     """
     window, start_m = _ground(8.0, 8.0), (1.05, 1.05)
     occupied = rectangles_in(window, [Rectangle(1.9, 1.9, 2.5, 2.5)])
-    return _planning("path coherence", "5", window, occupied, start_m, _walked(((4.05, 5.25), (5.25, 4.05)), 1.2))
+    return _planning(window, occupied, start_m, _walked(((4.05, 5.25), (5.25, 4.05)), 1.2))
 
 
 def static_obstacles() -> World:
@@ -145,7 +141,7 @@ def static_obstacles() -> World:
     """
     window = _ground(5.0, 5.0)
     boxes = [Rectangle(1.4, 1.5, 2.2, 3.1), Rectangle(3.2, 0.9, 3.8, 1.9)]
-    return _following("static obstacles", "14", window, rectangles_in(window, boxes), ())
+    return _following(window, rectangles_in(window, boxes), ())
 
 
 def dynamic_obstacle() -> World:
@@ -156,7 +152,7 @@ def dynamic_obstacle() -> World:
     window = _ground(5.0, 5.0)
     crossing = _walked(((2.85, 4.45), (2.85, 0.65)), 0.5)
     moving = (MovingDisc(crossing, radius_m=0.25),)
-    return _following("a dynamic obstacle", "15", window, rectangles_in(window, []), moving)
+    return _following(window, rectangles_in(window, []), moving)
 
 
 SCENES: dict[str, Callable[[], World]] = {
@@ -182,12 +178,9 @@ def _walked(corners_m: Sequence[tuple[float, float]], speed_mps: float) -> Waypo
     return WaypointTrack(np.rint(1e9 * np.concatenate([[0.0], np.cumsum(legs_s)])).astype(np.int64), xy_m)
 
 
-def _planning(
-    title: str, figure: str, window: Window, occupied: Bool, start_m: tuple[float, float], goal: WaypointTrack
-) -> World:
-    return World(title, f"[Planning] Fig. {figure}", window, occupied, np.array(start_m), goal)
+def _planning(window: Window, occupied: Bool, start_m: tuple[float, float], goal: WaypointTrack) -> World:
+    return World(window, occupied, np.array(start_m), goal)
 
 
-def _following(title: str, figure: str, window: Window, occupied: Bool, moving: tuple[MovingDisc, ...]) -> World:
-    start_m, goal = np.array([0.55, 2.25]), standing(4.55, 2.25)
-    return World(title, f"[Following] Fig. {figure}", window, occupied, start_m, goal, moving, FOLLOWING_CELLS)
+def _following(window: Window, occupied: Bool, moving: tuple[MovingDisc, ...]) -> World:
+    return World(window, occupied, np.array([0.55, 2.25]), standing(4.55, 2.25), moving, FOLLOWING_CELLS)

@@ -87,15 +87,12 @@ class MovingDisc(NamedTuple):
 class World:
     """Occupied cells (rows, cols) of a window of the lattice, undilated, and who walks there.
 
-    title and figure: what it shows, and the figure it stands for.
     start_xy_m: (2,) in map, where the robot is at t_ns = 0; goal: where it is to go.
     window_cells: the robot sees a square of so many cells about it, in which
     obstacles grow by dilation_m in a shape of `inflation.INFLATIONS`.
     moving: obstacles that are somewhere else at every instant.
     """
 
-    title: str
-    figure: str
     window: Window
     occupied: Bool
     start_xy_m: Float

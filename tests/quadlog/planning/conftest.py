@@ -21,15 +21,6 @@ def assert_same_cost(cost: float, expected: float, rules: Rules) -> None:
     assert cost == (expected if rules.costs == "integer" else pytest.approx(expected, rel=1e-12))
 
 
-def assert_dearer_by_at_most(excess: float, cost: float, optimum: float, rules: Rules) -> None:
-    """The optimum itself where excess is 1."""
-    if excess == 1:
-        assert_same_cost(cost, optimum, rules)
-    else:
-        assert optimum * (1 - 1e-12) <= cost
-        assert cost == 0 if optimum == 0 else cost <= excess * optimum * (1 + 1e-12)
-
-
 def _allowed(blocked: np.ndarray, col: int, row: int, dcol: int, drow: int, corner_cutting: bool) -> bool:
     rows, cols = blocked.shape
     if not (0 <= row + drow < rows and 0 <= col + dcol < cols) or blocked[row + drow, col + dcol]:
@@ -133,27 +124,41 @@ class SlidingWorld:
 
 
 @pytest.fixture(scope="session")
-def assert_optimal_throughout(costs_from: Callable, assert_legal: Callable) -> Callable:
+def assert_plan(assert_legal: Callable) -> Callable:
+    def check(plan, blocked, start, goal, rules: Rules, best: float, excess: float = 1.0) -> None:
+        """best: what the cheapest path costs, inf where there is none; the plan costs at most `excess` times that."""
+        cells = (start, goal)
+        inside = all(0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in cells)
+        can = inside and not any(blocked[row, col] for col, row in cells)
+        assert plan.found == (can and np.isfinite(best))
+        assert plan.reused_cells == 0 or not plan.from_scratch
+        if not plan.found:
+            assert (plan.cost, plan.cells.shape, plan.reused_cells) == (-1, (0, 2), 0)
+            assert can or plan.expanded == 0
+            return
+        assert_legal(plan, blocked, start, goal, rules)
+        if excess == 1:
+            assert_same_cost(plan.cost, best, rules)
+            assert plan.generated <= blocked.size
+        else:
+            assert best * (1 - 1e-12) <= plan.cost
+            assert plan.cost == 0 if best == 0 else plan.cost <= excess * best * (1 + 1e-12)
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def assert_throughout(costs_from: Callable, assert_plan: Callable) -> Callable:
     def check(planner, seed: int, density: float, moves: list[set[str]], excess: float = 1.0) -> list:
-        """Plans after each of the moves, none dearer than `excess` times Dijkstra's; returns them."""
+        """Plans after each of the moves, see assert_plan; returns them."""
         world, plans, rules = SlidingWorld(seed, density), [], planner.rules
         for each in moves:
             blocked, start, goal, shift = world.step(each)
-            plan = planner.plan(blocked, start, goal, shift)
-            plans.append(plan)
-            inside = all(0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in (start, goal))
-            if not inside or blocked[start[1], start[0]] or blocked[goal[1], goal[0]]:
-                assert not plan.found
-                continue
-            best = costs_from(blocked, start, rules)[goal[1], goal[0]]
-            assert plan.found == np.isfinite(best)
-            if plan.found:
-                assert_legal(plan, blocked, start, goal, rules)
-                assert_dearer_by_at_most(excess, plan.cost, best, rules)
-            else:
-                assert plan.cost == -1
-                assert plan.cells.shape == (0, 2)
-            assert excess > 1 or plan.generated <= blocked.size
+            plans.append(planner.plan(blocked, start, goal, shift))
+            best = np.inf
+            if all(0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in (start, goal)):
+                best = costs_from(blocked, start, rules)[goal[1], goal[0]]
+            assert_plan(plans[-1], blocked, start, goal, rules, best, excess)
         return plans
 
     return check

@@ -11,7 +11,7 @@ from quadlog.planning.planners.astar import AStar
 from quadlog.planning.protocol import no_plan
 from quadlog.planning.query import NoQuery, Query
 from quadlog.planning.registry import PLANNERS, make_planner
-from quadlog.planning.replan import Panel, SmoothingSettings, compile_planner, why_no_path
+from quadlog.planning.replan import Panel, ReplanSettings, compile_planner, why_no_path
 from quadlog.planning.rules import Rules
 
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -65,7 +65,7 @@ def test_planners_hear_how_the_window_moved_and_forget_between_episodes():
 
 def test_a_question_that_could_not_be_asked_is_answered_by_nobody():
     calls: list = []
-    panel = Panel([Watched("a", calls), Watched("b", calls)], SmoothingSettings())
+    panel = Panel([Watched("a", calls), Watched("b", calls)], ReplanSettings())
     calls.clear()
     answers = panel.ask(NoQuery("walled in"))
     assert calls == []
@@ -103,7 +103,7 @@ def test_lengths_and_turns_are_of_the_path_in_metres():
     """Two steps right, a diagonal, one up: 2 + root of 2 + 1 cells, two turns of an eighth."""
     blocked = np.ones((3, 4), dtype=bool)
     blocked[0, :3] = blocked[1, 2:] = blocked[2, 3] = blocked[0, 3] = False
-    panel = Panel([make_planner("astar")], SmoothingSettings())
+    panel = Panel([make_planner("astar")], ReplanSettings())
     (answer,) = panel.ask(query_on(blocked, (0, 0), (3, 2), (7, -3)))
     steps = np.diff(answer.plan.cells, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])

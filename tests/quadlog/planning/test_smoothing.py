@@ -56,16 +56,6 @@ def test_piece_equals_scipy_bspline():
         np.testing.assert_allclose(ours, oracle(t + i + 2), atol=1e-12)
 
 
-def test_pieces_join_with_equal_tangents():
-    """C1: position and derivative (by differences) agree where two pieces meet."""
-    control = np.random.default_rng(1).normal(size=(4, 2))
-    h = 1e-6
-    end = spline_point(control[0], control[1], control[2], np.array([1 - h, 1.0]))
-    start = spline_point(control[1], control[2], control[3], np.array([0.0, h]))
-    np.testing.assert_allclose(end[1], start[0], atol=1e-12)
-    np.testing.assert_allclose((end[1] - end[0]) / h, (start[1] - start[0]) / h, atol=1e-5)
-
-
 def test_smooth_path_turns_gradually_and_keeps_its_ends():
     points_m = in_map([[5, 5], [30, 5], [30, 30], [60, 60]])
     curve_m = smooth(points_m, spacing_m=0.02)

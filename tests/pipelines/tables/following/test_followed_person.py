@@ -13,7 +13,7 @@ def test_a_walk_straight_to_a_standing_person_is_known_in_closed_form():
     occupied = np.zeros((40, 80), dtype=np.bool_)
     occupied[30, 40] = True
     window = Window(0, 0, 0.1, (40, 80))
-    world = World("", "", window, occupied, np.array([1.05, 2.05]), standing(6.05, 2.05))
+    world = World(window, occupied, np.array([1.05, 2.05]), standing(6.05, 2.05))
     followed = follow(world)
     assert followed.arrived
     assert followed.most_m == pytest.approx(5.0)
@@ -26,7 +26,7 @@ def test_who_stands_behind_walls_is_not_come_to():
     occupied = np.zeros((40, 80), dtype=np.bool_)
     occupied[10:31, 50:71] = True
     occupied[19:22, 59:62] = False
-    world = World("", "", Window(0, 0, 0.1, (40, 80)), occupied, np.array([1.05, 2.05]), standing(6.05, 2.05))
+    world = World(Window(0, 0, 0.1, (40, 80)), occupied, np.array([1.05, 2.05]), standing(6.05, 2.05))
     followed = follow(world)
     assert not followed.arrived
     assert followed.clear_m >= world.dilation_m

@@ -15,7 +15,7 @@ from quadlog.simulation.worlds.world import Rectangle, World, rectangles_in, sta
 def ground(goal_m, boxes=()):
     window = Window(-60, -60, 0.1, (120, 120))
     occupied = rectangles_in(window, [Rectangle(*box) for box in boxes])
-    return World("", "", window, occupied, np.array([0.05, 0.05]), standing(*goal_m))
+    return World(window, occupied, np.array([0.05, 0.05]), standing(*goal_m))
 
 
 def test_a_straight_way_takes_its_length_over_the_speed():

@@ -9,6 +9,7 @@ import pytest
 
 from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.pure_pursuit import PathFollower
+from quadlog.simulation import course_walk
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
 
 
@@ -23,16 +24,7 @@ class Walk(NamedTuple):
 
 @pytest.fixture(scope="session")
 def s_curve() -> np.ndarray:
-    """6 m straight, arcs of 3 m radius by 90, -180 and 90 degrees, 6 m straight, every 2 cm."""
-    lengths = [6.0, 1.5 * math.pi, 3 * math.pi, 1.5 * math.pi, 6.0]
-    points = [(0.0, 0.0)]
-    pose = (0.0, 0.0, 0.0)
-    for length, curvature in zip(lengths, (0, 1 / 3, -1 / 3, 1 / 3, 0), strict=True):
-        count = round(length / 0.02)
-        for _ in range(count):
-            pose = unicycle_step(*pose, 1.0, curvature, length / count)
-            points.append(pose[:2])
-    return np.array(points)
+    return course_walk.s_curve().path_m
 
 
 @pytest.fixture(scope="session")

@@ -14,9 +14,7 @@ from quadlog.control.following.lookahead import (
     SETS,
     TABLES,
     FuzzyTable,
-    RuleTables,
     fuzzy_table,
-    infer,
     infer_many,
     rule_tables,
 )
@@ -36,9 +34,12 @@ PB PM PM PM PS PS PB
 """
 universe = st.floats(-3, 3)
 rules = st.lists(st.integers(0, 6), min_size=98, max_size=98).map(
-    lambda cells: RuleTables("any", np.array(cells, dtype=np.int64).reshape(2, 7, 7))
+    lambda cells: np.array(cells, dtype=np.int64).reshape(2, 7, 7)
 )
-centroids = st.sampled_from(["points", "continuous"])
+
+
+def infer(e, ec, tables=PRINTED, centroid="points"):
+    return tuple(infer_many(np.array([e]), np.array([ec]), tables, centroid)[0].tolist())
 
 
 def clipped_sets(e, ec, rules_of_one):
@@ -56,7 +57,7 @@ def clipped_sets(e, ec, rules_of_one):
 def test_both_centroids_against_all_49_rules(e, ec, tables):
     z = np.linspace(-3, 3, 6001)
     for output in range(2):
-        heights = clipped_sets(e, ec, tables.rules[output])
+        heights = clipped_sets(e, ec, tables[output])
         points = np.sum(heights * CENTRES) / np.sum(heights)
         assert infer(e, ec, tables, "points")[output] == pytest.approx(points, abs=1e-12)
         clipped = np.minimum(heights[:, None], np.maximum(1 - np.abs(z - CENTRES[:, None]), 0)).max(axis=0)
@@ -77,7 +78,7 @@ def test_continuous_centroid_against_scikit_fuzzy(tables):
     system = skfuzzy.control.ControlSystem(
         [
             skfuzzy.control.Rule(
-                e[SETS[i]] & ec[SETS[j]], [out[SETS[k[i, j]]] for out, k in zip(outputs, tables.rules, strict=True)]
+                e[SETS[i]] & ec[SETS[j]], [out[SETS[k[i, j]]] for out, k in zip(outputs, tables, strict=True)]
             )
             for i in range(7)
             for j in range(7)
@@ -89,13 +90,6 @@ def test_continuous_centroid_against_scikit_fuzzy(tables):
         simulation.compute()
         expected = (simulation.output["k_v"], simulation.output["k_w"])
         assert infer(*at, tables, "continuous") == pytest.approx(expected, abs=1e-4)
-
-
-def test_at_the_centres_of_the_sets_the_rule_speaks_alone():
-    for tables in (PRINTED, CORRECTED):
-        e, ec = np.meshgrid(CENTRES, CENTRES, indexing="ij")
-        deltas = infer_many(e.ravel(), ec.ravel(), tables, "points").reshape(7, 7, 2)
-        assert np.array_equal(deltas, np.moveaxis(tables.rules, 0, 2) - 3.0)
 
 
 def breaks_of_monotony(rules_of_one):
@@ -115,14 +109,14 @@ def breaks_of_monotony(rules_of_one):
 
 
 def test_what_is_wrong_with_the_printed_tables():
-    assert breaks_of_monotony(PRINTED.rules[0]) == [("NS", "PM", "NS"), ("NS", "PM", "ZO")]
-    assert breaks_of_monotony(CORRECTED.rules[0]) == []
-    assert np.count_nonzero(PRINTED.rules[0] != CORRECTED.rules[0]) == 1
+    assert breaks_of_monotony(PRINTED[0]) == [("NS", "PM", "NS"), ("NS", "PM", "ZO")]
+    assert breaks_of_monotony(CORRECTED[0]) == []
+    assert np.count_nonzero(PRINTED[0] != CORRECTED[0]) == 1
     textbook = np.array([[SETS.index(name) for name in row.split()] for row in TEXTBOOK_K_D.strip().splitlines()]).T
-    assert np.count_nonzero(PRINTED.rules[1] == textbook) == 44
-    assert np.argwhere(CORRECTED.rules[1] != textbook).tolist() == [[3, 3]]
-    assert SETS[CORRECTED.rules[1][3, 3]] == "ZO"
-    assert (np.diff(CORRECTED.rules[1][2:5], axis=1) >= 0).all()
+    assert np.count_nonzero(PRINTED[1] == textbook) == 44
+    assert np.argwhere(CORRECTED[1] != textbook).tolist() == [[3, 3]]
+    assert SETS[CORRECTED[1][3, 3]] == "ZO"
+    assert (np.diff(CORRECTED[1][2:5], axis=1) >= 0).all()
 
 
 def test_the_published_look_aheads():
@@ -142,20 +136,6 @@ def test_the_published_look_aheads():
     assert np.abs(apart @ weights).max() == pytest.approx(0.57, abs=0.005)
 
 
-@settings(max_examples=200, deadline=None)
-@given(universe, universe, rules, centroids)
-def test_bounds_and_symmetries_of_any_tables(e, ec, tables, centroid):
-    deltas = infer(e, ec, tables, centroid)
-    assert max(map(abs, deltas)) <= (3 if centroid == "points" else 8 / 3) + 1e-12
-    fired = tables.rules[:, math.floor(e) + 3 : math.floor(e) + 5, math.floor(ec) + 3 : math.floor(ec) + 5] - 3
-    for delta, of in zip(deltas, fired, strict=True):
-        assert of.min() - 1 <= delta <= of.max() + 1
-    mirrored = RuleTables("mirrored", 6 - tables.rules[:, ::-1, ::-1])
-    assert infer(-e, -ec, mirrored, centroid) == pytest.approx([-delta for delta in deltas], abs=1e-9)
-    exchanged = RuleTables("exchanged", tables.rules.transpose(0, 2, 1))
-    assert infer(ec, e, exchanged, centroid) == pytest.approx(deltas, abs=1e-12)
-
-
 @pytest.mark.parametrize("centroid", ["points", "continuous"])
 def test_inputs_are_clipped_and_nan_is_refused(centroid):
     table = FuzzyTable(PRINTED, centroid)
@@ -167,18 +147,10 @@ def test_inputs_are_clipped_and_nan_is_refused(centroid):
     assert np.isnan(table.at(0, math.nan)).all()
 
 
-@pytest.mark.parametrize(
-    ("nodes", "centroid", "largest", "mean"),
-    [
-        (241, "points", 0.025, 2e-4),
-        (241, "continuous", 0.085, 3e-4),
-        (61, "points", 0.075, 3e-3),
-        (61, "continuous", 0.3, 4e-3),
-    ],
-)
+@pytest.mark.parametrize(("centroid", "largest", "mean"), [("points", 0.025, 2e-4), ("continuous", 0.085, 3e-4)])
 @pytest.mark.parametrize("tables", TABLES.values(), ids=list(TABLES))
-def test_the_table_is_as_exact_as_it_says(tables, nodes, centroid, largest, mean):
-    table = FuzzyTable(tables, centroid, nodes)
+def test_the_table_is_as_exact_as_it_says(tables, centroid, largest, mean):
+    table = FuzzyTable(tables, centroid)
     e, ec = np.random.default_rng(0).uniform(-3, 3, (2, 20_000))
     looked_up = np.array([table.at(*at) for at in zip(e.tolist(), ec.tolist(), strict=True)])
     errors = np.abs(looked_up - infer_many(e, ec, tables, centroid))
@@ -197,4 +169,4 @@ def test_names():
     with pytest.raises(UnknownName, match="continuous, points"):
         infer(0, 0, PRINTED, "bisector")
     with pytest.raises(ValueError, match="read-only"):
-        PRINTED.rules[0, 0, 0] = 1
+        PRINTED[0, 0, 0] = 1

@@ -4,11 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from quadlog.control.locomotion.kinematics import leg_jacobian
-from quadlog.control.locomotion.leg_dynamics import BODY_FROM_DH, dh_inverse, dh_rows, dh_transform
+from quadlog.control.locomotion.kinematics import leg_jacobian, leg_position
+from quadlog.control.locomotion.leg_dynamics import stance_joints
 
 L1, L2, L3 = LENGTHS = np.array([0.07, 0.21, 0.21])
+# Frame {0} has x down, y left, z forward. Rows of Table 1, a right leg's: d, a and alpha of every link.
+BODY_FROM_DH = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+TABLE_1 = np.array([[0, 0, 0], [L1, 0, math.pi / 2], [0, L2, 0], [0, L3, 0]])
 JOINTS = np.random.default_rng(0).uniform([-0.8, -1.2, 0.3], [0.8, 0.4, 2.2], (50, 3))
 
 
@@ -38,20 +42,29 @@ def eq_4(joints, mended):
 
 
 def chain(rows, joints):
+    """Where the foot is in frame {0}: each link turns about its z after it is placed by a and alpha [eq. 1]."""
     pose = np.eye(4)
-    for theta, row in zip((*joints, 0.0), rows, strict=True):
-        pose = pose @ dh_transform(theta, *row)
+    for theta, (d, a, alpha) in zip((*joints, 0.0), rows, strict=True):
+        along_x, along_z = np.eye(4), np.eye(4)
+        along_x[:3, :3], along_x[0, 3] = Rotation.from_euler("x", alpha).as_matrix(), a
+        along_z[:3, :3], along_z[2, 3] = Rotation.from_euler("z", theta).as_matrix(), d
+        pose = pose @ along_x @ along_z
     return pose[:3, 3]
 
 
 @pytest.mark.parametrize("joints", JOINTS[:10])
+def test_table_1_is_our_right_leg(joints):
+    foot = np.empty(3)
+    leg_position(joints, -1.0, LENGTHS, foot)
+    np.testing.assert_allclose(BODY_FROM_DH @ chain(TABLE_1, joints), foot, atol=1e-15)
+
+
+@pytest.mark.parametrize("joints", JOINTS[:10])
 def test_eq_2_mended_is_table_1_with_l1_in_row_0(joints):
-    rows = dh_rows(-1.0, LENGTHS)
-    np.testing.assert_array_equal(rows[:, 0], [0, L1, 0, 0])
-    shifted = rows.copy()
+    shifted = TABLE_1.copy()
     shifted[:2, 0] = L1, 0
-    np.testing.assert_allclose(eq_2(joints, mended=True), chain([shifted[0], *shifted[1:]], joints), atol=1e-15)
-    assert np.abs(eq_2(joints, mended=True) - chain(rows, joints)).max() > 0.01
+    np.testing.assert_allclose(eq_2(joints, mended=True), chain(shifted, joints), atol=1e-15)
+    assert np.abs(eq_2(joints, mended=True) - chain(TABLE_1, joints)).max() > 0.01
 
 
 def test_eq_2_as_printed_makes_the_shank_longer_and_shorter():
@@ -67,9 +80,7 @@ def test_eq_2_as_printed_makes_the_shank_longer_and_shorter():
 def test_eq_3_as_printed_turns_a_leg_that_hangs_straight():
     # Eq. 5's foot: L1 to the right, the leg's plane upright.
     assert math.degrees(eq_3_abduction([0.0, -L1, -0.2])) == pytest.approx(-38.6, abs=0.05)
-    joints, reached = dh_inverse([0.2, -L1, 0.0], -1.0, LENGTHS, 1.0)
-    assert reached
-    assert joints[0] == pytest.approx(0.0, abs=1e-15)
+    assert stance_joints([[0.0, -L1, -0.2]], -1.0, LENGTHS, 1.0)[0, 0] == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("joints", JOINTS[:10])

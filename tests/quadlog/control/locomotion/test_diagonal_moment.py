@@ -45,29 +45,6 @@ def test_eq_8_corrected_in_all_its_parts(leg_kg, behind, length_x, length_y, l1,
     np.testing.assert_allclose(np.abs(moment), [total * length_x / d, total * width / d, 0], atol=1e-12)
 
 
-def test_a_body_behind_tips_backwards_and_only_the_part_about_x_alternates():
-    one, other = (diagonal_moment(98.1, -0.005, 0.36, 0.26, pair) for pair in FEET)
-    assert one[1] == other[1] < 0
-    assert one[0] == -other[0] < 0
-    np.testing.assert_array_equal(diagonal_moment(98.1, 0.0, 0.36, 0.26, 1.0), 0.0)
-
-
-@pytest.mark.parametrize("pair", FEET)
-def test_no_forces_at_the_two_feet_can_balance_it(pair):
-    # Six equations of statics, six components of force: the moment about the diagonal is what is left over.
-    ahead, weight = -0.005, 98.1
-    fore = np.array([0.18, pair * 0.13, -0.2]) - [ahead, 0, 0]
-    hind = np.array([-0.18, -pair * 0.13, -0.2]) - [ahead, 0, 0]
-    levers = [np.cross(foot, np.eye(3)).T for foot in (fore, hind)]
-    balance = np.block([[np.eye(3), np.eye(3)], levers])
-    # The one direction of force and moment that they do not reach: a turn about the diagonal.
-    unreached = np.linalg.svd(balance)[0][:, -1]
-    assert np.abs(unreached @ balance).max() < 1e-15
-    left_over = abs(unreached @ [0, 0, -weight, 0, 0, 0]) / np.linalg.norm(unreached[3:])
-    assert left_over == pytest.approx(np.linalg.norm(diagonal_moment(weight, ahead, 0.36, 0.26, pair)))
-    assert left_over > 0.1
-
-
 @pytest.mark.parametrize("pair", FEET)
 def test_mujocos_centre_of_mass_gives_the_same(pair):
     robot = ROBOTS["foot"]

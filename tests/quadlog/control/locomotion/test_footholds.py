@@ -79,7 +79,3 @@ def test_a_body_with_these_angles_stands_upright_on_the_plane(a, b, yaw):
     roll, pitch = slope_angles(np.array([a, b, 0.7]), yaw)
     up = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()[:, 2]
     np.testing.assert_allclose(up, np.array([-a, -b, 1]) / math.sqrt(a * a + b * b + 1), atol=1e-12)
-
-
-def test_uphill_the_nose_is_up_and_its_pitch_negative():
-    assert slope_angles(np.array([0.2, 0.0, 0.0]), 0.0) == pytest.approx((0.0, -math.atan(0.2)))

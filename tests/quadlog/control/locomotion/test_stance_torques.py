@@ -1,4 +1,3 @@
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +12,7 @@ from quadlog.control.locomotion.leg_dynamics import (
     stance_joints,
     stance_torques,
 )
-from quadlog.control.locomotion.robot import LEGS, ROBOTS, SIDES
-from quadlog.simulation.robot.model import mjcf
+from quadlog.control.locomotion.robot import ROBOTS
 
 ROBOT = ROBOTS["foot"]
 LENGTHS = ROBOT.lengths
@@ -48,14 +46,6 @@ def test_fig_3s_numbers(knee):
     assert (knee * right[:, 2] < 0).all()
 
 
-def test_the_knees_torque_is_the_forces_lever_about_the_knee():
-    feet = stance_feet(-1.0, LENGTHS, 0.2, 0.05, 11)
-    joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
-    thigh = 0.21 * np.column_stack([np.sin(joints[:, 1]), np.zeros(11), -np.cos(joints[:, 1])]) + [0, -0.07, 0]
-    about_knee = np.cross(feet - thigh, FIG_3) @ [0, -1, 0]
-    np.testing.assert_allclose(stance_torques(joints, FIG_3, -1.0, LENGTHS)[:, 2], -about_knee, atol=1e-15)
-
-
 @settings(deadline=None)
 @given(ANGLES, side, FORCE, st.tuples(*[st.floats(-1, 1)] * 3))
 def test_motors_and_ground_do_no_work_together(joints, side, force, rates):
@@ -79,31 +69,20 @@ def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force)
     np.testing.assert_allclose([-couple[0], -(couple @ hip_axis)], motors[:2], atol=1e-12)
 
 
+@settings(deadline=None)
+@given(ANGLES, side, st.sampled_from([KNEE_BEHIND, KNEE_IN_FRONT]))
+def test_joints_for_a_foot_bring_it_back_with_the_knee_where_it_is_wanted(joints, side, knee):
+    foot, again = np.empty(3), np.empty(3)
+    leg_position(np.array(joints), side, LENGTHS, foot)
+    found = stance_joints(foot[None], side, LENGTHS, knee)[0]
+    leg_position(found, side, LENGTHS, again)
+    # Near a stretched leg the knee's angle is known to the root of what floats tell.
+    np.testing.assert_allclose(again, foot, atol=3e-8 if abs(joints[2]) < 0.01 else 2e-14)
+    assert knee * found[2] >= 0
+
+
 def test_a_foot_out_of_reach_has_no_torques():
     feet = np.array([[0.0, -0.07, -0.2], [0.0, -0.07, -0.43], [0.0, -0.01, -0.02]])
     joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
     assert np.isnan(joints).any(axis=1).tolist() == [False, True, True]
     assert np.isnan(stance_torques(joints, FIG_3, -1.0, LENGTHS)).all(axis=1).tolist() == [False, True, True]
-
-
-def test_in_mujoco_nothing_moves_under_these_torques():
-    text = mjcf(ROBOT)
-    assert text.count('<freejoint name="trunk"/>') == 1
-    model = mujoco.MjModel.from_xml_string(text.replace('<freejoint name="trunk"/>', ""))
-    model.opt.gravity[:] = 0.0
-    data, rng = mujoco.MjData(model), np.random.default_rng(1)
-    data.qpos[:] = ROBOT.standing_joints_rad + rng.uniform(-0.4, 0.4, 12)
-    mujoco.mj_forward(model, data)
-    for leg, name in enumerate(LEGS):
-        own, force = slice(3 * leg, 3 * leg + 3), rng.uniform(-50, 50, 3)
-        # A push on the foot is one on the shank's centre, and its couple about it.
-        shank = model.body(f"{name}_shank").id
-        lever = data.site(f"{name}_foot").xpos - data.xipos[shank]
-        data.xfrc_applied[shank] = [*force, *np.cross(lever, force)]
-        data.qfrc_applied[own] = stance_torques(data.qpos[None, own], force, SIDES[leg], LENGTHS)[0]
-    unheld = data.qfrc_applied.copy()
-    mujoco.mj_forward(model, data)
-    np.testing.assert_allclose(data.qacc, 0.0, atol=1e-9)
-    data.qfrc_applied[:] = 0.9 * unheld
-    mujoco.mj_forward(model, data)
-    assert np.abs(data.qacc).min() > 1e-3

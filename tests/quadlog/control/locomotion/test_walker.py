@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.body_reference import WantedMotion, slope_angles
 from quadlog.control.locomotion.gait import GAITS
 from quadlog.control.locomotion.mpc import Mpc, MpcStatus
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import Walker, WalkerSettings
-from quadlog.control.locomotion.wbc import WholeBodyControl
 from quadlog.messages import Float
 from quadlog.simulation.robot.height_field import flat, slope
 from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
@@ -96,29 +94,23 @@ def walk(
     return Walk(dt_s, columns[:, :3], columns[:, 3:6], columns[:, 6:9], columns[:, 9], cut, walker)
 
 
+@pytest.mark.parametrize(("whole_body", "height_m"), [(True, 0.01), (False, 0.012)])
 @pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
-def test_it_walks_as_told(level, yaw_rate_radps):
-    walked = walk(level, 3.0, 0.5, yaw_rate_radps, WalkerSettings())
+def test_it_walks_as_told(level, yaw_rate_radps, whole_body, height_m):
+    walked = walk(level, 3.0, 0.5, yaw_rate_radps, WalkerSettings(whole_body=whole_body))
     assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
-    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.015)
+    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.015 if whole_body else 0.02)
     assert walked.tilt_deg < 3
-    assert np.abs(walked.height_errors_m).max() < 0.01
+    assert np.abs(walked.height_errors_m).max() < height_m
+    assert abs(walked.height_errors_m.mean()) < 0.005
+    if not whole_body:
+        return
     assert walked.positions_m[walked.settled, 2] == pytest.approx(ROBOT.standing_height_m, abs=0.015)
     assert walked.cut == 0
     counts = walked.walker.mpc.counts
     assert counts[MpcStatus.SOLVED] == counts.total() > 100
     if yaw_rate_radps == 0:
         assert abs(walked.positions_m[-1, 1]) < 0.01
-
-
-@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.3, -0.3])
-def test_without_whole_body_control_it_walks_nearly_as_told(level, yaw_rate_radps):
-    walked = walk(level, 3.0, 0.5, yaw_rate_radps)
-    assert walked.speed_mps == pytest.approx(0.5, rel=0.05)
-    assert walked.yaw_rate_radps == pytest.approx(yaw_rate_radps, abs=0.02)
-    assert walked.tilt_deg < 3
-    assert np.abs(walked.height_errors_m).max() < 0.012
-    assert abs(walked.height_errors_m.mean()) < 0.005
 
 
 @pytest.mark.parametrize("whole_body", [True, False])
@@ -185,12 +177,6 @@ def test_in_a_turned_world_it_walks_the_same(level, whole_body, turned_deg, push
     np.testing.assert_allclose(elsewhere.rpy - walked.rpy, np.tile([0, 0, turned_rad], (len(walked.rpy), 1)), atol=5e-3)
 
 
-def test_told_the_mirror_image_it_walks_nearly_that(level):
-    left, right = (walk(level, 2.5, 0.5, rate, WalkerSettings()) for rate in (0.3, -0.3))
-    # Another pair of feet begins, which sways the body.
-    np.testing.assert_allclose(right.positions_m[-1], left.positions_m[-1] * [1, -1, 1], atol=0.01)
-
-
 @pytest.mark.parametrize("whole_body", [True, False])
 def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, monkeypatch):
     trot = GAITS["trot"]
@@ -199,14 +185,6 @@ def test_begun_with_the_other_pair_it_walks_the_mirror_image(level, whole_body, 
     left, right = walk(level, 1.5, 0.5, 0.3, settings), walk(level, 1.5, 0.5, -0.3, replace(settings, gait="mirrored"))
     np.testing.assert_allclose(right.positions_m, left.positions_m * [1, -1, 1], atol=1e-3)
     np.testing.assert_allclose(right.rpy, left.rpy * [-1, 1, -1], atol=5e-3)
-
-
-@pytest.mark.parametrize("whole_body", [True, False])
-def test_two_walks_are_the_same_to_the_bit(level, whole_body):
-    settings = WalkerSettings(whole_body=whole_body)
-    once, again = walk(level, 0.7, 0.5, 0.3, settings), walk(level, 0.7, 0.5, 0.3, settings)
-    for name in ("positions_m", "rpy", "velocities_mps"):
-        assert getattr(once, name).tobytes() == getattr(again, name).tobytes()
 
 
 def test_pushed_aside_it_goes_on_upright(level):
@@ -228,12 +206,10 @@ def test_an_mpc_that_is_wrong_about_the_mass_is_seen_in_the_height(level):
 
 
 @pytest.mark.parametrize("gait", ["trot", "walk"])
-def test_the_forces_planned_carry_the_robot(level, gait):
+def test_it_marches_on_the_spot(level, gait):
     walked = walk(level, 1.5, 0.0, settings=WalkerSettings(gait=gait))
     assert walked.tilt_deg < 5
-    forces_n, stands = walked.walker.forces_n, walked.walker.stride.stands
-    assert not forces_n[~stands].any()
-    assert 0.5 < forces_n[:, 2].sum() / (ROBOT.mass_kg * 9.81) < 1.6
+    assert np.abs(walked.height_errors_m).max() < 0.02
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
@@ -254,27 +230,9 @@ def test_the_mpc_plans_on_feet_that_stand_about_under_their_hips(level, yaw_rad,
     arms_m, contacts = (np.array(each)[-40:] for each in zip(*planned, strict=True))
     away_m = arms_m[..., :2] @ turn - (ROBOT.standing_feet_m - ROBOT.centre_of_mass_m)[:, :2]
     # Half a stance's way to the fore and to the rear; a foot that has swung within the horizon is a stride on.
-    half_m = 0.5 * trot.stance_s * 0.5
+    half_m = 0.5 * trot.duty * trot.period_s * 0.5
     assert np.abs(away_m[contacts, 0]).max() < half_m + 0.03
     assert np.abs(away_m[contacts, 1]).max() < 0.03
     # Within a step of the plan the ground goes back under a body that goes on.
     stays = contacts[:, 1:] & contacts[:, :-1]
     np.testing.assert_allclose((away_m[:, 1:] - away_m[:, :-1])[stays][:, 0], -0.5 * 0.03, atol=1e-3)
-
-
-def test_what_whole_body_control_is_asked_for_is_the_reference_and_the_legs(level, monkeypatch):
-    asked, step = [], WholeBodyControl.step
-
-    def spy(control, state, targets):
-        asked.append(targets)
-        return step(control, state, targets)
-
-    monkeypatch.setattr(WholeBodyControl, "step", spy)
-    walker = walk(level, 0.9, 0.5, 0.3, WalkerSettings()).walker
-    reference, stride, targets = walker.reference, walker.stride, asked[-1]
-    np.testing.assert_array_equal(targets.body[:2], [reference.position_m, reference.velocity_mps])
-    np.testing.assert_array_equal(targets.body[2:], [[0, 0, 0.3], [0, 0, 0], [0, 0, 0]])
-    turn = Rotation.from_euler("ZYX", reference.rpy[::-1]).as_matrix()
-    np.testing.assert_allclose(targets.rotation_body_to_map, turn, atol=1e-12)
-    np.testing.assert_array_equal(targets.stance, stride.stands)
-    np.testing.assert_array_equal(targets.feet, stride.swing)

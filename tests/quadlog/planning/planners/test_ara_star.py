@@ -5,7 +5,6 @@ import pytest
 
 from quadlog.planning.planners import ara_star
 from quadlog.planning.planners.ara_star import WEIGHTS_TENTHS, ARAStar
-from quadlog.planning.planners.astar import AStar
 from quadlog.planning.rules import COSTS, TIES, Rules
 
 
@@ -34,17 +33,6 @@ def test_a_round_costs_no_more_than_its_weight_allows(forest, costs_from, assert
     assert (dearer > 0) == (weight > 10)
 
 
-def test_weight_of_one_alone_is_astar(forest):
-    """Which of several cells with equal f and g comes first is free: a few more or less."""
-    for seed in range(10):
-        blocked = forest(seed, 0.25)
-        ours, best = (
-            of_weights(10, rules=Rules()).plan(blocked, (2, 2), (30, 35)),
-            AStar().plan(blocked, (2, 2), (30, 35)),
-        )
-        assert ours.expanded == pytest.approx(best.expanded - 1, rel=0.15, abs=12)
-
-
 def test_rounds_go_on_from_what_is_known(forest):
     """All four together expand less than four searches that know nothing would."""
     together = apart = 0
@@ -62,15 +50,6 @@ def test_an_unreachable_goal_is_searched_for_once(forest, costs_from):
     plan = ARAStar().plan(blocked, (2, 2), (30, 35))
     assert not plan.found
     assert plan.expanded == plan.generated == np.isfinite(costs_from(blocked, (2, 2))).sum()
-
-
-def test_maps_of_different_sizes_in_turn(grids, cells_of):
-    planner = ARAStar()
-    for blocked in grids.values():
-        start, goal = cells_of(blocked, 2, 4)
-        ours, fresh = planner.plan(blocked, start, goal), ARAStar().plan(blocked, start, goal)
-        assert (ours.cost, ours.expanded, ours.touched) == (fresh.cost, fresh.expanded, fresh.touched)
-        np.testing.assert_array_equal(ours.cells, fresh.cells)
 
 
 @pytest.mark.parametrize("costs", COSTS)

@@ -4,14 +4,37 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_cdt
-from scipy.sparse.csgraph import bellman_ford
+from scipy.sparse.csgraph import bellman_ford, dijkstra
 
 from quadlog.planning.planners.astar import AStar
-from quadlog.planning.planners.ea_star import EAStar, danger_levels
-from quadlog.planning.rules import TIES, Rules
+from quadlog.planning.planners.ea_star import ClearanceAStar, EAStar, danger_levels
+from quadlog.planning.rules import COSTS, TIES, Rules
 
-RULES = [Rules(ties=ties, corner_cutting=cutting) for ties, cutting in product(TIES, (False, True))]
+RULES = [
+    Rules(costs=costs, ties=ties, corner_cutting=cutting)
+    for costs, ties, cutting in product(COSTS, TIES, (False, True))
+]
+INTEGER_RULES = [rules for rules in RULES if rules.costs == "integer"]
+both = pytest.mark.parametrize("make", [EAStar, ClearanceAStar])
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    arrays(bool, st.tuples(st.integers(1, 15), st.integers(1, 15)), elements=st.sampled_from([False] * 9 + [True])),
+    st.integers(0, 5),
+)
+def test_one_less_for_each_ring_away(blocked, rings):
+    """Against scipy's chessboard distance."""
+    away = distance_transform_cdt(np.pad(~blocked, 1, constant_values=True), "chessboard")[1:-1, 1:-1]
+    wanted = np.maximum(rings + 1 - away, 0) if blocked.any() else np.zeros(blocked.shape)
+    levels = danger_levels(blocked, rings)
+    assert levels.dtype == np.int8
+    np.testing.assert_array_equal(levels[~blocked], wanted[~blocked])
+    assert not levels[blocked].any()
 
 
 def charged_steps(steps_between, blocked, rules, rings):
@@ -24,7 +47,7 @@ def charged_steps(steps_between, blocked, rules, rings):
 
 
 @pytest.mark.parametrize("rings", [1, 2, 3])
-@pytest.mark.parametrize("rules", RULES, ids=str)
+@pytest.mark.parametrize("rules", INTEGER_RULES, ids=str)
 def test_charges_telescope(steps_between, rules, rings):
     """The erratum: along any path they add up to the last level less the first, whatever the way."""
     rng = np.random.default_rng(rings)
@@ -41,7 +64,7 @@ def test_charges_telescope(steps_between, rules, rings):
 
 
 @pytest.mark.parametrize("rings", [1, 2, 3])
-@pytest.mark.parametrize("rules", RULES, ids=str)
+@pytest.mark.parametrize("rules", INTEGER_RULES, ids=str)
 def test_a_search_that_never_ends_early_returns_the_length_of_astar(steps_between, rules, rings):
     """The erratum: by the same costs Bellman and Ford's search, which reconsiders, makes no detour."""
     blocked = np.zeros((16, 18), dtype=bool)
@@ -54,15 +77,37 @@ def test_a_search_that_never_ends_early_returns_the_length_of_astar(steps_betwee
     assert best == 100 * AStar(rules).plan(blocked, start, goal).cost
 
 
-@pytest.mark.parametrize("rules", RULES, ids=str)
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]), st.integers(0, 4), st.sampled_from(RULES))
+def test_steps_and_charges_equal_dijkstras(steps_between, seed, density, rings, rules):
+    """On the directed graph in which a step costs its length, and 14.01 for each level of the cell it enters."""
+    rng = np.random.default_rng(seed)
+    blocked = rng.random(tuple(rng.integers(2, 20, 2))) < density
+    (start, goal), cols = rng.integers(0, blocked.shape[::-1], (2, 2)).tolist(), blocked.shape[1]
+    blocked[start[1], start[0]] = blocked[goal[1], goal[0]] = False
+    levels = danger_levels(blocked, rings).reshape(-1).astype(int)
+    # In hundredths of 10/14 costs, whole numbers; or in cells.
+    unit, level = (100, 1401) if rules.costs == "integer" else (1, 1.401)
+    graph = steps_between(blocked, rules) * unit
+    graph.data += level * levels[graph.indices]
+    best = dijkstra(graph, indices=start[1] * cols + start[0])[goal[1] * cols + goal[0]]
+    plan = ClearanceAStar(rules, rings).plan(blocked, tuple(start), tuple(goal))
+    assert plan.found == np.isfinite(best)
+    if plan.found:
+        ours = plan.cost * unit + level * levels[plan.cells[1:, 1] * cols + plan.cells[1:, 0]].sum()
+        assert ours == (best if rules.costs == "integer" else pytest.approx(best, rel=1e-9))
+
+
+@both
+@pytest.mark.parametrize("rules", INTEGER_RULES, ids=str)
 @pytest.mark.parametrize(("rings", "clearance"), [(0, 1), (1, 2), (2, 3), (3, 4)])
 @pytest.mark.parametrize("beside_the_middle", [0, 4, 7])
-def test_keeps_clear_of_an_obstacle(rings, clearance, beside_the_middle, rules):
+def test_keeps_clear_of_an_obstacle(make, rings, clearance, beside_the_middle, rules):
     """A square of 1.6 m in cells of 0.1 m, 2.2 m away: the nearest cell of the path is the first beyond the rings."""
     blocked = np.zeros((60, 80), dtype=bool)
     blocked[22:38, 32:48] = True
     row = 29 - beside_the_middle
-    cells = EAStar(rules, rings).plan(blocked, (10, row), (70, row)).cells
+    cells = make(rules, rings).plan(blocked, (10, row), (70, row)).cells
     away = distance_transform_cdt(~blocked, "chessboard")
     assert away[cells[:, 1], cells[:, 0]].min() == clearance
 
@@ -77,12 +122,16 @@ def test_a_near_start_makes_no_detour():
         assert away[cells[:, 1], cells[:, 0]].min() == 1
 
 
-@pytest.mark.parametrize("width", [9, 5, 3])
-@pytest.mark.parametrize("rings", [1, 2, 3])
-def test_a_passage_stays_open(width, rings):
-    """A wall 1 m deep. Growing it by three cells would close the two narrower ones."""
+@both
+@pytest.mark.parametrize(("width", "clearance"), [(9, 4), (5, 3), (3, 2)])
+def test_a_passage_stays_open(make, width, clearance):
+    """A wall 1 m deep, of which growth by three cells would leave three cells, or none: there is no other way."""
     blocked = np.zeros((60, 50), dtype=bool)
     blocked[:, 20:30] = True
     blocked[30 : 30 + width, 20:30] = False
-    plan = EAStar(rings=rings).plan(blocked, (5, 10), (45, 10))
+    plan = make().plan(blocked, (5, 10), (45, 10))
     assert plan.found
+    inside = plan.cells[(plan.cells[:, 0] >= 20) & (plan.cells[:, 0] < 30)]
+    away = distance_transform_cdt(~blocked, "chessboard")
+    # In its middle, where charges are not given back.
+    assert make is EAStar or away[inside[:, 1], inside[:, 0]].min() == clearance

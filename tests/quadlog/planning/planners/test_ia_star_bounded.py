@@ -3,25 +3,10 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from quadlog.planning.planners import ia_star as ia_star_bounded
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.planners.ia_star import MAX_EXCESS, IAStar, IAStarBounded
-from quadlog.planning.rules import COSTS, TIES, Rules
-
-RULES = [
-    Rules(costs=costs, heuristic=heuristic, ties=ties, corner_cutting=cutting)
-    for costs, heuristic, ties, cutting in product(COSTS, ("octile", "zero"), TIES, (False, True))
-]
-MOVES = st.lists(st.sets(st.sampled_from(["map", "window", "start", "goal"]), max_size=3), min_size=2, max_size=10)
-
-
-@settings(max_examples=250, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.05, 0.1, 0.25, 0.4]), MOVES, st.sampled_from(RULES))
-def test_never_dearer_than_its_bound(assert_optimal_throughout, seed, density, moves, rules):
-    assert_optimal_throughout(IAStarBounded(rules), seed, density, moves, excess=MAX_EXCESS)
 
 
 def walks(planner, seed):

@@ -146,32 +146,6 @@ def test_exact_and_integer_charges_weigh_the_same(costs):
         assert (plan.cells[:, 1] == 1).all() == through
 
 
-def test_the_answer_to_manhattan_is_not_always_the_cheapest():
-    """It overrates, and what is closed stays closed."""
-    dearer = 0
-    for seed in range(40):
-        blocked, start, goal = any_map(seed, 0.3)
-        printed, best = (HeapSearch(Rules(heuristic=each)).search(blocked, start, goal) for each in HEURISTICS[1::-1])
-        assert printed.cost >= best.cost
-        dearer += printed.cost > best.cost
-    assert dearer > 0
-
-
-@pytest.mark.parametrize("heuristic", HEURISTICS)
-def test_maps_of_different_sizes_in_turn(grids, cells_of, heuristic):
-    """What one map left in the arrays, and its danger, must not be taken for the next one's."""
-    rules = Rules(heuristic=heuristic)
-    search = HeapSearch(rules)
-    for seed in range(3):
-        for i, blocked in enumerate(grids.values()):
-            start, goal = cells_of(blocked, 2, seed)
-            danger = Danger(danger_levels(blocked, 2), 1401, 0, 0) if i % 2 == seed % 2 else None
-            ours = search.search(blocked, start, goal, danger)
-            fresh = HeapSearch(rules).search(blocked, start, goal, danger)
-            assert (ours.cost, ours.expanded, ours.touched) == (fresh.cost, fresh.expanded, fresh.touched)
-            np.testing.assert_array_equal(ours.cells, fresh.cells)
-
-
 @pytest.mark.parametrize("costs", COSTS)
 def test_no_sum_overflows_on_the_largest_map(costs):
     """A hall that winds through half of 8192 x 8192 cells, every one of them of level 3."""

@@ -3,17 +3,16 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.compiled import kernel
-from quadlog.planning.search import grid_steps as routes
+from quadlog.planning.search import grid_steps
 from quadlog.planning.search.grid_steps import REANCHOR_CELLS
 
 UNITS = (10, 14)
 # As they are compiled into the searches: in Python, sums of numpy's int32 would overflow.
-anchor, kept_route, link = kernel(routes.anchor), kernel(routes.kept_route), kernel(routes.link)
+kept_route = kernel(grid_steps.kept_route)
 
 
 def is_open(blocked, at, to, cutting):
@@ -125,55 +124,3 @@ def test_kept_up_to_the_least_f_from_the_end():
     # A diagonal step costs 14 and brings the goal 20 nearer.
     diagonal = [[0, 0], [1, 1], [2, 2]]
     assert kept_cells(diagonal, (0, 0), (5, 5)) == (diagonal, 0, 28)
-
-
-def test_a_blocked_step_beyond_the_waypoint_keeps_nothing():
-    route = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [2, 3]]
-    blocked = np.zeros((20, 30), dtype=bool)
-    assert kept_cells(route, (0, 0), (9, 0), blocked)[0] == route[:3]
-    blocked[3, 2] = True
-    assert kept_cells(route, (0, 0), (9, 0), blocked) == ([], 0, 0)
-
-
-@pytest.mark.parametrize("to", [(4, 1), (-3, 5), (0, 0), (2, -2), (0, -5), (5, -4)])
-@pytest.mark.parametrize("diagonal_first", [True, False])
-def test_a_direct_way_joins_any_two_cells(to, diagonal_first):
-    blocked, cells = np.zeros((11, 11), dtype=bool), np.zeros((10, 2), dtype=np.int32)
-    way = next(
-        way
-        for way, first in zip(direct_ways((5, 5), (5 + to[0], 5 + to[1])), (True, False), strict=True)
-        if first == diagonal_first
-    )
-    count = link(blocked, 5, 5, 5 + to[0], 5 + to[1], diagonal_first, False, cells)
-    assert [tuple(cell) for cell in cells[:count].tolist()] == way[:-1]
-    assert count == max(map(abs, to))
-
-
-def anchored(blocked, route, start):
-    cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
-    return anchor(blocked, np.array(route, dtype=np.int32), 0, 0, *start, False, UNITS, cells)
-
-
-def test_on_the_route_nothing_is_linked():
-    """Even where another cell of it would be a shorter way."""
-    route = [[c, 5] for c in range(10)] + [[9, 6], [9, 7]] + [[c, 8] for c in range(8, -1, -1)]
-    for i, cell in enumerate(route):
-        assert anchored(np.zeros((20, 30), dtype=bool), route, cell) == (i, 0)
-
-
-def test_farther_than_it_may_be_is_lost():
-    route = [[c, 5] for c in range(10)]
-    free = np.zeros((20, 30), dtype=bool)
-    assert anchored(free, route, (4, 5 + REANCHOR_CELLS)) == (9, REANCHOR_CELLS)
-    assert anchored(free, route, (4, 6 + REANCHOR_CELLS)) == (-1, 0)
-
-
-def test_the_way_round_a_corner_is_the_other_direct_one():
-    """Diagonal steps first are blocked, last they are free; with both blocked, no cell of the route is reached."""
-    route, blocked = [[8, 5]], np.zeros((20, 30), dtype=bool)
-    cells = np.zeros((10, 2), dtype=np.int32)
-    blocked[6, 5] = True
-    assert anchor(blocked, np.array(route, dtype=np.int32), 0, 0, 4, 7, False, UNITS, cells) == (0, 4)
-    assert cells[:4].tolist() == [[4, 7], [5, 7], [6, 7], [7, 6]]
-    blocked[7, 5] = True
-    assert anchored(blocked, route, (4, 7)) == (-1, 0)

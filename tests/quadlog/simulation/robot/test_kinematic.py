@@ -19,16 +19,3 @@ def test_step_is_the_exact_arc(v, w):
     assert (x, y) == pytest.approx((truth[0], truth[1]), abs=1e-9)
     assert math.cos(yaw - truth[2]) == pytest.approx(1.0, abs=1e-9)
     assert -math.pi <= yaw < math.pi
-
-
-def test_a_full_circle_closes_whatever_the_step():
-    for steps in (7, 100):
-        pose = (0.0, 0.0, 0.0)
-        for _ in range(steps):
-            pose = unicycle_step(*pose, 0.6, 0.3, 2 * math.pi / 0.3 / steps)
-        assert pose[:2] == pytest.approx((0.0, 0.0), abs=1e-12)
-
-
-def test_one_radian_is_the_closed_form():
-    x, y, yaw = unicycle_step(0.0, 0.0, 0.0, 2.0, 1.0, 1.0)
-    assert (x, y, yaw) == pytest.approx((2 * math.sin(1), 2 * (1 - math.cos(1)), 1.0))

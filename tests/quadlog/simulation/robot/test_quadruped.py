@@ -141,16 +141,6 @@ def test_a_robot_on_its_back_touches_with_no_foot(model):
     assert loads_n.sum() < 0.5 * ROBOT.mass_kg * 9.81
 
 
-def test_standing_the_feet_carry_the_weight(model):
-    quadruped = Quadruped(model, 0.0, 0.0, 0.4)
-    hold(quadruped, 1.0)
-    loads_n = quadruped.foot_loads_n()
-    assert (loads_n > 10).all()
-    assert loads_n.sum() == pytest.approx(ROBOT.mass_kg * 9.81, rel=1e-3)
-    # Left and right alike, and the moments about the centre of mass cancel.
-    assert loads_n[[0, 2]] == pytest.approx(loads_n[[1, 3]], rel=1e-3)
-
-
 def test_moving_the_feet_carry_what_holds_the_robot_up(model):
     quadruped, rng = Quadruped(model, 0.0, 0.0, 0.0), np.random.default_rng(1)
     hold(quadruped, 0.1)
@@ -210,17 +200,6 @@ def test_legs_in_another_order_are_read_and_driven_as_quadlogs(model):
         for quadruped in (here, there):
             quadruped.act(np.linspace(-8, 8, 12))
     np.testing.assert_allclose(there.read().qvel, here.read().qvel, rtol=0, atol=1e-9)
-
-
-def test_two_runs_are_the_same_to_the_bit(model):
-    runs = []
-    for _ in range(2):
-        quadruped, rng = Quadruped(model, 0.0, 0.0, 0.2), np.random.default_rng(5)
-        for _ in range(300):
-            state = quadruped.read()
-            quadruped.act(rng.uniform(-8, 8, 12), rng.uniform(-20, 20, 3))
-        runs.append(state.record.tobytes())
-    assert runs[0] == runs[1]
 
 
 @pytest.mark.parametrize("seed", range(5))

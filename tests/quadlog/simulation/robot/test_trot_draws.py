@@ -33,12 +33,6 @@ def test_many_seeds_fill_their_spreads():
         assert values.min() < -0.95 * spread
 
 
-def test_without_spreads_nothing_is_drawn():
-    draw = draw_trot(3, 0.0, 0.0, 0.0)
-    assert draw.friction_share == draw.radius_share == 0
-    assert not draw.of_pair(0).any()
-
-
 def test_the_other_pair_starts_from_the_mirrored_posture():
     draw = draw_trot(5, 0.25, 0.1, 0.02)
     feet = np.empty((2, 4, 3))

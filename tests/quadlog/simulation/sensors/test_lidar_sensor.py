@@ -104,20 +104,6 @@ def test_a_moving_robot_smears_the_sweep(recording, scans, distance_to_yard):
     assert np.quantile(distance_to_yard(frozen[obstacle]), 0.9) > 0.03
 
 
-def test_missing_returns_are_left_out_or_kept_as_nan():
-    left_out, kept = (follow.synthesize(seed=4, duration_s=0.2, azimuth_steps=60) for _ in range(2))
-    object.__setattr__(kept, "lidar", Lidar(azimuth_steps=60, keeps_missing=True))
-    for one, other in zip(left_out.scans(), kept.scans(), strict=True):
-        assert len(other.point_class) == 60 * 16
-        missing = other.point_class == TruePointClass.MISSING
-        assert 50 < missing.sum() < 900
-        np.testing.assert_array_equal(np.isnan(other.cloud.xyz_m).all(axis=1), missing)
-        assert np.isnan(other.range_m[missing]).all()
-        np.testing.assert_array_equal(other.cloud.xyz_m[~missing], one.cloud.xyz_m)
-        np.testing.assert_array_equal(other.point_class[~missing], one.point_class)
-        assert TruePointClass.MISSING not in one.point_class
-
-
 def test_a_person_on_a_hill_is_seen_standing_on_it():
     hill = slope(0.1)
     robot, person = Standing(0.0, 0.0, 0.0), OnTerrain(Standing(5.0, 0.0, 0.0), hill)

@@ -31,14 +31,6 @@ def test_rays_meet_the_body_where_open3d_meets_its_cylinders():
     assert np.quantile(np.abs(ours[both] - theirs[both]), 0.995) < 2e-3
 
 
-def test_a_ray_that_looks_away_meets_nobody():
-    centres = part_centres(WALK, np.array([0.0]))
-    origin = np.array([[0.0, 0.0, 1.0]])
-    assert np.isfinite(ray_ranges(origin, np.array([[1.0, 0.0, 0.0]]), centres)).all()
-    assert np.isinf(ray_ranges(origin, np.array([[-1.0, 0.0, 0.0]]), centres)).all()
-    assert np.isinf(ray_ranges(origin, np.array([[0.0, 0.0, 1.0]]), centres)).all()
-
-
 def test_the_trunk_goes_where_the_walk_goes_and_the_legs_swing_about_it():
     t_s = np.linspace(0, 8, 400)
     centres = part_centres(WALK, t_s)
@@ -46,3 +38,11 @@ def test_the_trunk_goes_where_the_walk_goes_and_the_legs_swing_about_it():
     swing = centres[:, 2] + centres[:, 3] - 2 * centres[:, 0]
     np.testing.assert_allclose(swing, 0, atol=1e-12)
     assert 0.3 < np.linalg.norm(centres[:, 2] - centres[:, 3], axis=1).max() < 0.6
+
+
+def test_a_ray_that_looks_away_meets_nobody():
+    centres = part_centres(WALK, np.array([0.0]))
+    origin = np.array([[0.0, 0.0, 1.0]])
+    assert np.isfinite(ray_ranges(origin, np.array([[1.0, 0.0, 0.0]]), centres)).all()
+    assert np.isinf(ray_ranges(origin, np.array([[-1.0, 0.0, 0.0]]), centres)).all()
+    assert np.isinf(ray_ranges(origin, np.array([[0.0, 0.0, 1.0]]), centres)).all()

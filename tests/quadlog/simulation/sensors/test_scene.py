@@ -42,12 +42,6 @@ def test_a_ray_ends_at_the_first_surface(caster, distance_to):
             assert distance_to(obstacle)(on_the_way).min() > -2e-3
 
 
-def test_a_ray_into_the_sky_hits_nothing(caster):
-    hits = caster.cast(np.array([[0.0, 0.0, 0.5]]), np.array([[0.0, 0.0, 1.0]]))
-    assert hits.what.tolist() == [NOTHING]
-    assert np.isinf(hits.range_m).all()
-
-
 def test_sight_is_lost_exactly_where_the_segment_enters_something(caster, distance_to):
     rng = np.random.default_rng(1)
     start = np.column_stack([rng.uniform(-6, 6, (600, 2)), rng.uniform(0.3, 2.5, 600)])

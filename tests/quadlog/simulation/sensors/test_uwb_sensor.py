@@ -50,18 +50,6 @@ def test_out_of_sight_the_path_is_longer_by_an_exponential_delay(recording):
         assert stats.kstest(error, mixed.cdf).pvalue > 1e-3
 
 
-def test_the_line_of_sight_is_lost_behind_obstacles_only(recording, distance_to):
-    ranges, tag = recording.ranges[0], recording.tags[0]
-    every = slice(0, None, 37)
-    tag_m = tag.position_m((ranges.t_ns[every] - START_NS) * 1e-9)
-    along = np.linspace(0, 1, 1500)[:, None, None]
-    for anchor, place_m in enumerate(follow.ANCHORS_M):
-        samples = (tag_m + along * (place_m - tag_m)).reshape(-1, 3)
-        depth = np.min([distance_to(each)(samples) for each in follow.OBSTACLES], axis=0).reshape(1500, -1).min(axis=0)
-        sure = np.abs(depth) > 0.01
-        np.testing.assert_array_equal(ranges.line_of_sight[every, anchor][sure], depth[sure] > 0)
-
-
 def test_some_ranges_do_not_come(recording):
     missing = np.mean([np.isnan(ranges.range_m).mean() for ranges in both_tags(recording)])
     assert missing == pytest.approx(0.02, abs=0.003)

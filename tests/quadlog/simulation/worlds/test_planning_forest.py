@@ -55,11 +55,10 @@ def test_goals_lie_fifteen_to_twenty_five_metres_away_in_all_directions():
 
 
 @pytest.mark.parametrize("dilation", sorted(INFLATIONS))
-@pytest.mark.parametrize("dilation_m", [0.0, 0.3, 0.5])
-def test_start_and_goal_stay_clear_of_all_growth(dilation, dilation_m):
+def test_start_and_goal_stay_clear_of_all_growth(dilation):
     for seed in range(20):
-        world = forest_world(2.0, np.random.default_rng(seed), dilation_m=dilation_m, dilation=dilation)
-        grown = INFLATIONS[dilation](world.occupied, dilation_m / world.window.cell_m)
+        world = forest_world(2.0, np.random.default_rng(seed), dilation=dilation)
+        grown = INFLATIONS[dilation](world.occupied, world.dilation_m / world.window.cell_m)
         for place_m in (world.start_xy_m, world.goal.at(0)):
             col, row = world.window.cell_of(place_m)
             assert not grown[row, col]

@@ -6,6 +6,7 @@ import pytest
 from quadlog.mapping.grid import Window
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.planning.registry import make_planner
+from quadlog.simulation.worlds import replanning_walk
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
 from quadlog.simulation.worlds.world import MovingDisc, Rectangle, WaypointTrack, World, rectangles_in, standing
@@ -16,7 +17,7 @@ def ground(goal, boxes=(), moving=(), start=(0.05, 0.05), dilation_m=0.3):
     window = Window(-60, -60, 0.1, (120, 120))
     occupied = rectangles_in(window, [Rectangle(*box) for box in boxes])
     goal = standing(*goal) if isinstance(goal, tuple) else goal
-    return World("", "", window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
+    return World(window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
 
 
 def steps_of(walk, world):
@@ -99,29 +100,32 @@ def test_a_moving_goal_is_met_where_it_is_then():
     assert np.ptp([instant.goal_xy_m[1] for instant in walk.instants]) > 1.0
 
 
-def test_waits_until_somebody_has_passed():
+def test_waits_until_somebody_has_passed(monkeypatch):
     """A corridor in which somebody stands for 5 s, then walks off: no other way leads through."""
     walls = [(-6.0, 0.6, 6.0, 1.2), (-6.0, -1.1, 6.0, -0.5), (-6.0, -1.1, -0.6, 1.2)]
     away = WaypointTrack(np.array([5, 8]) * 10**9, np.array([[1.0, 0.05], [1.0, 5.0]]))
     world = ground((4.0, 0.05), walls, (MovingDisc(away, 0.5),))
-    walk = walk_world(world, make_planner("astar"), patience=100)
+    monkeypatch.setattr(replanning_walk, "PATIENCE", 100)
+    walk = walk_world(world, make_planner("astar"))
     assert walk.outcome is Outcome.ARRIVED
     assert len(walk.instants) > len(walk.path_xy_m)
-    assert walk_world(world, make_planner("astar"), patience=3).outcome is Outcome.STUCK
+    monkeypatch.setattr(replanning_walk, "PATIENCE", 3)
+    assert walk_world(world, make_planner("astar")).outcome is Outcome.STUCK
 
 
 def test_gives_up_when_walled_in():
     walls = [(-1.0, 0.6, 1.0, 1.0), (-1.0, -1.0, 1.0, -0.5), (-1.0, -1.0, -0.6, 1.0), (0.6, -1.0, 1.0, 1.0)]
     for dilation_m in (0.1, 0.6):
-        walk = walk_world(ground((4.0, 0.05), walls, dilation_m=dilation_m), make_planner("astar"), patience=5)
+        walk = walk_world(ground((4.0, 0.05), walls, dilation_m=dilation_m), make_planner("astar"))
         assert walk.outcome is Outcome.STUCK
-        assert len(walk.plans) < 20
+        assert len(walk.plans) < 20 + replanning_walk.PATIENCE
         # Grown together there is nowhere to go, and no planner is asked.
         assert walk.plans[-1].found == (dilation_m == 0.1)
 
 
-def test_ends_after_so_many_replans():
-    walk = walk_world(ground((4.0, 0.05)), make_planner("astar"), most_replans=7)
+def test_ends_after_so_many_replans(monkeypatch):
+    monkeypatch.setattr(replanning_walk, "MOST_REPLANS", 7)
+    walk = walk_world(ground((4.0, 0.05)), make_planner("astar"))
     assert walk.outcome is Outcome.OUT_OF_REPLANS
     assert len(walk.plans) == 7
     assert len(walk.path_xy_m) == 8

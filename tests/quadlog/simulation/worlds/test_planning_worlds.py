@@ -61,7 +61,7 @@ def test_rectangles_cover_the_centres_in_them(corners):
 def somewhere(rng, moving=()):
     occupied = rng.random((30, 50)) < 0.3
     start_m = np.array([0.05, 0.05])
-    return World("", "", Window(-11, 7, 0.1, occupied.shape), occupied, start_m, standing(1.0, 1.0), moving)
+    return World(Window(-11, 7, 0.1, occupied.shape), occupied, start_m, standing(1.0, 1.0), moving)
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,0 +1,130 @@
+"""The MPC's cost against a plain linear model rolled out, and that model against the nonlinear body."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.mpc_model import build_cost, in_pyramid
+
+MASS_KG, ALPHA, DT_S = 12.786, 2e-5, 0.03
+INERTIA = np.array([[0.07, 0.005, -0.01], [0.005, 0.25, 0.0], [-0.01, 0.0, 0.28]])
+WEIGHTS = np.array([25, 20, 12, 21, 19, 80, 0.15, 0.2, 0.4, 2, 1.5, 0.8])
+GRAVITY = -9.81 * np.eye(12)[11]
+FEET_M = np.array([[0.2, 0.12, -0.29], [0.17, -0.13, -0.3], [-0.16, 0.12, -0.28], [-0.2, -0.1, -0.29]])
+
+
+def linear_model(yaw_rad, arms_m):
+    """A and B (12, 12) of x' = A x + B u + GRAVITY: Theta' = T_z^T omega [Tracking, eqs 8 and 14, corrected]."""
+    to_map = Rotation.from_euler("z", yaw_rad).as_matrix()
+    inverse_in_map = np.linalg.inv(to_map @ INERTIA @ to_map.T)
+    A, B = np.zeros((12, 12)), np.zeros((12, 12))
+    A[:3, 6:9], A[3:6, 9:] = to_map.T, np.eye(3)
+    for leg, arm_m in enumerate(arms_m):
+        B[6:9, 3 * leg : 3 * leg + 3] = inverse_in_map @ np.cross(arm_m, np.eye(3)).T
+        B[9:, 3 * leg : 3 * leg + 3] = np.eye(3) / MASS_KG
+    return A, B
+
+
+def derivative(state, forces_n):
+    """Nonlinear motion; Theta' from turning the attitude a little by omega, in map."""
+    attitude, dt = Rotation.from_euler("ZYX", state[[2, 1, 0]]), 1e-6
+    ahead, behind = (
+        (Rotation.from_rotvec(sign * dt * state[6:9]) * attitude).as_euler("ZYX")[::-1] for sign in (1, -1)
+    )
+    inertia = attitude.as_matrix() @ INERTIA @ attitude.as_matrix().T
+    torque = np.cross(FEET_M, forces_n).sum(axis=0) - np.cross(state[6:9], inertia @ state[6:9])
+    acceleration = forces_n.sum(axis=0) / MASS_KG + [0, 0, -9.81]
+    turn = (ahead - behind + np.pi) % (2 * np.pi) - np.pi
+    return np.concatenate([turn / (2 * dt), state[9:], np.linalg.solve(inertia, torque), acceleration])
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, np.pi / 2, -2.5, np.pi])
+def test_the_linear_model_is_the_motions_derivative_at_rest(yaw_rad):
+    A, B = linear_model(yaw_rad, FEET_M)
+    rest, step, no_force = yaw_rad * np.eye(12)[2], 1e-3, np.zeros((4, 3))
+    np.testing.assert_allclose(derivative(rest, no_force), GRAVITY, atol=1e-9)
+    for column, unit in enumerate(np.eye(12)):
+        change = (derivative(rest + step * unit, no_force) - derivative(rest - step * unit, no_force)) / (2 * step)
+        np.testing.assert_allclose(change, A[:, column], atol=1e-6)
+        forced = derivative(rest, unit.reshape(4, 3)) - derivative(rest, no_force)
+        np.testing.assert_allclose(forced, B[:, column], atol=1e-9)
+
+
+def stacked(state, reference, arms_m, contacts, yaw_rad):
+    """H and g of J = sum (x - x_ref)^T Q (x - x_ref) + alpha f^T f, halved, by rolling the model out in Euler steps."""
+    steps = len(reference)
+    free, response = state, np.zeros((12, 12 * steps))
+    H, g = ALPHA * np.eye(12 * steps), np.zeros(12 * steps)
+    for step in range(steps):
+        A, B = linear_model(yaw_rad, arms_m[step])
+        free, response = free + DT_S * (A @ free + GRAVITY), response + DT_S * A @ response
+        response[:, 12 * step : 12 * step + 12] = DT_S * B
+        H += response.T @ np.diag(WEIGHTS) @ response
+        g += response.T @ (WEIGHTS * (free - reference[step]))
+    stands = np.repeat(contacts.ravel(), 3)
+    return H[np.ix_(stands, stands)], g[stands]
+
+
+def built(state, reference, arms_m, contacts):
+    return build_cost(state, reference, arms_m, contacts, MASS_KG, np.linalg.inv(INERTIA), WEIGHTS, ALPHA, DT_S)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cost_is_that_of_the_rolled_out_model(seed):
+    random = np.random.default_rng(seed)
+    steps = [1, 2, 5, 10, 10, 17][seed]
+    state = random.normal(size=12)
+    reference = state + random.normal(scale=0.3, size=(steps, 12))
+    arms_m = random.normal(scale=0.3, size=(steps, 4, 3))
+    contacts = random.random((steps, 4)) < 0.6
+    contacts[0, 0] = True
+    H, g, is_finite = built(state, reference, arms_m, contacts)
+    yaw_rad = np.mean([state[2], *reference[:-1, 2]])
+    expected_H, expected_g = stacked(state, reference, arms_m, contacts, yaw_rad)
+    assert is_finite
+    np.testing.assert_allclose(H, expected_H, rtol=1e-10, atol=1e-13 * abs(expected_H).max())
+    np.testing.assert_allclose(g, expected_g, rtol=1e-10, atol=1e-13 * abs(expected_g).max())
+    np.testing.assert_array_equal(H, H.T)
+
+
+def test_whole_turns_of_the_reference_change_nothing():
+    random = np.random.default_rng(0)
+    state = random.normal(scale=0.1, size=12)
+    state[2] = 3.1
+    reference = state + random.normal(scale=0.05, size=(10, 12))
+    reference[:, 2] = 3.1 + 0.02 * np.arange(1, 11)
+    wrapped = reference.copy()
+    wrapped[:, 2] = (reference[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    wrapped[4:, 2] -= 4 * np.pi
+    arms_m, contacts = random.normal(scale=0.3, size=(10, 4, 3)), np.ones((10, 4), dtype=bool)
+    plain, turned = (built(state, each, arms_m, contacts) for each in (reference, wrapped))
+    np.testing.assert_allclose(turned[0], plain[0], rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(turned[1], plain[1], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_told_even_in_flight(value):
+    state = np.zeros(12)
+    state[4] = value
+    for contacts in (np.ones((10, 4), dtype=bool), np.zeros((10, 4), dtype=bool)):
+        assert not built(state, np.zeros((10, 12)), np.ones((10, 4, 3)), contacts)[2]
+
+
+@pytest.mark.parametrize(
+    ("force", "allowed"),
+    [
+        ([0, 0, 0], True),
+        ([6, -6, 10], True),
+        ([6.1, 0, 10], False),
+        ([0, -6.1, 10], False),
+        ([0, 0, 151], False),
+        ([0, 0, -1], False),
+        ([np.nan, 0, 10], False),
+        ([0, np.nan, 10], False),
+        ([0, 0, np.nan], False),
+    ],
+)
+def test_pyramid(force, allowed):
+    assert in_pyramid(np.array([0, 0, 10, *force], dtype=float), 0.6, 0.0, 150.0, 1e-9) == allowed
