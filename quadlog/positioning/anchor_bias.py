@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
-from quadlog.positioning.epochs import Epochs
+from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fix.least_squares import invert_normal
 from quadlog.positioning.fix.trilateration import solve_gauss_newton
 from quadlog.positioning.track.range_log import log_ranges, walker
@@ -285,8 +285,7 @@ def _worth_applying(bias_m: Float, std_m: Float, n: Int) -> np.ndarray:
 
 def _usable_epochs(epochs: Epochs, anchors_m: Float, tag_height_m: float, range_std_m: float) -> Epochs:
     """Epochs that have a fix, thinned evenly: neighbours say the same, and time stays bounded."""
-    enough = np.flatnonzero(np.isfinite(epochs.range_m).sum(axis=1) >= 3)
-    enough = enough[:: max(1, -(-len(enough) // MAX_EPOCHS))]
+    enough = thin_rows(np.isfinite(epochs.range_m).sum(axis=1) >= 3, MAX_EPOCHS)
     fixes = solve_gauss_newton(anchors_m, epochs.range_m[enough], tag_height_m, range_std_m, np.inf)
     chosen = enough[fixes.solved]
     return Epochs(epochs.t_ns[chosen], epochs.last_ns[chosen], epochs.range_m[chosen])

@@ -67,6 +67,12 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
     return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[last], table)
 
 
+def thin_rows(usable: np.ndarray, most: int) -> Int:
+    """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
+    rows = np.flatnonzero(usable)
+    return rows[:: max(1, -(-len(rows) // most))]
+
+
 def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
     """How long the epochs of one tag should be: USUAL_EPOCH_S unless less than half of those would give a fix.
 
@@ -135,11 +141,6 @@ class RangeCounts:
     too_short: int
     too_long: int
     silent_anchors: tuple[int, ...]
-
-    @property
-    def dropped(self) -> int:
-        """Ranges of the configured tags that could not be used."""
-        return self.total - self.used - sum(n for _, n in self.other_tags)
 
 
 def screen_ranges(

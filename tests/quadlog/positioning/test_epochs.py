@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.messages import RangeSeries
 from quadlog.positioning import epochs as epochs_module
-from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs
+from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs, thin_rows
 
 
 def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
@@ -158,6 +158,16 @@ def test_no_range_is_lost_or_doubled(rows, epoch_ns):
         assert abs(np.mean(times) - t_ns) <= 0.5
         assert max(times) - min(times) <= epoch_ns
     assert (np.diff(got.last_ns) >= 0).all()
+
+
+@pytest.mark.parametrize("n", [0, 1, 200, 201, 999])
+def test_rows_are_thinned_evenly(n):
+    usable = np.ones(2 * n, dtype=bool)
+    usable[::2] = False
+    rows = thin_rows(usable, 200)
+    assert usable[rows].all()
+    assert min(n, 100) <= len(rows) <= 200
+    assert len(np.unique(np.diff(rows))) <= 1
 
 
 def ids(*values: int) -> np.ndarray:
