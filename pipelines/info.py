@@ -283,7 +283,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
 def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
-    major_m, minor_m, _ = ellipse_95(fixes.covariance_m2[solved])
+    major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])
     row = {
         "tag": result.tag,
         "role": role,

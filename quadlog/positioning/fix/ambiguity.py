@@ -137,7 +137,7 @@ def heights_are_told(
     heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). Told where half of the epochs or more would know
     the height to TOLD_STD_M, and half or more could not be mistaken for a mirror image.
     """
-    placed = thin_rows(np.isfinite(position_m).all(axis=1), MAX_PLACES)
+    placed = thin_rows(np.isfinite(position_m.sum(axis=1)), MAX_PLACES)
     if len(placed) == 0:
         return False
     place = (anchors_m, position_m[placed], height_m, heard[placed], range_std_m)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from quadlog.lidar.statistical_outliers import mean_neighbour_distances
@@ -51,38 +50,6 @@ def test_any_cloud_agrees_with_scipy(shape: str, n_points: int, neighbours: int,
     neighbours = min(neighbours, n_points - 1)
     found = mean_neighbour_distances(xyz_m, neighbours)
     assert found == pytest.approx(by_scipy(xyz_m, neighbours), rel=1e-12, abs=0)
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    arrays(np.float64, st.tuples(st.integers(2, 60), st.just(3)), elements=st.sampled_from([0.0, 1.0, -1.0, 3.5, 1e6])),
-    st.integers(1, 10),
-)
-def test_equal_distances_agree_with_scipy(xyz_m: np.ndarray, neighbours: int) -> None:
-    neighbours = min(neighbours, len(xyz_m) - 1)
-    found = mean_neighbour_distances(xyz_m, neighbours)
-    assert found == pytest.approx(by_scipy(xyz_m, neighbours), rel=1e-12, abs=0)
-
-
-def test_real_scans_agree_with_scipy(real_scans) -> None:
-    for scans in real_scans.values():
-        for scan in scans:
-            good = scan[np.isfinite(scan).all(axis=1) & (np.abs(scan).sum(axis=1) > 0)]
-            assert mean_neighbour_distances(good, 20) == pytest.approx(by_scipy(good, 20), rel=1e-12, abs=0)
-
-
-def test_known_distances() -> None:
-    line = np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
-    assert mean_neighbour_distances(line, 1).tolist() == [1, 1, 2, 4]
-    assert mean_neighbour_distances(line, 3).tolist() == [11 / 3, 9 / 3, 9 / 3, 17 / 3]
-
-
-def test_result_follows_the_points_in_any_order(ring_scan) -> None:
-    xyz_m, _ = ring_scan
-    order = np.random.default_rng(1).permutation(len(xyz_m))
-    assert mean_neighbour_distances(xyz_m[order], 20) == pytest.approx(
-        mean_neighbour_distances(xyz_m, 20)[order], rel=1e-13
-    )
 
 
 def test_float32_and_strided_points_are_taken_as_they_are(ring_scan) -> None:

@@ -53,14 +53,6 @@ def test_scan_of_thirty_thousand_points_has_the_outliers_of_scipy_and_open3d(lar
     assert_same_set(large_ring_scan)
 
 
-def test_synthesized_walk_has_the_outliers_of_scipy_and_open3d(synthesized_scans) -> None:
-    assert len(synthesized_scans) > 100
-    for scan in synthesized_scans[::4]:
-        front = returns(scan)
-        assert_same_set(front)
-        assert_same_set(front[front[:, 0] > 0])
-
-
 def test_real_scans_have_the_outliers_of_scipy_and_open3d(real_scans) -> None:
     for scans in real_scans.values():
         for scan in scans:

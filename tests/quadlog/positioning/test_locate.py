@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadlog.errors import AnchorsCollinear
 from quadlog.messages import RangeSeries
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
@@ -121,12 +120,3 @@ def test_the_same_log_gives_the_same_bytes(lab):
     one, two = (locate(simulated.series, anchors(lab.TRIANGLE_M), [TAG], LocateSettings()).tags[0] for _ in range(2))
     assert one.track.position_m.tobytes() == two.track.position_m.tobytes()
     assert one.ranges.weight.tobytes() == two.ranges.weight.tobytes()
-
-
-def test_anchors_on_one_line_are_refused(lab):
-    line_m = np.array([[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [6.0, 0.0, 1.0]])
-    simulated = lab.simulate(lab.walk_straight, line_m, 10)
-    with pytest.raises(AnchorsCollinear, match="5, 6, 7"):
-        locate(
-            replace(simulated.series, anchor=simulated.series.anchor + 5), anchors(line_m, 5), [TAG], LocateSettings()
-        )

@@ -14,10 +14,8 @@ from quadlog.positioning.track.kalman import (
     STATE,
     MotionModel,
     filter_ranges,
-    gain_of,
     predict_state,
     update_state,
-    update_velocity,
 )
 from quadlog.positioning.track.rts_smoother import smooth_covariances, smooth_states
 
@@ -230,27 +228,6 @@ def test_a_given_height_counts_and_stays():
     assert np.hypot(high[0][0] - 2.2, high[0][1] - 2.9) > 0.05
     assert (low[0][2], high[0][2]) == (HEIGHT_M, HEIGHT_M + 2)
     assert not unpacked(low[1])[2].any()
-
-
-def test_velocity_update_is_the_information_sum():
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((5, 5))
-    state, covariance = rng.standard_normal(5), root @ root.T
-    posterior, shrunk = update_velocity(tuple(state.tolist()), packed(covariance), 0.4, -0.2, 0.09)
-    information = np.linalg.inv(covariance) + np.diag([0.0, 0.0, 0.0, 1 / 0.09, 1 / 0.09])
-    pull = np.linalg.solve(covariance, state) + np.array([0.0, 0.0, 0.0, 0.4, -0.2]) / 0.09
-    np.testing.assert_allclose(unpacked(shrunk), np.linalg.inv(information), atol=1e-9)
-    np.testing.assert_allclose(posterior, np.linalg.solve(information, pull), atol=1e-9)
-
-
-def test_the_gain_of_information_lowers_the_covariance_to_the_inverse_sum():
-    rng = np.random.default_rng(4)
-    before, information = (root @ root.T for root in rng.standard_normal((2, 3, 3)))
-    after = np.linalg.inv(np.linalg.inv(before) + information)
-    upper = np.triu_indices(3)
-    gain = np.zeros((3, 3))
-    gain[upper] = gain.T[upper] = gain_of(tuple(information[upper].tolist()), tuple(after[upper].tolist()))
-    np.testing.assert_allclose(before - before @ gain @ before, after, rtol=1e-9)
 
 
 @BOTH
