@@ -29,9 +29,8 @@ class PointClass(IntEnum):
 def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
     """Which of the points (N, 3), in the lidar's frame, are returns: (N,) bool.
 
-    Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number.
-    One of these left in disables the statistical filter or pulls the ground
-    plane through the sensor, so all go before anything is computed.
+    Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number. One of these left in disables the
+    statistical filter or pulls the ground plane through the sensor, so all go before anything is computed.
     """
     return _valid_points(xyz_m, float(min_range_m), float(max_range_m))
 
@@ -106,8 +105,7 @@ def cropped_to_base(
 ) -> tuple[Float, NDArray[np.uint8]]:
     """Points (N, 3) moved to base, NaN where invalid, and (N,) labels INVALID, CROPPED, or OBSTACLE for the rest.
 
-    OBSTACLE is what a point is until a filter says otherwise: whatever no
-    filter explains must end in the map.
+    OBSTACLE is what a point is until a filter says otherwise: whatever no filter explains must end in the map.
     """
     valid = valid_points(xyz_lidar_m, min_range_m, max_range_m)
     xyz_base_m = _transformed(xyz_lidar_m, valid, np.asarray(transform_lidar_to_base, dtype=np.float64))

@@ -37,11 +37,10 @@ class Epochs:
 def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float) -> Epochs:
     """Epochs of one tag, columns in the order of anchor_ids (A,); ranges of other tags or anchors are left out.
 
-    Ranges that share a time stamp stay together. Consecutive stamps within
-    epoch_s of the first join one epoch, until an anchor would come twice: that
-    starts the next one, within a stamp too where that holds the anchor twice.
-    So a frame with all anchors is an epoch by itself, and
-    single asynchronous ranges make a round. ranges must be in time order.
+    Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
+    an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
+    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges must be in time
+    order.
 
     Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
     """
@@ -76,10 +75,9 @@ def thin_rows(usable: np.ndarray, most: int) -> Int:
 def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
     """How long the epochs of one tag should be: USUAL_EPOCH_S unless less than half of those would give a fix.
 
-    Then single ranges come slower: long enough for a round, which is the
-    median over the anchors (A,) heard of the median time between one anchor's
-    ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time
-    order. Raises TooLarge as group_epochs does.
+    Then single ranges come slower: long enough for a round, which is the median over the anchors (A,) heard of the
+    median time between one anchor's ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time order.
+    Raises TooLarge as group_epochs does.
     """
     usual = group_epochs(ranges, tag, anchor_ids, USUAL_EPOCH_S)
     if 2 * np.count_nonzero(np.isfinite(usual.range_m).sum(axis=1) >= 3) >= len(usual):

@@ -125,9 +125,8 @@ class Located:
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
     """Fixes and tracks of each tag by itself, from all ranges of a log.
 
-    Raises MissingInput for fewer than three anchors, AnchorsCollinear where all
-    lie on one line and no side of it was asked for, UnknownName for a method
-    that is none, TooLarge for a log beyond what is allocated.
+    Raises MissingInput for fewer than three anchors, AnchorsCollinear where all lie on one line and no side of it was
+    asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
     on_line = _are_on_line(anchors, settings)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)

@@ -18,9 +18,8 @@ NEAR_LINE_STD = 3.0
 def start_on_side(anchors_m: Float, range_m: Float, tag_height_m: float, range_std_m: float, side: Side) -> Float:
     """(E, 2) positions to the left or right of the way from the first to the last of anchors (A, 3) on a line.
 
-    In closed form: squared ranges are linear in the place along the line, and
-    what is left of them is the distance from it, taken as range_std_m at least,
-    so that a descent knows the side. NaN with fewer than three ranges.
+    In closed form: squared ranges are linear in the place along the line, and what is left of them is the distance from
+    it, taken as range_std_m at least, so that a descent knows the side. NaN with fewer than three ranges.
     """
     centre_m, along, across = _anchor_line(anchors_m)
     heard = np.isfinite(range_m)
@@ -46,10 +45,9 @@ def solve_on_side(
 ) -> Fixes:
     """Maximum-likelihood fixes from anchors (A, 3) on a line, each on the side of its own start (E, 2).
 
-    Starts near a track that is already known carry its side through the log by
-    continuity. Near the line a fix has no side, and its covariance no meaning:
-    those epochs are degenerate, as are those whose start is NaN or whose
-    descent crosses the line (one in 10 000 from within 2 m).
+    Starts near a track that is already known carry its side through the log by continuity. Near the line a fix has no
+    side, and its covariance no meaning: those epochs are degenerate, as are those whose start is NaN or whose descent
+    crosses the line (one in 10 000 from within 2 m).
     """
     centre_m, _, across = _anchor_line(anchors_m)
     enough = np.isfinite(range_m).sum(axis=1) >= 3

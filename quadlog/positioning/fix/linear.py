@@ -48,11 +48,9 @@ def solve_paper(
 ) -> Fixes:
     """Weighted linear trilateration as [Following] has it: the last station's row is subtracted from the others.
 
-    The paper's weight matrix is lost in its text. It is read as diag(1/d_i):
-    near stations count more. What the rows share through the last station is
-    left out of these weights (not out of the covariance). With three stations
-    no weighting changes the 2-D fix: two equations, two unknowns. The last
-    station is the last one heard at an epoch.
+    The paper's weight matrix is lost in its text. It is read as diag(1/d_i): near stations count more. What the rows
+    share through the last station is left out of these weights (not out of the covariance). With three stations no
+    weighting changes the 2-D fix: two equations, two unknowns. The last station is the last one heard at an epoch.
     """
     weight = 1 / np.maximum(range_m, range_std_m)
     fit = _fit(anchors_m, range_m, tag_height_m, range_std_m, weight, against_last=True)

@@ -22,13 +22,11 @@ def solve_gauss_newton(
 ) -> Fixes:
     """Maximum-likelihood fixes from ranges (E, A), NaN where absent, to anchors (A, 3) in map.
 
-    Starts at the linear solution and iterates u = (p - a)/|p - a|,
-    dp = (sum u u^T)^-1 sum u (d - |p - a|) [Following, right form] with the full
-    3-D distance, whose known height difference is the slant. The covariance is
-    (sum u u^T / std^2)^-1, the Cramér-Rao bound. Not solved: fewer than three
-    ranges, anchors on a line, or so near to one that the fix's mirror image
-    fits as well. With tag_height_m None the height is solved for: that takes
-    four ranges, and for a line read a plane.
+    Starts at the linear solution and iterates u = (p - a)/|p - a|, dp = (sum u u^T)^-1 sum u (d - |p - a|) [Following,
+    right form] with the full 3-D distance, whose known height difference is the slant. The covariance is (sum u u^T /
+    std^2)^-1, the Cramér-Rao bound. Not solved: fewer than three ranges, anchors on a line, or so near to one that the
+    fix's mirror image fits as well. With tag_height_m None the height is solved for: that takes four ranges, and for a
+    line read a plane.
     """
     return _solve(anchors_m, range_m, tag_height_m, range_std_m, outlier_m, np.inf, np.inf)
 
@@ -38,12 +36,10 @@ def solve_huber(
 ) -> Fixes:
     """As solve_gauss_newton, but residuals beyond LONG_STD (late) or -SHORT_STD std weigh as Huber has it.
 
-    Iteratively reweighted; the weight falls as 1/residual, so a late range pulls
-    with bounded force. The loss being convex, the start decides little. One
-    epoch of three ranges cannot tell which is late: there it is no help. Nor
-    is it with ranges that are all too long by a constant: calibrate them. The
-    covariance is (sum w u u^T / std^2)^-1, honest without late ranges, and too
-    small with them, as no single epoch can tell them all.
+    Iteratively reweighted; the weight falls as 1/residual, so a late range pulls with bounded force. The loss being
+    convex, the start decides little. One epoch of three ranges cannot tell which is late: there it is no help. Nor is
+    it with ranges that are all too long by a constant: calibrate them. The covariance is (sum w u u^T / std^2)^-1,
+    honest without late ranges, and too small with them, as no single epoch can tell them all.
     """
     return _solve(
         anchors_m, range_m, tag_height_m, range_std_m, outlier_m, LONG_STD * range_std_m, SHORT_STD * range_std_m
@@ -89,11 +85,10 @@ def solve_fixes(
 ) -> Fixes:
     """Fixes of E epochs from ranges (E, A), NaN where absent, to anchors (A, 3) in map, by one of METHODS.
 
-    tag_height_m: the tag's height in map; None solves for it, from four ranges
-    to anchors that differ in height. A residual rms above outlier_m marks an
-    outlier. Whatever cannot be solved is marked in the result: too few ranges
-    by n_ranges, anchors on a line (on a plane, where the height is solved for)
-    or a mirror image that fits as well by degenerate.
+    tag_height_m: the tag's height in map; None solves for it, from four ranges to anchors that differ in height. A
+    residual rms above outlier_m marks an outlier. Whatever cannot be solved is marked in the result: too few ranges by
+    n_ranges, anchors on a line (on a plane, where the height is solved for) or a mirror image that fits as well by
+    degenerate.
 
     Raises UnknownName for a method that is none.
     """

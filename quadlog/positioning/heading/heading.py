@@ -31,9 +31,8 @@ LONGEST_LAG_S = 2.0
 def course_heading(track: Track, before_motion_rad: float | None = None) -> Float:
     """(T,) yaw along the velocity, held where the speed is below HOLD_BELOW_MPS.
 
-    Before the first motion: before_motion_rad, which a causal track must give,
-    since the first course lies in its future; None takes that first course.
-    A track that never moves has yaw zero, or before_motion_rad.
+    Before the first motion: before_motion_rad, which a causal track must give, since the first course lies in its
+    future; None takes that first course. A track that never moves has yaw zero, or before_motion_rad.
     """
     moving = speed_of(track) >= HOLD_BELOW_MPS
     course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
@@ -47,9 +46,8 @@ def course_heading(track: Track, before_motion_rad: float | None = None) -> Floa
 def course_heading_std(track: Track, before_motion_rad: float | None = None, lag_s: Float | float = 0.0) -> Float:
     """(T,) std of course_heading with the same arguments, for a carrier that looks where it walks.
 
-    That of the velocity across the course over the speed. While held it grows
-    by TURN_STD_RADPS times the time since; so it does by lag_s, (T,) or one, by
-    which the velocity is late. A before_motion_rad is worth nothing.
+    That of the velocity across the course over the speed. While held it grows by TURN_STD_RADPS times the time since;
+    so it does by lag_s, (T,) or one, by which the velocity is late. A before_motion_rad is worth nothing.
     """
     if len(track) == 0:
         return np.empty(0)
@@ -157,13 +155,10 @@ def align_yaw(
 ) -> AlignedHeading:
     """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the offset that fits the track's course best.
 
-    The offset is constant, or for a sensor with a drift rate a line in time;
-    see fit_offset. It is fitted to course minus
-    yaw over moving instants where the sensor was on, weighted with one over the
-    course's variance. A tag that sits tag_ahead_m in front of base swings out
-    in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken out.
-    Where nothing moved, or course and yaw have nothing in common, the offset is
-    zero and its std infinite.
+    The offset is constant, or for a sensor with a drift rate a line in time; see fit_offset. It is fitted to course
+    minus yaw over moving instants where the sensor was on, weighted with one over the course's variance. A tag that
+    sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken
+    out. Where nothing moved, or course and yaw have nothing in common, the offset is zero and its std infinite.
     """
     if len(yaw_t_ns) == 0:
         return AlignedHeading(np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD))
@@ -199,9 +194,8 @@ def align_yaw_causally(
 ) -> CausalHeading:
     """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
 
-    The fit of align_yaw to what was known then: again whenever there is
-    REFIT_GROWTH as much of it. Until the first motion the sensor's yaw is
-    not turned, and its std that of a direction of which nothing is known.
+    The fit of align_yaw to what was known then: again whenever there is REFIT_GROWTH as much of it. Until the first
+    motion the sensor's yaw is not turned, and its std that of a direction of which nothing is known.
     """
     told, std = np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD)
     spread = np.full(len(track), np.inf)

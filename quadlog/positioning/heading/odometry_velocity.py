@@ -54,13 +54,11 @@ class MeasuredVelocity:
 def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredVelocity:
     """The velocity of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
 
-    track: of that tag from ranges alone, smoothed, or causal with causal=True;
-    then nothing of the series depends on what came later. Odometry's course is
-    turned onto the track's, as a heading is, its offset's std times the speed
-    counting as error. What odometry misses of the way in LEG_S, as the track
-    has it, is charged to odometry in full. So one that slips or has the wrong
-    scale loses its say, and one that misses half of the way is refused (not
-    the causal one, which could not know).
+    track: of that tag from ranges alone, smoothed, or causal with causal=True; then nothing of the series depends on
+    what came later. Odometry's course is turned onto the track's, as a heading is, its offset's std times the speed
+    counting as error. What odometry misses of the way in LEG_S, as the track has it, is charged to odometry in full. So
+    one that slips or has the wrong scale loses its say, and one that misses half of the way is refused (not the causal
+    one, which could not know).
     """
     own_mps = _tag_velocity(motion, x_m, y_m)
     if len(motion.t_ns) < 2 or len(track) < 2:

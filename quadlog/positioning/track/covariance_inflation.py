@@ -40,15 +40,12 @@ def excess_variance(
 ) -> tuple[Float, ResidualSums]:
     """(T,) factor on the variance that ranges bring, from what is known before each instant; and the tally after all.
 
-    anchor, residual_m, weight, slope: (N,) of each range, slope being the
-    derivative of weight x residual; unit (N, D) its direction; covariance_m2
-    (T, D, D) of the place. A block lasts until its ranges hold as much
-    information as they bring to one pose. Within it, each link's residuals are
-    summed as they are in the estimate (so errors that persist add up, white
-    ones do not), the place is fitted once more (D degrees of freedom per block:
-    what the track absorbed cannot be seen, and the other links tell how large
-    it is), and the rest is compared with white noise. For robust weights this
-    is the sandwich H^-1 S H^-1, with S the scores' and H the slopes' sum.
+    anchor, residual_m, weight, slope: (N,) of each range, slope being the derivative of weight x residual; unit (N, D)
+    its direction; covariance_m2 (T, D, D) of the place. A block lasts until its ranges hold as much information as they
+    bring to one pose. Within it, each link's residuals are summed as they are in the estimate (so errors that persist
+    add up, white ones do not), the place is fitted once more (D degrees of freedom per block: what the track absorbed
+    cannot be seen, and the other links tell how large it is), and the rest is compared with white noise. For robust
+    weights this is the sandwich H^-1 S H^-1, with S the scores' and H the slopes' sum.
     """
     axes = unit.shape[1]
     steps = weight[:, None, None] * unit[:, :, None] * unit[:, None, :] / range_std_m**2

@@ -31,9 +31,8 @@ class VelocitySeries:
 def sample_velocity(series: VelocitySeries | None, t_ns: Int, *, causal: bool) -> tuple[Float, Float]:
     """Velocity (T, 2) at T increasing instants, and its variance (T,) in m^2/s^2, infinite where there is none.
 
-    Causal: the last one before; else linear between two neighbours. A filter
-    takes errors for white; so the variance of each of the instants is that of
-    ERRORS_LAST_S, shared among those that fall into it.
+    Causal: the last one before; else linear between two neighbours. A filter takes errors for white; so the variance of
+    each of the instants is that of ERRORS_LAST_S, shared among those that fall into it.
     """
     velocity_mps, variance = np.zeros((len(t_ns), 2)), np.full(len(t_ns), np.inf)
     if series is None or len(series.t_ns) == 0 or len(t_ns) == 0:
@@ -67,9 +66,8 @@ ACCELERATION_LASTS_S = 0.1
 class RangeLog:
     """All N ranges of a tag in time order, at T instants; what they are to, and what is assumed of them.
 
-    Instant k has rows first_row[k]:first_row[k+1]. anchor (N,), and where it stands: anchor_m (N, 3).
-    velocity_mps (T, 2) and its variance (T,), infinite for none.
-    fix_t_ns (F,), fix_m (F, 2): fixes, and when each was known.
+    Instant k has rows first_row[k]:first_row[k+1]. anchor (N,), and where it stands: anchor_m (N, 3). velocity_mps (T,
+    2) and its variance (T,), infinite for none. fix_t_ns (F,), fix_m (F, 2): fixes, and when each was known.
     """
 
     instant_ns: Int

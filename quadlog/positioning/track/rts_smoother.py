@@ -66,10 +66,9 @@ def weigh_lateness(windows: LinkWindows, residual_m: Float, std_m: float) -> Flo
 def smooth_states(t_s: Float, velocity_mps: Float, velocity_variance: Float, filtered: Float, smoothed: Float) -> None:
     """Writes into smoothed (T, 5) the states given all ranges, from what filter_ranges wrote.
 
-    They are those of [RTS], without an inverse [Bryson]: the state plus its
-    covariance times the pull, the gradient of the log-likelihood of all that comes later.
-    Backwards in time, each instant's measurements join in with what they miss
-    the smoothed state by.
+    They are those of [RTS], without an inverse [Bryson]: the state plus its covariance times the pull, the gradient of
+    the log-likelihood of all that comes later. Backwards in time, each instant's measurements join in with what they
+    miss the smoothed state by.
     """
     px, py, pz, pu, pv = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(t_s) - 1, -1, -1):

@@ -70,18 +70,15 @@ def track_ranges(
 ) -> TrackedRanges:
     """Track one tag from N ranges in time order to anchors_m (A, 3), with anchor (N,) an index into them.
 
-    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts: at
-    the beginning, after a gap, and where they show that the track has left its
-    tag (`stretches`, `loss`). Ranges are used one by one, so asynchronous ones
-    need no epoch. With tag_height_std_m above zero the height is tracked too,
-    about its known mean. A measured velocity of the tag joins in where given.
+    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts: at the beginning, after a gap, and where
+    they show that the track has left its tag (`stretches`, `loss`). Ranges are used one by one, so asynchronous ones
+    need no epoch. With tag_height_std_m above zero the height is tracked too, about its known mean. A measured velocity
+    of the tag joins in where given.
 
-    Causal (smooth=False): a pose depends on ranges up to its own instant only.
-    Long residuals lose weight as 1/residual, so that an NLOS burst pulls with
-    bounded force, while no gate ever locks the filter out of the truth.
-    Smoothed: that result, smoothed, with weights from its own residuals
-    (`smoothing`). Positions' covariances grow with what the residuals show of
-    errors that are not white (`consistency`).
+    Causal (smooth=False): a pose depends on ranges up to its own instant only. Long residuals lose weight as
+    1/residual, so that an NLOS burst pulls with bounded force, while no gate ever locks the filter out of the truth.
+    Smoothed: that result, smoothed, with weights from its own residuals (`smoothing`). Positions' covariances grow with
+    what the residuals show of errors that are not white (`consistency`).
     """
     log = log_ranges(
         t_ns,
