@@ -120,9 +120,15 @@ def weigh_by_lateness(residual_m: Float, range_std_m: float) -> Float:
     both sides, since trimming one side only would shift what is estimated.
     """
     off_m = residual_m - column_medians(residual_m)
-    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
-    weight = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+    weight = redescending_weights(off_m, range_std_m)
     return np.where(np.isfinite(weight), weight, 0.0)
+
+
+def redescending_weights(off_m: Float, range_std_m: float) -> Float:
+    """Weights in 1/m^2 of what ranges are off by, by the std that their median shows, range_std_m at least."""
+    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
+    weight: Float = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+    return weight
 
 
 def column_medians(values: Float) -> Float:

@@ -11,9 +11,9 @@ import numpy as np
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.positioning.anchor_bias import (
-    HALF_TRUST_STD,
     SharedErrors,
     column_medians,
+    redescending_weights,
     scatter_covariances,
     solve_shared_errors,
     track_epochs,
@@ -199,8 +199,7 @@ def _place_anchor(place_m: Float, anchor_m: Float, range_m: Float, range_std_m: 
         offset_m = place_m - anchor_m - np.append(value[:2], 0.0)
         distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-9)
         residual_m = range_m - distance_m - value[2]
-        std_m = max(range_std_m, 1.4826 * float(np.median(np.abs(residual_m))))
-        weight = 1 / (1 + (residual_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+        weight = redescending_weights(residual_m, range_std_m)
         effect = np.column_stack([-offset_m[:, :2] / distance_m[:, None], np.ones(len(range_m))])
         pull = effect.T @ (weight * residual_m) - prior @ value
         step_m = np.linalg.solve((effect.T * weight) @ effect + prior, pull)

@@ -35,7 +35,7 @@ class Epochs:
 
 
 def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float) -> Epochs:
-    """Epochs of one tag, columns in the order of anchor_ids (A,); ranges of other tags or anchors are left out.
+    """Epochs of one tag, columns in the order of anchor_ids (A,), A > 0; ranges of other tags or anchors are left out.
 
     Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
     an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
@@ -45,13 +45,8 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
     Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
     """
     order = np.argsort(anchor_ids, kind="stable")
-    place = np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=max(len(anchor_ids) - 1, 0))
-    mine = ranges.tag == tag
-    if len(anchor_ids):
-        column = order[place]
-        mine &= anchor_ids[column] == ranges.anchor
-    else:
-        column, mine = place, np.zeros_like(mine)
+    column = order[np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=len(anchor_ids) - 1)]
+    mine = (ranges.tag == tag) & (anchor_ids[column] == ranges.anchor)
     t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
 
     epoch, count = _number_epochs(t_ns, column, round(epoch_s * 1e9))

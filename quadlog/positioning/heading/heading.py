@@ -34,13 +34,9 @@ def course_heading(track: Track, before_motion_rad: float | None = None) -> Floa
     Before the first motion: before_motion_rad, which a causal track must give, since the first course lies in its
     future; None takes that first course. A track that never moves has yaw zero, or before_motion_rad.
     """
-    moving = speed_of(track) >= HOLD_BELOW_MPS
+    source, known = _course_source(track, before_motion_rad)
     course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
-    last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
-    first = 0.0 if before_motion_rad is None else before_motion_rad
-    if before_motion_rad is None and moving.any():
-        first = float(course[np.argmax(moving)])
-    return wrap_angle(np.where(last_moving >= 0, course[last_moving.clip(0)], first))
+    return wrap_angle(np.where(known, course[source], before_motion_rad or 0.0))
 
 
 def course_heading_std(track: Track, before_motion_rad: float | None = None, lag_s: Float | float = 0.0) -> Float:
@@ -51,16 +47,19 @@ def course_heading_std(track: Track, before_motion_rad: float | None = None, lag
     """
     if len(track) == 0:
         return np.empty(0)
-    moving = speed_of(track) >= HOLD_BELOW_MPS
-    index = np.arange(len(track))
-    source = np.maximum.accumulate(np.where(moving, index, -1))
-    known = source >= 0
-    if before_motion_rad is None and moving.any():
-        source, known = np.where(known, source, np.argmax(moving)), np.ones(len(track), dtype=np.bool_)
-    source = source.clip(0)
+    source, known = _course_source(track, before_motion_rad)
     held_s = np.abs(track.t_ns - track.t_ns[source]) * 1e-9 + lag_s
     std = np.hypot(course_std(track)[source], TURN_STD_RADPS * held_s)
     return np.where(known, np.minimum(std, UNKNOWN_YAW_STD_RAD), UNKNOWN_YAW_STD_RAD)
+
+
+def _course_source(track: Track, before_motion_rad: float | None) -> tuple[Int, np.ndarray]:
+    """(T,) the instant whose course counts at each instant, and whether there is one."""
+    moving = speed_of(track) >= HOLD_BELOW_MPS
+    source = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
+    if before_motion_rad is None and moving.any():
+        source = np.where(source >= 0, source, np.argmax(moving))
+    return source.clip(0), source >= 0
 
 
 def speed_of(track: Track) -> Float:

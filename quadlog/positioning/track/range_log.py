@@ -87,6 +87,10 @@ class RangeLog:
         """How many coordinates of the place are tracked: three, or two where the height is given."""
         return 3 if self.motion.height_std_m > 0 else 2
 
+    def seconds(self, begin: int, end: int) -> Float:
+        """Time of the instants [begin, end) since the first of them."""
+        return seconds_since(self.instant_ns[begin:end], int(self.instant_ns[begin]))
+
 
 def walker(acceleration_std_mps2: float, height_m: float, height_std_m: float) -> MotionModel:
     """How a tag moves that is carried at a height."""
@@ -158,7 +162,7 @@ def filter_stretch(
     first, last = int(log.first_row[begin]), int(log.first_row[end])
     weight, filtered = np.empty(last - first), np.empty((end - begin, FILTERED))
     filter_ranges(
-        seconds_since(log.instant_ns[begin:end], int(log.instant_ns[begin])),
+        log.seconds(begin, end),
         log.first_row[begin : end + 1] - first,
         log.anchor_m[first:last],
         log.range_m[first:last],

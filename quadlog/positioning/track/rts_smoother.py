@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.compiled import kernel
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.kalman import COVARIANCE, HEIGHT_LASTS_S, MotionModel
 from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch, predict_rows
@@ -147,7 +146,7 @@ def smooth_stretch(log: RangeLog, stretch: Stretch) -> Stretch:
     These fall fast enough to silence a burst that the motion before and after it contradicts.
     """
     instants = slice(stretch.begin, stretch.end)
-    t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     velocity_mps, velocity_variance = log.velocity_mps[instants], log.velocity_variance[instants]
     rows = log.first_row[stretch.begin : stretch.end + 1]
     windows = _windows(log, stretch)
@@ -179,6 +178,6 @@ def smoothed_slope(log: RangeLog, stretch: Stretch) -> Float:
 
 
 def _windows(log: RangeLog, stretch: Stretch) -> LinkWindows:
-    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     rows = log.first_row[stretch.begin : stretch.end + 1]
     return link_windows(np.repeat(t_s, np.diff(rows)), log.anchor[rows[0] : rows[-1]])

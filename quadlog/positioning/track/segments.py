@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.kalman import STATE
 from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch, predict_rows
@@ -206,7 +205,7 @@ def _evidence(log: RangeLog, stretch: Stretch, fix: int) -> Evidence:
     rows = log.first_row[stretch.begin : stretch.end + 1]
     behind = int(np.searchsorted(log.fix_t_ns, log.instant_ns[stretch.end - 1], side="right"))
     at = np.searchsorted(log.instant_ns[instants], log.fix_t_ns[fix:behind])
-    t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     return Evidence(
         fix_t_s=t_s[at],
         fix_m=log.fix_m[fix:behind],

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.covariance_inflation import NOISE_SHARE, ResidualSums, excess_variance, total_excess
 from quadlog.positioning.track.range_log import RangeLog, Stretch, VelocitySeries, log_ranges, predict_rows, walker
@@ -121,8 +120,7 @@ def _judge_causal(log: RangeLog, stretch: Stretch) -> _Judged:
 
 def _judge_smoothed(log: RangeLog, stretch: Stretch) -> _Judged:
     smoothed = smooth_stretch(log, stretch)
-    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
-    covariances = smooth_covariances(t_s, smoothed.filtered, log.motion)
+    covariances = smooth_covariances(log.seconds(stretch.begin, stretch.end), smoothed.filtered, log.motion)
     return _Judged(smoothed, covariances, *predict_rows(log, smoothed), smoothed_slope(log, smoothed))
 
 

@@ -29,7 +29,6 @@ def test_single_ranges_make_a_round_at_their_mean_time():
 
 def test_nothing_in_nothing_out():
     assert len(group_epochs(series([]), 0, ids(1, 2, 3), 0.1)) == 0
-    assert len(group_epochs(series([(0, 0, 1, 1.0)]), 0, ids(), 0.1)) == 0
 
 
 def test_anchor_ids_need_not_be_sorted():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import cholesky, expm
-from scipy.optimize import approx_fprime, least_squares
+from scipy.linalg import expm
+from scipy.optimize import approx_fprime
 
 from quadlog.positioning.track.kalman import (
     COVARIANCE,
@@ -79,20 +79,6 @@ def run(motion, t_s, first_row, anchor, range_m, weight, anchors_m=ANCHORS_M, ve
     return forward, (smoothed, smooth_covariances(t_s, filtered, motion))
 
 
-@BOTH
-def test_prediction_is_the_exact_integral_of_white_acceleration(motion):
-    rng = np.random.default_rng(0)
-    root = rng.standard_normal((5, 5))
-    root[2] *= motion.height_std_m
-    start = (1.0, 2.0, 1.4, 0.5, -0.25)
-    state, covariance = predict_state(start, packed(root @ root.T), 0.7, motion)
-    move = expm(rate_matrix() * 0.7)
-    height_m = HEIGHT_M + 0.5 * np.exp(-0.7 / HEIGHT_LASTS_S)
-    np.testing.assert_allclose(state, [1.35, 1.825, height_m, 0.5, -0.25])
-    expected = move @ root @ root.T @ move.T + process_noise(motion, 0.7)
-    np.testing.assert_allclose(unpacked(covariance), expected, atol=1e-12)
-
-
 def test_a_height_nothing_is_heard_of_keeps_its_std():
     _, covariance = predict_state(tuple(START.tolist()), packed(np.diag(START_STD[TALL] ** 2)), 500.0, TALL)
     assert unpacked(covariance)[2, 2] == pytest.approx(TALL.height_std_m**2)
@@ -152,34 +138,6 @@ def test_filter_and_smoother_are_the_batch_solution_of_the_linear_problem(motion
     if motion is FLAT:
         np.testing.assert_array_equal(states[:, 2], HEIGHT_M)
         assert not covariances[:, 2].any()
-
-
-@BOTH
-def test_smoother_is_close_to_the_batch_solution_of_the_true_problem(motion):
-    """Among the anchors the filter linearises on the way; scipy minimises all at once.
-
-    They agree to 2 mm, 5 with the height.
-    """
-    t_s, first_row, anchor, range_m, weight = uneven_log(7)
-    _, (states, _) = run(motion, t_s, first_row, anchor, range_m, weight)
-    instants, known = len(t_s), TRACKED[motion]
-    own = np.ix_(known, known)
-    whiten = [np.linalg.inv(cholesky(process_noise(motion, dt_s)[own], lower=True)) for dt_s in np.diff(t_s)]
-    moves = [expm(rate_matrix() * dt_s)[own] for dt_s in np.diff(t_s)]
-    instant = np.repeat(np.arange(instants), np.diff(first_row))
-    mean = np.array([0.0, 0.0, HEIGHT_M, 0.0, 0.0])[known]
-
-    def cost_terms(flat):
-        x = flat.reshape(instants, len(known))
-        start = (x[0] - START[known]) / START_STD[motion][known]
-        steps = [whiten[k] @ (x[k + 1] - mean - moves[k] @ (x[k] - mean)) for k in range(instants - 1)]
-        height_m = x[:, 2] if motion is TALL else np.full(instants, HEIGHT_M)
-        place_m = np.column_stack([x[:, :2], height_m])[instant]
-        predicted = np.linalg.norm(place_m - ANCHORS_M[anchor], axis=1)
-        return np.concatenate([start, *steps, np.sqrt(weight) * (range_m - predicted) / STD_M])
-
-    batch = least_squares(cost_terms, states[:, known].ravel(), method="trf").x.reshape(instants, len(known))
-    np.testing.assert_allclose(states[:, :2], batch[:, :2], atol=2e-3 if motion is FLAT else 5e-3)
 
 
 def test_an_update_in_three_dimensions_ends_where_the_cost_is_flat():

@@ -136,26 +136,6 @@ def test_a_turned_and_shifted_world_gives_the_turned_and_shifted_track(lab):
     np.testing.assert_allclose(there.z_m, here.z_m, atol=1e-4)
 
 
-def test_a_smoothed_track_is_the_same_backwards(lab):
-    """But for what the first fix adds at either end."""
-    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 9)
-    forth = track(lab, simulated, lab.SQUARE_M, smooth=True).track
-    t_ns = simulated.t_ns[0] + simulated.t_ns[-1] - simulated.t_ns[::-1]
-    flipped = simulated.range_m[::-1]
-    rows = replace(simulated.series, range_m=flipped.reshape(-1).copy())
-    reverse = replace(
-        simulated,
-        t_ns=t_ns,
-        position_m=simulated.position_m[::-1],
-        range_m=flipped,
-        series=replace(rows, t_ns=np.repeat(t_ns, 4)),
-    )
-    back = track(lab, reverse, lab.SQUARE_M, smooth=True).track
-    inner = slice(60, -60)
-    np.testing.assert_allclose(back.position_m[::-1][inner], forth.position_m[inner], atol=3e-3)
-    np.testing.assert_allclose(-back.velocity_mps[::-1][inner], forth.velocity_mps[inner], atol=0.02)
-
-
 HEIGHTS_M = np.array([[0.0, 0.0, 0.3], [8.0, 0.0, 2.6], [8.0, 7.0, 0.4], [0.0, 7.0, 2.5]])
 
 
@@ -188,21 +168,3 @@ def test_a_height_the_anchors_cannot_see_stays_as_it_was_told(lab):
     np.testing.assert_allclose(got.z_m, lab.TAG_HEIGHT_M, atol=0.05)
     assert got.z_std_m.min() > 0.03
     assert got.z_std_m.max() <= 0.13
-
-
-def test_nothing_to_track(lab):
-    none = np.empty(0, dtype=np.int64)
-    tracked = track_ranges(
-        none,
-        none,
-        np.empty(0),
-        lab.SQUARE_M,
-        0.6,
-        none,
-        np.empty((0, 2)),
-        range_std_m=0.1,
-        acceleration_std_mps2=1.0,
-        smooth=True,
-    )
-    assert len(tracked.track) == 0
-    assert tracked.track.covariance_m2.shape == (0, 2, 2)
