@@ -19,7 +19,7 @@ from quadlog.pipelines.stages.tag_errors import (
     roles_of,
 )
 from quadlog.pipelines.stages.uwb import anchors_of, located_warnings, settings_of, tags_of
-from quadlog.positioning.anchor_survey import SurveyCheck, TagEpochs, check_survey
+from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
@@ -64,7 +64,7 @@ def uwb_diagnostics(
     return found, [*streams.warnings, *located_warnings(located, config, first_ns), *places]
 
 
-def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyCheck:
+def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyFaults:
     """The check, by all tags that were located."""
     logs = [
         TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
@@ -73,14 +73,14 @@ def check_located(located: Located, anchors: Anchors, settings: LocateSettings) 
     return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
 
 
-def survey_warnings(check: SurveyCheck, anchors: Anchors) -> list[str]:
+def survey_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
     """A line for each thing that seems to be wrong; several are alternatives."""
     ids = anchors.ids.tolist()
-    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in check.swapped]
-    for steps in check.turned:
+    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
+    for steps in faults.turned:
         texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
-    for shifted in check.shifted:
-        x_m, y_m = shifted.place_m
+    for shifted in faults.shifted:
+        x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
         texts.append(
             f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
             f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
@@ -120,7 +120,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
 def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
-    major_m, minor_m, _ = ellipse_95(fixes.covariance_m2[solved])
+    major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])
     row = {
         "tag": result.tag,
         "role": role,

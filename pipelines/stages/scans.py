@@ -26,8 +26,7 @@ from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.range_image_method import RangeImageSettings
 from quadlog.lidar.ransac_plane import GroundPlane
 from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.mapping.compact import CompactSettings, ScanCompactor, reach_of
-from quadlog.mapping.obstacles import ObstacleSettings
+from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.pipelines.stages.tilt import Tilt
 from quadlog.storage.atomic_write import part_prefix

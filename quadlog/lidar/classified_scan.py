@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, Self
 
@@ -26,23 +26,11 @@ class PointClass(IntEnum):
     OBSTACLE = 4
 
 
-def columns_of(xyz_m: Float) -> tuple[Float32, Float32, Float32]:
-    """x, y and z (N,) of points (N, 3), float32 and each side by side in memory; no copy where they lie so already.
-
-    That is how decoders make them: compiled loops over them become vector instructions.
-    """
-    # What is beyond float32 is infinity, which is no return.
-    with np.errstate(over="ignore", invalid="ignore"):
-        x_m, y_m, z_m = np.ascontiguousarray(xyz_m.T, dtype=np.float32)
-    return x_m, y_m, z_m
-
-
 def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
     """Which of the points (N, 3), in the lidar's frame, are returns: (N,) bool.
 
-    Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number.
-    One of these left in disables the statistical filter or pulls the ground
-    plane through the sensor, so all go before anything is computed.
+    Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number. One of these left in disables the
+    statistical filter or pulls the ground plane through the sensor, so all go before anything is computed.
     """
     return _valid_points(xyz_m, float(min_range_m), float(max_range_m))
 
@@ -60,13 +48,13 @@ def _valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArr
     return valid
 
 
-def in_field_of_view(xyz_base_m: Float, field_of_view_deg: float) -> NDArray[np.bool_]:
-    """Which of the points (N, 3) lie within a fan of field_of_view_deg about base's x axis: (N,) bool. [Following]"""
+def in_field_of_view(x_m: Float, y_m: Float, field_of_view_deg: float) -> NDArray[np.bool_]:
+    """Which of the points x, y (N,) of base lie within a fan of field_of_view_deg about its x axis. [Following]"""
     if field_of_view_deg >= 360:
-        return np.ones(len(xyz_base_m), dtype=np.bool_)
+        return np.ones(len(x_m), dtype=np.bool_)
     half_rad = np.deg2rad(field_of_view_deg) / 2
     # |azimuth| <= half  <=>  sin(half - |azimuth|) >= 0, multiplied by the range: no arctan for every point.
-    inside: NDArray[np.bool_] = np.sin(half_rad) * xyz_base_m[:, 0] >= np.cos(half_rad) * np.abs(xyz_base_m[:, 1])
+    inside: NDArray[np.bool_] = np.sin(half_rad) * x_m >= np.cos(half_rad) * np.abs(y_m)
     return inside
 
 
@@ -96,44 +84,6 @@ class ClassifiedScan:
     ground: GroundPlane | None
     height_m: Float32
     route: Route
-    _counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        # Once for all who ask: a table's row, the maps, the counts of the run.
-        object.__setattr__(self, "_counts", np.bincount(self.label, minlength=len(PointClass)))
-
-    @property
-    def n_raw(self) -> int:
-        """Points as they came."""
-        return len(self.label)
-
-    @property
-    def n_valid(self) -> int:
-        """Points that are finite, not (0, 0, 0) and in range, cropped ones included."""
-        return self.n_raw - self._count(PointClass.INVALID)
-
-    @property
-    def n_outlier(self) -> int:
-        """Points without neighbours."""
-        return self._count(PointClass.OUTLIER)
-
-    @property
-    def n_ground(self) -> int:
-        """Points on the ground."""
-        return self._count(PointClass.GROUND)
-
-    @property
-    def n_obstacle(self) -> int:
-        """Points that are left."""
-        return self._count(PointClass.OBSTACLE)
-
-    @property
-    def shows_nothing(self) -> bool:
-        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
-        return self.n_ground + self.n_obstacle < FEWEST_RETURNS
-
-    def _count(self, wanted: PointClass) -> int:
-        return int(self._counts[wanted])
 
 
 def height_without_ground(z_base_m: Float32, lidar_z_m: float) -> Float32:
@@ -155,14 +105,13 @@ def cropped_to_base(
 ) -> tuple[Float, NDArray[np.uint8]]:
     """Points (N, 3) moved to base, NaN where invalid, and (N,) labels INVALID, CROPPED, or OBSTACLE for the rest.
 
-    OBSTACLE is what a point is until a filter says otherwise: whatever no
-    filter explains must end in the map.
+    OBSTACLE is what a point is until a filter says otherwise: whatever no filter explains must end in the map.
     """
     valid = valid_points(xyz_lidar_m, min_range_m, max_range_m)
     xyz_base_m = _transformed(xyz_lidar_m, valid, np.asarray(transform_lidar_to_base, dtype=np.float64))
     label = np.full(len(xyz_lidar_m), PointClass.OBSTACLE, dtype=np.uint8)
     # An invalid point's azimuth is NaN and lies in no field of view: it is labelled last.
-    label[~in_field_of_view(xyz_base_m, field_of_view_deg)] = PointClass.CROPPED
+    label[~in_field_of_view(xyz_base_m[:, 0], xyz_base_m[:, 1], field_of_view_deg)] = PointClass.CROPPED
     label[~valid] = PointClass.INVALID
     return xyz_base_m, label
 
@@ -213,7 +162,7 @@ class ClassifiedReturns:
     @classmethod
     def of_points(cls, scan: ClassifiedScan, lidar_base_m: Float, slot: NDArray[np.uint8], slots: Slots) -> Self:
         """The points (N, 3) of a scan that no image holds; slot: (N,)."""
-        x_m, y_m, z_m = columns_of(scan.xyz_base_m)
+        x_m, y_m, z_m = np.ascontiguousarray(scan.xyz_base_m.T)
         dx_m, dy_m = x_m - np.float32(lidar_base_m[0]), y_m - np.float32(lidar_base_m[1])
         arrays = dx_m, dy_m, z_m, scan.height_m, scan.label, slot
         counts = np.bincount(scan.label, minlength=len(PointClass))

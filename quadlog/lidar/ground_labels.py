@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.classified_scan import PointClass, in_field_of_view
 from quadlog.lidar.ground_columns import ColumnWalk
 from quadlog.lidar.isolation_filter import Isolated, supported
 from quadlog.lidar.range_image import Image
@@ -59,11 +59,6 @@ class GroundProfile:
         """
         outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
         _profile(ground, distance_m, z_m, float(floor_m), *outward, self._sums, self.height_m)
-
-    def height_at(self, column: int, distance_m: float) -> float:
-        """The ground's height at a distance in a column, between its sector's middle and the next."""
-        table = self.height_m.reshape(-1), self.first, self.second, self.across
-        return float(profile_height(*table, column, np.float32(distance_m)))
 
 
 def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_xy_m: Float) -> Float:
@@ -206,12 +201,9 @@ def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile:
 def crop_to_view(image: Image, lidar_xy_m: tuple[float, float], field_of_view_deg: float, counts: Int) -> None:
     """Label CROPPED what lies beside a fan about base's x axis, and correct counts. [Following]"""
     n = image.rows * image.columns + image.n_others
-    half_rad = np.deg2rad(field_of_view_deg) / 2
     x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
     label = image.label[:n]
-    # |azimuth| <= half  <=>  sin(half - |azimuth|) >= 0, multiplied by the range.
-    inside = np.sin(half_rad) * x_m >= np.cos(half_rad) * np.abs(y_m)
-    label[~inside & (label != _INVALID)] = _CROPPED
+    label[~in_field_of_view(x_m, y_m, field_of_view_deg) & (label != _INVALID)] = _CROPPED
     n_invalid = counts[_INVALID]
     counts[:] = np.bincount(label, minlength=len(counts))
     counts[_INVALID] = n_invalid

@@ -26,9 +26,8 @@ _FAR_OFF_M = np.float32(-1e6)
 def supported(range_m: Float32, columns: int, layers: int, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
-    The line is what ground looks like far away, where the range changes
-    fast along the beam. range_m: (2, rows * columns) of `Image`, of which
-    `layers` are looked at; the cell's own two returns do not count.
+    The line is what ground looks like far away, where the range changes fast along the beam. range_m: (2, rows *
+    columns) of `Image`, of which `layers` are looked at; the cell's own two returns do not count.
     """
     rows = range_m.shape[1] // columns
     near_m = NEAR_M + NEAR_PER_M * r

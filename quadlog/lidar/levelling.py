@@ -1,11 +1,9 @@
 """How the robot's body is tilted at the instant of a scan, so that up is up when its points are judged.
 
-[Following] turns a point by roll and pitch before the heading. Only the
-direction that is up in the body matters for that, and it is interpolated: it
-knows no heading, so an IMU whose north is anywhere serves as well.
+[Following] turns a point by roll and pitch before the heading. Only the direction that is up in the body matters for
+that, and it is interpolated: it knows no heading, so an IMU whose north is anywhere serves as well.
 
-What this cannot see: an IMU whose mount is tilted by a degree or two, and not
-in tf, tilts every scan by as much.
+What this cannot see: an IMU whose mount is tilted by a degree or two, and not in tf, tilts every scan by as much.
 """
 
 from __future__ import annotations

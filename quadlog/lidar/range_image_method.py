@@ -159,9 +159,8 @@ class RangeImageClassifier:
     ) -> tuple[_Space, Route, Beams, Laid] | None:
         """The scan in an image of its beams; None where it shows none."""
         known, upright, n = self._known, bool(transforms[0, 2, 2] > 0), len(xyz_m[0])
-        has_rings = ring is not None and len(ring) == n
-        key = ring if ring is not None and has_rings else self._no_key
-        alike = known is not None and (known.upright, known.has_rings) == (upright, has_rings)
+        key = self._no_key if ring is None else ring
+        alike = known is not None and (known.upright, known.has_rings) == (upright, ring is not None)
         if known is not None and alike and known.scans_left > 0 and abs(n - known.n_points) <= known.n_points // 4:
             known.scans_left -= 1
             phase, strangers = phase_and_strangers(xyz_m, key, known.beams, self._settings.ranges_m)
@@ -171,7 +170,7 @@ class RangeImageClassifier:
                 space.image.lay(*laid)
                 if _share(space.image.n_others, n) <= known.others_share + _CHANGED_SHARE:
                     return space, known.route, known.beams, laid
-        return self._look_for_beams(xyz_m, ring if has_rings else None, slot, transforms)
+        return self._look_for_beams(xyz_m, ring, slot, transforms)
 
     def _look_for_beams(
         self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
@@ -184,7 +183,7 @@ class RangeImageClassifier:
             route, beams = "elevations", beams_by_elevation(polar, upright)
         if beams is None:
             return None
-        key = ring if ring is not None else self._no_key
+        key = self._no_key if ring is None else ring
         phase, strangers = phase_and_strangers(xyz_m, key, beams, self._settings.ranges_m)
         space = self._space_for(beams, n)
         laid = xyz_m, key, slot, beams, _turning(transforms), self._settings.ranges_m, phase

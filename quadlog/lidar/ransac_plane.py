@@ -1,9 +1,7 @@
 """The ground as one plane, found by RANSAC [Following].
 
-Written here and not taken from Open3D, whose threads share one "best plane
-so far" and stop on it: which planes it tries depends on how they are
-scheduled, and the same seed must give the same map. Open3D is the test's
-oracle instead.
+Written here and not taken from Open3D, whose threads share one "best plane so far" and stop on it: which planes it
+tries depends on how they are scheduled, and the same seed must give the same map. Open3D is the test's oracle instead.
 """
 
 from __future__ import annotations
@@ -48,12 +46,10 @@ def fit_ground(
 ) -> GroundPlane | None:
     """The plane with the most of the finite points (N, 3) within distance_m, or None. [Following]
 
-    N planes through three points each are tried, N from the confidence and
-    the least inlier share expected, and lowered when a plane turns out to
-    hold a larger share. The best is fitted to its inliers by least squares;
-    `Ground.inliers` are the points within distance_m of the fitted plane.
-    None when fewer than min_points points are given, or lie on the plane, or
-    when no three points span one.
+    N planes through three points each are tried, N from the confidence and the least inlier share expected, and lowered
+    when a plane turns out to hold a larger share. The best is fitted to its inliers by least squares;
+    `GroundPlane.inliers` are the points within distance_m of the fitted plane. None when fewer than min_points points are given, or lie on
+    the plane, or when no three points span one.
     """
     if len(xyz_m) < max(min_points, 3):
         return None

@@ -1,14 +1,12 @@
 """Statistical outliers as the papers remove them: points farther from their nearest neighbours than most.
 
-A k-d tree whose leaves hold a few more points than are looked for. All points
-of a leaf share one list of the leaves near it; each point then measures its
-distance to every point of the few leaves its own ball touches, and takes the
-smallest. Nothing is estimated: guesses decide where to look first, and a
-guess that was too small is enlarged until enough points lie within it.
+A k-d tree whose leaves hold a few more points than are looked for. All points of a leaf share one list of the leaves
+near it; each point then measures its distance to every point of the few leaves its own ball touches, and takes the
+smallest. Nothing is estimated: guesses decide where to look first, and a guess that was too small is enlarged until
+enough points lie within it.
 
-What makes it faster than a general library's search of one point after the
-other: distances to a whole leaf, and how many are below a limit, are loops
-without branches, which the compiler turns into vector instructions.
+What makes it faster than a general library's search of one point after the other: distances to a whole leaf, and how
+many are below a limit, are loops without branches, which the compiler turns into vector instructions.
 """
 
 from __future__ import annotations
@@ -31,10 +29,9 @@ MARGIN = 1.1
 def mean_neighbour_distances(xyz_m: Float, neighbours: int) -> Float:
     """Mean distance (N,) of each finite point (N, 3) to its `neighbours` nearest others.
 
-    Exact but for the rounding of the sum, whatever the cloud looks like;
-    coordinates may not exceed 1e150, whose squares overflow. Takes a few
-    hundred nanoseconds a point and memory for a few copies of the cloud.
-    Raises ValueError when there are not more than `neighbours` points, or neighbours < 1.
+    Exact but for the rounding of the sum, whatever the cloud looks like; coordinates may not exceed 1e150, whose
+    squares overflow. Takes a few hundred nanoseconds a point and memory for a few copies of the cloud. Raises
+    ValueError when there are not more than `neighbours` points, or neighbours < 1.
     """
     if not 1 <= neighbours < len(xyz_m):
         raise ValueError(f"{len(xyz_m)} points do not have {neighbours} neighbours each")
@@ -293,15 +290,13 @@ ROUNDING = 1e-12
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:
     """Which of the finite points (N, 3) are outliers: (N,) bool. [Following]
 
-    D_i is the mean distance to the nearest `neighbours` points, the point
-    itself excluded; a point stays when D_i <= mu + std_ratio * sigma over the
-    whole cloud (sigma with N - 1). A cloud of no more than `neighbours`
-    points has no such D_i and no outliers.
+    D_i is the mean distance to the nearest `neighbours` points, the point itself excluded; a point stays when D_i <= mu
+    + std_ratio * sigma over the whole cloud (sigma with N - 1). A cloud of no more than `neighbours` points has no such
+    D_i and no outliers.
 
-    Open3D's filter finds the same set and is the tests' oracle, but on two
-    kinds of clouds where it departs from the definition, because it keeps
-    0 < D_i < mu + std_ratio * sigma: it removes points with enough exact
-    duplicates, and all points when their D_i are equal.
+    Open3D's filter finds the same set and is the tests' oracle, but on two kinds of clouds where it departs from the
+    definition, because it keeps 0 < D_i < mu + std_ratio * sigma: it removes points with enough exact duplicates, and
+    all points when their D_i are equal.
     """
     if len(xyz_m) <= neighbours:
         return np.zeros(len(xyz_m), dtype=np.bool_)

@@ -30,8 +30,8 @@ class AccumulatedMap:
     skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
     """
 
-    def __init__(self, cell_m: float, most_cells: int = MOST_CELLS) -> None:
-        self._lattice = GrowingLattice(cell_m, {"hits": np.int32, "passes": np.int32}, most_cells)
+    def __init__(self, cell_m: float) -> None:
+        self._lattice = GrowingLattice(cell_m, {"hits": np.int32, "passes": np.int32})
         self.skipped = 0
 
     def add(self, window: Window, placed: PlacedScan, below_mm: int) -> None:
@@ -98,9 +98,9 @@ class GroundHeight:
     skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
     """
 
-    def __init__(self, cell_m: float, most_cells: int = MOST_CELLS // 4) -> None:
+    def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
-        self._lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, most_cells)
+        self._lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, MOST_CELLS // 4)
         self._cells, self._bounds = np.zeros((0, 2), np.int64), np.zeros(4, np.int64)
         self.skipped = 0
 

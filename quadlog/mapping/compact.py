@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedReturns, PointClass
 from quadlog.lidar.ransac_plane import is_level
-from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.mapping.ray_tracing import RayGatherer, Rays
 from quadlog.messages import Float, Float32, Int
 
@@ -43,12 +42,27 @@ def reach_of(cell_m: float, size_cells: int) -> float:
 
 
 @dataclass(frozen=True, slots=True)
+class ObstacleSettings:
+    """Which points of a classified scan block the robot.
+
+    min_height_m, max_height_m: above the ground; lower and higher points do not block.
+    body_length_m, body_width_m, body_margin_m: points in this box about base's origin are the robot.
+    """
+
+    min_height_m: float = 0.05
+    max_height_m: float = 1.5
+    body_length_m: float = 0.62
+    body_width_m: float = 0.26
+    body_margin_m: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
 class CompactSettings:
     """What is kept of a scan.
 
     blocking: what counts as an obstacle. reach_m: what lies farther from the lidar is in no window. highest_m: how
     high above the ground rays still matter. ground_cell_m: edge of the cells over which ground returns are averaged.
-    counts: whether it matters how many points hit a cell. thin_m: as THIN_M.
+    counts: whether it matters how many points hit a cell.
     """
 
     blocking: ObstacleSettings
@@ -56,7 +70,6 @@ class CompactSettings:
     highest_m: float = 1.6
     ground_cell_m: float = 0.2
     counts: bool = False
-    thin_m: float = THIN_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +161,7 @@ class ScanCompactor:
         place = returns.lidar_base_m
         limits = np.array(
             [*place, *self._half_body_m, blocking.min_height_m, blocking.max_height_m, settings.reach_m,
-             1 / max(settings.thin_m, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
+             1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
              1 / self._unit_m], np.float32
         )  # fmt: skip
         arrays = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
@@ -209,7 +222,7 @@ def _keep_obstacles(
     count: UInt8,
     obstacle_slot: UInt8,
 ) -> int:
-    """One of the points that block in each cell of thin_m, with the greatest height of them.
+    """One of the points that block in each cell of THIN_M, with the greatest height of them.
 
     Of neighbours in a row that lie in one cell only the first is looked at, unless it matters how many there are.
     table: (2, power of two), which item was kept last of the cells that share a place in it; of two such cells that
@@ -250,7 +263,7 @@ def _keep_obstacles(
 def _thin_cells(
     size: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, limits: Float32, key: NDArray[np.int32]
 ) -> None:
-    """The cell of thin_m of every point that blocks, _NOWHERE of all others."""
+    """The cell of THIN_M of every point that blocks, _NOWHERE of all others."""
     x0, y0, half_length, half_width = limits[_X], limits[_Y], limits[_HALF_LENGTH], limits[_HALF_WIDTH]
     lowest, highest, per_thin = limits[_LOWEST], limits[_HIGHEST], limits[_PER_THIN]
     farthest = limits[_REACH] * limits[_REACH]

@@ -30,10 +30,9 @@ class Escape(NamedTuple):
 def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> Escape | None:
     """The nearest unblocked cell along a way that crosses no occupied cell; the start itself when it is not blocked.
 
-    `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a
-    diagonal one needs both cells beside it unoccupied, as in planning. The
-    robot's own cell counts as free even if something was seen in it: it
-    stands there. None when the start lies outside the grid or is walled in.
+    `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a diagonal one needs both cells beside it
+    unoccupied, as in planning. The robot's own cell counts as free even if something was seen in it: it stands there.
+    None when the start lies outside the grid or is walled in.
     """
     rows, cols = blocked.shape
     col, row = start_cell

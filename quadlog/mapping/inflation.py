@@ -38,9 +38,8 @@ def _reach(occupied: Grid, radius_cells: float) -> int:
 def _stamp(occupied: Grid, half_widths: Int) -> Grid:
     """Grow by a shape, symmetric and convex, given by its half width in the rows 0, 1, ... away from its middle.
 
-    The grid is widened by one cell at a time, and what every row of the shape
-    has widened is moved up and down to where that row lies. Within a frame of
-    free cells, a move along the flat array leaves no row by more than the frame.
+    The grid is widened by one cell at a time, and what every row of the shape has widened is moved up and down to where
+    that row lies. Within a frame of free cells, a move along the flat array leaves no row by more than the frame.
     """
     reach = len(half_widths) - 1
     framed = np.zeros((occupied.shape[0] + 2 * reach, occupied.shape[1] + 2 * reach), dtype=np.bool_)

@@ -14,11 +14,11 @@ from quadlog.mapping.placing import NO_TOP, PlacedScan
 
 Int16 = NDArray[np.int16]
 
-HIT_S = 0.2
+_HIT_MS = np.int16(200)
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
 LONGEST_STEP_S = 0.2
 """A gap between scans says nothing: it contradicts no longer than this."""
-_HIT_MS, _LONGEST_MS = np.int16(200), 32000
+_LONGEST_MS = 32000
 _SAME_HEIGHT_MM = np.int16(1)
 # So much higher than what a cell has held so far is something else, above it.
 _STACKED_MM = np.int16(150)
@@ -68,12 +68,10 @@ class DecayMemory:
 class LogOddsMemory:
     """A cell stays occupied until rays have crossed it below the top of what stood there for long enough.
 
-    Log odds with a floor at "free" and a ceiling, in milliseconds of contradicting
-    sight: a hit adds HIT_S up to clear_s, a scan that sees through takes the
-    time since the scan before. So what is out of sight stays, and what has
-    moved away is gone clear_s after it was seen to be, at any scan rate.
-    A ray that passes above a low obstacle does not contradict it; one that
-    passes where it was hit does, or a scan in a plane would never clear.
+    Log odds with a floor at "free" and a ceiling, in milliseconds of contradicting sight: a hit adds _HIT_MS up to
+    clear_s, a scan that sees through takes the time since the scan before. So what is out of sight stays, and what has
+    moved away is gone clear_s after it was seen to be, at any scan rate. A ray that passes above a low obstacle does
+    not contradict it; one that passes where it was hit does, or a scan in a plane would never clear.
     A cell holds two things, one above the other, each with its own evidence: what was seen twice and is
     then overtopped, as a crate by a person who steps over it, outlasts what has been above it. The height of the lower
     one falls to that of the rays that pass above it while it is hit.

@@ -65,9 +65,8 @@ class RayGatherer:
         """The rays of a scan that end on the ground or on an obstacle, but not on the robot; overwritten by the next.
 
         half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
-        off, or higher above the ground, does not matter.
-        Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called
-        crossed only where all agree.
+        off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest
+        and flattest of them, so that a cell is called crossed only where all agree.
         """
         n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
         if len(self._place) < width:

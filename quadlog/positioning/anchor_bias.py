@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
-from quadlog.positioning.epochs import Epochs
+from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fix.least_squares import invert_normal
 from quadlog.positioning.fix.trilateration import solve_gauss_newton
 from quadlog.positioning.track.range_log import log_ranges, walker
@@ -58,11 +58,10 @@ def solve_shared_errors(
 ) -> SharedErrors:
     """The biases, and the places of the anchors in moving (M,), that fit ranges (E, A) to anchors (A, 3) best.
 
-    weight: (E, A) in 1/m^2, zero where there is no range. position_m: (E, 3)
-    where the fixes start; free_axes is 2 where its heights are given, 3 where
-    the ranges had to tell them too. prior: (K, K) information about a zero.
-    Fixing and averaging residuals in turn creeps, because a fix absorbs most of
-    a bias; here the fixes are eliminated from the normal equations.
+    weight: (E, A) in 1/m^2, zero where there is no range. position_m: (E, 3) where the fixes start; free_axes is 2
+    where its heights are given, 3 where the ranges had to tell them too. prior: (K, K) information about a zero. Fixing
+    and averaging residuals in turn creeps, because a fix absorbs most of a bias; here the fixes are eliminated from the
+    normal equations.
     """
     n_links, placed_m, place_m = len(anchors_m), anchors_m.copy(), position_m.T.copy()
     value, range_m, weight = np.zeros(len(prior)), np.ascontiguousarray(range_m.T), np.ascontiguousarray(weight.T)
@@ -91,10 +90,9 @@ def bias_covariance_at(anchors_m: Float, weight: Float, position_m: Float, free_
 def scatter_covariances(errors: SharedErrors, weight: Float) -> Float:
     """(len(BLOCKS), K, K) covariances of shared errors from how the gradient scatters between blocks of the log.
 
-    UWB errors persist in a place, so white noise would promise too much. An
-    error of a whole block moves the estimate by the slope of weight times
-    residual, which for `weigh_by_lateness` is 4 w^1.5 - 3 w of w's largest:
-    more than the weights alone would say, because trust falls with the error.
+    UWB errors persist in a place, so white noise would promise too much. An error of a whole block moves the estimate
+    by the slope of weight times residual, which for `weigh_by_lateness` is 4 w^1.5 - 3 w of w's largest: more than the
+    weights alone would say, because trust falls with the error.
     """
     share = weight / max(weight.max(initial=0.0), 1e-300)
     slope = np.sum(4 * share**1.5 - 3 * share) / max(share.sum(), 1e-300)
@@ -122,9 +120,15 @@ def weigh_by_lateness(residual_m: Float, range_std_m: float) -> Float:
     both sides, since trimming one side only would shift what is estimated.
     """
     off_m = residual_m - column_medians(residual_m)
-    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
-    weight = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+    weight = redescending_weights(off_m, range_std_m)
     return np.where(np.isfinite(weight), weight, 0.0)
+
+
+def redescending_weights(off_m: Float, range_std_m: float) -> Float:
+    """Weights in 1/m^2 of what ranges are off by, by the std that their median shows, range_std_m at least."""
+    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
+    weight: Float = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+    return weight
 
 
 def column_medians(values: Float) -> Float:
@@ -143,11 +147,9 @@ def _eliminate_fixes(
 ) -> _Equations:
     """The normal equations at place_m (3, E) and anchors_m (A, 3), for ranges and weights (A, E).
 
-    With W the weights, U the directions of an epoch and G what the shared
-    errors do to its ranges, the fix moves by F (r - G dv), F = (U^T W U)^-1 U^T W.
-    That leaves the gradient R r and the information R G with the reach
-    R = G^T (W - W U F). Epochs that their weights leave without a sharp fix do
-    not count.
+    With W the weights, U the directions of an epoch and G what the shared errors do to its ranges, the fix moves by F
+    (r - G dv), F = (U^T W U)^-1 U^T W. That leaves the gradient R r and the information R G with the reach R = G^T (W -
+    W U F). Epochs that their weights leave without a sharp fix do not count.
     """
     offset_m = place_m[:, None, :] - anchors_m.T[:, :, None]
     distance_m = np.maximum(np.sqrt((offset_m**2).sum(axis=0)), 1e-9)
@@ -240,16 +242,12 @@ def estimate_anchor_bias(
 ) -> AnchorBias:
     """Biases of one tag's links to anchors (A, 3), without any truth.
 
-    In turn: the smoothed track tells which ranges are off their link's usual
-    residual (NLOS), and the others tell the biases. One epoch of three ranges
-    could not tell the two apart; time can. The std covers white noise, errors
-    that persist for as long as a fifth of the log, and late ranges that pass
-    for a bias, not errors that last all of it. Nor is it better than what the
-    geometry of the uncorrected track allows: a wrong bias bends a track, and
-    a bent one seems to tell more. A tag that stands still shows no bias, and
-    the std says so. With tag_height_std_m above zero the height is tracked, and
-    every fix is free in space: a height that were held would pass its error on
-    to the biases.
+    In turn: the smoothed track tells which ranges are off their link's usual residual (NLOS), and the others tell the
+    biases. One epoch of three ranges could not tell the two apart; time can. The std covers white noise, errors that
+    persist for as long as a fifth of the log, and late ranges that pass for a bias, not errors that last all of it. Nor
+    is it better than what the geometry of the uncorrected track allows: a wrong bias bends a track, and a bent one
+    seems to tell more. A tag that stands still shows no bias, and the std says so. With tag_height_std_m above zero the
+    height is tracked, and every fix is free in space: a height that were held would pass its error on to the biases.
     """
     chosen = _usable_epochs(epochs, anchors_m, tag_height_m, range_std_m)
     n = np.isfinite(chosen.range_m).sum(axis=0).astype(np.int64)
@@ -285,8 +283,7 @@ def _worth_applying(bias_m: Float, std_m: Float, n: Int) -> np.ndarray:
 
 def _usable_epochs(epochs: Epochs, anchors_m: Float, tag_height_m: float, range_std_m: float) -> Epochs:
     """Epochs that have a fix, thinned evenly: neighbours say the same, and time stays bounded."""
-    enough = np.flatnonzero(np.isfinite(epochs.range_m).sum(axis=1) >= 3)
-    enough = enough[:: max(1, -(-len(enough) // MAX_EPOCHS))]
+    enough = thin_rows(np.isfinite(epochs.range_m).sum(axis=1) >= 3, MAX_EPOCHS)
     fixes = solve_gauss_newton(anchors_m, epochs.range_m[enough], tag_height_m, range_std_m, np.inf)
     chosen = enough[fixes.solved]
     return Epochs(epochs.t_ns[chosen], epochs.last_ns[chosen], epochs.range_m[chosen])

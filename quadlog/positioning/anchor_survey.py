@@ -1,26 +1,26 @@
-"""Anchors whose ids or places were exchanged, found from the ranges of a log alone."""
+"""Anchors that are exchanged or displaced in the survey, found from the ranges of a log alone."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, takewhile
 
 import numpy as np
 
 from quadlog.geometry import seconds_since
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.positioning.anchor_bias import (
-    HALF_TRUST_STD,
     SharedErrors,
     column_medians,
+    redescending_weights,
     scatter_covariances,
     solve_shared_errors,
     track_epochs,
     wander_covariance,
     weigh_by_lateness,
 )
-from quadlog.positioning.epochs import Epochs
+from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fix.trilateration import solve_gauss_newton
 
 MIN_RANGES = 4
@@ -46,26 +46,14 @@ class TagEpochs:
     height_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Exchanges:
-    """Which exchanges explain a log better than the configured order; one is true, where there are several.
+def find_exchanges(
+    logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float
+) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...], float]:
+    """Swapped pairs and turned steps, as in SurveyFaults, that explain logs better than anchors (A, 3) as configured.
 
-    swapped: pairs of anchors, as indices, i < j.
-    turned: steps k, where what is named anchor i fits the place of anchor i + k, around the list.
-    misfit: of the best of them, or of the configured order where there is none.
-    """
-
-    swapped: tuple[tuple[int, int], ...]
-    turned: tuple[int, ...]
-    misfit: float
-
-
-def find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> Exchanges:
-    """Whether two anchors of (A, 3) were exchanged, or all are named by a neighbour's id.
-
-    Every pair and every step is tried on thinned epochs of four ranges or more.
-    A symmetric layout hides exchanges: those that mirror or turn it onto itself
-    fit as well as the truth, and neither is named.
+    The third value is the misfit of the best of them, or of the configured order where there is none. Every pair and
+    every step is tried on thinned epochs of four ranges or more. A symmetric layout hides exchanges: those that mirror
+    or turn it onto itself fit as well as the truth, and neither is named.
     """
     index = np.arange(len(anchors_m))
     heard = np.flatnonzero(sum(np.isfinite(log.epochs.range_m).any(axis=0) for log in logs))
@@ -76,9 +64,9 @@ def find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: flo
     misfits = np.array([layout_misfit(logs, anchors_m[order], range_std_m) for order in orders])
     best = float(misfits.min())
     if best > CLEARLY_BETTER * misfits[0]:
-        return Exchanges((), (), float(misfits[0]))
+        return (), (), float(misfits[0])
     as_good = [int(i) for i in np.argsort(misfits, kind="stable") if CLEARLY_BETTER * misfits[i] <= best]
-    return Exchanges(
+    return (
         tuple(pairs[i - 1] for i in as_good if i <= len(pairs)),
         tuple(steps[i - 1 - len(pairs)] for i in as_good if i > len(pairs)),
         best,
@@ -88,11 +76,9 @@ def find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: flo
 def layout_misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> float:
     """Mean log(1 + (r / 2 std)^2) of what fixes of single epochs leave, each link's usual residual taken away.
 
-    NaN where no epoch has four ranges.
+    Some epoch must have four ranges.
     """
-    costs = [_epoch_costs(log, anchors_m, range_std_m) for log in logs]
-    cost = np.concatenate([np.empty(0), *costs])
-    return float(cost.mean()) if len(cost) else float("nan")
+    return float(np.concatenate([_epoch_costs(log, anchors_m, range_std_m) for log in logs]).mean())
 
 
 def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
@@ -102,12 +88,6 @@ def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
     off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
     cost = np.log1p((off_std / COST_STD) ** 2)
     return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])
-
-
-def thin_rows(usable: np.ndarray, most: int) -> Int:
-    """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
-    rows = np.flatnonzero(usable)
-    return rows[:: max(1, -(-len(rows) // most))]
 
 
 MAX_SHIFT_EPOCHS = 400
@@ -125,11 +105,12 @@ LATE_STD_M = 0.02
 
 @dataclass(frozen=True, slots=True)
 class AnchorShift:
-    """Where an anchor stands minus where it is configured.
+    """Where an anchor, by its index, stands minus where it is configured.
 
-    shift_m: (2,) in map, covariance_m2: (2, 2) of it; lasted_s: how long the tag heard it with enough others.
+    shift_m: (2,) in map, covariance_m2: (2, 2) of it; lasted_s: how long a tag heard it with enough others.
     """
 
+    anchor: int
     shift_m: Float
     covariance_m2: Float
     lasted_s: float
@@ -141,8 +122,19 @@ class AnchorShift:
 
     @property
     def widest_std_m(self) -> float:
-        """Its standard deviation in the direction that the log tells worst."""
+        """Standard deviation in the direction that is known worst."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance_m2)[-1]))
+
+    @property
+    def distance_m(self) -> float:
+        """The length of shift_m."""
+        return float(np.hypot(*self.shift_m))
+
+    @property
+    def distance_std_m(self) -> float:
+        """Standard deviation of that, along the displacement."""
+        along = self.shift_m / self.distance_m
+        return float(np.sqrt(along @ self.covariance_m2 @ along))
 
 
 def fit_anchor_shift(
@@ -150,10 +142,9 @@ def fit_anchor_shift(
 ) -> AnchorShift | None:
     """How far anchor, an index into anchors_m (A, 3), is off, judged by the track that the others give.
 
-    That track tells the weights and the first guess; then the displacement is
-    solved for together with the biases of all links, the fixes being free. None
-    without MIN_EPOCHS epochs in which three others were heard with it, and of a
-    tag that stood still.
+    That track gives the weights and the first guess; then the displacement is solved for together with the biases of
+    all links and the fixes. None without MIN_EPOCHS epochs in which three others were heard with it, and for a tag
+    that stood still.
     """
     heard = np.isfinite(log.epochs.range_m)
     rows = thin_rows(heard[:, anchor] & (heard.sum(axis=1) >= MIN_RANGES), MAX_SHIFT_EPOCHS)
@@ -168,8 +159,7 @@ def fit_anchor_shift(
         return track_epochs(unbiased, anchors_m[others], log.height_m, range_std_m, acceleration_std_mps2)
 
     def fit(place_m: Float, free_axes: int, shift_m: Float) -> tuple[SharedErrors, Float]:
-        placed_m = anchors_m.copy()
-        placed_m[anchor, :2] += shift_m
+        placed_m = _place(anchors_m, anchor, shift_m)
         residual_m = range_m - np.linalg.norm(place_m[:, None] - placed_m, axis=2)
         weight = weigh_by_lateness(residual_m, range_std_m)
         moving = np.array([anchor])
@@ -183,7 +173,7 @@ def fit_anchor_shift(
     for _ in range(ROUNDS - 1):
         errors, weight = fit(*track_without(errors.bias_m), errors.shift_m[0])
     t_s = seconds_since(t_ns, int(t_ns[0]))
-    return AnchorShift(errors.shift_m[0], _shift_covariance(errors, weight, t_s), float(t_s[-1]))
+    return AnchorShift(anchor, errors.shift_m[0], _shift_covariance(errors, weight, t_s), float(t_s[-1]))
 
 
 def _shift_covariance(errors: SharedErrors, weight: Float, t_s: Float) -> Float:
@@ -209,8 +199,7 @@ def _place_anchor(place_m: Float, anchor_m: Float, range_m: Float, range_std_m: 
         offset_m = place_m - anchor_m - np.append(value[:2], 0.0)
         distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-9)
         residual_m = range_m - distance_m - value[2]
-        std_m = max(range_std_m, 1.4826 * float(np.median(np.abs(residual_m))))
-        weight = 1 / (1 + (residual_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
+        weight = redescending_weights(residual_m, range_std_m)
         effect = np.column_stack([-offset_m[:, :2] / distance_m[:, None], np.ones(len(range_m))])
         pull = effect.T @ (weight * residual_m) - prior @ value
         step_m = np.linalg.solve((effect.T * weight) @ effect + prior, pull)
@@ -233,105 +222,51 @@ AS_LIKELY = 0.8
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftedAnchor:
-    """An anchor, by its index, that does not stand at its configured place.
+class SurveyFaults:
+    """What a log says against the survey of A anchors; anchors are indices into what was checked.
 
-    place_m: (2,) where it seems to stand in map; shift_m: (2,) that minus the configured place.
-    covariance_m2: (2, 2) of both.
-    """
-
-    anchor: int
-    place_m: Float
-    shift_m: Float
-    covariance_m2: Float
-
-    @property
-    def distance_m(self) -> float:
-        """How far it is from its configured place."""
-        return float(np.hypot(*self.shift_m))
-
-    @property
-    def distance_std_m(self) -> float:
-        """Standard deviation of that, along the displacement."""
-        along = self.shift_m / self.distance_m
-        return float(np.sqrt(along @ self.covariance_m2 @ along))
-
-
-@dataclass(frozen=True, slots=True)
-class SurveyCheck:
-    """What a log says about the survey of A anchors; anchors are indices into what was checked.
-
-    swapped: pairs whose ids or places were exchanged. turned: steps k, where what is named anchor i stands at
+    swapped: pairs i < j whose ids or places were exchanged. turned: steps k, where what is named anchor i stands at
     the place of anchor i + k, around the list. shifted: anchors at another place. At most one thing is wrong
     in all this: several entries are alternatives the ranges cannot tell apart, the likeliest first of its kind.
-    detectable_m: (A,) from what displacement on, in its worst direction, each anchor would have been reported;
-    infinite where it could not be checked. checked: displacements were looked for; reason: why not, else empty.
     """
 
-    swapped: tuple[tuple[int, int], ...]
-    turned: tuple[int, ...]
-    shifted: tuple[ShiftedAnchor, ...]
-    detectable_m: Float
-    checked: bool
-    reason: str
-
-    @property
-    def consistent(self) -> bool:
-        """Whether nothing speaks against the survey."""
-        return not (self.swapped or self.turned or self.shifted)
+    swapped: tuple[tuple[int, int], ...] = ()
+    turned: tuple[int, ...] = ()
+    shifted: tuple[AnchorShift, ...] = ()
 
 
 def check_survey(
     logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float, acceleration_std_mps2: float
-) -> SurveyCheck:
+) -> SurveyFaults:
     """Test anchors (A, 3) for an exchange of two, a renumbering of all, and one at a wrong place.
 
-    Ranges alone cannot tell a survey that is moved, turned or mirrored as a
-    whole, an exchange that a symmetric layout hides, a displacement from a bias
-    of half its size where the tag saw the anchor from one side only, or heights.
-    Three anchors contradict each other too rarely to be checked; four show that
-    something is wrong by half a metre, but accuse the right one only four times
-    in five. One fault is looked for at a time: set it right, and check again.
+    Ranges alone cannot tell a survey that is moved, turned or mirrored as a whole, an exchange that a symmetric layout
+    hides, a displacement from a bias of half its size where the tag saw the anchor from one side only, or heights.
+    Three anchors contradict each other too rarely to be checked; four show that something is wrong by half a metre,
+    but accuse the right one only four times in five. One fault is looked for at a time: set it right, and check again.
     """
-    reason = _why_unchecked(logs, anchors_m)
-    nowhere: Float = np.full(len(anchors_m), np.inf)
-    if reason:
-        return SurveyCheck((), (), (), nowhere, False, reason)
-    exchanges = find_exchanges(logs, anchors_m, range_std_m)
-    span_s = max(float(np.ptp(log.epochs.t_ns)) * 1e-9 for log in logs if len(log.epochs))
-    if span_s < MIN_LOG_S and not (exchanges.swapped or exchanges.turned):
-        return SurveyCheck((), (), (), nowhere, False, f"{span_s:.0f} s of ranges, {MIN_LOG_S:.0f} s are needed")
-    shifts = {}
+    full = [np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES for log in logs]
+    if max((int(each.sum()) for each in full), default=0) < MIN_EPOCHS:
+        return SurveyFaults()
+    swapped, turned, misfit = find_exchanges(logs, anchors_m, range_std_m)
+    exchanged = bool(swapped or turned)
+    if not exchanged and max(np.ptp(log.epochs.t_ns) for log in logs if len(log.epochs)) * 1e-9 < MIN_LOG_S:
+        return SurveyFaults()
+    shifts = []
     for anchor in range(len(anchors_m)):
         fits = [fit_anchor_shift(log, anchors_m, anchor, range_std_m, acceleration_std_mps2) for log in logs]
         found = [fit for fit in fits if fit is not None]
         if found:
-            shifts[anchor] = _combine(found)
-    if _exchange_explains(exchanges, shifts, logs, anchors_m, range_std_m):
-        return SurveyCheck(exchanges.swapped, exchanges.turned, (), nowhere, False, "exchanged anchors come first")
-
-    if not shifts:
-        return SurveyCheck((), (), (), nowhere, False, "the tags stood still")
-    longest_s = max(shift.lasted_s for shift in shifts.values())
-    if longest_s < MIN_LOG_S:
-        return SurveyCheck((), (), (), nowhere, False, f"{longest_s:.0f} s of ranges, {MIN_LOG_S:.0f} s are needed")
-    placed = {anchor: shift for anchor, shift in shifts.items() if shift.widest_std_m <= PLACED_STD_M}
-    if not placed:
-        return SurveyCheck((), (), (), nowhere, False, "the tags saw no anchor from enough sides")
-    detectable_m = nowhere.copy()
-    detectable_m[list(placed)] = [max(MATTERS_M, SIGNIFICANT_STD * shift.widest_std_m) for shift in placed.values()]
-    return SurveyCheck((), (), _name_shifted(placed, anchors_m), detectable_m, True, "")
-
-
-def _why_unchecked(logs: Sequence[TagEpochs], anchors_m: Float) -> str:
-    heard = sum(np.isfinite(log.epochs.range_m).any(axis=0).astype(int) for log in logs)
-    n_heard = int(np.count_nonzero(heard)) if len(logs) else 0
-    if n_heard < MIN_RANGES:
-        return f"{n_heard} of {len(anchors_m)} anchors were heard, {MIN_RANGES} are needed"
-    full = max(int((np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES).sum()) for log in logs)
-    if full < MIN_EPOCHS:
-        return f"{full} epochs have {MIN_RANGES} ranges, {MIN_EPOCHS} are needed"
-    return ""
+            shifts.append(_combine(found))
+    # A single displaced anchor, free to go anywhere, may explain more than the exchange does.
+    if exchanged and not any(
+        layout_misfit(logs, _place(anchors_m, shift.anchor, shift.shift_m), range_std_m) < CLEARLY_BETTER * misfit
+        for shift in shifts
+    ):
+        return SurveyFaults(swapped, turned)
+    if max((shift.lasted_s for shift in shifts), default=0.0) < MIN_LOG_S:
+        return SurveyFaults()
+    return SurveyFaults(shifted=_most_significant([shift for shift in shifts if shift.widest_std_m <= PLACED_STD_M]))
 
 
 def _combine(shifts: list[AnchorShift]) -> AnchorShift:
@@ -339,35 +274,19 @@ def _combine(shifts: list[AnchorShift]) -> AnchorShift:
     information = [np.linalg.inv(shift.covariance_m2) for shift in shifts]
     total = np.sum(information, axis=0)
     mean_m = np.linalg.solve(total, np.sum([i @ s.shift_m for i, s in zip(information, shifts, strict=True)], axis=0))
-    return AnchorShift(mean_m, np.linalg.inv(total / len(shifts)), max(shift.lasted_s for shift in shifts))
+    lasted_s = max(shift.lasted_s for shift in shifts)
+    return AnchorShift(shifts[0].anchor, mean_m, np.linalg.inv(total / len(shifts)), lasted_s)
 
 
-def _exchange_explains(
-    exchanges: Exchanges,
-    shifts: dict[int, AnchorShift],
-    logs: Sequence[TagEpochs],
-    anchors_m: Float,
-    range_std_m: float,
-) -> bool:
-    """Whether there is an exchange, and no single displaced anchor, free to go anywhere, fits clearly better."""
-    if not (exchanges.swapped or exchanges.turned):
-        return False
-    for anchor, shift in shifts.items():
-        placed_m = anchors_m.copy()
-        placed_m[anchor, :2] += shift.shift_m
-        if layout_misfit(logs, placed_m, range_std_m) < CLEARLY_BETTER * exchanges.misfit:
-            return False
-    return True
+def _place(anchors_m: Float, anchor: int, shift_m: Float) -> Float:
+    """Anchors (A, 3) with one of them displaced by (2,)."""
+    placed_m = anchors_m.copy()
+    placed_m[anchor, :2] += shift_m
+    return placed_m
 
 
-def _name_shifted(shifts: dict[int, AnchorShift], anchors_m: Float) -> tuple[ShiftedAnchor, ...]:
+def _most_significant(shifts: list[AnchorShift]) -> tuple[AnchorShift, ...]:
     """The most significant, if it also matters, and those that are nearly as likely."""
-    by_significance = sorted(shifts.items(), key=lambda item: -item[1].significance)
-    named: list[ShiftedAnchor] = []
-    for anchor, shift in by_significance:
-        enough = max(SIGNIFICANT_STD, AS_LIKELY * by_significance[0][1].significance)
-        if shift.significance <= enough or np.hypot(*shift.shift_m) <= MATTERS_M:
-            break
-        place_m = anchors_m[anchor, :2] + shift.shift_m
-        named.append(ShiftedAnchor(anchor, place_m, shift.shift_m, shift.covariance_m2))
-    return tuple(named)
+    ranked = sorted(shifts, key=lambda shift: -shift.significance)
+    enough = max([SIGNIFICANT_STD, *(AS_LIKELY * shift.significance for shift in ranked[:1])])
+    return tuple(takewhile(lambda shift: shift.significance > enough and shift.distance_m > MATTERS_M, ranked))

@@ -35,24 +35,18 @@ class Epochs:
 
 
 def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float) -> Epochs:
-    """Epochs of one tag, columns in the order of anchor_ids (A,); ranges of other tags or anchors are left out.
+    """Epochs of one tag, columns in the order of anchor_ids (A,), A > 0; ranges of other tags or anchors are left out.
 
-    Ranges that share a time stamp stay together. Consecutive stamps within
-    epoch_s of the first join one epoch, until an anchor would come twice: that
-    starts the next one, within a stamp too where that holds the anchor twice.
-    So a frame with all anchors is an epoch by itself, and
-    single asynchronous ranges make a round. ranges must be in time order.
+    Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
+    an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
+    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges must be in time
+    order.
 
     Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
     """
     order = np.argsort(anchor_ids, kind="stable")
-    place = np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=max(len(anchor_ids) - 1, 0))
-    mine = ranges.tag == tag
-    if len(anchor_ids):
-        column = order[place]
-        mine &= anchor_ids[column] == ranges.anchor
-    else:
-        column, mine = place, np.zeros_like(mine)
+    column = order[np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=len(anchor_ids) - 1)]
+    mine = (ranges.tag == tag) & (anchor_ids[column] == ranges.anchor)
     t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
 
     epoch, count = _number_epochs(t_ns, column, round(epoch_s * 1e9))
@@ -67,13 +61,18 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float)
     return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[last], table)
 
 
+def thin_rows(usable: np.ndarray, most: int) -> Int:
+    """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
+    rows = np.flatnonzero(usable)
+    return rows[:: max(1, -(-len(rows) // most))]
+
+
 def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
     """How long the epochs of one tag should be: USUAL_EPOCH_S unless less than half of those would give a fix.
 
-    Then single ranges come slower: long enough for a round, which is the
-    median over the anchors (A,) heard of the median time between one anchor's
-    ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time
-    order. Raises TooLarge as group_epochs does.
+    Then single ranges come slower: long enough for a round, which is the median over the anchors (A,) heard of the
+    median time between one anchor's ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time order.
+    Raises TooLarge as group_epochs does.
     """
     usual = group_epochs(ranges, tag, anchor_ids, USUAL_EPOCH_S)
     if 2 * np.count_nonzero(np.isfinite(usual.range_m).sum(axis=1) >= 3) >= len(usual):
@@ -135,11 +134,6 @@ class RangeCounts:
     too_short: int
     too_long: int
     silent_anchors: tuple[int, ...]
-
-    @property
-    def dropped(self) -> int:
-        """Ranges of the configured tags that could not be used."""
-        return self.total - self.used - sum(n for _, n in self.other_tags)
 
 
 def screen_ranges(

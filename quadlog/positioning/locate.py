@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from quadlog.errors import AnchorsCollinear
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.anchor_bias import AnchorBias, estimate_anchor_bias
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
-from quadlog.positioning.fix.least_squares import Fixes
-from quadlog.positioning.fix.trilateration import (
-    FixSettings,
-    Height,
-    Mirror,
-    anchors_on_line,
-    fix_near,
-    fix_on_side,
-    fix_tag,
-    solve_height,
-)
+from quadlog.positioning.fix.ambiguity import heights_are_told, solve_on_side, start_on_side
+from quadlog.positioning.fix.least_squares import Fixes, require_spread
+from quadlog.positioning.fix.trilateration import solve_fixes
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity, measure_velocity
 from quadlog.positioning.track.range_log import VelocitySeries
 from quadlog.positioning.track.tracker import Track, TrackedRanges, track_ranges
@@ -68,15 +62,10 @@ class LocateSettings:
     outlier_m: float = 0.5
     acceleration_std_mps2: float = 1.0
     method: str = "gauss_newton"
-    height: Height = "auto"
-    mirror: Mirror = "refuse"
+    height: Literal["auto", "given", "solved"] = "auto"
+    mirror: Literal["refuse", "left", "right"] = "refuse"
     calibrate: bool = True
     smooth: bool = True
-
-    @property
-    def fix(self) -> FixSettings:
-        """What concerns single fixes."""
-        return FixSettings(self.range_std_m, self.outlier_m, self.method, self.height, self.mirror)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,31 +125,53 @@ class Located:
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
     """Fixes and tracks of each tag by itself, from all ranges of a log.
 
-    Raises MissingInput for fewer than three anchors, AnchorsCollinear where all
-    lie on one line and no side of it was asked for, UnknownName for a method
-    that is none, TooLarge for a log beyond what is allocated.
+    Raises MissingInput for fewer than three anchors, AnchorsCollinear where all lie on one line and no side of it was
+    asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
-    on_line = anchors_on_line(anchors.ids, anchors.position_m, settings.fix)
+    on_line = _are_on_line(anchors, settings)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
     step = _locate_on_side if on_line else _locate_tag
     return Located(tuple(step(usable, anchors, tag, settings) for tag in tags), counts, on_line)
 
 
+def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
+    """Whether all anchors lie on a line, which leaves two mirrored places, and one of them was asked for."""
+    try:
+        require_spread(anchors.ids, anchors.position_m, settings.range_std_m)
+    except AnchorsCollinear:
+        if settings.mirror == "refuse":
+            raise
+        return True
+    return False
+
+
 def _locate_tag(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
     epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
     known_m = epochs.range_m - anchors.known_bias_m
-    solved = solve_height(anchors.position_m, known_m, tag.height_m, settings.fix)
+    solved = _solves_height(known_m, anchors, tag, settings)
     height_std_m = HEIGHT_STD_M if solved else 0.0
     bias, bias_m = _find_bias(replace(epochs, range_m=known_m), anchors, tag, settings, height_std_m)
     height_m = None if solved else tag.height_m
-    fixes = fix_tag(anchors.position_m, epochs.range_m - bias_m, height_m, settings.fix)
+    fixes = _fix(settings.method, epochs.range_m - bias_m, anchors, height_m, settings)
     rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m)
     velocity = _measure_velocity(tag, tracked, settings)
     if velocity is not None and velocity.series is not None:
         told = velocity.series
         rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m, told)
     return _result(tag, epoch_s, solved, epochs, fixes, rows, tracked, bias, bias_m, velocity)
+
+
+def _solves_height(range_m: Float, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> bool:
+    """Whether the height is solved for, with the ranges (E, A) of a whole log: where asked, or where they tell it."""
+    if settings.height != "auto":
+        return settings.height == "solved"
+    flat_m = _fix("gauss_newton", range_m, anchors, tag.height_m, settings).position_m
+    return heights_are_told(anchors.position_m, flat_m, tag.height_m, np.isfinite(range_m), settings.range_std_m)
+
+
+def _fix(method: str, range_m: Float, anchors: Anchors, height_m: float | None, settings: LocateSettings) -> Fixes:
+    return solve_fixes(method, anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m)
 
 
 def _measure_velocity(tag: TagInfo, tracked: TrackedRanges, settings: LocateSettings) -> MeasuredVelocity | None:
@@ -171,13 +182,15 @@ def _measure_velocity(tag: TagInfo, tracked: TrackedRanges, settings: LocateSett
 
 def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
     """With anchors on a line: the track keeps to the side it starts on, and the fixes to the track's."""
+    assert settings.mirror != "refuse"
     epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
     unbiased_m = epochs.range_m - anchors.known_bias_m
-    first = fix_on_side(anchors.position_m, unbiased_m, tag.height_m, settings.fix)
+    seen = anchors.position_m, unbiased_m, tag.height_m, settings.range_std_m
+    first = solve_on_side(*seen, settings.outlier_m, start_on_side(*seen, settings.mirror))
     rows, tracked = _track_tag(ranges, anchors, tag, anchors.known_bias_m, epochs, first, settings, 0.0)
     track = tracked.track
     start_m, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, np.zeros(len(track)), epoch_s)
-    fixes = fix_near(anchors.position_m, unbiased_m, tag.height_m, settings.fix, start_m)
+    fixes = solve_on_side(*seen, settings.outlier_m, start_m)
     return _result(tag, epoch_s, False, epochs, fixes, rows, tracked, None, anchors.known_bias_m, None)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from quadlog.messages import RangeSeries
 from quadlog.pipelines.uwb_diagnostics import check_located, survey_warnings
-from quadlog.positioning.anchor_survey import ShiftedAnchor, SurveyCheck
+from quadlog.positioning.anchor_survey import AnchorShift, SurveyFaults
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 ANCHORS_M = np.array([[0.0, 0, 1.2], [9, 0.5, 1.2], [8, 7, 1.2], [-0.5, 6, 1.2], [4, -2, 1.2], [3, 9, 1.2]])
@@ -49,9 +49,8 @@ def test_a_displaced_anchor_is_named_with_the_place_it_seems_to_stand_at() -> No
 
 def test_alternatives_are_said_to_be_such() -> None:
     anchors = Anchors(IDS, ANCHORS_M, np.zeros(6))
-    shifted = ShiftedAnchor(3, np.array([1.0, 2.0]), np.array([0.3, 0.4]), 0.01 * np.eye(2))
-    check = SurveyCheck(((0, 5),), (2,), (shifted,), np.full(6, np.inf), True, "")
-    texts = survey_warnings(check, anchors)
+    shifted = AnchorShift(3, np.array([0.3, 0.4]), 0.01 * np.eye(2), 60.0)
+    texts = survey_warnings(SurveyFaults(((0, 5),), (2,), (shifted,)), anchors)
     assert len(texts) == 4
     assert "anchors 10 and 15" in texts[0]
     assert "turned around by 2" in texts[1]

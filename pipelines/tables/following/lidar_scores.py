@@ -14,9 +14,8 @@ from quadlog.lidar.deskew import Slots
 from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
 from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
 from quadlog.lidar.ransac_plane import is_level
-from quadlog.mapping.compact import CompactSettings, ScanCompactor
+from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor
 from quadlog.mapping.grid import Grid, Window
-from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.mapping.placing import NO_TOP, ScanPlacer
 from quadlog.messages import Float
 from quadlog.metrics.perception import Detection, detect, ground_detection, outlier_detection
@@ -110,7 +109,7 @@ def in_front(scan: LabelledScan) -> NDArray[np.bool_]:
     """The points (N,) that are judged: those that the paper's chain looks at."""
     valid = valid_points(scan.xyz_lidar_m, PAPER.min_range_m, PAPER.max_range_m)
     xyz_base_m = apply_transform(scan.transform_lidar_to_base, scan.xyz_lidar_m.astype(np.float64))
-    return valid & in_field_of_view(xyz_base_m, FRONT_DEG)
+    return valid & in_field_of_view(xyz_base_m[:, 0], xyz_base_m[:, 1], FRONT_DEG)
 
 
 def true_cells(scan: LabelledScan) -> Grid:

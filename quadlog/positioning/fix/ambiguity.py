@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from quadlog.messages import Float
+from quadlog.positioning.epochs import thin_rows
 from quadlog.positioning.fix.least_squares import Fixes, complete_fixes, descend_all, invert_directions
 
 Side = Literal["left", "right"]
@@ -17,9 +18,8 @@ NEAR_LINE_STD = 3.0
 def start_on_side(anchors_m: Float, range_m: Float, tag_height_m: float, range_std_m: float, side: Side) -> Float:
     """(E, 2) positions to the left or right of the way from the first to the last of anchors (A, 3) on a line.
 
-    In closed form: squared ranges are linear in the place along the line, and
-    what is left of them is the distance from it, taken as range_std_m at least,
-    so that a descent knows the side. NaN with fewer than three ranges.
+    In closed form: squared ranges are linear in the place along the line, and what is left of them is the distance from
+    it, taken as range_std_m at least, so that a descent knows the side. NaN with fewer than three ranges.
     """
     centre_m, along, across = _anchor_line(anchors_m)
     heard = np.isfinite(range_m)
@@ -45,10 +45,9 @@ def solve_on_side(
 ) -> Fixes:
     """Maximum-likelihood fixes from anchors (A, 3) on a line, each on the side of its own start (E, 2).
 
-    Starts near a track that is already known carry its side through the log by
-    continuity. Near the line a fix has no side, and its covariance no meaning:
-    those epochs are degenerate, as are those whose start is NaN or whose
-    descent crosses the line (one in 10 000 from within 2 m).
+    Starts near a track that is already known carry its side through the log by continuity. Near the line a fix has no
+    side, and its covariance no meaning: those epochs are degenerate, as are those whose start is NaN or whose descent
+    crosses the line (one in 10 000 from within 2 m).
     """
     centre_m, _, across = _anchor_line(anchors_m)
     enough = np.isfinite(range_m).sum(axis=1) >= 3
@@ -136,8 +135,7 @@ def heights_are_told(
     heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). Told where half of the epochs or more would know
     the height to TOLD_STD_M, and half or more could not be mistaken for a mirror image.
     """
-    placed = np.flatnonzero(np.isfinite(position_m).all(axis=1))
-    placed = placed[:: max(1, -(-len(placed) // MAX_PLACES))]
+    placed = thin_rows(np.isfinite(position_m.sum(axis=1)), MAX_PLACES)
     if len(placed) == 0:
         return False
     place = (anchors_m, position_m[placed], height_m, heard[placed], range_std_m)

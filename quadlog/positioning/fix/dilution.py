@@ -90,8 +90,8 @@ def _cells(low_m: Float, high_m: Float, max_rows: int, max_columns: int) -> tupl
         exponent += 1
 
 
-def ellipse_95(covariance_m2: Float) -> tuple[Float, Float, Float]:
-    """Semi-axes (N,), the longer first, and the longer one's angle to x in [-pi/2, pi/2] of 95 % ellipses.
+def ellipse_95(covariance_m2: Float) -> tuple[Float, Float]:
+    """Semi-axes (N,) of 95 % ellipses, the longer first.
 
     covariance_m2: (N, 2, 2); rows that are NaN give NaN.
     """
@@ -99,7 +99,7 @@ def ellipse_95(covariance_m2: Float) -> tuple[Float, Float, Float]:
     middle, off = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     major_m: Float = np.sqrt(CHI2_95 * (middle + off))
     minor_m: Float = np.sqrt(CHI2_95 * np.maximum(middle - off, 0.0))
-    return major_m, minor_m, np.arctan2(2 * xy, xx - yy) / 2
+    return major_m, minor_m
 
 
 def radius_95(covariance_m2: Float, error_m: Float) -> Float:

@@ -36,10 +36,9 @@ def normal_equations(
 ) -> Normal:
     """Normal equations at (x, y, z) of the ranges that row e of (E, A) has to anchors (A, 3).
 
-    free_z: one, or zero where z is given. A residual d - |p - a| beyond long_m,
-    or below -short_m, counts as Huber has it: its cost grows linearly and its
-    weight falls as 1/residual. Infinite limits make it least squares. The cost
-    is sum r^2 where nothing is beyond.
+    free_z: one, or zero where z is given. A residual d - |p - a| beyond long_m, or below -short_m, counts as Huber has
+    it: its cost grows linearly and its weight falls as 1/residual. Infinite limits make it least squares. The cost is
+    sum r^2 where nothing is beyond.
     """
     hxx, hxy, hyy, hxz, hyz, hzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     bx, by, bz, cost = 0.0, 0.0, 0.0, 0.0
@@ -201,9 +200,8 @@ def complete_fixes(
 ) -> Fixes:
     """Fixes from the solutions of a method, with what is judged alike for all of them.
 
-    position_m: (E, 3), covariance_m2: (E, D, D), NaN where there is no solution;
-    D is 2 where the height was given and 3 where it was solved for. A solution
-    where the directions to the anchors are all but parallel is none: degenerate.
+    position_m: (E, 3), covariance_m2: (E, D, D), NaN where there is no solution; D is 2 where the height was given and
+    3 where it was solved for. A solution where the directions to the anchors are all but parallel is none: degenerate.
     """
     heard = np.isfinite(range_m)
     n_ranges, axes = heard.sum(axis=1), covariance_m2.shape[1]

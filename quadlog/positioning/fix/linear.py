@@ -1,14 +1,14 @@
 """Linear fixes: squared ranges are linear in the position once the unknown |p|^2 is out of the way.
 
-    d_i^2 - s_i^2 - |a_i|^2 = |p|^2 - 2 a_i . p,  with noise of variance v_i = 4 s_i^2 d_i^2 + 2 s_i^4
+    d_i^2 - s^2 - |a_i|^2 = |p|^2 - 2 a_i . p,  with noise of variance v_i = 4 s^2 d_i^2 + 2 s^4
 
-s is the std of a range, and s^2 what noise adds to a squared range on average: nothing where all stds are alike,
-a bias where not. Differences of rows remove |p|^2. Subtracting one reference station's row from all others makes them
-correlated; with C^-1 of these rows as weights the fix depends on no choice of reference, and equals the fit that
-keeps |p|^2 as an unknown and weighs row i by 1/v_i: Sherman-Morrison, written down without a matrix of A x A.
+s is the std of a range, and s^2 what noise adds to a squared range on average. Differences of rows remove |p|^2.
+Subtracting one reference station's row from all others makes them correlated; with C^-1 of these rows as weights the
+fix depends on no choice of reference, and equals the fit that keeps |p|^2 as an unknown and weighs row i by 1/v_i:
+Sherman-Morrison, written down without a matrix of A x A.
 
 Every solver takes anchors (A, 3), ranges (E, A), NaN where absent, the tag's height or None to solve for it, and the
-std of the ranges, one or (A,). Its covariance is that of its own weights, not of the best there are.
+std of the ranges. Its covariance is that of its own weights, not of the best there are.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from quadlog.positioning.fix.least_squares import SPREAD_OF_RANGE_STD, Fixes, co
 
 
 def solve_linear(
-    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float | Float, outlier_m: float
+    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float, outlier_m: float
 ) -> Fixes:
     """Least squares with every row alike, less their mean: no station is special."""
     fit = _fit(anchors_m, range_m, tag_height_m, range_std_m, np.ones_like(range_m), against_last=False)
@@ -30,12 +30,12 @@ def solve_linear(
 
 
 def solve_weighted(
-    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float | Float, outlier_m: float
+    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float, outlier_m: float
 ) -> Fixes:
     """Weighted least squares with the full covariance C of the rows [Following, right form].
 
-    Against reference station n, C = 4 [diag(s_i^2 d_i^2) + s_n^2 d_n^2 11^T] + 2 [diag(s_i^4) + s_n^4 11^T]
-    and W = C^-1; here in the form that needs no reference.
+    Against reference station n, C = 4 s^2 [diag(d_i^2) + d_n^2 11^T] + 2 s^4 [I + 11^T] and W = C^-1; here in the form
+    that needs no reference.
     """
     variance_m2 = np.square(range_std_m)
     weight = 1 / (4 * variance_m2 * range_m**2 + 2 * variance_m2**2)
@@ -44,15 +44,13 @@ def solve_weighted(
 
 
 def solve_paper(
-    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float | Float, outlier_m: float
+    anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float, outlier_m: float
 ) -> Fixes:
     """Weighted linear trilateration as [Following] has it: the last station's row is subtracted from the others.
 
-    The paper's weight matrix is lost in its text. It is read as diag(1/d_i):
-    near stations count more. What the rows share through the last station is
-    left out of these weights (not out of the covariance). With three stations
-    no weighting changes the 2-D fix: two equations, two unknowns. The last
-    station is the last one heard at an epoch.
+    The paper's weight matrix is lost in its text. It is read as diag(1/d_i): near stations count more. What the rows
+    share through the last station is left out of these weights (not out of the covariance). With three stations no
+    weighting changes the 2-D fix: two equations, two unknowns. The last station is the last one heard at an epoch.
     """
     weight = 1 / np.maximum(range_m, range_std_m)
     fit = _fit(anchors_m, range_m, tag_height_m, range_std_m, weight, against_last=True)
@@ -108,7 +106,7 @@ def _fit(
     anchors_m: Float,
     range_m: Float,
     tag_height_m: float | None,
-    range_std_m: float | Float,
+    range_std_m: float,
     weight: Float,
     *,
     against_last: bool,
@@ -119,11 +117,11 @@ def _fit(
     # About the centroid, so that maps with large coordinates lose no digits.
     around_m, heard, solve_z = anchors_m - origin_m, np.isfinite(range_m), tag_height_m is None
     axes = 3 if solve_z else 2
-    variance_m2 = np.broadcast_to(np.square(range_std_m), len(anchors_m))
+    variance_m2 = np.square(range_std_m)
     spread_m2 = np.where(heard.sum(axis=1) > axes, spread_of(anchors_m, heard, solve_z), 0.0)
-    sharp = spread_m2 > SPREAD_OF_RANGE_STD**2 * float(variance_m2.mean())
+    sharp = spread_m2 > SPREAD_OF_RANGE_STD**2 * variance_m2
     square_m2 = np.where(heard, range_m, 0.0) ** 2
-    noise_m4 = 4 * variance_m2 * square_m2 + 2 * variance_m2**2
+    noise_m4 = 4 * variance_m2 * square_m2 + 2 * np.square(variance_m2)
     if not solve_z:
         square_m2 = np.maximum(square_m2 - around_m[:, 2] ** 2, 0.0)
     row_m2 = square_m2 - variance_m2 - (around_m[:, :axes] ** 2).sum(axis=1)

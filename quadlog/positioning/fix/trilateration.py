@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from quadlog.errors import AnchorsCollinear, UnknownName
-from quadlog.messages import Float, Int
-from quadlog.positioning.fix.ambiguity import (
-    THIN_STD,
-    descend_both_sides,
-    heights_are_told,
-    solve_on_side,
-    start_on_side,
-)
-from quadlog.positioning.fix.least_squares import Fixes, complete_fixes, descend_all, require_spread
+from quadlog.errors import UnknownName
+from quadlog.messages import Float
+from quadlog.positioning.fix.ambiguity import THIN_STD, descend_both_sides
+from quadlog.positioning.fix.least_squares import Fixes, complete_fixes, descend_all
 from quadlog.positioning.fix.linear import solve_linear, solve_paper, solve_weighted, start_linear
 
 LONG_STD, SHORT_STD = 1.25, 4.0
@@ -30,13 +22,11 @@ def solve_gauss_newton(
 ) -> Fixes:
     """Maximum-likelihood fixes from ranges (E, A), NaN where absent, to anchors (A, 3) in map.
 
-    Starts at the linear solution and iterates u = (p - a)/|p - a|,
-    dp = (sum u u^T)^-1 sum u (d - |p - a|) [Following, right form] with the full
-    3-D distance, whose known height difference is the slant. The covariance is
-    (sum u u^T / std^2)^-1, the Cramér-Rao bound. Not solved: fewer than three
-    ranges, anchors on a line, or so near to one that the fix's mirror image
-    fits as well. With tag_height_m None the height is solved for: that takes
-    four ranges, and for a line read a plane.
+    Starts at the linear solution and iterates u = (p - a)/|p - a|, dp = (sum u u^T)^-1 sum u (d - |p - a|) [Following,
+    right form] with the full 3-D distance, whose known height difference is the slant. The covariance is (sum u u^T /
+    std^2)^-1, the Cramér-Rao bound. Not solved: fewer than three ranges, anchors on a line, or so near to one that the
+    fix's mirror image fits as well. With tag_height_m None the height is solved for: that takes four ranges, and for a
+    line read a plane.
     """
     return _solve(anchors_m, range_m, tag_height_m, range_std_m, outlier_m, np.inf, np.inf)
 
@@ -46,12 +36,10 @@ def solve_huber(
 ) -> Fixes:
     """As solve_gauss_newton, but residuals beyond LONG_STD (late) or -SHORT_STD std weigh as Huber has it.
 
-    Iteratively reweighted; the weight falls as 1/residual, so a late range pulls
-    with bounded force. The loss being convex, the start decides little. One
-    epoch of three ranges cannot tell which is late: there it is no help. Nor
-    is it with ranges that are all too long by a constant: calibrate them. The
-    covariance is (sum w u u^T / std^2)^-1, honest without late ranges, and too
-    small with them, as no single epoch can tell them all.
+    Iteratively reweighted; the weight falls as 1/residual, so a late range pulls with bounded force. The loss being
+    convex, the start decides little. One epoch of three ranges cannot tell which is late: there it is no help. Nor is
+    it with ranges that are all too long by a constant: calibrate them. The covariance is (sum w u u^T / std^2)^-1,
+    honest without late ranges, and too small with them, as no single epoch can tell them all.
     """
     return _solve(
         anchors_m, range_m, tag_height_m, range_std_m, outlier_m, LONG_STD * range_std_m, SHORT_STD * range_std_m
@@ -97,70 +85,13 @@ def solve_fixes(
 ) -> Fixes:
     """Fixes of E epochs from ranges (E, A), NaN where absent, to anchors (A, 3) in map, by one of METHODS.
 
-    tag_height_m: the tag's height in map; None solves for it, from four ranges
-    to anchors that differ in height. A residual rms above outlier_m marks an
-    outlier. Whatever cannot be solved is marked in the result: too few ranges
-    by n_ranges, anchors on a line (on a plane, where the height is solved for)
-    or a mirror image that fits as well by degenerate.
+    tag_height_m: the tag's height in map; None solves for it, from four ranges to anchors that differ in height. A
+    residual rms above outlier_m marks an outlier. Whatever cannot be solved is marked in the result: too few ranges by
+    n_ranges, anchors on a line (on a plane, where the height is solved for) or a mirror image that fits as well by
+    degenerate.
 
     Raises UnknownName for a method that is none.
     """
     if method not in METHODS:
         raise UnknownName("UWB method", method, METHODS)
     return METHODS[method](anchors_m, range_m, tag_height_m, range_std_m, outlier_m)
-
-
-Mirror = Literal["refuse", "left", "right"]
-Height = Literal["auto", "given", "solved"]
-
-
-@dataclass(frozen=True, slots=True)
-class FixSettings:
-    """method: of `trilateration.METHODS`; height, mirror: as `uwb.height` and `uwb.mirror` explain them."""
-
-    range_std_m: float
-    outlier_m: float
-    method: str
-    height: Height
-    mirror: Mirror
-
-
-def anchors_on_line(anchor_ids: Int, anchors_m: Float, settings: FixSettings) -> bool:
-    """Whether all anchors (A, 3) lie on a line, which leaves two mirrored places.
-
-    Raises MissingInput for fewer than three, AnchorsCollinear where they do and no side was asked for.
-    """
-    try:
-        require_spread(anchor_ids, anchors_m, settings.range_std_m)
-    except AnchorsCollinear:
-        if settings.mirror == "refuse":
-            raise
-        return True
-    return False
-
-
-def solve_height(anchors_m: Float, range_m: Float, tag_height_m: float, settings: FixSettings) -> bool:
-    """Whether the height is solved for, with the ranges (E, A) of a whole log: where asked, or where they tell it."""
-    if settings.height != "auto":
-        return settings.height == "solved"
-    flat = solve_fixes(
-        "gauss_newton", anchors_m, range_m, tag_height_m, settings.range_std_m, settings.outlier_m
-    ).position_m
-    return heights_are_told(anchors_m, flat, tag_height_m, np.isfinite(range_m), settings.range_std_m)
-
-
-def fix_tag(anchors_m: Float, range_m: Float, tag_height_m: float | None, settings: FixSettings) -> Fixes:
-    """Fixes from ranges (E, A) to anchors that are not on a line; a height of None is solved for."""
-    return solve_fixes(settings.method, anchors_m, range_m, tag_height_m, settings.range_std_m, settings.outlier_m)
-
-
-def fix_on_side(anchors_m: Float, range_m: Float, tag_height_m: float, settings: FixSettings) -> Fixes:
-    """First fixes from anchors on a line, all of them on the side that was asked for; always by Gauss-Newton."""
-    assert settings.mirror != "refuse"
-    start_m = start_on_side(anchors_m, range_m, tag_height_m, settings.range_std_m, settings.mirror)
-    return fix_near(anchors_m, range_m, tag_height_m, settings, start_m)
-
-
-def fix_near(anchors_m: Float, range_m: Float, tag_height_m: float, settings: FixSettings, start_m: Float) -> Fixes:
-    """Fixes from anchors on a line, each on the side of its own start (E, 2): a track carries its side along."""
-    return solve_on_side(anchors_m, range_m, tag_height_m, settings.range_std_m, settings.outlier_m, start_m)

@@ -28,48 +28,38 @@ TURN_STD_RADPS = 0.5
 LONGEST_LAG_S = 2.0
 
 
-def course_heading(
-    track: Track, hold_below_mps: float = HOLD_BELOW_MPS, before_motion_rad: float | None = None
-) -> Float:
-    """(T,) yaw along the velocity, held where the speed is below hold_below_mps.
+def course_heading(track: Track, before_motion_rad: float | None = None) -> Float:
+    """(T,) yaw along the velocity, held where the speed is below HOLD_BELOW_MPS.
 
-    Before the first motion: before_motion_rad, which a causal track must give,
-    since the first course lies in its future; None takes that first course.
-    A track that never moves has yaw zero, or before_motion_rad.
+    Before the first motion: before_motion_rad, which a causal track must give, since the first course lies in its
+    future; None takes that first course. A track that never moves has yaw zero, or before_motion_rad.
     """
-    moving = speed_of(track) >= hold_below_mps
+    source, known = _course_source(track, before_motion_rad)
     course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
-    last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
-    first = 0.0 if before_motion_rad is None else before_motion_rad
-    if before_motion_rad is None and moving.any():
-        first = float(course[np.argmax(moving)])
-    return wrap_angle(np.where(last_moving >= 0, course[last_moving.clip(0)], first))
+    return wrap_angle(np.where(known, course[source], before_motion_rad or 0.0))
 
 
-def course_heading_std(
-    track: Track,
-    hold_below_mps: float = HOLD_BELOW_MPS,
-    before_motion_rad: float | None = None,
-    lag_s: Float | float = 0.0,
-) -> Float:
+def course_heading_std(track: Track, before_motion_rad: float | None = None, lag_s: Float | float = 0.0) -> Float:
     """(T,) std of course_heading with the same arguments, for a carrier that looks where it walks.
 
-    That of the velocity across the course over the speed. While held it grows
-    by TURN_STD_RADPS times the time since; so it does by lag_s, (T,) or one, by
-    which the velocity is late. A before_motion_rad is worth nothing.
+    That of the velocity across the course over the speed. While held it grows by TURN_STD_RADPS times the time since;
+    so it does by lag_s, (T,) or one, by which the velocity is late. A before_motion_rad is worth nothing.
     """
     if len(track) == 0:
         return np.empty(0)
-    moving = speed_of(track) >= hold_below_mps
-    index = np.arange(len(track))
-    source = np.maximum.accumulate(np.where(moving, index, -1))
-    known = source >= 0
-    if before_motion_rad is None and moving.any():
-        source, known = np.where(known, source, np.argmax(moving)), np.ones(len(track), dtype=np.bool_)
-    source = source.clip(0)
+    source, known = _course_source(track, before_motion_rad)
     held_s = np.abs(track.t_ns - track.t_ns[source]) * 1e-9 + lag_s
     std = np.hypot(course_std(track)[source], TURN_STD_RADPS * held_s)
     return np.where(known, np.minimum(std, UNKNOWN_YAW_STD_RAD), UNKNOWN_YAW_STD_RAD)
+
+
+def _course_source(track: Track, before_motion_rad: float | None) -> tuple[Int, np.ndarray]:
+    """(T,) the instant whose course counts at each instant, and whether there is one."""
+    moving = speed_of(track) >= HOLD_BELOW_MPS
+    source = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
+    if before_motion_rad is None and moving.any():
+        source = np.where(source >= 0, source, np.argmax(moving))
+    return source.clip(0), source >= 0
 
 
 def speed_of(track: Track) -> Float:
@@ -160,23 +150,19 @@ def align_yaw(
     yaw_t_ns: Int,
     yaw_rad: Float,
     tag_ahead_m: float = 0.0,
-    hold_below_mps: float = HOLD_BELOW_MPS,
     drift: SensorDrift = NO_DRIFT,
 ) -> AlignedHeading:
     """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the offset that fits the track's course best.
 
-    The offset is constant, or for a sensor with a drift rate a line in time;
-    see fit_offset. It is fitted to course minus
-    yaw over moving instants where the sensor was on, weighted with one over the
-    course's variance. A tag that sits tag_ahead_m in front of base swings out
-    in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken out.
-    Where nothing moved, or course and yaw have nothing in common, the offset is
-    zero and its std infinite.
+    The offset is constant, or for a sensor with a drift rate a line in time; see fit_offset. It is fitted to course
+    minus yaw over moving instants where the sensor was on, weighted with one over the course's variance. A tag that
+    sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken
+    out. Where nothing moved, or course and yaw have nothing in common, the offset is zero and its std infinite.
     """
     if len(yaw_t_ns) == 0:
         return AlignedHeading(np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD))
     sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, hold_below_mps, np.zeros(len(track)))
+    differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, np.zeros(len(track)))
     if len(differences.t_s) == 0:
         return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD))
     fit = fit_offset(differences, drift)
@@ -203,20 +189,18 @@ def align_yaw_causally(
     yaw_t_ns: Int,
     yaw_rad: Float,
     tag_ahead_m: float = 0.0,
-    hold_below_mps: float = HOLD_BELOW_MPS,
     drift: SensorDrift = NO_DRIFT,
 ) -> CausalHeading:
     """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
 
-    The fit of align_yaw to what was known then: again whenever there is
-    REFIT_GROWTH as much of it. Until the first motion the sensor's yaw is
-    not turned, and its std that of a direction of which nothing is known.
+    The fit of align_yaw to what was known then: again whenever there is REFIT_GROWTH as much of it. Until the first
+    motion the sensor's yaw is not turned, and its std that of a direction of which nothing is known.
     """
     told, std = np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD)
     spread = np.full(len(track), np.inf)
     if len(yaw_t_ns) == 0 or len(track) == 0:
         return CausalHeading(told, std, spread)
-    differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, hold_below_mps, filter_lag_s(track))
+    differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, filter_lag_s(track))
     t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
     counts = _refits(len(over_ns))
     begins = np.append(np.searchsorted(track.t_ns, over_ns[np.array(counts, dtype=np.int64) - 1]), len(track))
@@ -240,12 +224,12 @@ def _refits(groups: int) -> list[int]:
 
 
 def _differences(
-    track: Track, yaw_t_ns: Int, yaw_rad: Float, tag_ahead_m: float, hold_below_mps: float, lag_s: Float
+    track: Track, yaw_t_ns: Int, yaw_rad: Float, tag_ahead_m: float, lag_s: Float
 ) -> tuple[CourseDifferences, Int]:
     """Course minus the yaw lag_s (T,) before, in groups wherever the motion tells, and when (N,) each is over."""
     speed, std = speed_of(track), np.maximum(course_std(track), MIN_COURSE_STD_RAD)
     seen_ns = track.t_ns - np.rint(lag_s * 1e9).astype(np.int64)
-    use = (speed >= hold_below_mps) & (std <= 1 / TOLD_BY_STD)
+    use = (speed >= HOLD_BELOW_MPS) & (std <= 1 / TOLD_BY_STD)
     use &= (seen_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
     if not use.any():
         return CourseDifferences(np.empty(0), np.empty(0), np.empty(0)), np.empty(0, dtype=np.int64)
@@ -299,27 +283,21 @@ def integrate_yaw_rate(t_ns: Int, rate_radps: Float) -> Float:
     return np.concatenate([np.zeros(min(len(t_ns), 1)), np.cumsum(steps)])
 
 
-def align_gyro(
-    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, hold_below_mps: float = HOLD_BELOW_MPS
-) -> GyroHeading:
+def align_gyro(track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0) -> GyroHeading:
     """align_yaw for the rate (M,) about the IMU's z axis, which may point up or down: offset, bias and sign are fitted.
 
     The std grows away from the motion as that of the bias says.
     """
     yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (align_yaw(track, t_ns, sign * yaw_rad, tag_ahead_m, hold_below_mps, GYRO_DRIFT) for sign in (1.0, -1.0))
+    up, down = (align_yaw(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT) for sign in (1.0, -1.0))
     turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
     return GyroHeading(down if turned else up, turned)
 
 
-def align_gyro_causally(
-    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, hold_below_mps: float = HOLD_BELOW_MPS
-) -> CausalHeading:
+def align_gyro_causally(track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0) -> CausalHeading:
     """align_gyro as it was known at each instant, the sign too."""
     yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (
-        align_yaw_causally(track, t_ns, sign * yaw_rad, tag_ahead_m, hold_below_mps, GYRO_DRIFT) for sign in (1.0, -1.0)
-    )
+    up, down = (align_yaw_causally(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT) for sign in (1.0, -1.0))
     turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
     return CausalHeading(
         np.where(turned, down.yaw_rad, up.yaw_rad),

@@ -43,49 +43,44 @@ class BodyMotion:
 class MeasuredVelocity:
     """What odometry tells of a tag: the series for track_ranges, or None and the reason why not.
 
-    std_mps: of each axis of a second's mean, over the log; speed_ratio: odometry's way over the track's.
+    std_mps: of each axis of a second's mean, over the log.
     """
 
     series: VelocitySeries | None
     reason: str | None
     std_mps: float
-    speed_ratio: float
 
 
 def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredVelocity:
     """The velocity of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
 
-    track: of that tag from ranges alone, smoothed, or causal with causal=True;
-    then nothing of the series depends on what came later. Odometry's course is
-    turned onto the track's, as a heading is, its offset's std times the speed
-    counting as error. What odometry misses of the way in LEG_S, as the track
-    has it, is charged to odometry in full. So one that slips or has the wrong
-    scale loses its say, and one that misses half of the way is refused (not
-    the causal one, which could not know).
+    track: of that tag from ranges alone, smoothed, or causal with causal=True; then nothing of the series depends on
+    what came later. Odometry's course is turned onto the track's, as a heading is, its offset's std times the speed
+    counting as error. What odometry misses of the way in LEG_S, as the track has it, is charged to odometry in full. So
+    one that slips or has the wrong scale loses its say, and one that misses half of the way is refused (not the causal
+    one, which could not know).
     """
     own_mps = _tag_velocity(motion, x_m, y_m)
     if len(motion.t_ns) < 2 or len(track) < 2:
-        return MeasuredVelocity(None, "odometry or track is too short", np.inf, np.nan)
+        return MeasuredVelocity(None, "odometry or track is too short", np.inf)
     offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
     cos, sin = np.cos(offset_rad), np.sin(offset_rad)
     map_mps = np.stack([cos * own_mps[:, 0] - sin * own_mps[:, 1], sin * own_mps[:, 0] + cos * own_mps[:, 1]], axis=1)
     missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
     compared = np.isfinite(missed_m)
     if not compared.any():
-        return MeasuredVelocity(None, f"odometry and track never overlap for {LEG_S:.0f} s", np.inf, np.nan)
+        return MeasuredVelocity(None, f"odometry and track never overlap for {LEG_S:.0f} s", np.inf)
     per_leg = missed_m**2 / (2 * LEG_S)
     std = _std_so_far(motion.t_ns, per_leg) if causal else np.full(len(missed_m), _typical_std(per_leg[compared]))
-    ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
     typical = float(std[-1])
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
+        ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
         reason = f"odometry misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
-        return MeasuredVelocity(None, reason, typical, ratio)
+        return MeasuredVelocity(None, reason, typical)
     std = np.where(compared & (per_leg > (SLIP_STD * std) ** 2), np.sqrt(per_leg), std)
     speed = np.hypot(own_mps[:, 0], own_mps[:, 1])
-    return MeasuredVelocity(
-        VelocitySeries(motion.t_ns, map_mps, np.hypot(std, offset_std * speed)), None, typical, ratio
-    )
+    return MeasuredVelocity(VelocitySeries(motion.t_ns, map_mps, np.hypot(std, offset_std * speed)), None, typical)
 
 
 def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:

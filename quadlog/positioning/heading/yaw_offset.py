@@ -96,10 +96,9 @@ class YawOffset:
 def fit_offset(differences: CourseDifferences, drift: SensorDrift) -> YawOffset:
     """The offset, and a constant drift of which N(0, rate_std_radps) is known beforehand, that fit N > 0 groups.
 
-    A circular mean, or line, with weights that fall as 1/(1 + (residual/scale)^2):
-    started at the best of many drifts and 36 directions, it passes over a
-    minority of sideways or backward steps. How much a look weighs against what
-    was known of the drift comes from the scatter of the looks themselves.
+    A circular mean, or line, with weights that fall as 1/(1 + (residual/scale)^2): started at the best of many drifts
+    and 36 directions, it passes over a minority of sideways or backward steps. How much a look weighs against what was
+    known of the drift comes from the scatter of the looks themselves.
     """
     middle_s = float(np.average(differences.t_s, weights=differences.weight))
     away_s = differences.t_s - middle_s
@@ -196,11 +195,10 @@ def _covariance(
 ) -> tuple[Float, float]:
     """Covariance of the fit, and how much a squared score exceeds what independent groups would give.
 
-    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale; its
-    covariance is J^-1 V J^-1 with the slope J and the scatter V of the score.
-    Errors persist for unknown times (strides, late paths, biases that depend on
-    the place), so V is summed over blocks of 1, 2, 4 ... s and the largest counts.
-    What the track claims of its course, or what misfits it more, stands beside few looks.
+    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale; its covariance is J^-1 V J^-1 with the
+    slope J and the scatter V of the score. Errors persist for unknown times (strides, late paths, biases that depend on
+    the place), so V is summed over blocks of 1, 2, 4 ... s and the largest counts. What the track claims of its course,
+    or what misfits it more, stands beside few looks.
     """
     u2 = (residual / _scale(residual)) ** 2
     falling = differences.weight / (1 + u2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ SHORTEST_LOOK = 16
 """Instants searched at a time for a block's end, at the least."""
 
 
-@dataclass(frozen=True, slots=True)
-class ResidualSums:
+class ResidualSums(NamedTuple):
     """Sums over the blocks of a log: squared scores of the links, degrees of freedom, weights and slopes."""
 
     square: float = 0.0
@@ -41,15 +40,12 @@ def excess_variance(
 ) -> tuple[Float, ResidualSums]:
     """(T,) factor on the variance that ranges bring, from what is known before each instant; and the tally after all.
 
-    anchor, residual_m, weight, slope: (N,) of each range, slope being the
-    derivative of weight x residual; unit (N, D) its direction; covariance_m2
-    (T, D, D) of the place. A block lasts until its ranges hold as much
-    information as they bring to one pose. Within it, each link's residuals are
-    summed as they are in the estimate (so errors that persist add up, white
-    ones do not), the place is fitted once more (D degrees of freedom per block:
-    what the track absorbed cannot be seen, and the other links tell how large
-    it is), and the rest is compared with white noise. For robust weights this
-    is the sandwich H^-1 S H^-1, with S the scores' and H the slopes' sum.
+    anchor, residual_m, weight, slope: (N,) of each range, slope being the derivative of weight x residual; unit (N, D)
+    its direction; covariance_m2 (T, D, D) of the place. A block lasts until its ranges hold as much information as they
+    bring to one pose. Within it, each link's residuals are summed as they are in the estimate (so errors that persist
+    add up, white ones do not), the place is fitted once more (D degrees of freedom per block: what the track absorbed
+    cannot be seen, and the other links tell how large it is), and the rest is compared with white noise. For robust
+    weights this is the sandwich H^-1 S H^-1, with S the scores' and H the slopes' sum.
     """
     axes = unit.shape[1]
     steps = weight[:, None, None] * unit[:, :, None] * unit[:, None, :] / range_std_m**2
@@ -57,16 +53,14 @@ def excess_variance(
     ends = _block_ends(told, covariance_m2)
     block = np.searchsorted(first_row[ends], np.arange(len(anchor)), side="right")
     scores = _score_blocks(block, len(ends), anchor, residual_m, weight, slope, unit)
-    start = np.array([tally.square, tally.dof, tally.weight, tally.slope, tally.links])
-    running = np.concatenate([start[None], start + np.cumsum(scores, axis=0)])
+    running = np.concatenate([np.array([tally]), np.array(tally) + np.cumsum(scores, axis=0)])
     over = np.searchsorted(ends, np.arange(len(first_row) - 1), side="right")
-    return _excess(running[over].T, range_std_m), ResidualSums(*(float(each) for each in running[-1]))
+    return _excess(running[over].T, range_std_m), ResidualSums(*running[-1].tolist())
 
 
 def total_excess(tally: ResidualSums, range_std_m: float) -> float:
     """The factor that a whole log shows."""
-    sums = np.array([[tally.square], [tally.dof], [tally.weight], [tally.slope], [tally.links]])
-    return float(_excess(sums, range_std_m)[0])
+    return float(_excess(np.array(tally), range_std_m))
 
 
 def _excess(sums: Float, range_std_m: float) -> Float:

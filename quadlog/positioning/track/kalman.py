@@ -38,9 +38,8 @@ class MotionModel(NamedTuple):
 def predict_state(state: State, covariance: Covariance, dt_s: float, motion: MotionModel) -> tuple[State, Covariance]:
     """State and covariance after dt_s.
 
-    The height is a first-order Gauss-Markov process: what is known of it holds
-    at every instant, so where the anchors' geometry says nothing it keeps that
-    std. A free random walk would grow until its mirror image came in reach.
+    The height is a first-order Gauss-Markov process: what is known of it holds at every instant, so where the anchors'
+    geometry says nothing it keeps that std. A free random walk would grow until its mirror image came in reach.
     """
     x, y, z, u, v = state
     xx, xy, xz, xu, xv, yy, yz, yu, yv, zz, zu, zv, uu, uv, vv = covariance
@@ -167,14 +166,11 @@ def update_state(
 ) -> tuple[State, Covariance, tuple[float, ...]]:
     """Posterior of one instant, whose rows are [first, end) of N ranges (N,) to places (N, 3).
 
-    Iterated until the linearisation point rests, so that a poor prediction near
-    an anchor does no harm. free_z: one, or zero where the height is given.
-    weight (N,) takes given_weight, less 1/residual beyond long_m and -short_m,
-    so that the pull of a range is bounded; variance is that of a range of full
-    weight. With the covariance C of the place, its information L = sum w u
-    u^T/variance over the directions u, and the gradient b of the log-likelihood
-    at the prior, the place moves by (C^-1 + L)^-1 b. Returned are L and the
-    gradient at the posterior, too.
+    Iterated until the linearisation point rests, so that a poor prediction near an anchor does no harm. free_z: one, or
+    zero where the height is given. weight (N,) takes given_weight, less 1/residual beyond long_m and -short_m, so that
+    the pull of a range is bounded; variance is that of a range of full weight. With the covariance C of the place, its
+    information L = sum w u u^T/variance over the directions u, and the gradient b of the log-likelihood at the prior,
+    the place moves by (C^-1 + L)^-1 b. Returned are L and the gradient at the posterior, too.
     """
     sx, sy, sz, _, _ = state
     xx, xy, xz, _, _, yy, yz, _, _, zz, _, _, _, _, _ = covariance
@@ -236,9 +232,8 @@ def filter_ranges(
 ) -> None:
     """Filters T instants from a state that holds just before the first; instant k has rows first_row[k]:first_row[k+1].
 
-    velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written:
-    weight (N,), and into filtered (T, 39) the STATE, its COVARIANCE row by row,
-    and what update_state returns of its ranges: their information, and gradient.
+    velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,), and into filtered (T, 39)
+    the STATE, its COVARIANCE row by row, and what update_state returns of its ranges: their information, and gradient.
     """
     free_z = 1.0 if motion.height_std_m > 0 else 0.0
     for k in range(len(t_s)):

@@ -31,9 +31,8 @@ class VelocitySeries:
 def sample_velocity(series: VelocitySeries | None, t_ns: Int, *, causal: bool) -> tuple[Float, Float]:
     """Velocity (T, 2) at T increasing instants, and its variance (T,) in m^2/s^2, infinite where there is none.
 
-    Causal: the last one before; else linear between two neighbours. A filter
-    takes errors for white; so the variance of each of the instants is that of
-    ERRORS_LAST_S, shared among those that fall into it.
+    Causal: the last one before; else linear between two neighbours. A filter takes errors for white; so the variance of
+    each of the instants is that of ERRORS_LAST_S, shared among those that fall into it.
     """
     velocity_mps, variance = np.zeros((len(t_ns), 2)), np.full(len(t_ns), np.inf)
     if series is None or len(series.t_ns) == 0 or len(t_ns) == 0:
@@ -67,9 +66,8 @@ ACCELERATION_LASTS_S = 0.1
 class RangeLog:
     """All N ranges of a tag in time order, at T instants; what they are to, and what is assumed of them.
 
-    Instant k has rows first_row[k]:first_row[k+1]. anchor (N,), and where it stands: anchor_m (N, 3).
-    velocity_mps (T, 2) and its variance (T,), infinite for none.
-    fix_t_ns (F,), fix_m (F, 2): fixes, and when each was known.
+    Instant k has rows first_row[k]:first_row[k+1]. anchor (N,), and where it stands: anchor_m (N, 3). velocity_mps (T,
+    2) and its variance (T,), infinite for none. fix_t_ns (F,), fix_m (F, 2): fixes, and when each was known.
     """
 
     instant_ns: Int
@@ -88,6 +86,10 @@ class RangeLog:
     def axes(self) -> int:
         """How many coordinates of the place are tracked: three, or two where the height is given."""
         return 3 if self.motion.height_std_m > 0 else 2
+
+    def seconds(self, begin: int, end: int) -> Float:
+        """Time of the instants [begin, end) since the first of them."""
+        return seconds_since(self.instant_ns[begin:end], int(self.instant_ns[begin]))
 
 
 def walker(acceleration_std_mps2: float, height_m: float, height_std_m: float) -> MotionModel:
@@ -160,7 +162,7 @@ def filter_stretch(
     first, last = int(log.first_row[begin]), int(log.first_row[end])
     weight, filtered = np.empty(last - first), np.empty((end - begin, FILTERED))
     filter_ranges(
-        seconds_since(log.instant_ns[begin:end], int(log.instant_ns[begin])),
+        log.seconds(begin, end),
         log.first_row[begin : end + 1] - first,
         log.anchor_m[first:last],
         log.range_m[first:last],

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.compiled import kernel
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.kalman import COVARIANCE, HEIGHT_LASTS_S, MotionModel
 from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch, predict_rows
@@ -66,10 +65,9 @@ def weigh_lateness(windows: LinkWindows, residual_m: Float, std_m: float) -> Flo
 def smooth_states(t_s: Float, velocity_mps: Float, velocity_variance: Float, filtered: Float, smoothed: Float) -> None:
     """Writes into smoothed (T, 5) the states given all ranges, from what filter_ranges wrote.
 
-    They are those of [RTS], without an inverse [Bryson]: the state plus its
-    covariance times the pull, the gradient of the log-likelihood of all that comes later.
-    Backwards in time, each instant's measurements join in with what they miss
-    the smoothed state by.
+    They are those of [RTS], without an inverse [Bryson]: the state plus its covariance times the pull, the gradient of
+    the log-likelihood of all that comes later. Backwards in time, each instant's measurements join in with what they
+    miss the smoothed state by.
     """
     px, py, pz, pu, pv = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(t_s) - 1, -1, -1):
@@ -148,7 +146,7 @@ def smooth_stretch(log: RangeLog, stretch: Stretch) -> Stretch:
     These fall fast enough to silence a burst that the motion before and after it contradicts.
     """
     instants = slice(stretch.begin, stretch.end)
-    t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     velocity_mps, velocity_variance = log.velocity_mps[instants], log.velocity_variance[instants]
     rows = log.first_row[stretch.begin : stretch.end + 1]
     windows = _windows(log, stretch)
@@ -180,6 +178,6 @@ def smoothed_slope(log: RangeLog, stretch: Stretch) -> Float:
 
 
 def _windows(log: RangeLog, stretch: Stretch) -> LinkWindows:
-    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     rows = log.first_row[stretch.begin : stretch.end + 1]
     return link_windows(np.repeat(t_s, np.diff(rows)), log.anchor[rows[0] : rows[-1]])

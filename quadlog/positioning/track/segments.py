@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.kalman import STATE
 from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch, predict_rows
@@ -33,9 +32,8 @@ LOOK_AHEAD = 500
 class Evidence:
     """What speaks for or against a causal track.
 
-    Of F fixes in time order: fix_t_s (F,), fix_m (F, 2), the row fix_end_row
-    (F,) behind the last range known with each, and the states (F, 5) of the
-    track then, places and velocities. Of N ranges: row_t_s, range_m (N,) and
+    Of F fixes in time order: fix_t_s (F,), fix_m (F, 2), the row fix_end_row (F,) behind the last range known with
+    each, and the states (F, 5) of the track then, places and velocities. Of N ranges: row_t_s, range_m (N,) and
     anchor_m (N, 3).
     """
 
@@ -51,11 +49,10 @@ class Evidence:
 def find_loss(evidence: Evidence, std_m: float, still_far: bool, first: int) -> tuple[int, int]:
     """The fix that first contradicted the causal track, and the one that made it certain; (-1, -1) for none.
 
-    The filter may have found back by itself, so the track is continued straight
-    from before the window. A loss is certain at a fix when, since then, fixes
-    lie far from there, agree among themselves, and most ranges contradict that
-    place too. Nothing later than that fix is used. still_far: only where the
-    track itself is still far from it. first: the first fix asked.
+    The filter may have found back by itself, so the track is continued straight from before the window. A loss is
+    certain at a fix when, since then, fixes lie far from there, agree among themselves, and most ranges contradict that
+    place too. Nothing later than that fix is used. still_far: only where the track itself is still far from it. first:
+    the first fix asked.
     """
     for begin in range(max(first, FEWEST_FIXES), len(evidence.fix_t_s), LOOK_AHEAD):
         for before, known in _agreeing(evidence, _far_fixes(evidence, FAR_STD * std_m, still_far, begin), std_m):
@@ -145,11 +142,9 @@ ASK_AGAIN_S = 0.25
 def follow(log: RangeLog, *, causal: bool) -> Iterator[Stretch]:
     """The stretches of a log in time order, causally filtered.
 
-    Where the tag is lost, a causal track that has not found back starts anew as
-    soon as that is known. What will be smoothed knows better: it starts at the
-    first fix that contradicted the track, lest the smoother draws the jump out;
-    and where only its own first fix ever agreed with it, the track was wrong
-    from the start and is dropped.
+    Where the tag is lost, a causal track that has not found back starts anew as soon as that is known. What will be
+    smoothed knows better: it starts at the first fix that contradicted the track, lest the smoother draws the jump out;
+    and where only its own first fix ever agreed with it, the track was wrong from the start and is dropped.
     """
     after_gap = np.flatnonzero(np.diff(log.instant_ns) > LOST_AFTER_S * 1e9) + 1
     for begin, end in pairwise([0, *after_gap.tolist(), len(log.instant_ns)]):
@@ -210,7 +205,7 @@ def _evidence(log: RangeLog, stretch: Stretch, fix: int) -> Evidence:
     rows = log.first_row[stretch.begin : stretch.end + 1]
     behind = int(np.searchsorted(log.fix_t_ns, log.instant_ns[stretch.end - 1], side="right"))
     at = np.searchsorted(log.instant_ns[instants], log.fix_t_ns[fix:behind])
-    t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[stretch.begin]))
+    t_s = log.seconds(stretch.begin, stretch.end)
     return Evidence(
         fix_t_s=t_s[at],
         fix_m=log.fix_m[fix:behind],
@@ -225,11 +220,10 @@ def _evidence(log: RangeLog, stretch: Stretch, fix: int) -> Evidence:
 def _is_certain(log: RangeLog, stretch: Stretch, fix: int, since: int, known: int) -> bool:
     """Whether no smooth way explains the ranges about a suspected loss, by what was known then.
 
-    Blocked paths pull the filter away and let it go, which looks like a jump
-    until one smooths across it: then there is a way, and their ranges are late.
-    Across a true jump the smoother must leap, or find ranges too short. Where
-    it all happens right after the start, the first second may be as wrong as
-    the next: only a first fix that stands alone is known to be.
+    Blocked paths pull the filter away and let it go, which looks like a jump until one smooths across it: then there is
+    a way, and their ranges are late. Across a true jump the smoother must leap, or find ranges too short. Where it all
+    happens right after the start, the first second may be as wrong as the next: only a first fix that stands alone is
+    known to be.
     """
     about_ns = log.fix_t_ns[since]
     if since > fix + 1 and about_ns - log.instant_ns[stretch.begin] < WINDOW_S * 1e9:

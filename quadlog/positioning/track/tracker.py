@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.covariance_inflation import NOISE_SHARE, ResidualSums, excess_variance, total_excess
 from quadlog.positioning.track.range_log import RangeLog, Stretch, VelocitySeries, log_ranges, predict_rows, walker
@@ -43,7 +42,7 @@ class TrackedRanges:
 
     predicted_m: (N,), NaN off the track. weight: (N,), one for full trust, near zero for NLOS, zero off the track.
     restart_ns: (R,) where a track that had left its tag, although ranges kept coming, started anew.
-    excess: variance of what ranges tell over what white noise would make it, see `consistency`.
+    excess: variance of what ranges tell over what white noise would make it, see `covariance_inflation`.
     """
 
     track: Track
@@ -70,18 +69,15 @@ def track_ranges(
 ) -> TrackedRanges:
     """Track one tag from N ranges in time order to anchors_m (A, 3), with anchor (N,) an index into them.
 
-    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts: at
-    the beginning, after a gap, and where they show that the track has left its
-    tag (`stretches`, `loss`). Ranges are used one by one, so asynchronous ones
-    need no epoch. With tag_height_std_m above zero the height is tracked too,
-    about its known mean. A measured velocity of the tag joins in where given.
+    Fixes (F, 2), known from fix_t_ns on, only tell where the track starts: at the beginning, after a gap, and where
+    they show that the track has left its tag (`segments`). Ranges are used one by one, so asynchronous ones
+    need no epoch. With tag_height_std_m above zero the height is tracked too, about its known mean. A measured velocity
+    of the tag joins in where given.
 
-    Causal (smooth=False): a pose depends on ranges up to its own instant only.
-    Long residuals lose weight as 1/residual, so that an NLOS burst pulls with
-    bounded force, while no gate ever locks the filter out of the truth.
-    Smoothed: that result, smoothed, with weights from its own residuals
-    (`smoothing`). Positions' covariances grow with what the residuals show of
-    errors that are not white (`consistency`).
+    Causal (smooth=False): a pose depends on ranges up to its own instant only. Long residuals lose weight as
+    1/residual, so that an NLOS burst pulls with bounded force, while no gate ever locks the filter out of the truth.
+    Smoothed: that result, smoothed, with weights from its own residuals (`rts_smoother`). Positions' covariances grow
+    with what the residuals show of errors that are not white (`covariance_inflation`).
     """
     log = log_ranges(
         t_ns,
@@ -124,8 +120,7 @@ def _judge_causal(log: RangeLog, stretch: Stretch) -> _Judged:
 
 def _judge_smoothed(log: RangeLog, stretch: Stretch) -> _Judged:
     smoothed = smooth_stretch(log, stretch)
-    t_s = seconds_since(log.instant_ns[stretch.begin : stretch.end], int(log.instant_ns[stretch.begin]))
-    covariances = smooth_covariances(t_s, smoothed.filtered, log.motion)
+    covariances = smooth_covariances(log.seconds(stretch.begin, stretch.end), smoothed.filtered, log.motion)
     return _Judged(smoothed, covariances, *predict_rows(log, smoothed), smoothed_slope(log, smoothed))
 
 

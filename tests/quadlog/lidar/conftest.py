@@ -40,12 +40,6 @@ def large_ring_scan():
 
 
 @pytest.fixture(scope="session")
-def synthesized_scans():
-    """List of (N, 3) float32 of the committed recording that quadlog.simulation.synthetic.follow made."""
-    return read_clouds(Path(__file__).parents[3] / "fixtures" / "follow.mcap")
-
-
-@pytest.fixture(scope="session")
 def real_scans():
     """name -> list of (N, 3) float32 of the two real 16-beam recordings."""
     root = os.environ.get("QUADLOG_DATASETS")

@@ -1,29 +1,23 @@
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.lidar import ransac_plane as ground_module
 from quadlog.lidar.ransac_plane import GroundPlane, fit_ground, height_above_ground, is_level, ransac_iterations
 from quadlog.simulation.sensors.scene import import_open3d
 
 
 @pytest.mark.parametrize(
     ("confidence", "inlier_share", "iterations"),
-    [(0.99, 0.3, 169), (0.99, 0.5, 35), (0.99, 0.8, 7), (0.999, 0.9, 6), (0.5, 0.999999, 1)],
+    [
+        *((0.99, 0.3, 169), (0.99, 0.5, 35), (0.99, 0.8, 7), (0.999, 0.9, 6), (0.5, 0.999999, 1)),
+        *((0.99, 1.0, 1), (0.99, 1e-200, 100_000), (0.99, 0.001, 100_000)),
+    ],
 )
 def test_iterations_by_the_formula(confidence: float, inlier_share: float, iterations: int) -> None:
     assert ransac_iterations(confidence, inlier_share) == iterations
-
-
-def test_iterations_are_bounded() -> None:
-    assert ransac_iterations(0.99, 1e-200) == ransac_iterations(0.99, 0.001) == ground_module.MOST_ITERATIONS
-    assert ransac_iterations(0.99, 1.0) == 1
 
 
 @settings(max_examples=40, deadline=None)
@@ -68,35 +62,6 @@ def test_ring_scan_agrees_with_open3d(ring_scan) -> None:
     assert found.inliers[kinds["floor"]].mean() > 0.98
 
 
-def test_least_squares_plane_is_no_worse_than_open3ds_on_its_own_inliers(ring_scan) -> None:
-    xyz_m, _ = ring_scan
-    found = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=3)
-    assert found is not None
-    normal, d_m = ground_module._least_squares_plane(xyz_m[found.inliers])
-    centred = xyz_m[found.inliers] - xyz_m[found.inliers].mean(axis=0)
-    smallest = np.linalg.svd(centred, compute_uv=False)[-1]
-    assert np.linalg.norm(xyz_m[found.inliers] @ normal + d_m) == pytest.approx(smallest, rel=1e-9)
-
-
-def test_same_seed_same_plane_in_another_process(ring_scan, tmp_path) -> None:
-    xyz_m, _ = ring_scan
-    np.save(tmp_path / "scan.npy", xyz_m)
-    here = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
-    again = fit_ground(xyz_m, 0.1, 0.99, 0.3, 100, seed=7)
-    script = (
-        "import numpy as np, sys; from quadlog.lidar.ransac_plane import fit_ground\n"
-        "g = fit_ground(np.load(sys.argv[1]), 0.1, 0.99, 0.3, 100, seed=7)\n"
-        "print(g.normal.tobytes().hex(), g.d_m.hex(), int(g.inliers.sum()))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path / "scan.npy")], capture_output=True, text=True, check=True
-    )
-    assert here is not None and again is not None  # noqa: PT018
-    expected = f"{here.normal.tobytes().hex()} {here.d_m.hex()} {int(here.inliers.sum())}"
-    assert done.stdout.strip() == expected
-    assert again.normal.tobytes() == here.normal.tobytes()
-
-
 @pytest.mark.parametrize(
     "cloud",
     [
@@ -115,14 +80,6 @@ def test_no_plane_is_none(cloud: np.ndarray) -> None:
 def test_a_plane_that_few_points_support_is_none() -> None:
     scattered = np.random.default_rng(0).uniform(-50, 50, (1000, 3))
     assert fit_ground(scattered, 0.01, 0.99, 0.3, 100, seed=0) is None
-
-
-def test_three_points_of_a_draw_differ() -> None:
-    triples = ground_module._distinct_triples(4, 2000, seed=0)
-    assert all(len(set(row)) == 3 for row in triples.tolist())
-    assert {tuple(sorted(row)) for row in triples.tolist()} == {(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)}
-    assert (triples >= 0).all()
-    assert (triples < 4).all()
 
 
 def plane_of(normal: tuple[float, float, float], point: tuple[float, float, float]) -> GroundPlane:

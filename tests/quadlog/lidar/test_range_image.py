@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import PointCloud
@@ -34,6 +34,11 @@ def classified(scan, ring=None, transform=None, xyz_m=None):
         scan.transform_lidar_to_base if transform is None else transform,
         ALL_ROUND,
     )
+
+
+def counts(scan: ClassifiedScan) -> list[int]:
+    """Invalid, cropped, outliers, ground and obstacles."""
+    return np.bincount(scan.label, minlength=len(PointClass)).tolist()
 
 
 def share(wanted: np.ndarray, among: np.ndarray) -> float:
@@ -305,33 +310,29 @@ def test_a_cloud_moved_out_of_the_lidars_frame_has_no_beams(scans) -> None:
     assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.9
 
 
-@pytest.mark.parametrize("numbered", [True, False])
-def test_a_flat_scan_is_all_obstacles(numbered: bool) -> None:
-    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
-    ring = np.zeros(720, dtype=np.uint16) if numbered else None
-    result = classify_scan_range_image(xyz_m, ring, LEVEL, ALL_ROUND)
-    assert (result.n_obstacle, result.n_ground, result.ground) == (720, 0, None)
-    assert result.height_m == pytest.approx(0.5)
+def circle(range_m: np.ndarray) -> np.ndarray:
+    """A scan in a plane (N, 3)."""
+    turn = np.linspace(0, 2 * np.pi, len(range_m), endpoint=False)
+    return (range_m * np.stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])).T.astype(np.float32)
 
 
-@pytest.mark.parametrize("numbered", [True, False])
-def test_false_points_of_a_flat_scan_are_told(numbered: bool) -> None:
-    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+@pytest.mark.parametrize(("mount", "height_m"), [(LEVEL, 0.5), (np.eye(4), 0.1)], ids=["known", "unknown mount"])
+@pytest.mark.parametrize("ring", [None, np.zeros(720, dtype=np.uint16)], ids=["no rings", "rings"])
+def test_a_flat_scan_is_all_obstacles(ring: np.ndarray | None, mount: np.ndarray, height_m: float) -> None:
+    """Not all of it lies on the floor, whatever the mount is."""
+    result = classify_scan_range_image(circle(np.full(720, 4.0)), ring, mount, ALL_ROUND)
+    assert counts(result) == [0, 0, 0, 0, 720]
+    assert result.ground is None
+    assert result.height_m == pytest.approx(height_m)
+
+
+@pytest.mark.parametrize("ring", [None, np.zeros(720, dtype=np.uint16)], ids=["no rings", "rings"])
+def test_false_points_of_a_flat_scan_are_told(ring: np.ndarray | None) -> None:
     range_m = np.full(720, 4.0)
     range_m[::40] = 2.5
-    xyz_m = (range_m * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)])).T.astype(np.float32)
-    ring = np.zeros(720, dtype=np.uint16) if numbered else None
-    result = classify_scan_range_image(xyz_m, ring, LEVEL, ALL_ROUND)
+    result = classify_scan_range_image(circle(range_m), ring, LEVEL, ALL_ROUND)
     assert np.flatnonzero(result.label == PointClass.OUTLIER).tolist() == list(range(0, 720, 40))
-    assert result.n_obstacle == 720 - 18
-
-
-def test_a_flat_scan_of_an_unknown_mount_blocks() -> None:
-    """Not all of it lies on the floor, whatever the mount is."""
-    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
-    assert classify_scan_range_image(xyz_m, None, np.eye(4), ALL_ROUND).height_m == pytest.approx(0.1)
+    assert counts(result)[PointClass.OBSTACLE] == 720 - 18
 
 
 def test_a_wall_alone_is_no_ground() -> None:
@@ -341,7 +342,7 @@ def test_a_wall_alone_is_no_ground() -> None:
     elevation = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
     ring = np.round(np.rad2deg(elevation) / 2 + 20).astype(np.uint16)
     result = classify_scan_range_image(xyz_m.astype(np.float32), ring, LEVEL, ALL_ROUND)
-    assert result.n_ground < 0.02 * len(ring)
+    assert counts(result)[PointClass.GROUND] < 0.02 * len(ring)
 
 
 def test_only_a_field_of_view_is_kept(scans) -> None:
@@ -362,7 +363,7 @@ def test_only_a_field_of_view_is_kept(scans) -> None:
 def test_bad_clouds_count_nothing(fill: float, n_points: int, numbered: bool) -> None:
     ring = np.arange(n_points).astype(np.uint16) % 16 if numbered else None
     scan = classify_scan_range_image(np.full((n_points, 3), fill, dtype=np.float32), ring, LEVEL, ALL_ROUND)
-    assert (scan.n_raw, scan.n_valid, scan.n_outlier, scan.n_ground, scan.n_obstacle) == (n_points, 0, 0, 0, 0)
+    assert counts(scan) == [n_points, 0, 0, 0, 0]
     assert scan.ground is None
 
 
@@ -395,8 +396,8 @@ def test_any_cloud_is_classified(cloud: np.ndarray, ring: str, seed: int, roll_r
     }[ring]
     mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), roll_rad, pitch_rad, 0.0)
     scan = classify_scan_range_image(cloud, numbers, mount, ALL_ROUND)
-    assert scan.n_raw == n
-    assert scan.n_outlier + scan.n_ground + scan.n_obstacle == scan.n_valid
+    assert len(scan.label) == n
+    assert counts(scan)[PointClass.CROPPED] == 0
     with np.errstate(over="ignore", invalid="ignore"):
         range_m = np.linalg.norm(cloud.astype(np.float64), axis=1)
     clear = ~(np.abs(range_m - 0.3) < 1e-3) & ~(np.abs(range_m - 30) < 1e-3)
@@ -412,8 +413,9 @@ def test_real_scans_are_split_by_their_rings_and_without_them(real_scans) -> Non
         for cloud in scans_of:
             scan = classify_scan_range_image(cloud, None, np.eye(4), ALL_ROUND)
             assert scan.route == "elevations"
-            assert scan.n_ground > 1000
-            assert scan.n_obstacle > 500
+            _, _, outliers, ground, obstacles = counts(scan)
+            assert ground > 1000
+            assert obstacles > 500
             assert scan.ground is not None
             assert scan.ground.normal[2] > 0.97
-            assert scan.n_outlier < 0.1 * scan.n_valid
+            assert outliers < 0.1 * (outliers + ground + obstacles)

@@ -6,9 +6,8 @@ import pytest
 from quadlog.lidar.classified_scan import ClassifiedReturns, ClassifiedScan, PointClass
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.ransac_plane import GroundPlane, height_above_ground
-from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
+from quadlog.mapping.compact import CompactScan, CompactSettings, ObstacleSettings, ScanCompactor
 from quadlog.mapping.grid import Window
-from quadlog.mapping.obstacles import ObstacleSettings
 from quadlog.mapping.placing import PlacedScan, ScanPlacer
 
 

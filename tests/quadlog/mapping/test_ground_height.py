@@ -65,7 +65,7 @@ def test_nothing_seen_is_none(add) -> None:
 
 
 def test_a_scan_beyond_the_limit_is_skipped_and_counted(add) -> None:
-    ground = GroundHeight(0.2, most_cells=10_000)
+    ground = GroundHeight(0.2)
     add(ground, np.array([[0.1, 0.1]]), np.array([0.5]))
     add(ground, np.array([[0.1, 0.1]]), np.array([0.5]), (1e9, 0.0, 0.0))
     terrain = ground.to_map()

@@ -90,8 +90,7 @@ def sweep_returns(compacted):
     from quadlog.geometry import transform_from_rpy
     from quadlog.lidar.range_image_method import RangeImageSettings
     from quadlog.lidar.scan_classifier import ScanClassifier
-    from quadlog.mapping.compact import CompactSettings, ScanCompactor
-    from quadlog.mapping.obstacles import ObstacleSettings
+    from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor
     from quadlog.messages import PointCloud
 
     def make(columns: int, tilt_rad: float):

@@ -16,7 +16,7 @@ from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
 from quadlog.mapping.accumulated_map import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.obstacles import ObstacleSettings
+from quadlog.mapping.compact import ObstacleSettings
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud

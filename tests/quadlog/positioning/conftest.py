@@ -42,6 +42,12 @@ def rmse(error_m: Float) -> float:
     return float(np.sqrt((error_m**2).sum(axis=1).mean()))
 
 
+def share_in_ellipses(error_m: Float, covariance_m2: Float) -> float:
+    """Share of errors (N, 2) within the 95 % ellipses of (N, 2, 2)."""
+    squared = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(covariance_m2), error_m)
+    return float(np.mean(squared < 5.991))
+
+
 def walk_straight(t_s: Float) -> Float:
     """0.5 m/s past the middle of the anchors."""
     return np.array([4.0, 3.0]) + np.array([0.4, 0.3]) * (t_s - t_s.mean())[:, None]
@@ -143,6 +149,7 @@ def lab() -> SimpleNamespace:
         TAG_HEIGHT_M=TAG_HEIGHT_M,
         true_ranges=true_ranges,
         rmse=rmse,
+        share_in_ellipses=share_in_ellipses,
         simulate=simulate,
         walk_straight=walk_straight,
         walk_figure_eight=walk_figure_eight,

@@ -35,7 +35,7 @@ def track_errors(lab, seed: int, settings: LocateSettings) -> Float:
 def test_tracks_through_bursts(runs):
     smoothed, errors_m = runs
     rms_m = np.sqrt(np.mean(np.square(errors_m)))
-    assert rms_m <= (0.11 if smoothed else 0.20)
+    assert rms_m <= (0.06 if smoothed else 0.20)
 
 
 def test_no_run_locks_out(runs):

@@ -10,19 +10,13 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.messages import RangeSeries
 from quadlog.positioning import epochs as epochs_module
-from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs
+from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs, thin_rows
 
 
 def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
     t_ns, tag, anchor, range_m = zip(*rows, strict=True) if rows else ((), (), (), ())
     ids = [np.array(column, dtype=np.int64) for column in (t_ns, tag, anchor)]
     return RangeSeries(*ids, np.array(range_m, dtype=np.float64))
-
-
-def test_ranges_of_one_stamp_are_one_epoch():
-    got = group_epochs(series([(0, 0, 5, 1.0), (0, 0, 9, 2.0), (10, 0, 5, 3.0), (10, 0, 7, 4.0)]), 0, ids(5, 7, 9), 1.0)
-    np.testing.assert_array_equal(got.t_ns, [0, 10])
-    np.testing.assert_array_equal(got.range_m, [[1.0, np.nan, 2.0], [3.0, 4.0, np.nan]])
 
 
 def test_single_ranges_make_a_round_at_their_mean_time():
@@ -33,38 +27,8 @@ def test_single_ranges_make_a_round_at_their_mean_time():
     np.testing.assert_array_equal(got.last_ns, [big + 26, big + 40])
 
 
-def test_a_round_ends_after_epoch_s():
-    got = group_epochs(series([(0, 0, 1, 1.0), (50, 0, 2, 2.0), (101, 0, 3, 3.0)]), 0, ids(1, 2, 3), 1e-7)
-    np.testing.assert_array_equal(got.last_ns, [50, 101])
-
-
-def test_a_frame_is_not_split_to_complete_the_one_before():
-    rows = [(0, 0, 1, 1.0), (0, 0, 2, 2.0), (10, 0, 3, 3.0), (10, 0, 1, 1.1), (10, 0, 2, 2.1)]
-    got = group_epochs(series(rows), 0, ids(1, 2, 3), 1.0)
-    np.testing.assert_array_equal(got.range_m, [[1.0, 2.0, np.nan], [1.1, 2.1, 3.0]])
-
-
-@pytest.mark.parametrize(
-    ("rows", "last_ms"),
-    [
-        # Anchor 2 twice under the stamp 40 ms: the second opens an epoch that starts there, which 60 ms still fits.
-        ([(0, 1), (40, 2), (40, 2), (60, 3)], [40, 60]),
-        # What follows a double within its stamp belongs to the epoch it opened.
-        ([(0, 1), (40, 2), (40, 2), (40, 3), (60, 1)], [40, 60]),
-        ([(0, 1), (0, 1), (0, 1)], [0, 0, 0]),
-        # A stamp with an anchor that the epoch has already moves on as a whole, and its double opens another.
-        ([(0, 1), (40, 2), (40, 1), (40, 1), (60, 3)], [0, 40, 60]),
-    ],
-)
-def test_an_anchor_twice_under_one_stamp_starts_an_epoch(rows, last_ms):
-    got = group_epochs(series([(t * 10**6, 0, anchor, 1.0) for t, anchor in rows]), 0, ids(1, 2, 3), 0.05)
-    np.testing.assert_array_equal(got.last_ns, np.array(last_ms) * 10**6)
-    assert np.isfinite(got.range_m).sum() == len(rows)
-
-
 def test_nothing_in_nothing_out():
     assert len(group_epochs(series([]), 0, ids(1, 2, 3), 0.1)) == 0
-    assert len(group_epochs(series([(0, 0, 1, 1.0)]), 0, ids(), 0.1)) == 0
 
 
 def test_anchor_ids_need_not_be_sorted():
@@ -158,6 +122,16 @@ def test_no_range_is_lost_or_doubled(rows, epoch_ns):
         assert abs(np.mean(times) - t_ns) <= 0.5
         assert max(times) - min(times) <= epoch_ns
     assert (np.diff(got.last_ns) >= 0).all()
+
+
+@pytest.mark.parametrize("n", [0, 1, 200, 201, 999])
+def test_rows_are_thinned_evenly(n):
+    usable = np.ones(2 * n, dtype=bool)
+    usable[::2] = False
+    rows = thin_rows(usable, 200)
+    assert usable[rows].all()
+    assert min(n, 100) <= len(rows) <= 200
+    assert len(np.unique(np.diff(rows))) <= 1
 
 
 def ids(*values: int) -> np.ndarray:

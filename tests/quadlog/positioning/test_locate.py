@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from quadlog.errors import AnchorsCollinear
 from quadlog.messages import RangeSeries
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
@@ -114,19 +113,3 @@ def test_anchor_ids_in_any_order(lab):
     straight = locate(simulated.series, anchors(lab.SQUARE_M), [TAG], LocateSettings())
     mixed = locate(simulated.series, Anchors(order, lab.SQUARE_M[order], np.zeros(4)), [TAG], LocateSettings())
     np.testing.assert_allclose(straight.tags[0].track.position_m, mixed.tags[0].track.position_m, atol=1e-4)
-
-
-def test_the_same_log_gives_the_same_bytes(lab):
-    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 9, bursts=True)
-    one, two = (locate(simulated.series, anchors(lab.TRIANGLE_M), [TAG], LocateSettings()).tags[0] for _ in range(2))
-    assert one.track.position_m.tobytes() == two.track.position_m.tobytes()
-    assert one.ranges.weight.tobytes() == two.ranges.weight.tobytes()
-
-
-def test_anchors_on_one_line_are_refused(lab):
-    line_m = np.array([[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [6.0, 0.0, 1.0]])
-    simulated = lab.simulate(lab.walk_straight, line_m, 10)
-    with pytest.raises(AnchorsCollinear, match="5, 6, 7"):
-        locate(
-            replace(simulated.series, anchor=simulated.series.anchor + 5), anchors(line_m, 5), [TAG], LocateSettings()
-        )

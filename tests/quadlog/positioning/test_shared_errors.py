@@ -71,18 +71,6 @@ def test_the_gradient_of_a_range_error_is_its_reach():
     assert np.isfinite(range_m).all()
 
 
-def test_a_common_shift_of_all_anchors_is_not_seen():
-    rng = np.random.default_rng(2)
-    place_m = np.column_stack([rng.uniform(1, 6, (40, 2)), np.full(40, 0.6)])
-    step_m = np.array([1.0, -0.5, 0.0])
-    moved_m = ANCHORS_M + step_m
-    one = solve_shared_errors(ANCHORS_M, NONE, ranges(place_m, ANCHORS_M), np.ones((40, 5)), place_m, 2, np.eye(5))
-    place_m = place_m + step_m
-    two = solve_shared_errors(moved_m, NONE, ranges(place_m, moved_m), np.ones((40, 5)), place_m, 2, np.eye(5))
-    np.testing.assert_allclose(one.bias_m, two.bias_m, atol=1e-6)
-    np.testing.assert_allclose(one.covariance_m2, two.covariance_m2, rtol=1e-6)
-
-
 def test_what_the_geometry_could_tell_is_what_a_solution_there_claims():
     rng = np.random.default_rng(3)
     place_m = np.column_stack([rng.uniform(1, 6, (20, 2)), np.full(20, 0.6)])

@@ -35,15 +35,9 @@ def track_errors(lab, trolley, located: Located) -> np.ndarray:
     )
 
 
-def test_fixes_as_measured(lab, trolley):
-    located = run(trolley, LocateSettings(calibrate=False, smooth=False))
-    assert (fix_errors(lab, trolley, located) <= [0.182, 0.163, 0.156]).all()
-    assert located.counts.not_positive == 30
-    assert located.counts.used == located.counts.total - 30
-
-
 def test_calibration_halves_the_error_of_a_fix(lab, trolley, calibrated):
     assert (fix_errors(lab, trolley, calibrated) <= [0.086, 0.082, 0.075]).all()
+    assert calibrated.counts.not_positive == calibrated.counts.total - calibrated.counts.used == 30
 
 
 def test_smoothed_tracks(lab, trolley, calibrated):

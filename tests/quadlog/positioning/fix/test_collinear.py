@@ -73,8 +73,7 @@ def test_the_chosen_side_is_as_good_as_the_geometry_allows(lab):
     assert fixes.solved.mean() > 0.999
     error_m = (fixes.position_m - place_m)[fixes.solved]
     assert lab.rmse(error_m) == pytest.approx(STD_M * np.sqrt((fixes.hdop[fixes.solved] ** 2).mean()), rel=0.03)
-    distance2 = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(fixes.covariance_m2[fixes.solved]), error_m)
-    assert 0.94 < np.mean(distance2 < 5.991) < 0.96
+    assert 0.94 < lab.share_in_ellipses(error_m, fixes.covariance_m2[fixes.solved]) < 0.96
 
 
 def test_a_track_carries_its_side_across_the_line(lab):

@@ -38,30 +38,12 @@ def test_it_is_what_the_fixes_say_of_themselves(lab):
     assert_allclose(dilution_at(place_m, lab.SQUARE_M, lab.TAG_HEIGHT_M)[near], fixes.hdop[near], rtol=1e-5)
 
 
-def test_size_place_and_direction_of_the_whole_change_nothing():
-    rng = np.random.default_rng(4)
-    place_m = rng.uniform(-2, 10, (50, 2))
-    expected = dilution_at(place_m, LEVEL_SQUARE_M, 0.4)
-    scaled = dilution_at(3 * place_m, 3 * LEVEL_SQUARE_M, 3 * 0.4)
-    assert_allclose(scaled, expected)
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
-    turned_m = np.column_stack([LEVEL_SQUARE_M[:, :2] @ turn.T + [100.0, -50.0], LEVEL_SQUARE_M[:, 2]])
-    assert_allclose(dilution_at(place_m @ turn.T + [100.0, -50.0], turned_m, 0.4), expected)
-
-
 def test_where_no_fix_is_possible_it_is_infinite():
     line_m = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [8.0, 0.0, 1.0]])
     on, off = dilution_at(np.array([[2.0, 0.0], [2.0, 3.0]]), line_m, 1.0)
     assert on == np.inf
     assert np.isfinite(off)
     assert dilution_at(np.array([[3.0, 3.0]]), LEVEL_SQUARE_M[:2], 0.6).tolist() == [np.inf]
-
-
-def test_the_map_has_the_symmetry_of_the_anchors():
-    grid = map_dilution(LEVEL_SQUARE_M - [4.0, 4.0, 0.0], 0.6, np.zeros((0, 2)), 40, 40)
-    assert_allclose(grid.hdop, grid.hdop.T, rtol=1e-12)
-    assert_allclose(grid.hdop, grid.hdop[::-1], rtol=1e-9)
-    assert_allclose(grid.origin_m, -np.array(grid.hdop.shape[::-1]) * grid.cell_m / 2)
 
 
 def test_cells_hold_the_value_of_their_centre(lab):
@@ -101,14 +83,10 @@ def random_covariances(count: int) -> np.ndarray:
 
 def test_ellipses_are_those_of_the_eigenvectors():
     covariance_m2 = random_covariances(200)
-    major_m, minor_m, angle_rad = ellipse_95(covariance_m2)
-    values, vectors = np.linalg.eigh(covariance_m2)
+    major_m, minor_m = ellipse_95(covariance_m2)
+    values = np.linalg.eigvalsh(covariance_m2)
     assert_allclose(major_m, np.sqrt(chi2.ppf(0.95, 2) * values[:, 1]))
     assert_allclose(minor_m, np.sqrt(chi2.ppf(0.95, 2) * values[:, 0]))
-    axis = np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
-    assert_allclose(np.abs((axis * vectors[:, :, 1]).sum(axis=1)), 1.0)
-    known = [ellipse_95(np.diag([xx, yy])[None]) for xx, yy in ((4.0, 1.0), (1.0, 4.0))]
-    assert [float(angle[0]) for _, _, angle in known] == pytest.approx([0.0, np.pi / 2])
 
 
 def test_95_of_100_draws_lie_inside():
@@ -123,10 +101,9 @@ def test_the_radius_ends_on_the_ellipse():
     error_m = np.random.default_rng(7).normal(size=(100, 2))
     end_m = error_m / np.hypot(*error_m.T)[:, None] * radius_95(covariance_m2, error_m)[:, None]
     assert_allclose(np.einsum("ni,nij,nj->n", end_m, np.linalg.inv(covariance_m2), end_m), CHI2_95)
-    major_m, minor_m, angle_rad = ellipse_95(covariance_m2)
-    along = np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
-    assert_allclose(radius_95(covariance_m2, along), major_m)
-    assert_allclose(radius_95(covariance_m2, along[:, ::-1] * [-1, 1]), minor_m)
+    _, axes = np.linalg.eigh(covariance_m2)
+    for radius_m, axis in zip(ellipse_95(covariance_m2), (1, 0), strict=True):
+        assert_allclose(radius_95(covariance_m2, axes[:, :, axis]), radius_m)
 
 
 def test_no_error_and_no_fix():

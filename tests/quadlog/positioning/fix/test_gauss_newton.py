@@ -23,27 +23,31 @@ def circle(n: int, radius_m: float = 5.0) -> np.ndarray:
     return np.column_stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.full(n, 1.2)])
 
 
-def scipy_fix(anchors_m, range_m, height_m, start_m):
-    def residual(p):
-        return np.linalg.norm(np.append(p, height_m) - anchors_m, axis=1) - range_m
-
-    return least_squares(residual, start_m, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-
-
-def test_every_fix_is_the_minimum_that_scipy_finds(lab):
-    rng = np.random.default_rng(3)
-    anchors_m = rng.uniform(-6, 6, (6, 3))
-    truth_m = rng.uniform(-5, 5, (60, 2))
-    range_m = np.abs(lab.true_ranges(truth_m, anchors_m) + 0.15 * rng.standard_normal((60, 6)))
-    range_m[rng.random((60, 6)) < 0.2] = np.nan
-    fixes = solve_gauss_newton(anchors_m, range_m, lab.TAG_HEIGHT_M, 0.1, 0.5)
+@pytest.mark.parametrize("height_m", [0.6, None], ids=["plane", "space"])
+def test_every_fix_is_the_minimum_that_scipy_finds(height_m):
+    rng = np.random.default_rng(5)
+    place_m = np.column_stack([rng.uniform(1, 7, 60), rng.uniform(1, 6, 60), rng.uniform(0.3, 2, 60)])
+    if height_m is not None:
+        place_m[:, 2] = height_m
+    range_m = np.linalg.norm(place_m[:, None] - HALL_M, axis=2) + 0.1 * rng.standard_normal((60, 6))
+    range_m[rng.random((60, 6)) < 0.1] = np.nan
+    fixes = solve_gauss_newton(HALL_M, range_m, height_m, 0.1, 0.5)
     assert fixes.solved.sum() > 50
+    axes = 3 if height_m is None else 2
+    np.testing.assert_array_equal(fixes.degenerate, ~fixes.solved & (fixes.n_ranges > axes))
     for i in np.flatnonzero(fixes.solved):
-        present = np.isfinite(range_m[i])
-        oracle = scipy_fix(anchors_m[present], range_m[i, present], lab.TAG_HEIGHT_M, fixes.position_m[i])
-        np.testing.assert_allclose(fixes.position_m[i], oracle.x, atol=2e-5)
-        np.testing.assert_allclose(fixes.covariance_m2[i], 0.01 * np.linalg.inv(oracle.jac.T @ oracle.jac), rtol=1e-3)
-        assert fixes.residual_rms_m[i] == pytest.approx(np.sqrt(np.mean(oracle.fun**2)), rel=1e-6, abs=1e-9)
+        heard = np.isfinite(range_m[i])
+        found_m = np.append(fixes.position_m[i], fixes.z_m[i])
+
+        def residual(p, i=i, heard=heard):
+            return np.linalg.norm(np.append(p, height_m or [])[:3] - HALL_M[heard], axis=1) - range_m[i, heard]
+
+        oracle = least_squares(residual, found_m[:axes], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        np.testing.assert_allclose(found_m[:axes], oracle.x, atol=1e-4)
+        covariance_m2 = 0.01 * np.linalg.inv(oracle.jac.T @ oracle.jac)
+        np.testing.assert_allclose(fixes.covariance_m2[i], covariance_m2[:2, :2], rtol=1e-2, atol=1e-6)
+        assert fixes.z_std_m[i] == pytest.approx(np.sqrt(covariance_m2[2, 2]) if axes == 3 else 0.0, rel=1e-2)
+        assert fixes.residual_rms_m[i] == pytest.approx(np.sqrt(np.mean(oracle.fun**2)), rel=1e-4, abs=1e-6)
 
 
 @given(
@@ -75,27 +79,7 @@ def test_error_reaches_the_cramer_rao_bound_and_ellipses_are_honest(lab, n):
     bound_m = np.sqrt(np.trace(0.01 * np.linalg.inv(unit.T @ unit)))
     error_m = fixes.position_m - place_m
     assert lab.rmse(error_m) == pytest.approx(bound_m, rel=0.02)
-    distance2 = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(fixes.covariance_m2), error_m)
-    assert 0.94 < np.mean(distance2 < 5.991) < 0.96
-
-
-def test_error_in_the_middle_of_a_circle_is_two_std_over_root_n(lab):
-    """There the bound has a closed form: sum u u^T = n/2 I."""
-    rng = np.random.default_rng(0)
-    for n, expected_m in ((3, 0.2 / 3**0.5), (4, 0.1), (8, 0.2 / 8**0.5)):
-        anchors_m = circle(n) * [1, 1, 0]
-        range_m = 5 + 0.1 * rng.standard_normal((20_000, n))
-        fixes = solve_gauss_newton(anchors_m, range_m, 0.0, 0.1, 0.5)
-        assert lab.rmse(fixes.position_m) == pytest.approx(expected_m, rel=0.02)
-
-
-def test_the_linear_form_has_no_favourite_anchor(lab):
-    rng = np.random.default_rng(1)
-    range_m = lab.true_ranges(rng.uniform(1, 6, (50, 2)), SQUARE_M) + 0.1 * rng.standard_normal((50, 4))
-    order = [2, 0, 3, 1]
-    one = solve_gauss_newton(SQUARE_M, range_m, lab.TAG_HEIGHT_M, 0.1, 0.5)
-    two = solve_gauss_newton(SQUARE_M[order], range_m[:, order], lab.TAG_HEIGHT_M, 0.1, 0.5)
-    np.testing.assert_allclose(one.position_m, two.position_m, atol=1e-6)
+    assert 0.94 < lab.share_in_ellipses(error_m, fixes.covariance_m2) < 0.96
 
 
 def test_fewer_than_three_ranges_are_not_solved(lab):
@@ -117,17 +101,6 @@ def test_a_subset_on_a_line_is_degenerate_by_epoch(lab):
     np.testing.assert_array_equal(fixes.solved, [False, True])
 
 
-@given(st.lists(st.floats(0.01, 1e4) | st.just(np.nan), min_size=4, max_size=4))
-@settings(max_examples=200, deadline=None)
-def test_solved_means_finite_whatever_was_measured(range_m):
-    fixes = solve_gauss_newton(SQUARE_M, np.array([range_m]), 0.6, 0.1, 0.5)
-    numbers = np.concatenate([fixes.position_m[0], fixes.covariance_m2[0].ravel(), fixes.residual_rms_m])
-    assert np.isfinite(numbers).all() == fixes.solved[0]
-    assert fixes.solved[0] or fixes.degenerate[0] or fixes.n_ranges[0] < 3
-    if fixes.solved[0]:
-        assert np.linalg.eigvalsh(fixes.covariance_m2[0]).min() > 0
-
-
 def test_a_tag_under_an_anchor_is_solved():
     anchors_m = SQUARE_M * [1, 1, 0]
     fixes = solve_gauss_newton(anchors_m, predict_ranges(anchors_m[:1, :2], anchors_m, 0.0), 0.0, 0.1, 0.5)
@@ -140,10 +113,6 @@ def test_residuals_that_do_not_fit_are_outliers(lab):
     fixes = solve_gauss_newton(SQUARE_M, range_m, lab.TAG_HEIGHT_M, 0.1, 0.5)
     np.testing.assert_array_equal(fixes.outlier, [False, True])
     assert fixes.residual_m[1, 0] > 0
-
-
-def test_no_epochs_no_fixes():
-    assert solve_gauss_newton(SQUARE_M, np.empty((0, 4)), 0.6, 0.1, 0.5).position_m.shape == (0, 2)
 
 
 def simulated(lab, n, seed, late_share=0.0):
@@ -194,30 +163,7 @@ def test_without_late_ranges_huber_costs_little(lab, n):
     assert both.mean() > 0.999
     error_m = (huber.position_m - place_m)[both]
     assert lab.rmse(error_m) < 1.03 * lab.rmse((plain.position_m - place_m)[both])
-    distance2 = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(huber.covariance_m2[both]), error_m)
-    assert 0.94 < np.mean(distance2 < 5.991) < 0.96
-
-
-def test_fixes_in_space_are_minima_that_scipy_finds():
-    rng = np.random.default_rng(5)
-    place_m = np.column_stack([rng.uniform(1, 7, 60), rng.uniform(1, 6, 60), rng.uniform(0.3, 2, 60)])
-    range_m = np.linalg.norm(place_m[:, None] - HALL_M, axis=2) + 0.1 * rng.standard_normal((60, 6))
-    range_m[rng.random((60, 6)) < 0.1] = np.nan
-    fixes = solve_gauss_newton(HALL_M, range_m, None, 0.1, 0.5)
-    assert fixes.solved.sum() > 50
-    np.testing.assert_array_equal(fixes.degenerate, ~fixes.solved & (fixes.n_ranges >= 4))
-    for i in np.flatnonzero(fixes.solved):
-        heard = np.isfinite(range_m[i])
-        found_m = np.append(fixes.position_m[i], fixes.z_m[i])
-
-        def residual(p, i=i, heard=heard):
-            return np.linalg.norm(p - HALL_M[heard], axis=1) - range_m[i, heard]
-
-        oracle = least_squares(residual, found_m, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-        np.testing.assert_allclose(found_m, oracle.x, atol=1e-4)
-        covariance_m2 = 0.01 * np.linalg.inv(oracle.jac.T @ oracle.jac)
-        np.testing.assert_allclose(fixes.covariance_m2[i], covariance_m2[:2, :2], rtol=1e-2, atol=1e-6)
-        assert fixes.z_std_m[i] == pytest.approx(np.sqrt(covariance_m2[2, 2]), rel=1e-2)
+    assert 0.94 < lab.share_in_ellipses(error_m, huber.covariance_m2[both]) < 0.96
 
 
 def test_fixes_in_space_reach_the_bound_and_their_ellipses_are_honest(lab):
@@ -233,8 +179,7 @@ def test_fixes_in_space_reach_the_bound_and_their_ellipses_are_honest(lab):
     error_m = fixes.position_m - place_m[:, :2]
     assert lab.rmse(error_m) == pytest.approx(np.sqrt((bound_m2[:, 0, 0] + bound_m2[:, 1, 1]).mean()), rel=0.02)
     assert np.std(fixes.z_m - 1.0) == pytest.approx(np.sqrt(bound_m2[:, 2, 2].mean()), rel=0.02)
-    distance2 = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(fixes.covariance_m2), error_m)
-    assert 0.94 < np.mean(distance2 < 5.991) < 0.96
+    assert 0.94 < lab.share_in_ellipses(error_m, fixes.covariance_m2) < 0.96
     assert 0.94 < np.mean(np.abs(fixes.z_m - 1.0) < 1.96 * fixes.z_std_m) < 0.96
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.positioning.fix.linear import solve_linear, solve_paper, solve_weighted, start_linear
+from quadlog.positioning.fix.linear import solve_linear, solve_paper, solve_weighted
 
 ROOM_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.5, 1.4], [8.0, 7.0, 1.0], [0.0, 7.0, 1.2], [4.0, 8.0, 1.3]])
 HALL_M = np.array([[0, 0, 0.3], [8, 0, 2.6], [8, 7, 0.4], [0, 7, 2.5], [4, 0, 2.8], [4, 7, 0.2]], dtype=float)
@@ -28,21 +28,19 @@ def differences(anchors_m, square_m2, reference):
 
 
 def full_covariance(range_m, std_m, others, reference):
-    s, d = std_m[others], range_m[others]
-    n = 4 * std_m[reference] ** 2 * range_m[reference] ** 2 + 2 * std_m[reference] ** 4
-    return np.diag(4 * s**2 * d**2 + 2 * s**4) + n
+    variance = 4 * std_m**2 * range_m**2 + 2 * std_m**4
+    return np.diag(variance[others]) + variance[reference]
 
 
 @pytest.mark.parametrize("reference", range(5))
 def test_full_covariance_weights_depend_on_no_reference(reference):
-    """The form without a reference equals C^-1 of differences against any station, unequal stds included."""
-    std_m = np.array([0.05, 0.1, 0.3, 0.1, 0.2])
-    _, range_m = noisy_ranges(ROOM_M, 0.6, 20, 1, std_m)
-    fixes = solve_weighted(ROOM_M, range_m, 0.6, std_m, 0.5)
+    """The form without a reference equals C^-1 of differences against any station."""
+    _, range_m = noisy_ranges(ROOM_M, 0.6, 20, 1)
+    fixes = solve_weighted(ROOM_M, range_m, 0.6, 0.1, 0.5)
     for i in range(len(range_m)):
-        square_m2 = range_m[i] ** 2 - (ROOM_M[:, 2] - 0.6) ** 2 - std_m**2
+        square_m2 = range_m[i] ** 2 - (ROOM_M[:, 2] - 0.6) ** 2
         others, a, b = differences(ROOM_M[:, :2], square_m2, reference)
-        information = a.T @ np.linalg.inv(full_covariance(range_m[i], std_m, others, reference))
+        information = a.T @ np.linalg.inv(full_covariance(range_m[i], 0.1, others, reference))
         np.testing.assert_allclose(fixes.position_m[i], np.linalg.solve(information @ a, information @ b), rtol=1e-9)
         np.testing.assert_allclose(fixes.covariance_m2[i], np.linalg.inv(information @ a), rtol=1e-9)
 
@@ -66,7 +64,7 @@ def test_paper_is_weighted_by_one_over_distance_against_the_last_station_heard()
         w = np.diag(1 / range_m[i, others])
         np.testing.assert_allclose(fixes.position_m[i], np.linalg.solve(a.T @ w @ a, a.T @ w @ b), rtol=1e-9)
         gain = np.linalg.solve(a.T @ w @ a, a.T @ w)
-        noise = full_covariance(range_m[i, :heard], np.full(heard, 0.1), others, heard - 1)
+        noise = full_covariance(range_m[i, :heard], 0.1, others, heard - 1)
         np.testing.assert_allclose(fixes.covariance_m2[i], gain @ noise @ gain.T, rtol=1e-9)
 
 
@@ -89,47 +87,16 @@ def test_with_three_stations_no_weighting_changes_the_fix(xy_m, range_m):
         np.testing.assert_allclose(other.covariance_m2, solved[0].covariance_m2, rtol=1e-5)
 
 
-def test_with_four_stations_weights_do_matter():
-    _, range_m = noisy_ranges(ROOM_M[:4], 0.6, 20, 4)
-    fixes = [solve(ROOM_M[:4], range_m, 0.6, 0.1, 0.5).position_m for solve in SOLVERS]
-    assert np.abs(fixes[0] - fixes[1]).max() > 0.01
-    assert np.abs(fixes[1] - fixes[2]).max() > 0.01
-
-
 @pytest.mark.parametrize("solve", SOLVERS)
 @pytest.mark.parametrize(("anchors_m", "height_m"), [(ROOM_M, 0.6), (HALL_M, None)])
-def test_ellipses_hold_what_they_promise(solve, anchors_m, height_m):
+def test_ellipses_hold_what_they_promise(lab, solve, anchors_m, height_m):
     place_m, range_m = noisy_ranges(anchors_m, 0.6, 20_000, 5)
     fixes = solve(anchors_m, range_m, height_m, 0.1, 0.5)
     assert fixes.solved.all()
     error_m = fixes.position_m - place_m[:, :2]
-    distance2 = np.einsum("ei,eij,ej->e", error_m, np.linalg.inv(fixes.covariance_m2), error_m)
-    assert 0.94 < np.mean(distance2 < 5.991) < 0.96
+    assert 0.94 < lab.share_in_ellipses(error_m, fixes.covariance_m2) < 0.96
     if height_m is None:
         assert 0.94 < np.mean(np.abs(fixes.z_m - 0.6) < 1.96 * fixes.z_std_m) < 0.96
-
-
-@pytest.mark.parametrize("n", [5, 8])
-def test_full_covariance_weights_reach_the_cramer_rao_bound(lab, n):
-    angle = 2 * np.pi * np.arange(n) / n
-    anchors_m = np.column_stack([5 * np.cos(angle), 5 * np.sin(angle), np.full(n, 1.2)])
-    rng = np.random.default_rng(n)
-    range_m = lab.true_ranges(np.array([[1.0, 0.7]]), anchors_m) + 0.1 * rng.standard_normal((20_000, n))
-    fixes = solve_weighted(anchors_m, range_m, lab.TAG_HEIGHT_M, 0.1, 0.5)
-    unit = np.array([1.0, 0.7, lab.TAG_HEIGHT_M]) - anchors_m
-    unit = (unit / np.linalg.norm(unit, axis=1, keepdims=True))[:, :2]
-    bound_m = np.sqrt(np.trace(0.01 * np.linalg.inv(unit.T @ unit)))
-    assert lab.rmse(fixes.position_m - [1.0, 0.7]) == pytest.approx(bound_m, rel=0.02)
-    assert fixes.hdop.mean() == pytest.approx(bound_m / 0.1, rel=0.02)
-
-
-def test_squares_are_rid_of_what_unequal_noise_adds():
-    """Without d^2 - s^2 the fix would be off by 0.06 m on average here."""
-    std_m = np.array([0.8, 0.05, 0.05, 0.05, 0.05])
-    place_m, range_m = noisy_ranges(ROOM_M, 0.6, 100_000, 6, std_m)
-    for solve in SOLVERS:
-        error_m = solve(ROOM_M, range_m, 0.6, std_m, 0.5).position_m - place_m[:, :2]
-        assert np.abs(error_m.mean(axis=0)).max() < 0.013
 
 
 @pytest.mark.parametrize("solve", SOLVERS)
@@ -153,14 +120,3 @@ def test_too_few_and_flat_geometry_is_not_solved():
         np.testing.assert_array_equal(fixes.degenerate, [True, False, True])
         fixes = solve(ROOM_M * [1, 1, 0], range_m, None, 0.1, 0.5)
         np.testing.assert_array_equal(fixes.degenerate, [True, False, True])
-
-
-def test_the_start_is_the_linear_fix_and_the_spread_is_that_of_the_anchors():
-    _, range_m = noisy_ranges(ROOM_M, 0.6, 4, 9)
-    range_m[3, 2:] = np.nan
-    start_m, spread_m2 = start_linear(ROOM_M, range_m, 0.6, 0.1)
-    np.testing.assert_allclose(start_m[:3, :2], solve_linear(ROOM_M, range_m, 0.6, 0.1, 0.5).position_m[:3])
-    np.testing.assert_array_equal(start_m[:3, 2], 0.6)
-    assert np.isnan(start_m[3]).any()
-    assert (spread_m2[:3] > 1).all()
-    assert spread_m2[3] == 0

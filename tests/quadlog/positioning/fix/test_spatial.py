@@ -26,13 +26,6 @@ def test_height_std_is_the_bound():
         assert std_m[i] == pytest.approx(0.1 * np.sqrt(np.linalg.inv(unit.T @ unit)[2, 2]), rel=1e-9)
 
 
-def test_height_std_has_a_closed_form_over_and_under_a_square():
-    """At the centre of four anchors on a circle of radius R, h above and h below, u_z^2 = h^2/(R^2 + h^2) each."""
-    anchors_m = np.array([[3, 0, 1], [-3, 0, 1], [0, 3, -1], [0, -3, -1]], dtype=float)
-    std_m = height_std_m(anchors_m, np.zeros((1, 2)), 0.0, np.ones((1, 4), dtype=bool), 0.1)
-    assert std_m[0] == pytest.approx(0.1 * np.sqrt(10 / 4), rel=1e-9)
-
-
 def test_no_height_without_four_ranges_or_in_the_anchors_plane():
     place_m = places(3)
     heard = np.ones((3, 6), dtype=bool)

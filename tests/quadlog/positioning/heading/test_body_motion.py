@@ -68,7 +68,6 @@ def test_the_series_is_the_tags_velocity_in_map(lab):
     assert got.series is not None
     true_mps = np.gradient(simulated.position_m, t_s, axis=0)
     np.testing.assert_allclose(got.series.velocity_mps, true_mps, atol=0.05)
-    assert got.speed_ratio == pytest.approx(1.0, abs=0.05)
     assert got.std_mps < 0.05
 
 
@@ -99,7 +98,6 @@ def test_walking_backwards_is_no_disagreement(lab):
 def test_a_wrong_scale_loses_its_say_instead_of_bending_the_track(lab, scale):
     simulated = walk(lab, 4)
     got = measured(lab, simulated, odometry(simulated, scale=scale), smooth=True)
-    assert got.speed_ratio == pytest.approx(scale, abs=0.05)
     assert got.std_mps > 0.1
     with_it = track(lab, simulated, smooth=True, velocity=got.series)
     assert rms(lab, simulated, with_it) < 1.1 * rms(lab, simulated, track(lab, simulated, smooth=True))

@@ -4,7 +4,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy.stats import circmean
 
 from quadlog.geometry import wrap_angle
 from quadlog.positioning.heading.heading import (
@@ -54,17 +53,6 @@ def test_a_tag_that_never_moves_looks_along_x():
     assert course_heading(track(np.empty((0, 2)))).shape == (0,)
 
 
-def test_a_causal_offset_is_found_and_knows_nothing_of_what_comes():
-    walked, yaw = curved(noise_mps=0.1)
-    sensor = wrap_angle(yaw - 2.0)
-    whole = align_yaw_causally(walked, walked.t_ns, sensor).yaw_rad
-    np.testing.assert_allclose(wrap_angle(whole[-100:] - yaw[-100:]), 0, atol=0.03)
-    half = Track(*(getattr(walked, each.name)[:300] for each in fields(walked)))
-    np.testing.assert_array_equal(align_yaw_causally(half, walked.t_ns[:300], sensor[:300]).yaw_rad, whole[:300])
-    still = track(np.zeros((5, 2)))
-    np.testing.assert_allclose(align_yaw_causally(still, still.t_ns, np.full(5, 0.3)).yaw_rad, 0.3)
-
-
 @pytest.mark.parametrize("offset", [0.0, 1.0, 3.1, -2.5])
 def test_offset_is_found_whatever_it_is(offset):
     walked, yaw = curved()
@@ -72,30 +60,6 @@ def test_offset_is_found_whatever_it_is(offset):
     assert wrap_angle(np.array(got.offset_rad - offset)) == pytest.approx(0, abs=1e-6)
     np.testing.assert_allclose(wrap_angle(got.yaw_rad - yaw), 0, atol=1e-6)
     assert got.moving_s == 60
-
-
-def test_offset_of_noisy_courses_is_near_their_circular_mean():
-    walked, yaw = curved(noise_mps=0.05)
-    course = np.arctan2(walked.velocity_mps[:, 1], walked.velocity_mps[:, 0])
-    got = align_yaw(walked, walked.t_ns, yaw - 0.7)
-    assert got.offset_rad == pytest.approx(circmean(course - yaw + 0.7), abs=0.01)
-
-
-def test_std_is_the_scatter_over_many_walks():
-    found = []
-    for seed in range(60):
-        walked, yaw = curved(noise_mps=0.1, seed=seed)
-        found.append(align_yaw(walked, walked.t_ns, yaw))
-    scatter = np.std([each.offset_rad for each in found])
-    assert np.mean([each.std_rad for each in found]) == pytest.approx(scatter, rel=0.35)
-
-
-def test_a_third_of_walking_backwards_does_not_turn_the_heading():
-    walked, yaw = curved()
-    velocity = walked.velocity_mps.copy()
-    velocity[100:300] *= -1
-    got = align_yaw(track(velocity), walked.t_ns, yaw - 1.0)
-    assert got.offset_rad == pytest.approx(1.0, abs=0.02)
 
 
 def test_without_motion_or_without_yaw_the_std_is_infinite():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import cholesky, expm
-from scipy.optimize import approx_fprime, least_squares
+from scipy.linalg import expm
+from scipy.optimize import approx_fprime
 
 from quadlog.positioning.track.kalman import (
     COVARIANCE,
@@ -14,10 +14,8 @@ from quadlog.positioning.track.kalman import (
     STATE,
     MotionModel,
     filter_ranges,
-    gain_of,
     predict_state,
     update_state,
-    update_velocity,
 )
 from quadlog.positioning.track.rts_smoother import smooth_covariances, smooth_states
 
@@ -81,20 +79,6 @@ def run(motion, t_s, first_row, anchor, range_m, weight, anchors_m=ANCHORS_M, ve
     return forward, (smoothed, smooth_covariances(t_s, filtered, motion))
 
 
-@BOTH
-def test_prediction_is_the_exact_integral_of_white_acceleration(motion):
-    rng = np.random.default_rng(0)
-    root = rng.standard_normal((5, 5))
-    root[2] *= motion.height_std_m
-    start = (1.0, 2.0, 1.4, 0.5, -0.25)
-    state, covariance = predict_state(start, packed(root @ root.T), 0.7, motion)
-    move = expm(rate_matrix() * 0.7)
-    height_m = HEIGHT_M + 0.5 * np.exp(-0.7 / HEIGHT_LASTS_S)
-    np.testing.assert_allclose(state, [1.35, 1.825, height_m, 0.5, -0.25])
-    expected = move @ root @ root.T @ move.T + process_noise(motion, 0.7)
-    np.testing.assert_allclose(unpacked(covariance), expected, atol=1e-12)
-
-
 def test_a_height_nothing_is_heard_of_keeps_its_std():
     _, covariance = predict_state(tuple(START.tolist()), packed(np.diag(START_STD[TALL] ** 2)), 500.0, TALL)
     assert unpacked(covariance)[2, 2] == pytest.approx(TALL.height_std_m**2)
@@ -156,34 +140,6 @@ def test_filter_and_smoother_are_the_batch_solution_of_the_linear_problem(motion
         assert not covariances[:, 2].any()
 
 
-@BOTH
-def test_smoother_is_close_to_the_batch_solution_of_the_true_problem(motion):
-    """Among the anchors the filter linearises on the way; scipy minimises all at once.
-
-    They agree to 2 mm, 5 with the height.
-    """
-    t_s, first_row, anchor, range_m, weight = uneven_log(7)
-    _, (states, _) = run(motion, t_s, first_row, anchor, range_m, weight)
-    instants, known = len(t_s), TRACKED[motion]
-    own = np.ix_(known, known)
-    whiten = [np.linalg.inv(cholesky(process_noise(motion, dt_s)[own], lower=True)) for dt_s in np.diff(t_s)]
-    moves = [expm(rate_matrix() * dt_s)[own] for dt_s in np.diff(t_s)]
-    instant = np.repeat(np.arange(instants), np.diff(first_row))
-    mean = np.array([0.0, 0.0, HEIGHT_M, 0.0, 0.0])[known]
-
-    def cost_terms(flat):
-        x = flat.reshape(instants, len(known))
-        start = (x[0] - START[known]) / START_STD[motion][known]
-        steps = [whiten[k] @ (x[k + 1] - mean - moves[k] @ (x[k] - mean)) for k in range(instants - 1)]
-        height_m = x[:, 2] if motion is TALL else np.full(instants, HEIGHT_M)
-        place_m = np.column_stack([x[:, :2], height_m])[instant]
-        predicted = np.linalg.norm(place_m - ANCHORS_M[anchor], axis=1)
-        return np.concatenate([start, *steps, np.sqrt(weight) * (range_m - predicted) / STD_M])
-
-    batch = least_squares(cost_terms, states[:, known].ravel(), method="trf").x.reshape(instants, len(known))
-    np.testing.assert_allclose(states[:, :2], batch[:, :2], atol=2e-3 if motion is FLAT else 5e-3)
-
-
 def test_an_update_in_three_dimensions_ends_where_the_cost_is_flat():
     """The gradient of prior plus ranges, by finite differences, vanishes at the posterior; the curvature is P^-1."""
     rng = np.random.default_rng(2)
@@ -230,27 +186,6 @@ def test_a_given_height_counts_and_stays():
     assert np.hypot(high[0][0] - 2.2, high[0][1] - 2.9) > 0.05
     assert (low[0][2], high[0][2]) == (HEIGHT_M, HEIGHT_M + 2)
     assert not unpacked(low[1])[2].any()
-
-
-def test_velocity_update_is_the_information_sum():
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((5, 5))
-    state, covariance = rng.standard_normal(5), root @ root.T
-    posterior, shrunk = update_velocity(tuple(state.tolist()), packed(covariance), 0.4, -0.2, 0.09)
-    information = np.linalg.inv(covariance) + np.diag([0.0, 0.0, 0.0, 1 / 0.09, 1 / 0.09])
-    pull = np.linalg.solve(covariance, state) + np.array([0.0, 0.0, 0.0, 0.4, -0.2]) / 0.09
-    np.testing.assert_allclose(unpacked(shrunk), np.linalg.inv(information), atol=1e-9)
-    np.testing.assert_allclose(posterior, np.linalg.solve(information, pull), atol=1e-9)
-
-
-def test_the_gain_of_information_lowers_the_covariance_to_the_inverse_sum():
-    rng = np.random.default_rng(4)
-    before, information = (root @ root.T for root in rng.standard_normal((2, 3, 3)))
-    after = np.linalg.inv(np.linalg.inv(before) + information)
-    upper = np.triu_indices(3)
-    gain = np.zeros((3, 3))
-    gain[upper] = gain.T[upper] = gain_of(tuple(information[upper].tolist()), tuple(after[upper].tolist()))
-    np.testing.assert_allclose(before - before @ gain @ before, after, rtol=1e-9)
 
 
 @BOTH

@@ -32,24 +32,6 @@ def test_a_jump_is_dated_to_its_first_fix_and_known_a_second_later(rate_hz):
     assert jump + 0.8 * rate_hz <= known + 1 <= jump + max(rate_hz, 4) + 1
 
 
-def test_what_comes_later_changes_nothing():
-    true_m = np.full((60, 2), 3.0)
-    true_m[30:, 0] += 2.0
-    since, known = ask(true_m, np.full((60, 2), 3.0))
-    assert ask(true_m[: known + 1], np.full((known + 1, 2), 3.0)) == (since, known)
-    assert ask(true_m[:known], np.full((known, 2), 3.0)) == (-1, -1)
-
-
-def test_a_track_that_found_back_counts_unless_asked_whether_it_is_still_far():
-    true_m = np.full((60, 2), 3.0)
-    true_m[30:, 0] += 2.0
-    track_m = true_m.copy()
-    track_m[30:36] = 3.0
-    assert ask(true_m, track_m)[0] == 30
-    assert ask(true_m, track_m, still_far=True) == (-1, -1)
-    assert ask(true_m, np.full((60, 2), 3.0), still_far=True)[0] == 30
-
-
 def test_what_is_no_loss():
     still_m = np.full((60, 2), 3.0)
     near_m = still_m + np.array([0.0, 0.9])  # nine std of a range
@@ -72,28 +54,10 @@ def test_ranges_must_contradict_the_track_as_well():
     assert ask(jumped_m, np.full((60, 2), 3.0), range_m=range_m) == (-1, -1)
 
 
-def test_motion_goes_on_straight():
-    walked_m = np.array([1.0, 1.0]) + np.arange(60)[:, None] * [0.08, 0.05]
-    assert ask(walked_m, walked_m, velocity=(0.8, 0.5)) == (-1, -1)
-    ran_m = np.array([1.0, 1.0]) + np.arange(60)[:, None] * [0.4, 0.0]
-    carried_m = ran_m + np.where(np.arange(60)[:, None] >= 40, [0.0, 2.0], 0.0)
-    assert ask(carried_m, ran_m, velocity=(4.0, 0.0))[0] == 40
-
-
 def test_few_fixes_and_slow_ones_are_not_asked():
     assert ask(np.full((3, 2), 9.0), np.full((3, 2), 3.0)) == (-1, -1)
     assert ask(np.full((20, 2), 9.0), np.full((20, 2), 3.0), rate_hz=1.0) == (-1, -1)
     assert ask(np.empty((0, 2)), np.empty((0, 2))) == (-1, -1)
-
-
-def test_asking_from_later_on():
-    true_m = np.full((80, 2), 3.0)
-    true_m[20:40, 0] += 2.0
-    track_m = np.full((80, 2), 3.0)
-    since, known = ask(true_m, track_m)
-    assert since == 20
-    later = ask(true_m, track_m, first=known + 5)
-    assert later[1] == known + 5
 
 
 def test_a_long_log_is_searched_to_its_end():

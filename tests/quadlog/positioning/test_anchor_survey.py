@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from quadlog.messages import Float
+from quadlog.positioning import anchor_survey
+from quadlog.positioning.anchor_survey import (
+    AnchorShift,
+    SurveyFaults,
+    TagEpochs,
+    check_survey,
+    find_exchanges,
+    fit_anchor_shift,
+)
+from quadlog.positioning.epochs import Epochs, group_epochs
+
+ANCHORS_M = np.array(
+    [[0.0, 0.0, 1.2], [8.0, 1.0, 2.2], [7.0, 7.0, 1.2], [1.0, 5.0, 2.2], [4.0, -1.5, 1.2], [3.0, 8.0, 1.8]]
+)
+IRREGULAR_M = ANCHORS_M[:5] * [1, 1, 0] + [0, 0, 1.2]
+BIAS_M = np.array([0.25, 0.0, 0.1, 0.18, 0.3, 0.12])
+NO_FAULT = SurveyFaults()
+
+
+def log_of(lab, seed: int, walk=None, anchors_m=ANCHORS_M, **options) -> TagEpochs:
+    options = {"duration_s": 30, "rate_hz": 8, "bursts": True, "bias_m": BIAS_M[: len(anchors_m)]} | options
+    simulated = lab.simulate(walk or lab.walk_figure_eight, anchors_m, seed, **options)
+    return TagEpochs(Epochs(simulated.t_ns, simulated.t_ns, simulated.range_m), lab.TAG_HEIGHT_M)
+
+
+def stand(t_s):
+    return np.tile([3.0, 3.0], (len(t_s), 1))
+
+
+def check(anchors_m: Float, *logs: TagEpochs) -> SurveyFaults:
+    return check_survey(logs, anchors_m, 0.1, 1.0)
+
+
+def moved(anchors_m: Float, anchor: int, x_m: float, y_m: float) -> Float:
+    """Configured so far from where it is."""
+    other_m = anchors_m.copy()
+    other_m[anchor, :2] += x_m, y_m
+    return other_m
+
+
+def test_every_pair_and_every_step_is_named(lab):
+    """After k steps, named anchor i stands where anchor i + k is configured."""
+    log = log_of(lab, 0, anchors_m=IRREGULAR_M)
+    for i, j in combinations(range(5), 2):
+        order = np.arange(5)
+        order[[i, j]] = j, i
+        assert find_exchanges([log], IRREGULAR_M[order], 0.1)[:2] == (((i, j),), ())
+    for step in range(1, 5):
+        assert find_exchanges([log], IRREGULAR_M[(np.arange(5) - step) % 5], 0.1)[:2] == ((), (step,))
+
+
+def test_symmetry_hides_what_it_must(lab):
+    """A swap across a square's diagonal mirrors it. In a rectangle that of one side looks like that of the other."""
+    square_m = np.array([[0.0, 0.0, 1.2], [7.0, 0.0, 1.2], [7.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
+    hidden = find_exchanges([log_of(lab, 2, anchors_m=square_m)], square_m[[2, 1, 0, 3]], 0.1)
+    assert hidden[:2] == ((), ())
+    oblong_m = square_m * [1.6, 1.0, 1.0]
+    swapped, _, _ = find_exchanges([log_of(lab, 3, anchors_m=oblong_m)], oblong_m[[1, 0, 2, 3]], 0.1)
+    assert sorted(swapped) == [(0, 1), (2, 3)]
+
+
+def test_an_anchor_that_nobody_heard_is_no_part_of_an_exchange(lab):
+    log = log_of(lab, 6, anchors_m=IRREGULAR_M)
+    log.epochs.range_m[:, 4] = np.nan
+    swapped, _, _ = find_exchanges([log], IRREGULAR_M[[1, 0, 2, 3, 4]], 0.1)
+    assert swapped[0] == (0, 1)
+    assert all(4 not in pair for pair in swapped)
+
+
+@pytest.mark.parametrize("shift_m", [(0.0, 0.0), (0.4, -0.3), (-3.0, 2.0)])
+def test_ranges_without_noise_put_an_anchor_where_it_is(lab, shift_m):
+    """Configured off by minus the shift; only the filter's own smoothing of the walk is left."""
+    log = log_of(lab, 0, anchors_m=IRREGULAR_M, std_m=1e-4, bursts=False, bias_m=0.0, rate_hz=10)
+    got = fit_anchor_shift(log, moved(IRREGULAR_M, 2, *np.negative(shift_m)), 2, 0.1, 1.0)
+    assert got is not None
+    np.testing.assert_allclose(got.shift_m, shift_m, atol=0.01)
+    assert got.lasted_s == pytest.approx(29.9)
+
+
+def test_a_large_shift_is_placed_as_well_as_none(lab):
+    """The first guess comes from the track of the others, so that good ranges are not distrusted for the shift."""
+    x_m, y_m = np.tile([0.6, 4.1, 7.6], 3), np.repeat([0.5, 3.5, 6.5], 3)
+    ring_m = np.column_stack([x_m, y_m, np.full(9, 1.24)])[[0, 1, 2, 3, 5, 6, 7, 8]]
+    log = log_of(lab, 0, anchors_m=ring_m, bias_m=0.15, rate_hz=10)
+    near, far = (fit_anchor_shift(log, each_m, 6, 0.1, 1.0) for each_m in (ring_m, moved(ring_m, 6, -2.0, -3.0)))
+    assert near is not None
+    assert far is not None
+    np.testing.assert_allclose(far.shift_m - [2.0, 3.0], near.shift_m, atol=0.03)
+
+
+def test_covariance_is_honest_about_links_that_wander(lab):
+    """Slowly varying errors, bursts, and biases as they differ between links: twice the degrees of freedom at most."""
+    normalised = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        log = log_of(lab, seed, anchors_m=IRREGULAR_M, bias_m=rng.uniform(0, 0.3, 5), rate_hz=10)
+        log.epochs.range_m[:] += np.repeat(0.05 * rng.standard_normal((6, 5)), 50, axis=0)
+        got = fit_anchor_shift(log, IRREGULAR_M, seed % 5, 0.1, 1.0)
+        assert got is not None
+        normalised.append(got.significance**2)
+    assert 0.2 < np.mean(normalised) < 4.0
+
+
+def test_too_few_ranges_together(lab):
+    log = log_of(lab, 2)
+    log.epochs.range_m[39:, 1] = np.nan
+    assert fit_anchor_shift(log, ANCHORS_M, 1, 0.1, 1.0) is None
+    assert fit_anchor_shift(log, ANCHORS_M, 0, 0.1, 1.0) is not None
+
+
+def test_a_true_survey_raises_no_alarm(lab):
+    for seed in range(3):
+        assert check(ANCHORS_M, log_of(lab, seed)) == NO_FAULT
+
+
+@pytest.mark.parametrize(
+    ("x_m", "std_m", "second_x_m", "named"),
+    [
+        (0.5, 0.10, 0.0, [2]),
+        (0.5, 0.20, 0.0, []),  # 2.5 std
+        (0.25, 0.05, 0.0, []),  # does not matter
+        (0.5, 0.10, 0.45, [2, 4]),  # 5 and 4.5 std: as likely
+        (0.5, 0.10, 0.35, [2]),
+        (2.0, 0.40, 0.0, []),  # not placed
+    ],
+)
+def test_what_is_named(lab, monkeypatch, x_m, std_m, second_x_m, named):
+    found = {2: (x_m, std_m), 4: (second_x_m, 0.1)}
+
+    def fit(log, anchors_m, anchor, *_):
+        along_m, along_std_m = found.get(anchor, (0.0, 0.1))
+        return AnchorShift(anchor, np.array([along_m, 0.0]), along_std_m**2 * np.eye(2), 60.0)
+
+    monkeypatch.setattr(anchor_survey, "fit_anchor_shift", fit)
+    assert [each.anchor for each in check(ANCHORS_M, log_of(lab, 0)).shifted] == named
+
+
+@pytest.mark.parametrize(("anchor", "x_m", "y_m"), [(0, 0.7, 0.0), (3, 0.0, -0.7), (4, 1.5, 2.0)])
+def test_a_shifted_anchor_is_named_and_placed(lab, anchor, x_m, y_m):
+    got = check(moved(ANCHORS_M, anchor, x_m, y_m), log_of(lab, 1))
+    assert [each.anchor for each in got.shifted] == [anchor]
+    assert not got.swapped
+    shifted = got.shifted[0]
+    error_m = np.add(shifted.shift_m, [x_m, y_m])
+    assert np.hypot(*error_m) < 0.3
+    assert error_m @ np.linalg.solve(shifted.covariance_m2, error_m) < 9.2  # 99 % of two degrees of freedom
+    assert shifted.distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * shifted.distance_std_m)
+
+
+def test_exchanged_anchors_are_named_before_any_shift(lab):
+    assert check(ANCHORS_M[[0, 4, 2, 3, 1, 5]], log_of(lab, 2)) == SurveyFaults(swapped=((1, 4),))
+    assert check(np.roll(ANCHORS_M, 1, axis=0), log_of(lab, 3)) == SurveyFaults(turned=(1,))
+
+
+def test_a_large_shift_does_not_pass_for_a_swap(lab):
+    """With four anchors a swap explains half of it; the displacement explains all."""
+    for seed, anchor in ((0, 0), (1, 2)):
+        log = log_of(lab, seed, anchors_m=lab.SQUARE_M, bursts=False, bias_m=0.0)
+        got = check(moved(lab.SQUARE_M, anchor, 2.5, 2.5), log)
+        assert not got.swapped
+        assert anchor in [each.anchor for each in got.shifted]
+
+
+def test_names_follow_the_order_of_anchors(lab):
+    log, order = log_of(lab, 4), np.array([5, 2, 0, 1, 4, 3])
+    wrong_m = moved(ANCHORS_M, 2, -0.6, 0.6)
+    straight = check(wrong_m, log).shifted
+    epochs = Epochs(log.epochs.t_ns, log.epochs.last_ns, log.epochs.range_m[:, order])
+    mixed = check(wrong_m[order], TagEpochs(epochs, log.height_m)).shifted
+    assert [order[each.anchor] for each in mixed] == [each.anchor for each in straight] == [2]
+    np.testing.assert_allclose(mixed[0].shift_m, straight[0].shift_m, atol=5e-3)
+
+
+def test_tags_are_weighed_together(lab):
+    """A tag that heard an anchor from afar and one that walked about: what the second knows counts."""
+    far = log_of(lab, 5, lambda t_s: np.array([4.0, 3.0]) + 0.3 * np.column_stack([np.sin(t_s / 2), np.cos(t_s / 2)]))
+    near = log_of(lab, 6)
+    wrong_m = moved(ANCHORS_M, 3, 0.5, -0.5)
+    one, both, turned = check(wrong_m, near), check(wrong_m, far, near), check(wrong_m, near, far)
+    assert [each.anchor for each in both.shifted] == [3]
+    np.testing.assert_allclose(both.shifted[0].shift_m, one.shifted[0].shift_m, atol=0.1)
+    np.testing.assert_allclose(both.shifted[0].shift_m, turned.shifted[0].shift_m, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("n_anchors", "duration_s", "walks"), [(3, 30, True), (6, 4, True), (6, 12, True), (6, 30, False)]
+)
+def test_few_anchors_short_logs_and_standing_tags_accuse_nobody(lab, n_anchors, duration_s, walks):
+    log = log_of(lab, 7, None if walks else stand, duration_s=duration_s)
+    log.epochs.range_m[:, n_anchors:] = np.nan
+    for anchors_m in (ANCHORS_M, moved(ANCHORS_M, 3, 0.5, -0.5)):
+        assert check(anchors_m, log) == NO_FAULT
+
+
+def test_no_tag_and_an_empty_log():
+    none = np.empty(0, dtype=np.int64)
+    for logs in ((), (TagEpochs(Epochs(none, none, np.empty((0, 6))), 0.6),)):
+        assert check(ANCHORS_M, *logs) == NO_FAULT
+
+
+@pytest.fixture(scope="module")
+def trolley_logs(trolley) -> list[TagEpochs]:
+    return [TagEpochs(group_epochs(trolley.series, tag, np.arange(8), 0.05), 0.97) for tag in range(3)]
+
+
+def test_the_trolleys_survey_is_right(trolley, trolley_logs):
+    """Real biases of 0.1 to 0.3 m and real reflections: each tag and all together find nothing."""
+    for logs in (trolley_logs, *([log] for log in trolley_logs)):
+        assert check(trolley.anchors_m, *logs) == NO_FAULT
+
+
+@pytest.mark.parametrize("anchor", range(8))
+def test_half_a_metre_on_a_real_anchor_is_named(trolley, trolley_logs, anchor):
+    angle = np.radians(77 * anchor)
+    off_m = 0.5 * np.array([np.cos(angle), np.sin(angle)])
+    got = check(moved(trolley.anchors_m, anchor, *off_m), trolley_logs[0])
+    assert [each.anchor for each in got.shifted] == [anchor]
+    assert np.hypot(*(got.shifted[0].shift_m + off_m)) < 0.2
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (2, 6)])
+def test_two_real_anchors_swapped_are_named_by_one_tag(trolley, trolley_logs, pair):
+    order = np.arange(8)
+    order[list(pair)] = pair[::-1]
+    assert check(trolley.anchors_m[order], trolley_logs[1]) == SurveyFaults(swapped=(pair,))
