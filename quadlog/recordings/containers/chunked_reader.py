@@ -10,7 +10,6 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from quadlog.recordings.containers.chunks import (
 from quadlog.recordings.containers.container import (
     Budget,
     Channel,
+    ClosedOnExit,
     LogTimes,
     Loss,
     RawMessage,
@@ -187,7 +187,7 @@ _CHANNELS_NAMED = 20
 _LISTED_AT_ONCE = 64
 
 
-class ChunkedReader:
+class ChunkedReader(ClosedOnExit):
     """Reads pieces through their index: those outside the asked time and topics are never touched.
 
     A piece that turns out damaged is a loss, and the others are still read.
@@ -217,12 +217,6 @@ class ChunkedReader:
     @property
     def channels(self) -> tuple[Channel, ...]:
         return self._channels
-
-    def __enter__(self) -> ChunkedReader:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None

@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Protocol
 
 import lz4.frame
@@ -21,7 +20,7 @@ import zstandard
 
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
-from quadlog.recordings.containers.container import Budget, Channel, Container, LogTimes, Loss, RawMessage
+from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, LogTimes, Loss, RawMessage
 from quadlog.recordings.formatting import several
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
@@ -199,7 +198,7 @@ def unpacked_name(path: Path) -> str:
     return path.stem if path.suffix.lower() in (".zstd", ".zst") else path.name
 
 
-class UnpackedFile:
+class UnpackedFile(ClosedOnExit):
     """A container in a temporary folder, known by the path of the file it was copied or decompressed from."""
 
     def __init__(
@@ -236,12 +235,6 @@ class UnpackedFile:
     def close(self) -> None:
         self._inner.close()
         self._folder.cleanup()
-
-    def __enter__(self) -> UnpackedFile:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
 
 def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:

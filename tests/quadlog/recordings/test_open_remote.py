@@ -27,22 +27,11 @@ def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_object, "_WAITS_S", (0.0,))
 
 
-def build(recordings: Any, folder: Path, name: str) -> Path:
-    messages = recordings.some(80)
-    if name.endswith(".bag"):
-        return recordings.bag(folder / name, messages, "lz4")
-    if name.endswith(".db3"):
-        return recordings.db3(folder / name, messages)
-    path = recordings.mcap(folder / name.removesuffix(".zstd"), messages)
-    if name.endswith(".zstd"):
-        (folder / name).write_bytes(zstandard.compress(path.read_bytes()))
-        path.unlink()
-    return folder / name
-
-
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd"])
 def test_messages_are_the_same_wherever_they_lie(recordings: Any, web: Any, bucket: Any, name: str) -> None:
-    path = build(recordings, web.folder, name)
+    path = recordings.build(name.split(".")[1], web.folder / name, recordings.some(80))
+    if name.endswith(".zstd"):
+        path.write_bytes(zstandard.compress(path.read_bytes()))
     bucket.put_file(str(path), f"{bucket.name}/{name}")
     with open_container(path) as container:
         expected = recordings.read(container)

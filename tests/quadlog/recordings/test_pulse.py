@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from quadlog.recordings import survey
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import Channel, LogTimes
 from quadlog.recordings.survey import Pulse, indexed_pulses
@@ -48,8 +49,9 @@ def test_chunks_that_overlap_are_put_in_order() -> None:
     assert told(indexed_pulses(container)[CHANNEL]) == told(whole)
 
 
-def test_chunks_that_all_overlap_are_refused_before_they_fill_the_memory() -> None:
-    batch = np.arange(1 << 20)
+def test_chunks_that_all_overlap_are_refused_before_they_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(survey, "_MOST_TIMES", 1 << 20)
+    batch = np.arange(1 << 18)
     endless: Any = SimpleNamespace(
         channels=(CHANNEL,), log_times=lambda: (LogTimes(0, CHANNEL, batch) for _ in range(40))
     )

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.point_cloud import DATATYPES, point_cloud2_decoder
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -19,7 +19,7 @@ CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 def decode_point_cloud2(payload, encoding, topic):
     """One message, by a decoder that has seen none before."""
-    return point_cloud2_decoder(topic, encoding)(payload)
+    return PointCloud2Decoder(topic, encoding)(payload)
 
 
 def cloud_message(ros: Any, points: np.ndarray, *, rows: int = 1, padding: int = 0, big: bool = False) -> Any:
@@ -111,7 +111,7 @@ def test_damaged_payloads_raise_decode_errors_only(both_ros: SimpleNamespace, da
 
 
 def test_one_decoder_follows_a_topic_that_changes_its_fields(ros: Any) -> None:
-    decode = point_cloud2_decoder("/points", ros.encoding)
+    decode = PointCloud2Decoder("/points", ros.encoding)
     for names in ("xyz", "xyz", "zyx", "xyzt", "yxz"):
         points = np.zeros(2, [(name, "<f4") for name in names])
         for i, name in enumerate("xyz"):
