@@ -17,14 +17,17 @@ T_NS = 1_700_000_000_000_000_005
 
 
 @pytest.mark.parametrize("embedded", [True, False])
-def test_a_range_with_zero_limits_is_kept(ros: Any, embedded: bool) -> None:
-    message = ros.type("sensor_msgs/msg/Range")(ros.header(T_NS, ""), 0, 0.0, 0.0, 0.0, 3.25)
+@pytest.mark.parametrize("range_m", [3.25, -math.inf, math.nan, 0.0, -1.0, math.inf])
+def test_a_range_with_zero_limits_is_kept(ros: Any, embedded: bool, range_m: float) -> None:
+    """What is no distance is passed on to be counted; infinity alone says that nothing was measured."""
+    message = ros.type("sensor_msgs/msg/Range")(ros.header(T_NS, ""), 0, 0.0, 0.0, 0.0, range_m)
     channel = ros.channel("/uwb/n_3", "sensor_msgs/msg/Range")
     if not embedded:
         channel = Channel(channel.topic, channel.type_name, channel.message_encoding, "", b"")
     (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
-    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (T_NS, None, [-1])
-    assert ranges.range_m.tolist() == [3.25]
+    measured = range_m != math.inf
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (T_NS, None, [-1] * measured)
+    np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
 
 
 def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() -> None:
@@ -38,22 +41,6 @@ def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() ->
     assert ranges.range_m.tolist() == [3.25]  # type: ignore[union-attr]
 
 
-def decode_range(ros: Any, value: float) -> Any:
-    message = ros.type("sensor_msgs/msg/Range")(ros.header(T_NS, ""), 0, 0.0, 0.0, 0.0, value)
-    (ranges,) = decoder_for(ros.channel("/r", "sensor_msgs/msg/Range"))(ros.serialise(message))  # type: ignore[misc]
-    return ranges
-
-
-def test_a_range_that_measured_nothing_is_empty(ros: Any) -> None:
-    ranges = decode_range(ros, math.inf)
-    assert len(ranges.range_m) == len(ranges.anchor) == 0
-
-
-@pytest.mark.parametrize("value", [-math.inf, math.nan, 0.0, -1.0])
-def test_what_is_no_distance_is_passed_on_to_be_counted(ros: Any, value: float) -> None:
-    np.testing.assert_array_equal(decode_range(ros, value).range_m, [value])
-
-
 def bundled(ros: Any, name: str) -> Any:
     if name not in ros.store.types:
         package, _, last = name.split("/")
@@ -61,21 +48,16 @@ def bundled(ros: Any, name: str) -> Any:
     return ros.type(name)
 
 
-@pytest.mark.parametrize(("millimetres", "range_m"), [(0, 0.0), (-7, -0.007)])
-def test_gtec_failures_are_passed_on_to_be_counted(ros: Any, millimetres: int, range_m: float) -> None:
-    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, millimetres, 7, -80.0, 0.01)
-    (ranges,) = decoder_for(ros.channel("/gtec", "gtec_msgs/msg/Ranging"))(ros.serialise(message))  # type: ignore[misc]
-    assert (ranges.anchor.tolist(), ranges.range_m.tolist()) == ([11], [range_m])
-
-
 @pytest.mark.parametrize("embedded", [True, False])
-def test_gtec_millimetres_become_metres(ros: Any, embedded: bool) -> None:
-    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, 3456, 7, -80.0, 0.01)
+@pytest.mark.parametrize(("millimetres", "range_m"), [(3456, 3.456), (0, 0.0), (-7, -0.007)])
+def test_gtec_millimetres_become_metres(ros: Any, embedded: bool, millimetres: int, range_m: float) -> None:
+    """Failures, 0 or less, are passed on to be counted."""
+    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, millimetres, 7, -80.0, 0.01)
     channel = ros.channel("/gtec", "gtec_msgs/msg/Ranging")
     if not embedded:
         channel = Channel(channel.topic, channel.type_name, channel.message_encoding, "", b"")
     (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
-    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == (None, 2, [11], [3.456])
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == (None, 2, [11], [range_m])
 
 
 @pytest.mark.parametrize("range_m", [7.5, 0.0, -2.0, math.nan, math.inf])
