@@ -201,7 +201,7 @@ class ChunkedReader(ClosedOnExit):
         self.span_ns = contents.span_ns
         self.release, self.close = file.release, file.close
         self._contents, self._form = contents, form
-        self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
+        self.channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False
         self._first = FirstBodies()
         # Kept by place in the file, so that reading twice reports once.
@@ -213,10 +213,6 @@ class ChunkedReader(ClosedOnExit):
         self._miscounts: dict[Channel, Loss] = {}
         self._jumps_between = backward_jumps(contents.pieces)
         self._report()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None

@@ -296,22 +296,14 @@ class SqliteReader(ClosedOnExit):
             self.losses.append(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
         self.losses += tables.losses
         self.warnings: list[str] = [*database.warnings, *tables.warnings]
-        self.close = database.close
+        self.close, self.span_ns = database.close, tables.span_ns
         self._database, self._tables = database, tables
         self._passes = 0
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
-        self._channels = tuple(dict.fromkeys(tables.channel_of.values()))
+        self.channels = tuple(dict.fromkeys(tables.channel_of.values()))
         self._refuse_foreign_encodings()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        return self._tables.span_ns
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -377,13 +369,13 @@ class SqliteReader(ClosedOnExit):
                     yield times
         except (sqlite3.Error, OverflowError, ValueError, TypeError, KeyError) as error:
             raise Damaged(f"the rows cannot be listed ({error})") from None
-        if any((channel.count or 0) != tally[channel] for channel in self._channels):
+        if any((channel.count or 0) != tally[channel] for channel in self.channels):
             raise Damaged("not every row has a usable time")
         self.warnings += [each for each in clock.warnings() if each not in self.warnings]
 
     def excerpt(self, budget: Budget) -> SqliteReader | None:
         """See Container. A place is some rows that were written one after the other."""
-        messages = sum(channel.count or 0 for channel in self._channels)
+        messages = sum(channel.count or 0 for channel in self.channels)
         first, last, stored_bytes = self._extent()
         if places_within(budget, budget.places, stored_bytes, messages) is None:
             return None
@@ -461,15 +453,15 @@ class SqliteReader(ClosedOnExit):
 
     def _refuse_foreign_encodings(self) -> None:
         """Names every topic that is not CDR. Raises NothingReadable when that leaves no message."""
-        foreign = [channel for channel in self._channels if channel.message_encoding != "cdr" and channel.count != 0]
+        foreign = [channel for channel in self.channels if channel.message_encoding != "cdr" and channel.count != 0]
         for channel in foreign:
             detail = f"its messages are serialised as {channel.message_encoding!r}, which quadlog does not read (cdr)"
             self._report(Loss("serialization", detail, channel.topic, channel.count))
-        if foreign and len(foreign) == sum(channel.count != 0 for channel in self._channels):
+        if foreign and len(foreign) == sum(channel.count != 0 for channel in self.channels):
             raise NothingReadable(self.path, f"{foreign[0].topic}: {self.losses[-1].detail}")
 
     def _compare_counts(self, wanted: set[Channel], had: Counter[Channel]) -> None:
-        for channel in self._channels:
+        for channel in self.channels:
             if channel in wanted and channel.count is not None and channel.count > had[channel]:
                 missing = channel.count - had[channel]
                 detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"

@@ -204,14 +204,10 @@ class SplitReader(ClosedOnExit):
         own = ((channel, _identity(channel)) for part in parts for channel in part.channels)
         # Each part's channels to the recording's.
         self._merged = shared_channels(own, lambda channel: channel.count)
-        self._channels = tuple(dict.fromkeys(self._merged.values()))
+        self.channels = tuple(dict.fromkeys(self._merged.values()))
         self._compare_with_metadata()
         self._look_for_overlap()
         self._collect()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -283,17 +279,17 @@ class SplitReader(ClosedOnExit):
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:
             return
-        for channel in self._channels:
+        for channel in self.channels:
             said_encoding = self._metadata.encodings.get(channel.topic) or channel.message_encoding
             if said_encoding != channel.message_encoding:
                 self._own_warnings.append(
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
                     f"{channel.message_encoding!r}, which is taken"
                 )
-        if any(channel.count is None for channel in self._channels):
+        if any(channel.count is None for channel in self.channels):
             return
         had: Counter[str] = Counter()
-        for channel in self._channels:
+        for channel in self.channels:
             had[channel.topic] += channel.count or 0
         said = Counter(self._metadata.topic_counts)
         if not said and self._metadata.messages is not None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from time import sleep
 from types import SimpleNamespace
 
 import pytest
@@ -95,7 +96,15 @@ def test_neighbours_come_by_one_request() -> None:
 
 
 def test_threads_share_what_comes() -> None:
+    """What one of them fetches the others wait for."""
     served = Served()
+    fetch = served.fetch
+
+    def slow(start: int, end: int) -> bytes:
+        sleep(0.002)
+        return fetch(start, end)
+
+    served.fetch = slow  # type: ignore[method-assign]
     source = RemoteBytes(served, SIZE)
     draw = random.Random(1)
     reads = [(draw.randrange(SIZE), draw.randrange(2 * BLOCK_BYTES)) for _ in range(400)]

@@ -175,15 +175,6 @@ def test_without_a_strong_etag_the_date_is_the_condition(web: Any, file: str, et
     assert sent == [(None, EARLIER)]
 
 
-def test_a_file_of_which_only_the_date_is_told_is_no_longer_read_once_replaced(web: Any, file: str) -> None:
-    web.answer = lambda request: part(request, **{"Last-Modified": EARLIER})
-    remote = WebObject(file)
-    assert remote.fetch(0, 10) == CONTENT[:10]
-    web.answer = lambda request: part(request, CONTENT[::-1], **{"Last-Modified": LATER})
-    with pytest.raises(StorageChanged):
-        remote.fetch(0, 10)
-
-
 def test_what_is_not_there_is_not_found_and_nobody_waits(web: Any, file: str, closed_port: int) -> None:
     with pytest.raises(FileNotFoundError) as caught:
         WebObject(f"{web.url}/gone?sig=SECRET")

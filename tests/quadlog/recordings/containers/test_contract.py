@@ -22,8 +22,10 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, recordings,
     """Whatever the file's name; of a window and topics no others. A clock that goes back is named."""
     messages = recordings.some(40)
     if not in_order:
-        ties = [(topic, messages[5][1], b"tie%d" % i) for i, topic in enumerate(["/a", "/b"])]
-        messages = messages[20:] + messages[:20] + ties
+        # Right before the ties come others of their chunk, so that it is open when they are due.
+        t_ns = messages[5][1]
+        late = [(topic, each_ns, b"%d" % each_ns) for each_ns in (t_ns - 1, t_ns) for topic in ("/a", "/b")]
+        messages = messages[20:] + messages[:20] + late
     expected = sorted(messages, key=lambda message: message[1])
     start_ns, end_ns = expected[10][1], expected[30][1]
     with open_container(recordings.build(form, tmp_path / "log.txt", messages)) as container:
@@ -41,7 +43,7 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, recordings,
         if in_order:
             assert container.warnings == []
         elif form == "split":
-            assert "walk_1.mcap starts 3.800 s before the files ahead of it end" in container.warnings[0]
+            assert "walk_1.mcap starts 3.700 s before the files ahead of it end" in container.warnings[0]
         else:
             # In file order the clock falls from the last message to the first: 3.9 s.
             warning = container.warnings[0]
