@@ -10,33 +10,10 @@ from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders import (
-    foxglove,
-    imu,
-    pose,
-)
-from quadlog.recordings.decoders import (
-    pose as odometry,
-)
-from quadlog.recordings.decoders import (
-    pose as tf,
-)
-from quadlog.recordings.decoders import (
-    uwb as gtec_ranging,
-)
-from quadlog.recordings.decoders import (
-    uwb as linktrack,
-)
-from quadlog.recordings.decoders import (
-    uwb as range_message,
-)
-from quadlog.recordings.decoders import (
-    uwb as uwb_range,
-)
-from quadlog.recordings.decoders.columns import ColumnDecoder, Ways
-from quadlog.recordings.decoders.foxglove import protobuf_deserialiser
+from quadlog.recordings.decoders import foxglove, imu, pose, uwb
+from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.payload import Payload
-from quadlog.recordings.decoders.point_cloud import checked_cloud, livox_decoder, point_cloud2_decoder
+from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 
@@ -47,7 +24,7 @@ Decoder = Callable[[Payload], tuple[Message, ...]]
 
 # Bodies too large for a generic decoder: read by hand.
 BY_HAND: dict[str, Callable[..., Callable[[Payload], Message]]] = {
-    "sensor_msgs/msg/PointCloud2": point_cloud2_decoder,
+    "sensor_msgs/msg/PointCloud2": PointCloud2Decoder,
     "livox_ros_driver/msg/CustomMsg": livox_decoder,
     "livox_ros_driver2/msg/CustomMsg": livox_decoder,
 }
@@ -57,12 +34,12 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "geometry_msgs/msg/PoseStamped": pose.decode_pose_stamped,
     "geometry_msgs/msg/PoseWithCovarianceStamped": pose.decode_pose_with_covariance,
     "geometry_msgs/msg/TransformStamped": pose.decode_transform,
-    "gtec_msgs/msg/Ranging": gtec_ranging.decode_ranging,
-    "nav_msgs/msg/Odometry": odometry.decode_odometry,
+    "gtec_msgs/msg/Ranging": uwb.decode_ranging,
+    "nav_msgs/msg/Odometry": pose.decode_odometry,
     "sensor_msgs/msg/Imu": imu.decode_imu,
-    "sensor_msgs/msg/Range": range_message.decode_range,
-    "tf2_msgs/msg/TFMessage": tf.decode_tf,
-    "uwb_driver/msg/UwbRange": uwb_range.decode_uwb_range,
+    "sensor_msgs/msg/Range": uwb.decode_range,
+    "tf2_msgs/msg/TFMessage": pose.decode_tf,
+    "uwb_driver/msg/UwbRange": uwb.decode_uwb_range,
 }
 
 # Many at a time, for types that come often and whose definition usually has a layout.
@@ -70,19 +47,19 @@ IN_COLUMNS: dict[str, Ways] = {
     "geometry_msgs/msg/PoseStamped": [(pose.POSE_STAMPED, pose.pose_in_columns)],
     "geometry_msgs/msg/PoseWithCovarianceStamped": [(pose.POSE_WITH_COVARIANCE, pose.pose_in_columns)],
     "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_in_columns)],
-    "nav_msgs/msg/Odometry": [(odometry.ODOMETRY, odometry.odometry_in_columns)],
+    "nav_msgs/msg/Odometry": [(pose.ODOMETRY, pose.odometry_in_columns)],
     "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_in_columns)],
-    "tf2_msgs/msg/TFMessage": [(tf.TF, tf.tf_in_columns)],
+    "tf2_msgs/msg/TFMessage": [(pose.TF, pose.tf_in_columns)],
 }
 
 # LinkTrack packages have many names: matched by the last part of the type.
 LINKTRACK: dict[str, Callable[[Any, str], tuple[Message, ...]]] = {
-    "LinktrackAnchorframe0": linktrack.decode_anchorframe0,
-    "LinktrackNodeframe2": linktrack.decode_nodeframe,
-    "LinktrackNodeframe3": linktrack.decode_nodeframe,
-    "LinktrackNodeframe4": linktrack.decode_nodeframe4,
-    "LinktrackNodeframe5": linktrack.decode_nodeframe,
-    "LinktrackTagframe0": linktrack.decode_tagframe0,
+    "LinktrackAnchorframe0": uwb.decode_anchorframe0,
+    "LinktrackNodeframe2": uwb.decode_nodeframe,
+    "LinktrackNodeframe3": uwb.decode_nodeframe,
+    "LinktrackNodeframe4": uwb.decode_nodeframe4,
+    "LinktrackNodeframe5": uwb.decode_nodeframe,
+    "LinktrackTagframe0": uwb.decode_tagframe0,
 }
 
 FOXGLOVE_PROTOBUF: dict[str, Callable[..., Message]] = {
@@ -95,13 +72,13 @@ FOXGLOVE_JSON: dict[str, Callable[..., Callable[[Payload], Message]]] = {
     "foxglove.PoseInFrame": foxglove.json_pose_decoder,
 }
 
-# Whose decoders take make_cloud, one of those in decoders/point_fields.py.
+# Whose decoders take make_cloud, one of those in decoders/point_cloud.py.
 CLOUDS = {*BY_HAND, "foxglove.PointCloud"}
 
 LINKTRACK_IN_COLUMNS: dict[str, Ways] = {
     "LinktrackTagframe0": [
-        (linktrack.STAMPED_TAGFRAME0, linktrack.stamped_tagframe0_in_columns),
-        (linktrack.TAGFRAME0, linktrack.tagframe0_in_columns),
+        (uwb.STAMPED_TAGFRAME0, uwb.stamped_tagframe0_in_columns),
+        (uwb.TAGFRAME0, uwb.tagframe0_in_columns),
     ],
 }
 
@@ -170,32 +147,23 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None, *, poi
         return _single(FOXGLOVE_JSON[name](topic, **of_clouds))
     if encoding == "protobuf":
         interpret = partial(FOXGLOVE_PROTOBUF[name], **of_clouds)
-        return _single(_chain(protobuf_deserialiser(channel), interpret, topic))
+        return _single(_chain(foxglove.protobuf_deserialiser(channel), interpret, topic))
     if name in BY_HAND:
         return _single(BY_HAND[name](topic, encoding, **of_clouds))
     definitions = definitions or Definitions()
     if name in ROS:
         return _single(definitions.decoder(channel, ROS[name]))
-    last = last_part(name)
-    return definitions.decoder(channel, LINKTRACK[last])
+    return definitions.decoder(channel, LINKTRACK[last_part(name)])
 
 
 def ways_in_columns(channel: Channel) -> Ways:
     """How the channel's type is decoded many at a time; none where it is not, as static transforms, which are few."""
     if channel.message_encoding not in ("ros1", "cdr") or plugged_decoder(channel.type_name) is not None:
         return ()
-    if tf.is_static(channel.topic):
+    if pose.is_static(channel.topic):
         return ()
     ways = IN_COLUMNS.get(channel.type_name)
     return ways if ways is not None else LINKTRACK_IN_COLUMNS.get(last_part(channel.type_name), ())
-
-
-def column_decoder_for(channel: Channel, payload: bytes, definitions: Definitions) -> ColumnDecoder | None:
-    """What decodes the channel's messages many at a time, None where the definition that fits a payload has no layout.
-
-    Then they are decoded one by one, which says what is wrong.
-    """
-    return definitions.column_decoder(channel, payload, ways_in_columns(channel))
 
 
 def _plugged(channel: Channel, decoder: MessageDecoder, definitions: Definitions) -> Decoder:
@@ -204,7 +172,7 @@ def _plugged(channel: Channel, decoder: MessageDecoder, definitions: Definitions
     if channel.message_encoding == "json":
         return _chain(partial(foxglove.json_object, topic=channel.topic), interpret, channel.topic)
     if channel.message_encoding == "protobuf":
-        return _chain(protobuf_deserialiser(channel), interpret, channel.topic)
+        return _chain(foxglove.protobuf_deserialiser(channel), interpret, channel.topic)
     return definitions.decoder(channel, interpret)
 
 

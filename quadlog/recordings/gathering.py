@@ -13,7 +13,7 @@ from quadlog.recordings.clock import Clock
 from quadlog.recordings.containers.container import Channel, RawMessage
 from quadlog.recordings.decoders.columns import LARGEST_BYTES, ColumnDecoder, Columns
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoding import column_decoder_for, ways_in_columns
+from quadlog.recordings.decoding import ways_in_columns
 
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
 MOST_HELD, MOST_HELD_BYTES, MOST_BEFORE_HELD = 4, 1 << 24, 256
@@ -108,7 +108,7 @@ class Waiting:
         """What decodes them; None where none is found by the payload."""
         if self._decoder is None and self._tries < MOST_TRIES:
             self._tries += 1
-            self._decoder = column_decoder_for(self.channel, payload, definitions)
+            self._decoder = definitions.column_decoder(self.channel, payload, ways_in_columns(self.channel))
         return self._decoder
 
     def _begin(self) -> None:

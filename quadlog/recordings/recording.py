@@ -8,7 +8,6 @@ from copy import copy
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
-from quadlog.recordings.containers.container import Budget, Channel, Container, Loss, RawMessage
+from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
@@ -60,7 +59,7 @@ def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), s
     )
 
 
-class Recording:
+class Recording(ClosedOnExit):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read."""
 
     def __init__(
@@ -220,7 +219,7 @@ class Recording:
 
     def _singly(
         self, order: int, raw: RawMessage, within: Within, failed: dict[str, int], zeros: dict[str, int]
-    ) -> Iterator[Gathered]:
+    ) -> Iterator[One]:
         for message in self._decode_or_count(raw, failed, zeros):
             timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
             if timed is not None and within.holds(timed.t_ns):
@@ -232,24 +231,13 @@ class Recording:
                 raise UnknownTopic(None, topic, sorted(self._channels_of))
 
     def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
-        self._learn_clocks(self._sound_topics(topics))
-        for timed in self.logged(topics, *self.log_window(topics, start_ns, end_ns)):
-            if (start_ns is None or timed.t_ns >= start_ns) and (end_ns is None or timed.t_ns < end_ns):
-                yield timed
-
-    def logged(
-        self, topics: Collection[str], log_start_ns: int | None = None, log_end_ns: int | None = None
-    ) -> Iterator[Timed]:
-        """The same with log_start_ns <= log time < log_end_ns, whatever clock is chosen."""
-        wanted = self._sound_topics(topics)
+        wanted, within = self._sound_topics(topics), Within(start_ns, end_ns)
         self._learn_clocks(wanted)
         failed: dict[str, int] = {}
         zeros: dict[str, int] = {}
-        for raw in self.container.messages(wanted, log_start_ns, log_end_ns):
-            for message in self._decode_or_count(raw, failed, zeros):
-                timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
-                if timed is not None:
-                    yield timed
+        for raw in self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns)):
+            for one in self._singly(0, raw, within, failed, zeros):
+                yield Timed(one.t_ns, one.topic, one.message)
 
     def log_window(
         self, topics: Collection[str], start_ns: int | None, end_ns: int | None
@@ -320,14 +308,6 @@ class Recording:
     def close(self) -> None:
         """Release the file."""
         self.container.close()
-
-    def __enter__(self) -> Recording:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""

@@ -18,15 +18,7 @@ from typing import Any, Literal, cast
 
 from quadlog.errors import CannotWrite, StorageFailed, TooLarge
 from quadlog.storage.remote_object import ObjectInfo, RemoteObject, filesystem, open_object, told_by
-from quadlog.storage.urls import (
-    _local_path,
-    explained,
-    is_url,
-    protocol_of,
-    reason_of,
-    redacted,
-    split_query,
-)
+from quadlog.storage.urls import explained, is_url, local_path, protocol_of, reason_of, redacted, split_query
 
 
 def to_path(text: str | Path) -> Path:
@@ -41,8 +33,7 @@ def to_path(text: str | Path) -> Path:
         return Path(text)
     protocol = protocol_of(text)
     if protocol in ("file", "local"):
-        return _local_path(text)
-
+        return local_path(text)
     return cast(Path, RemotePath(text))
 
 

@@ -26,7 +26,7 @@ def is_url(text: object) -> bool:
     return "://" in str(text)
 
 
-def _local_path(url: str) -> Path:
+def local_path(url: str) -> Path:
     """The path that a file:// URL names. Raises StorageUnknown."""
     try:
         parts = urlsplit(url)

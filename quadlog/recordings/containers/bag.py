@@ -17,7 +17,6 @@ from quadlog.recordings.containers.bounded_reader import (
     MAX_INDEX_BYTES,
     Cursor,
     Damaged,
-    KeptDefinitions,
     name_of,
     read_at,
     read_each_at,
@@ -29,15 +28,15 @@ from quadlog.recordings.containers.chunks import (
     Entries,
     EntryList,
     Listed,
-    LooseRun,
     LostPiece,
     Piece,
+    Scan,
     losses_of,
 )
 from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import Channel, Loss
-from quadlog.recordings.formatting import instant, ros2_type_name, several
-from quadlog.storage.byte_ranges import ByteSource, LocalBytes
+from quadlog.recordings.formatting import ros2_type_name
+from quadlog.storage.byte_ranges import ByteSource
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -235,7 +234,7 @@ def _number(fields: Fields, name: bytes, length: int) -> int:
     return int.from_bytes(_value(fields, name, length), "little")
 
 
-class BagScan:
+class BagScan(Scan):
     """The pieces, connections and counts found by reading the whole bag, and what of it could not be read.
 
     Messages that lie outside chunks (the last, unfinished chunk of an
@@ -243,14 +242,8 @@ class BagScan:
     """
 
     def __init__(self, file: ByteSource, size: int) -> None:
-        self.pieces: list[Piece] = []
+        super().__init__(file, size)
         self.connections: dict[int, Connection] = {}
-        self.counts: Counter[int] = Counter()
-        self.lost: list[LostPiece] = []
-        self.losses: list[Loss] = []
-        self._file, self._size = file, size
-        self._loose = LooseRun()
-        self._kept = KeptDefinitions()
         self._walk()
 
     def _walk(self) -> None:
@@ -260,14 +253,15 @@ class BagScan:
                 position = self._step(position)
             except Damaged as damage:
                 self._close_loose()
-                self._lose_rest(position, damage)
+                self._lose_stretch(position, self._size, damage)
                 return
         self._close_loose()
 
     def _step(self, position: int) -> int:
         frame = read_frame(self._file, position, self._size)
         if frame.op == MESSAGE:
-            self._take_message(position, frame)
+            number, t_ns = u32(frame.fields, b"conn"), time_ns(frame.fields, b"time")
+            self._take_loose(position, frame.end, t_ns, number)
             return frame.end
         self._close_loose()
         if frame.op == CHUNK:
@@ -300,38 +294,16 @@ class BagScan:
         last_ns = max((piece.end_ns for piece in self.pieces), default=0)
         return Piece(position, frame.end - position, last_ns, last_ns)
 
-    def _take_message(self, position: int, frame: Frame) -> None:
-        if not self._loose.continues_at(position, frame.end):
-            self._close_loose()
-        number, t_ns = u32(frame.fields, b"conn"), time_ns(frame.fields, b"time")
-        self._loose.add(position, frame.end, t_ns, number)
-        self.counts[number] += 1
-
-    def _close_loose(self) -> None:
-        if self._loose.counts:
-            self.pieces.append(self._loose.piece())
-        self._loose = LooseRun()
-
     def _connect(self, connection: Connection) -> None:
         self._kept.keep(connection.number, len(connection.definition))
         self.connections[connection.number] = connection
 
-    def _lose_rest(self, position: int, damage: Damaged) -> None:
-        last_ns = max((piece.end_ns for piece in self.pieces), default=None)
-        until = "nothing before it" if last_ns is None else f"messages until {instant(last_ns)}"
-        lost = several(self._size - position, "byte")
-        self.losses.append(
-            Loss("truncated", f"{lost} after offset {position} unreadable ({damage.reason}); read: {until}")
-        )
-
-
-def open_bag(path: Path) -> ChunkedReader:
-    """Opens a ROS 1 bag. Raises NothingReadable when it is encrypted, or damaged without a message that can be had."""
-    return read_bag(path, LocalBytes(path))
-
 
 def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
-    """The bag in these bytes, which are the reader's from here on; path is its name. Raises as open_bag."""
+    """The bag in these bytes, which are the reader's from here on; path is its name.
+
+    Raises NothingReadable when it is encrypted, or damaged without a message that can be had.
+    """
     try:
         contents = _contents(path, file, file.size)
         serious = [loss for loss in contents.losses if loss.cause != "index"]

@@ -10,7 +10,6 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from quadlog.recordings.containers.chunks import (
 from quadlog.recordings.containers.container import (
     Budget,
     Channel,
+    ClosedOnExit,
     LogTimes,
     Loss,
     RawMessage,
@@ -187,7 +187,7 @@ _CHANNELS_NAMED = 20
 _LISTED_AT_ONCE = 64
 
 
-class ChunkedReader:
+class ChunkedReader(ClosedOnExit):
     """Reads pieces through their index: those outside the asked time and topics are never touched.
 
     A piece that turns out damaged is a loss, and the others are still read.
@@ -201,7 +201,7 @@ class ChunkedReader:
         self.span_ns = contents.span_ns
         self.release, self.close = file.release, file.close
         self._contents, self._form = contents, form
-        self._channels = tuple(dict.fromkeys(contents.channel_of.values()))
+        self.channels = tuple(dict.fromkeys(contents.channel_of.values()))
         self._read_something = False
         self._first = FirstBodies()
         # Kept by place in the file, so that reading twice reports once.
@@ -213,16 +213,6 @@ class ChunkedReader:
         self._miscounts: dict[Channel, Loss] = {}
         self._jumps_between = backward_jumps(contents.pieces)
         self._report()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
-
-    def __enter__(self) -> ChunkedReader:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None

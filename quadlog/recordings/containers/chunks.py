@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Int
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged, KeptDefinitions
 from quadlog.recordings.containers.container import Channel, Loss
 from quadlog.recordings.formatting import instant, several
+from quadlog.storage.byte_ranges import ByteSource
 
 _ALWAYS_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
@@ -178,6 +179,38 @@ class LooseRun:
         """The piece of all that was added."""
         length, channels = self._end - self._begin, frozenset(self.counts)
         return Piece(self._begin, length, self._start_ns, self._end_ns, "", channels, dict(self.counts), loose=True)
+
+
+class Scan:
+    """What is found on the way through a file, and what of it could not be read."""
+
+    def __init__(self, file: ByteSource, size: int) -> None:
+        self.pieces: list[Piece] = []
+        self.counts: Counter[int] = Counter()
+        self.lost: list[LostPiece] = []
+        self.losses: list[Loss] = []
+        self._file, self._size = file, size
+        self._loose = LooseRun()
+        self._kept = KeptDefinitions()
+
+    def _take_loose(self, position: int, end: int, log_time_ns: int, number: int) -> None:
+        """A message outside chunks, whose record lies between these offsets."""
+        if not self._loose.continues_at(position, end):
+            self._close_loose()
+        self._loose.add(position, end, log_time_ns, number)
+        self.counts[number] += 1
+
+    def _close_loose(self) -> None:
+        if self._loose.counts:
+            self.pieces.append(self._loose.piece())
+        self._loose = LooseRun()
+
+    def _lose_stretch(self, begin: int, end: int, damage: Damaged) -> None:
+        last_ns = max((piece.end_ns for piece in self.pieces if not piece.is_empty), default=None)
+        until = "nothing before it" if last_ns is None else f"messages until {instant(last_ns)}"
+        cause = "truncated" if end == self._size else "damaged"
+        lost = several(end - begin, "byte")
+        self.losses.append(Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}"))
 
 
 class PieceFormat(Protocol):

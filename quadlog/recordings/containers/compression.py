@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Protocol
 
 import lz4.frame
@@ -21,7 +20,7 @@ import zstandard
 
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
-from quadlog.recordings.containers.container import Budget, Channel, Container, LogTimes, Loss, RawMessage
+from quadlog.recordings.containers.container import ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.formatting import several
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
@@ -199,7 +198,7 @@ def unpacked_name(path: Path) -> str:
     return path.stem if path.suffix.lower() in (".zstd", ".zst") else path.name
 
 
-class UnpackedFile:
+class UnpackedFile(ClosedOnExit):
     """A container in a temporary folder, known by the path of the file it was copied or decompressed from."""
 
     def __init__(
@@ -207,41 +206,20 @@ class UnpackedFile:
     ) -> None:
         self.path, self._inner, self._folder = path, inner, folder
         inner.path = path
+        self.channels, self.span_ns = inner.channels, inner.span_ns
         # The same list: it grows while the inner container is read.
         self.losses = inner.losses
         self._warnings = list(warnings)
-        self.messages = inner.messages
+        self.messages, self.log_times, self.excerpt = inner.messages, inner.log_times, inner.excerpt
+        self.release = inner.release
 
     @property
     def warnings(self) -> list[str]:
         return [*self._warnings, *self._inner.warnings]
 
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._inner.channels
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        return self._inner.span_ns
-
-    def log_times(self) -> Iterator[LogTimes]:
-        return self._inner.log_times()
-
-    def excerpt(self, budget: Budget) -> Container | None:
-        return self._inner.excerpt(budget)
-
-    def release(self) -> None:
-        self._inner.release()
-
     def close(self) -> None:
         self._inner.close()
         self._folder.cleanup()
-
-    def __enter__(self) -> UnpackedFile:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
 
 def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:

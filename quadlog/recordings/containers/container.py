@@ -5,11 +5,10 @@ losses.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 from quadlog.messages import Int
 
@@ -146,9 +145,43 @@ class Container(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
+
+
+class ClosedOnExit:
+    """A context manager that closes itself."""
+
+    close: Callable[[], None]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+Identity = tuple[str, str, str, str, bytes]
+"""A channel without its count."""
+Key = TypeVar("Key", bound=Hashable)
+
+
+def shared_channels(
+    identities: Iterable[tuple[Key, Identity]], count_of: Callable[[Key], int | None]
+) -> dict[Key, Channel]:
+    """Keys (ids in a file, or channels of its parts) to Channels; those that differ only in their count share one.
+
+    Its count is the sum, None where one of them is.
+    """
+    alike: dict[Identity, list[Key]] = {}
+    for key, identity in identities:
+        alike.setdefault(identity, []).append(key)
+    shared: dict[Key, Channel] = {}
+    for identity, keys in alike.items():
+        counts = [count_of(key) for key in keys]
+        known = [count for count in counts if count is not None]
+        channel = Channel(*identity, count=sum(known) if len(known) == len(counts) else None)
+        shared.update(dict.fromkeys(keys, channel))
+    return shared
 
 
 class Source(Protocol):

@@ -21,7 +21,6 @@ from collections.abc import Collection, Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from urllib.parse import quote
 
@@ -30,7 +29,19 @@ import numpy as np
 from quadlog.errors import NotARecording, NothingReadable, TooLarge, clipped
 from quadlog.messages import Int
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, MAX_NAME_BYTES, MAX_TIME_NS, Damaged
-from quadlog.recordings.containers.container import Budget, Channel, LogTimes, Loss, RawMessage, places_within, spread
+from quadlog.recordings.containers.chunks import JUMP_NS
+from quadlog.recordings.containers.container import (
+    Budget,
+    Channel,
+    ClosedOnExit,
+    Identity,
+    LogTimes,
+    Loss,
+    RawMessage,
+    places_within,
+    shared_channels,
+    spread,
+)
 from quadlog.recordings.formatting import ros2_type_name, several
 
 MAGIC = b"SQLite format 3\0"
@@ -189,21 +200,18 @@ def read_tables(path: Path, connection: sqlite3.Connection) -> SqliteTables:
     tables = SqliteTables({}, None)
     definitions = _definitions(connection)
     counts = _counts(connection, tables)
-    alike: dict[tuple[str, str, str, str, bytes], list[int]] = {}
+    identities: list[tuple[int, Identity]] = []
     unusable = []
     for number, name, kind, encoding in topics:
         if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
-            identity = (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))
-            alike.setdefault(identity, []).append(number)
+            identities.append((number, (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))))
         else:
             unusable.append(number)
     if unusable:
         first = clipped(repr(unusable[0]))
         detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
         tables.losses.append(Loss("damaged", detail))
-    for identity, numbers in alike.items():
-        count = None if counts is None else sum(counts.get(number, 0) for number in numbers)
-        tables.channel_of.update(dict.fromkeys(numbers, Channel(*identity, count=count)))
+    tables.channel_of = shared_channels(identities, lambda number: None if counts is None else counts.get(number, 0))
     orphans = sum(count for number, count in (counts or {}).items() if number not in tables.channel_of)
     if orphans:
         tables.losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
@@ -265,7 +273,6 @@ def _rows(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
     return connection.execute(query).fetchmany(_MAX_ROWS)
 
 
-_SECOND_NS = 10**9
 _BATCH_ROWS = 1 << 14
 
 
@@ -279,7 +286,7 @@ def open_sqlite(path: Path) -> SqliteReader:
         raise
 
 
-class SqliteReader:
+class SqliteReader(ClosedOnExit):
     """Reads messages one by one in order of (timestamp, id); a damaged row costs itself, not those behind it."""
 
     def __init__(self, path: Path, database: OpenDatabase, tables: SqliteTables) -> None:
@@ -289,28 +296,14 @@ class SqliteReader:
             self.losses.append(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
         self.losses += tables.losses
         self.warnings: list[str] = [*database.warnings, *tables.warnings]
-        self.close = database.close
+        self.close, self.span_ns = database.close, tables.span_ns
         self._database, self._tables = database, tables
         self._passes = 0
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
-        self._channels = tuple(dict.fromkeys(tables.channel_of.values()))
+        self.channels = tuple(dict.fromkeys(tables.channel_of.values()))
         self._refuse_foreign_encodings()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        return self._tables.span_ns
-
-    def __enter__(self) -> SqliteReader:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -376,13 +369,13 @@ class SqliteReader:
                     yield times
         except (sqlite3.Error, OverflowError, ValueError, TypeError, KeyError) as error:
             raise Damaged(f"the rows cannot be listed ({error})") from None
-        if any((channel.count or 0) != tally[channel] for channel in self._channels):
+        if any((channel.count or 0) != tally[channel] for channel in self.channels):
             raise Damaged("not every row has a usable time")
         self.warnings += [each for each in clock.warnings() if each not in self.warnings]
 
     def excerpt(self, budget: Budget) -> SqliteReader | None:
         """See Container. A place is some rows that were written one after the other."""
-        messages = sum(channel.count or 0 for channel in self._channels)
+        messages = sum(channel.count or 0 for channel in self.channels)
         first, last, stored_bytes = self._extent()
         if places_within(budget, budget.places, stored_bytes, messages) is None:
             return None
@@ -460,15 +453,15 @@ class SqliteReader:
 
     def _refuse_foreign_encodings(self) -> None:
         """Names every topic that is not CDR. Raises NothingReadable when that leaves no message."""
-        foreign = [channel for channel in self._channels if channel.message_encoding != "cdr" and channel.count != 0]
+        foreign = [channel for channel in self.channels if channel.message_encoding != "cdr" and channel.count != 0]
         for channel in foreign:
             detail = f"its messages are serialised as {channel.message_encoding!r}, which quadlog does not read (cdr)"
             self._report(Loss("serialization", detail, channel.topic, channel.count))
-        if foreign and len(foreign) == sum(channel.count != 0 for channel in self._channels):
+        if foreign and len(foreign) == sum(channel.count != 0 for channel in self.channels):
             raise NothingReadable(self.path, f"{foreign[0].topic}: {self.losses[-1].detail}")
 
     def _compare_counts(self, wanted: set[Channel], had: Counter[Channel]) -> None:
-        for channel in self._channels:
+        for channel in self.channels:
             if channel in wanted and channel.count is not None and channel.count > had[channel]:
                 missing = channel.count - had[channel]
                 detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
@@ -511,10 +504,10 @@ class _Clock:
         highest = np.maximum.accumulate(np.concatenate([[self._last_id], row_ids]))
         highest_row = np.maximum.accumulate(np.where(np.diff(highest) > 0, np.arange(len(t_ns)), -1))
         highest_ns = np.concatenate([[self._last_ns], np.where(highest_row < 0, self._last_ns, t_ns[highest_row])])
-        older = np.searchsorted(t_ns, t_ns[self._compared :] - _SECOND_NS)
+        older = np.searchsorted(t_ns, t_ns[self._compared :] - JUMP_NS)
         back_ns = np.where(highest[older] > row_ids[self._compared :], t_ns[self._compared :] - highest_ns[older], 0)
         self.jump_ns = max(self.jump_ns, int(back_ns.max(initial=0)))
-        dropped = int(np.searchsorted(t_ns, t_ns[-1] - _SECOND_NS))
+        dropped = int(np.searchsorted(t_ns, t_ns[-1] - JUMP_NS))
         self._last_id, self._last_ns = int(highest[dropped]), int(highest_ns[dropped])
         self._t_ns, self._row_ids = self._t_ns[dropped:], self._row_ids[dropped:]
         self._compared = len(self._t_ns)

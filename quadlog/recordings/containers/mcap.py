@@ -21,11 +21,11 @@ from quadlog.recordings.containers.bounded_reader import (
 from quadlog.recordings.containers.chunked_reader import ChunkedReader
 from quadlog.recordings.containers.chunks import Body, Contents, Entries, Listed, Piece, losses_of
 from quadlog.recordings.containers.compression import SUPPORTED
-from quadlog.recordings.containers.container import Channel, Loss
+from quadlog.recordings.containers.container import Channel, Identity, Loss, shared_channels
 from quadlog.recordings.containers.mcap_records import ChunkIndex, McapChannel, Schema, Statistics
 from quadlog.recordings.containers.mcap_recovery import McapScan, message_index_counts
 from quadlog.recordings.formatting import ros2_type_name, several
-from quadlog.storage.byte_ranges import ByteSource, LocalBytes
+from quadlog.storage.byte_ranges import ByteSource
 
 _FOOTER_BYTES = mcap.FRAME.size + 20
 
@@ -95,13 +95,11 @@ def _parse(section: bytes) -> McapSummary:
 _ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
 
 
-def open_mcap(path: Path) -> ChunkedReader:
-    """Opens an MCAP file. Raises NothingReadable when it is damaged and holds no message that can be had."""
-    return read_mcap(path, LocalBytes(path))
-
-
 def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
-    """The MCAP file in these bytes, which are the reader's from here on; path is its name. Raises as open_mcap."""
+    """The MCAP file in these bytes, which are the reader's from here on; path is its name.
+
+    Raises NothingReadable when it is damaged and holds no message that can be had.
+    """
     try:
         contents = _contents(file, file.size)
         _refuse_if_nothing_is_left(path, contents)
@@ -180,20 +178,16 @@ def _channels(
     """Channel ids of the file to Channels; ids that differ in nothing share one."""
     schemas = {**summary.schemas, **scan.schemas}
     found = {**summary.channels, **scan.channels}
-    alike: dict[tuple[str, str, str, str, bytes], list[int]] = {}
+    identities = []
     for number, channel in sorted(found.items()):
         schema = schemas.get(channel.schema)
         if schema is None and channel.schema:
             warnings.append(f"{channel.topic}: its message definition (schema {channel.schema}) is not in the file")
-        alike.setdefault(_identity(channel, schema), []).append(number)
-    merged = {}
-    for identity, numbers in alike.items():
-        shared = Channel(*identity, count=sum(declared.get(number, 0) for number in numbers))
-        merged.update(dict.fromkeys(numbers, shared))
-    return merged
+        identities.append((number, _identity(channel, schema)))
+    return shared_channels(identities, lambda number: declared.get(number, 0))
 
 
-def _identity(channel: McapChannel, schema: Schema | None) -> tuple[str, str, str, str, bytes]:
+def _identity(channel: McapChannel, schema: Schema | None) -> Identity:
     if schema is None:
         return channel.topic, "", channel.message_encoding, "", b""
     type_name = ros2_type_name(schema.name) if schema.encoding in _ROS_SCHEMAS else schema.name

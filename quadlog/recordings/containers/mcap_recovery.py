@@ -7,18 +7,17 @@ Without one it is the recovery: every chunk is read, checked and counted.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import Counter
 
 from quadlog.recordings.containers import mcap_records as mcap
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Cursor, Damaged, KeptDefinitions, read_at
-from quadlog.recordings.containers.chunks import LooseRun, LostPiece, Piece
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Cursor, Damaged, read_at
+from quadlog.recordings.containers.chunks import LostPiece, Piece, Scan
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.containers.mcap_records import ChunkIndex, McapChannel, Schema
-from quadlog.recordings.formatting import instant, several
+from quadlog.recordings.formatting import several
 from quadlog.storage.byte_ranges import ByteSource
 
 
-class McapScan:
+class McapScan(Scan):
     """The pieces of a file's data section in file order, and the definitions found on the way.
 
     known are the chunks that an index describes. ended_at is the offset of
@@ -26,26 +25,16 @@ class McapScan:
     """
 
     def __init__(self, file: ByteSource, size: int, known: list[ChunkIndex]) -> None:
-        self.pieces: list[Piece] = []
+        super().__init__(file, size)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, McapChannel] = {}
-        self.counts: Counter[int] = Counter()
-        self.lost: list[LostPiece] = []
-        self.losses: list[Loss] = []
         self.ended_at: int | None = None
         self.data_crc = 0
-        self._file, self._size = file, size
         self._known = {chunk.offset: chunk for chunk in known}
         self._offsets = sorted(self._known)
-        self._loose = LooseRun()
-        self._kept = KeptDefinitions()
         self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
         self._walk()
         self._report_lost_records()
-
-    def last_ns(self) -> int | None:
-        """Log time of the last message found, None when there is none."""
-        return max((piece.end_ns for piece in self.pieces if not piece.is_empty), default=None)
 
     def _walk(self) -> None:
         position = len(mcap.MAGIC)
@@ -106,15 +95,7 @@ class McapScan:
         start_ns, end_ns = min(chunk.start_ns, MAX_TIME_NS), min(chunk.end_ns, MAX_TIME_NS)
         channels = chunk.channels or None
         self.pieces.append(
-            Piece(
-                chunk.offset,
-                chunk.length,
-                start_ns,
-                end_ns,
-                chunk.compression,
-                channels,
-                index_end=end,
-            )
+            Piece(chunk.offset, chunk.length, start_ns, end_ns, chunk.compression, channels, index_end=end)
         )
         return end
 
@@ -137,10 +118,7 @@ class McapScan:
             self._lose_record("damaged", "message", "its log time is beyond 63 bits", position)
             self._close_loose()
             return
-        if not self._loose.continues_at(position, end):
-            self._close_loose()
-        self._loose.add(position, end, log_time_ns, number)
-        self.counts[number] += 1
+        self._take_loose(position, end, log_time_ns, number)
 
     def _lose_record(self, cause: str, kind: str, why: str, position: int) -> None:
         count, first = self._lost_records.get((cause, kind), (0, f"at offset {position}: {why}"))
@@ -150,11 +128,6 @@ class McapScan:
         for (cause, kind), (count, first) in self._lost_records.items():
             detail = f"{several(count, kind)} lost; {'first' if count > 1 else 'it lies'} {first}"
             self.losses.append(Loss(cause, detail, count=count if kind == "message" else None))
-
-    def _close_loose(self) -> None:
-        if self._loose.counts:
-            self.pieces.append(self._loose.piece())
-        self._loose = LooseRun()
 
     def _take_chunk(self, position: int, begin: int, end: int) -> None:
         start_ns = end_ns = 0
@@ -179,17 +152,6 @@ class McapScan:
         """How many messages the index records right behind a chunk name."""
         counts = message_index_counts(self._file, position, self._size)
         return None if counts is None else sum(counts.values())
-
-    def _lose_stretch(self, begin: int, end: int, damage: Damaged) -> None:
-        last_ns = self.last_ns()
-        until = "nothing before it" if last_ns is None else f"messages until {instant(last_ns)}"
-        cause = "truncated" if end == self._size else "damaged"
-        self.losses.append(
-            Loss(
-                cause,
-                f"{several(end - begin, 'byte')} after offset {begin} unreadable ({damage.reason}); read: {until}",
-            )
-        )
 
 
 def message_index_counts(file: ByteSource, position: int, size: int) -> dict[int, int] | None:

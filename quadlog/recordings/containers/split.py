@@ -9,21 +9,24 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
-from types import TracebackType
 
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, clipped
 from quadlog.recordings.containers.bounded_reader import MAX_NAME_BYTES
+from quadlog.recordings.containers.chunks import JUMP_NS
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
     NOTHING,
     Budget,
     Channel,
+    ClosedOnExit,
     Container,
+    Identity,
     LogTimes,
     Loss,
     RawMessage,
     Stream,
     merge_by_time,
+    shared_channels,
     spread,
 )
 from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
@@ -101,7 +104,6 @@ def _count(said: dict[str, Plain]) -> int:
     return int(count)
 
 
-_SECOND_NS = 10**9
 _NAMED_AT_MOST = 5
 
 
@@ -181,7 +183,7 @@ def _listed(paths: list[Path]) -> str:
     return ", ".join(path.name for path in paths[:_NAMED_AT_MOST]) + (", ..." if len(paths) > _NAMED_AT_MOST else "")
 
 
-class SplitReader:
+class SplitReader(ClosedOnExit):
     """Files of one recording, merged in order of log time; each is read when its time comes."""
 
     def __init__(
@@ -199,15 +201,13 @@ class SplitReader:
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
         self._own_losses, self._own_warnings = losses, warnings
-        self._merged = _merge_channels(parts)
-        self._channels = tuple(dict.fromkeys(self._merged.values()))
+        own = ((channel, _identity(channel)) for part in parts for channel in part.channels)
+        # Each part's channels to the recording's.
+        self._merged = shared_channels(own, lambda channel: channel.count)
+        self.channels = tuple(dict.fromkeys(self._merged.values()))
         self._compare_with_metadata()
         self._look_for_overlap()
         self._collect()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return self._channels
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -258,12 +258,6 @@ class SplitReader:
         for part in self._parts:
             part.close()
 
-    def __enter__(self) -> SplitReader:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
     def _read_part(
         self, part: Container, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[RawMessage]:
@@ -285,17 +279,17 @@ class SplitReader:
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:
             return
-        for channel in self._channels:
+        for channel in self.channels:
             said_encoding = self._metadata.encodings.get(channel.topic) or channel.message_encoding
             if said_encoding != channel.message_encoding:
                 self._own_warnings.append(
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
                     f"{channel.message_encoding!r}, which is taken"
                 )
-        if any(channel.count is None for channel in self._channels):
+        if any(channel.count is None for channel in self.channels):
             return
         had: Counter[str] = Counter()
-        for channel in self._channels:
+        for channel in self.channels:
             had[channel.topic] += channel.count or 0
         said = Counter(self._metadata.topic_counts)
         if not said and self._metadata.messages is not None:
@@ -316,7 +310,7 @@ class SplitReader:
         for part in self._parts:
             if part.span_ns is None:
                 continue
-            if part.span_ns[0] < latest_ns - _SECOND_NS:
+            if part.span_ns[0] < latest_ns - JUMP_NS:
                 back_s = (latest_ns - part.span_ns[0]) / 1e9
                 self._own_warnings.append(
                     f"{part.path.name} starts {back_s:.3f} s before the files ahead of it end; "
@@ -344,16 +338,5 @@ def _floor_ns(times: LogTimes) -> int:
     return times.floor_ns
 
 
-def _merge_channels(parts: list[Container]) -> dict[Channel, Channel]:
-    """Each part's channels to the recording's: those alike in everything but their count share one."""
-    alike: dict[tuple[str, str, str, str, bytes], list[Channel]] = {}
-    for part in parts:
-        for each in part.channels:
-            identity = (each.topic, each.type_name, each.message_encoding, each.schema_encoding, each.schema)
-            alike.setdefault(identity, []).append(each)
-    merged = {}
-    for identity, channels in alike.items():
-        counts = [each.count for each in channels if each.count is not None]
-        shared = Channel(*identity, count=sum(counts) if len(counts) == len(channels) else None)
-        merged.update(dict.fromkeys(channels, shared))
-    return merged
+def _identity(channel: Channel) -> Identity:
+    return channel.topic, channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema

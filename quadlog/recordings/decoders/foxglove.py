@@ -13,7 +13,7 @@ from quadlog.errors import DecodeError
 from quadlog.geometry import apply_transform, transform_from_quat
 from quadlog.messages import Float, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, frame_name
+from quadlog.recordings.decoders.payload import Payload, frame_name, nanoseconds
 from quadlog.recordings.decoders.point_cloud import Block, Column, MakeCloud, check_block, cloud_from_block
 from quadlog.recordings.decoders.pose import normalised, place, unit_quaternion, within_reach
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
@@ -101,7 +101,7 @@ def _cloud(
 
 
 def _proto_stamp(timestamp: Any) -> int:
-    return int(timestamp.seconds) * 1_000_000_000 + int(timestamp.nanos)
+    return nanoseconds(int(timestamp.seconds), int(timestamp.nanos))
 
 
 def _proto_pose(pose: Any, topic: str) -> PoseParts:
@@ -124,8 +124,8 @@ def _json_stamp(message: dict[str, Any]) -> int | None:
     stamp = message.get("timestamp")
     if stamp is None:
         return None
-    nanoseconds = stamp["nsec"] if "nsec" in stamp else stamp["nanosec"]
-    return int(stamp["sec"]) * 1_000_000_000 + int(nanoseconds)
+    nanos = stamp["nsec"] if "nsec" in stamp else stamp["nanosec"]
+    return nanoseconds(int(stamp["sec"]), int(nanos))
 
 
 def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:

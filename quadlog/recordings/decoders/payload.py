@@ -102,5 +102,4 @@ class PayloadReader:
         if self.ros1:
             self.uint32()
         seconds = self.number("I" if self.ros1 else "i", 4)
-        nanoseconds = self.uint32()
-        return Header(seconds * 1_000_000_000 + nanoseconds, self.name())
+        return Header(nanoseconds(seconds, self.uint32()), self.name())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -193,14 +194,10 @@ def livox_decoder(
     topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
 ) -> Callable[[Payload], PointCloud]:
     """A decoder of CustomMsg payloads; ``line`` becomes ring, ``offset_time`` offset_ns."""
-
-    def decode(payload: Payload) -> PointCloud:
-        return decode_livox(payload, encoding, topic, make_cloud)
-
-    return decode
+    return partial(_decode_livox, encoding, topic, make_cloud)
 
 
-def decode_livox(payload: Payload, encoding: str, topic: str, make_cloud: MakeCloud = cloud_from_block) -> PointCloud:
+def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Payload) -> PointCloud:
     """One CustomMsg; the number of points is checked against the payload before anything is allocated."""
     reader = PayloadReader(payload, encoding, topic)
     header = reader.header()
@@ -233,7 +230,7 @@ def _relative_to_stamp(cloud: PointCloud, timebase_ns: int) -> PointCloud:
     if times is None or cloud.stamp_ns is None:
         return cloud
     shift_ns = timebase_ns - cloud.stamp_ns
-    if shift_ns == 0 or abs(shift_ns) > 1_000_000_000:
+    if shift_ns == 0 or abs(shift_ns) > PLAUSIBLE_NS:
         return cloud
     first_ns, last_ns = times.first_ns + shift_ns, times.last_ns + shift_ns
     return replace(cloud, times=replace(times, first_ns=first_ns, last_ns=last_ns, shift_ns=-shift_ns))
@@ -247,17 +244,13 @@ MOST_FIELDS = 256
 Layout = dict[str, tuple[int, int]]  # name -> (offset, datatype)
 
 
-def point_cloud2_decoder(
-    topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
-) -> Callable[[Payload], PointCloud]:
-    """A decoder of payloads encoded as ``ros1`` or ``cdr``; it raises DecodeError for one that is not whole."""
-    return _PointCloud2Decoder(topic, encoding, make_cloud)
+class PointCloud2Decoder:
+    """A decoder of payloads encoded as ``ros1`` or ``cdr``; it raises DecodeError for one that is not whole.
 
+    The last field list is remembered, byte for byte: the next message nearly always has the same one.
+    """
 
-class _PointCloud2Decoder:
-    """Remembers the last field list, byte for byte: the next message nearly always has the same one."""
-
-    def __init__(self, topic: str, encoding: str, make_cloud: MakeCloud) -> None:
+    def __init__(self, topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block) -> None:
         self.topic, self.encoding, self.make_cloud = topic, encoding, make_cloud
         self.known: tuple[int, int, bytes, Layout] | None = None
 

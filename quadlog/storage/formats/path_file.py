@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from quadlog.errors import TooLarge, UnreadableFile
 from quadlog.messages import Float
-from quadlog.storage.formats.tum import read_tum
+from quadlog.storage.formats.tum import bounded_lines, read_tum
 
 MAX_POINTS = 1_000_000
 MAX_BYTES = 256 << 20
@@ -35,10 +34,7 @@ def read_path(path: Path) -> Float:
         raise TooLarge(f"{path}: bytes", size, MAX_BYTES)
     if path.suffix.lower() != ".csv":
         return read_tum(path).position_m[:, :2]
-    try:
-        return _read_csv(path)
-    except OSError as error:
-        raise UnreadableFile(path, error.strerror or "cannot be read") from error
+    return _read_csv(path)
 
 
 def _read_csv(path: Path) -> Float:
@@ -70,15 +66,9 @@ def _read_csv(path: Path) -> Float:
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each line that says something."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline=None) as file:
-        number = 0
-        while line := file.readline(_MAX_LINE + 1):
-            number += 1
-            if len(line) > _MAX_LINE:
-                raise UnreadableFile(path, "is longer than any point", number)
-            if line.strip() and not line.lstrip().startswith("#"):
-                try:
-                    cells = next(islice(csv.reader([line.strip()]), 1))
-                except csv.Error:
-                    raise UnreadableFile(path, "is no line of a CSV file", number) from None
-                yield number, [cell.strip() for cell in cells]
+    for number, line in bounded_lines(path, _MAX_LINE, "point"):
+        try:
+            cells = next(csv.reader([line.strip()]))
+        except csv.Error:
+            raise UnreadableFile(path, "is no line of a CSV file", number) from None
+        yield number, [cell.strip() for cell in cells]

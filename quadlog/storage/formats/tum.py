@@ -42,7 +42,7 @@ def read_tum(path: Path) -> PoseSeries:
     FARTHEST_M, or a time that does not increase; TooLarge for a file with more poses than memory should hold.
     """
     t_ns, values = array("q"), array("d")
-    for number, line in _lines(path):
+    for number, line in bounded_lines(path, _MAX_LINE, "pose"):
         try:
             time, *pose = line.split()
             row = [float(value) for value in pose]
@@ -67,15 +67,18 @@ def read_tum(path: Path) -> PoseSeries:
     return PoseSeries(np.array(t_ns, np.int64), table[:, :3], quat / np.linalg.norm(quat, axis=1, keepdims=True))
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and content of each line that is not empty and no comment."""
+def bounded_lines(path: Path, longest: int, thing: str) -> Iterator[tuple[int, str]]:
+    """Number and content of each line that is not empty and no comment; a thing to a line.
+
+    Raises UnreadableFile for one of more than `longest` characters.
+    """
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             number = 0
-            while line := file.readline(_MAX_LINE + 1):
+            while line := file.readline(longest + 1):
                 number += 1
-                if len(line) > _MAX_LINE:
-                    raise UnreadableFile(path, "is longer than any pose", number)
+                if len(line) > longest:
+                    raise UnreadableFile(path, f"is longer than any {thing}", number)
                 if line.strip() and not line.lstrip().startswith("#"):
                     yield number, line
     except OSError as error:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 
-from quadlog.recordings.containers.mcap import open_mcap
+from quadlog.recordings.containers.open import open_container
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
 from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
@@ -108,7 +108,7 @@ def times_of_a_chunk_wrong(writer: Writer) -> None:
 def with_a_broken_cloud(path: Path) -> Path:
     """Every message in a chunk of its own, and a byte of a cloud turned over, which nobody reads before `filter`."""
     in_chunks(path, rows(), 1)
-    with open_mcap(path) as container:
+    with open_container(path) as container:
         pieces = sorted(container._contents.pieces, key=lambda piece: piece.length)
     content = bytearray(path.read_bytes())
     content[pieces[-1].offset + pieces[-1].length // 2] ^= 0xFF

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import sqlite3
+import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -84,12 +85,42 @@ def fill_db3(
     connection.commit()
 
 
+def build(form: str, path: Path, messages: Sequence[Message], **options: Any) -> Path:
+    """A recording of a form (`mcap-lz4`, `bag`, `db3-unindexed`, `split`) at exactly this path."""
+    kind, _, option = form.partition("-")
+    if kind == "split":
+        path.mkdir()
+        half = len(messages) // 2 or 1
+        for number, part in enumerate((messages[:half], messages[half:])):
+            build_mcap(path / f"walk_{number}.mcap", part, **options)
+        return path
+    if kind == "bag":
+        return build_bag(path, messages, option, **options)
+    if kind == "db3":
+        return build_db3(path, messages, index=not option)
+    if option == "loose":
+        return build_mcap(path, messages, use_chunking=False, **options)
+    return build_mcap(path, messages, **({"compression": CompressionType[option.upper()]} if option else {}) | options)
+
+
+def unindex(path: Path) -> Path:
+    """What a recorder of bags leaves that was killed: a header that points nowhere, no index behind the chunks."""
+    data = bytearray(path.read_bytes())
+    place = data.index(b"index_pos=") + len(b"index_pos=")
+    (index_offset,) = struct.unpack_from("<Q", data, place)
+    struct.pack_into("<Q", data, place, 0)
+    path.write_bytes(bytes(data[:index_offset]))
+    return path
+
+
 class Recordings:
     """The builders, and how to compare what they wrote with what a container gives back."""
 
     base_ns = BASE_NS
     type_name = TYPE_NAME
     some = staticmethod(some_messages)
+    build = staticmethod(build)
+    unindex = staticmethod(unindex)
     mcap = staticmethod(build_mcap)
     bag = staticmethod(build_bag)
     db3 = staticmethod(build_db3)

@@ -27,27 +27,17 @@ def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_object, "_WAITS_S", (0.0,))
 
 
-def build(recordings: Any, folder: Path, name: str) -> Path:
-    messages = recordings.some(80)
-    if name.endswith(".bag"):
-        return recordings.bag(folder / name, messages, "lz4")
-    if name.endswith(".db3"):
-        return recordings.db3(folder / name, messages)
-    path = recordings.mcap(folder / name.removesuffix(".zstd"), messages)
-    if name.endswith(".zstd"):
-        (folder / name).write_bytes(zstandard.compress(path.read_bytes()))
-        path.unlink()
-    return folder / name
-
-
-@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd"])
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd", "season.split"])
 def test_messages_are_the_same_wherever_they_lie(recordings: Any, web: Any, bucket: Any, name: str) -> None:
-    path = build(recordings, web.folder, name)
-    bucket.put_file(str(path), f"{bucket.name}/{name}")
+    path = recordings.build(name.split(".")[1], web.folder / name, recordings.some(80))
+    if name.endswith(".zstd"):
+        path.write_bytes(zstandard.compress(path.read_bytes()))
+    for each in path.iterdir() if path.is_dir() else [path]:
+        bucket.put_file(str(each), f"{bucket.name}/{each.relative_to(web.folder)}")
     with open_container(path) as container:
         expected = recordings.read(container)
     assert len(expected) == 80
-    for url in (f"{web.url}/{name}", f"s3://{bucket.name}/{name}"):
+    for url in (f"s3://{bucket.name}/{name}", *([] if path.is_dir() else [f"{web.url}/{name}"])):
         with open_recording(url) as recording:
             assert recordings.read(recording.container) == expected
             assert recordings.read(recording.container, ["/a"]) == [each for each in expected if each[0] == "/a"]
@@ -81,7 +71,7 @@ def test_a_server_without_parts_is_read_whole_and_said(recordings: Any, web: Any
 
 
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
-@pytest.mark.parametrize("status", [400, 401, 403, 404, 410, 412, 416, 429, 500, 503])
+@pytest.mark.parametrize("status", [401, 404, 412, 416, 503])
 def test_a_server_that_fails_is_no_damage_of_the_recording(recordings: Any, web: Any, status: int, name: str) -> None:
     """Losses would be reported, and the run be marked as done with loss."""
     path = build_large(recordings, web.folder / name)
@@ -132,22 +122,6 @@ def build_large(recordings: Any, path: Path) -> Path:
     if path.suffix == ".bag":
         return recordings.bag(path, messages, chunk_bytes=200_000)
     return recordings.mcap(path, messages, chunk_size=200_000)
-
-
-def test_a_bag_folder_in_a_bucket_is_one_recording(recordings: Any, bucket: Any, tmp_path: Path) -> None:
-    messages = recordings.some(90)
-    folder = tmp_path / "bag"
-    folder.mkdir()
-    for number in range(3):
-        recordings.mcap(folder / f"bag_{number}.mcap", messages[number * 30 : number * 30 + 30])
-    (folder / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information: {message_count: 90, relative_file_paths: [bag_0.mcap, bag_1.mcap, bag_2.mcap]}"
-    )
-    for path in folder.iterdir():
-        bucket.put_file(str(path), f"{bucket.name}/season/bag/{path.name}")
-    with open_container(folder) as local, open_container(to_path(f"s3://{bucket.name}/season/bag")) as remote:
-        assert recordings.read(remote) == recordings.read(local) == messages
-        assert (remote.losses, remote.warnings) == ([], [])
 
 
 def test_what_is_no_recording_is_told_as_on_this_machine(web: Any, bucket: Any) -> None:

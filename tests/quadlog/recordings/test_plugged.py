@@ -13,7 +13,7 @@ from quadlog.config.schema import Topics
 from quadlog.errors import DecodeError, PluginNameTaken, PluginUnusable
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
+from quadlog.recordings.plugged import MessageDecoder, interpreter
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import detect_roles
 from quadlog.recordings.survey import survey
@@ -208,20 +208,11 @@ def test_an_answer_of_another_kind_or_shape_is_not_decoded(message, gives, said)
     assert "DecodeError" not in str(raised.value)
 
 
-def test_a_decoder_cannot_end_quadlog():
-    def leave(message, topic):
-        raise SystemExit(0)
-
-    with pytest.raises(DecodeError, match="SystemExit: 0"):
-        interpreter(MessageDecoder(Pose, leave))(None, "/a")
+def leave(*_: Any) -> Any:
+    raise SystemExit(0)
 
 
-def test_what_gives_nothing_iterable_is_not_decoded():
-    decoder = MessageDecoder(Pose, lambda *_: None)  # type: ignore[arg-type, return-value]
-    with pytest.raises(DecodeError, match="TypeError"):
-        interpreter(decoder)(None, "/topic")
-
-
-def test_check_passes_what_is_a_decoder():
-    decoder = MessageDecoder(Pose, lambda *_: ())
-    assert check_decoder(None, decoder) is decoder  # type: ignore[arg-type]
+@pytest.mark.parametrize(("decode", "said"), [(leave, "SystemExit: 0"), (lambda *_: None, "TypeError")])
+def test_a_decoder_cannot_end_quadlog_and_gives_something_iterable(decode, said):
+    with pytest.raises(DecodeError, match=said):
+        interpreter(MessageDecoder(Pose, decode))(None, "/topic")

@@ -88,16 +88,6 @@ def test_truth_is_a_reference_and_no_odometry(log: Any) -> None:
     assert roles.topic("reference") == "/ground_truth/odom"
 
 
-def test_goals_are_targets_and_no_reference(log: Any) -> None:
-    kind = log.ros.type("geometry_msgs/msg/PoseStamped")
-    pose = log.ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    log.add("/goal_pose", T0, kind(log.ros.header(T0), pose))
-    roles = roles_of(log)
-    assert roles.topic("reference") is None
-    assert roles.targets == ("/goal_pose",)
-    assert roles_of(log, target="/goal_pose").topic("target") == "/goal_pose"
-
-
 def add_pose(log: Any, topic: str) -> None:
     kind = log.ros.type("geometry_msgs/msg/PoseStamped")
     log.add(topic, T0, kind(log.ros.header(T0), log.ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))))
@@ -177,10 +167,11 @@ def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
 def test_targets_to_choose_from_are_explained_but_never_asked_for(log: Any) -> None:
     add_pose(log, "/goal_pose")
     roles = roles_of(log)
-    assert roles.topic("target") is None
+    assert (roles.topic("target"), roles.topic("reference"), roles.targets) == (None, None, ("/goal_pose",))
     assert roles.choices("target") == "one topic could be the target; choose with  --set topics.target=/goal_pose"
     assert roles.of_topic("/goal_pose") == (None, "could be the target: --set topics.target=/goal_pose")
-    assert roles_of(log, target="/goal_pose").choices("target") == ""
+    roles = roles_of(log, target="/goal_pose")
+    assert (roles.choices("target"), roles.topic("target")) == ("", "/goal_pose")
 
 
 def test_configured_topics_are_checked(log: Any) -> None:

@@ -1,14 +1,18 @@
+"""What is in a recording, read whole or by its index."""
+
 from __future__ import annotations
 
 import math
 import os
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,9 +24,9 @@ from mcap.writer import IndexType
 
 from quadlog.errors import QuadlogError
 from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import Budget, Channel
+from quadlog.recordings.containers.container import Budget, Channel, LogTimes
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.survey import indexed_pulses, survey
+from quadlog.recordings.survey import Pulse, indexed_pulses, survey
 from quadlog.storage.byte_ranges import LocalBytes
 
 MS = 10**6
@@ -99,18 +103,6 @@ def test_how_far_stamps_of_ranges_go_back(log: Any) -> None:
     assert (sound.clock_back_ns, sound.clock_back_to_ns) == (0, 0)
 
 
-@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
-def test_a_real_bag() -> None:
-    path = Path(os.environ["QUADLOG_DATASETS"]) / "odometry" / "jackal_odom_imu.bag"
-    with open_recording(path) as recording:
-        seen = survey(recording)
-    assert {each.name: each.messages for each in seen.topics} == {
-        "/imu/data": 3061,
-        "/jackal_velocity_controller/odom": 3060,
-    }
-    assert all(each.hz_min is not None and 40 < each.hz_min < 60 for each in seen.topics)
-
-
 def seen_of(path: Path, budget: Budget | None) -> tuple[list[Any], list[str]]:
     """What every message's log time tells, and the warnings: read whole, or from the index beside an excerpt."""
     with open_recording(path) as recording:
@@ -141,7 +133,7 @@ def test_the_index_tells_what_reading_everything_does(
         t_ms = max(0, t_ms + (forward - 2) * 400)
         messages.append((topic, t_ms * MS, bytes(length)))
     with TemporaryDirectory() as name:
-        path = build(recordings, form, Path(name) / "walk", messages)
+        path = recordings.build(form, Path(name) / "walk", messages)
         whole = seen_of(path, None)
         assert seen_of(path, Budget(2, 100, 5)) == whole
     times_ns = [t_ns for _, t_ns, _ in messages]
@@ -150,29 +142,13 @@ def test_the_index_tells_what_reading_everything_does(
         assert any("goes back" in line for line in whole[1]) == goes_back
 
 
-def build(recordings: Any, form: str, stem: Path, messages: list[Any]) -> Path:
-    kind, _, option = form.partition("-")
-    if kind == "split":
-        stem.mkdir()
-        half = len(messages) // 2 or 1
-        for number, part in enumerate((messages[:half], messages[half:])):
-            recordings.mcap(stem / f"walk_{number}.mcap", part)
-        return stem
-    path = stem.with_suffix(f".{kind}")
-    if kind == "bag":
-        return recordings.bag(path, messages, option)
-    if kind == "db3":
-        return recordings.db3(path, messages, index=not option)
-    return recordings.mcap(path, messages, use_chunking=not option)
-
-
-@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
+@pytest.mark.parametrize("form", ["mcap", "bag"])
 def test_no_more_is_read_than_the_index_and_the_excerpt(
-    recordings: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    recordings: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     noise = Random(1)
     messages = [(topic, t_ns, noise.randbytes(6000)) for topic, t_ns, _ in recordings.some(400)]
-    path = build(recordings, name[5:], tmp_path / "walk", messages)
+    path = recordings.build(form, tmp_path / "walk", messages)
     size, read_bytes, read = path.stat().st_size, 0, LocalBytes.read
 
     def count(file: LocalBytes, offset: int, length: int) -> bytes:
@@ -218,7 +194,7 @@ def test_an_index_that_disagrees_with_the_file_is_not_believed(recordings: Any, 
 def test_an_index_that_names_a_channel_twice_in_a_chunk_is_not_believed(
     recordings: Any, tmp_path: Path, form: str
 ) -> None:
-    path = build(recordings, form, tmp_path / "walk", recordings.some(80))
+    path = recordings.build(form, tmp_path / "walk", recordings.some(80))
     number_behind = re.compile(rb"(op=\x04.{16}conn=|\x07.\x00{7})[\x00-\x02]\x00", re.DOTALL)
     path.write_bytes(number_behind.sub(lambda found: found[1] + b"\1\0", path.read_bytes()))
     with open_recording(path) as recording, pytest.raises(Damaged, match="twice"):
@@ -230,7 +206,7 @@ def test_messages_at_time_zero_are_told_by_the_index(recordings: Any, tmp_path: 
     messages = [
         (topic, 0 if i in (100, 300) else t_ns, data) for i, (topic, t_ns, data) in enumerate(recordings.some(400))
     ]
-    path = build(recordings, form, tmp_path / "walk", messages)
+    path = recordings.build(form, tmp_path / "walk", messages)
     whole = seen_of(path, None)
     assert any("2 messages logged at time 0" in line for line in whole[1])
     assert seen_of(path, Budget(1, 100, 5)) == whole
@@ -287,3 +263,48 @@ def test_real_recordings_by_their_index() -> None:
         assert indexed == seen_of(path, None), path
         by_index += 1
     assert by_index > 50
+
+
+CHANNEL = Channel("/a", "std_msgs/msg/String", "cdr", "ros2msg", b"string data")
+
+
+def told(pulse: Pulse) -> tuple[Any, ...]:
+    return pulse.messages, pulse.first_ns, pulse.last_ns, pulse.longest_ns, pulse.rates_hz(), pulse.gaps()
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=80), st.integers(1, 30))
+def test_batches_make_no_difference_and_rates_are_those_of_all_runs(steps: list[int], size: int) -> None:
+    t_ns = np.cumsum(np.array(steps, np.int64))
+    batched, whole = Pulse(), Pulse()
+    whole.take(t_ns)
+    for begin in range(0, len(t_ns), size):
+        batched.take(t_ns[begin : begin + size])
+    assert told(batched) == told(whole)
+    runs_ns = [b - a for a, b in zip(t_ns.tolist(), t_ns[10:].tolist(), strict=False) if b > a]
+    if runs_ns:
+        assert whole.rates_hz() == pytest.approx((1e10 / max(runs_ns), 1e10 / min(runs_ns)))
+
+
+def test_chunks_that_overlap_are_put_in_order() -> None:
+    """Far more times than are kept: of 80 chunks, each reaches into the next."""
+    t_ns = np.cumsum(np.random.default_rng(1).integers(1, 10**6, 800_000))
+    late = np.arange(len(t_ns)) // 10_000 + (np.arange(len(t_ns)) % 7 == 0)
+
+    def log_times() -> Iterator[LogTimes]:
+        for chunk in range(late.max() + 1):
+            yield LogTimes(int(t_ns[late == chunk].min()), CHANNEL, t_ns[late == chunk])
+
+    whole = Pulse()
+    whole.take(t_ns)
+    container: Any = SimpleNamespace(channels=(CHANNEL,), log_times=log_times)
+    assert told(indexed_pulses(container)[CHANNEL]) == told(whole)
+
+
+def test_chunks_that_all_overlap_are_refused_before_they_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("quadlog.recordings.survey._MOST_TIMES", 1 << 20)
+    batch = np.arange(1 << 18)
+    endless: Any = SimpleNamespace(
+        channels=(CHANNEL,), log_times=lambda: (LogTimes(0, CHANNEL, batch) for _ in range(40))
+    )
+    with pytest.raises(Damaged, match="overlap too much"):
+        indexed_pulses(endless)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event
+from time import sleep
 from types import SimpleNamespace
 
 import pytest
@@ -96,7 +96,15 @@ def test_neighbours_come_by_one_request() -> None:
 
 
 def test_threads_share_what_comes() -> None:
+    """What one of them fetches the others wait for."""
     served = Served()
+    fetch = served.fetch
+
+    def slow(start: int, end: int) -> bytes:
+        sleep(0.002)
+        return fetch(start, end)
+
+    served.fetch = slow  # type: ignore[method-assign]
     source = RemoteBytes(served, SIZE)
     draw = random.Random(1)
     reads = [(draw.randrange(SIZE), draw.randrange(2 * BLOCK_BYTES)) for _ in range(400)]
@@ -105,30 +113,6 @@ def test_threads_share_what_comes() -> None:
     source.close()
     assert found == [CONTENT[offset : offset + length] for offset, length in reads]
     assert set(served.times().values()) == {1}
-
-
-def test_what_one_thread_fetches_another_waits_for() -> None:
-    served, entered, release = Served(), Event(), Event()
-    fetch = served.fetch
-
-    def slow(start: int, end: int) -> bytes:
-        data = fetch(start, end)
-        entered.set()
-        release.wait()
-        return data
-
-    served.fetch = slow  # type: ignore[method-assign]
-    source = RemoteBytes(served, SIZE)
-    with ThreadPoolExecutor(2) as pool:
-        first = pool.submit(source.read, 0, 10)
-        entered.wait()
-        second = pool.submit(source.read, 5, 10)
-        while not source._change._waiters and len(served.asked) < 2:  # type: ignore[attr-defined]
-            pass
-        release.set()
-        assert (first.result(), second.result()) == (CONTENT[:10], CONTENT[5:15])
-    source.close()
-    assert served.asked == [(0, BLOCK_BYTES)]
 
 
 def test_a_server_that_fails_once_may_be_asked_again() -> None:

@@ -22,8 +22,8 @@ from quadlog.recordings.decoding import (
     LINKTRACK,
     LINKTRACK_IN_COLUMNS,
     ROS,
-    column_decoder_for,
     decoder_for,
+    ways_in_columns,
 )
 
 TAGFRAME = "nlink_parser/msg/LinktrackTagframe0"
@@ -84,6 +84,10 @@ def channel_of(kind: str, name: str) -> Channel:
     encoding, version = ("ros1", 1) if kind == "ros1" else ("cdr", 2)
     text, _ = STORES[kind].generate_msgdef(name, ros_version=version)
     return Channel("/topic", name, encoding, f"ros{version}msg", text.encode())
+
+
+def column_decoder_of(channel: Channel, payload: bytes) -> ColumnDecoder | None:
+    return Definitions().column_decoder(channel, payload, ways_in_columns(channel))
 
 
 def oracle_for(channel: Channel) -> Callable[[bytes], Any]:
@@ -152,7 +156,7 @@ def test_random_messages_fare_as_with_rosbags(kind: str, name: str, data: st.Dat
     """Sound, padded, with bytes flipped and cut, all in one batch."""
     channel = channel_of(kind, name)
     sound = serialised(kind, message_of(data.draw, STORES[kind], name))
-    decoder = column_decoder_for(channel, sound, Definitions())
+    decoder = column_decoder_of(channel, sound)
     assert decoder is not None
     payloads = [sound]
     for _ in range(3):
@@ -208,7 +212,7 @@ def test_other_definitions_of_a_standard_type_are_kept_to(kind: str, text: bytes
         if kind == "ros1"
         else own.serialize_cdr(drawn, channel.type_name, little_endian=kind == "little")
     )
-    decoder = column_decoder_for(channel, payload, Definitions())
+    decoder = column_decoder_of(channel, payload)
     if decoder is not None:
         (row,) = in_columns(decoder, [payload])
         assert_fares_as(outcome(oracle_for(channel), payload), row)
@@ -225,14 +229,14 @@ def test_a_stamp_that_is_not_where_it_usually_is_is_not_left_out() -> None:
     header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](3, 4), "uwb")
     body = [np.zeros(n, np.float32) for n in (3, 3, 3, 8, 3, 4, 3, 3)]
     payload = bytes(own.serialize_cdr(own.types[TAGFRAME](2, 7, 0, 0, 4.0, *body, header), TAGFRAME))
-    assert column_decoder_for(channel, payload, Definitions()) is None
+    assert column_decoder_of(channel, payload) is None
     (ranges,) = oracle_for(channel)(payload)
     assert (ranges.tag, ranges.stamp_ns) == (7, 3_000_000_004)
 
 
 def test_a_definition_without_the_usual_fields_is_refused() -> None:
     channel = Channel("/imu", "sensor_msgs/msg/Imu", "ros1", "ros1msg", b"uint32 other\n")
-    assert column_decoder_for(channel, bytes(4), Definitions()) is None
+    assert column_decoder_of(channel, bytes(4)) is None
     with pytest.raises(DecodeError, match="not the usual"):
         oracle_for(channel)(bytes(4))
 
@@ -244,7 +248,7 @@ def test_layouts_are_kept_within_bounds() -> None:
     stamp = message_of(lambda _: 1, STORES["little"], "builtin_interfaces/msg/Time")
     header = STORES["little"].types["std_msgs/msg/Header"]
     payloads = [serialised("little", pose(header(stamp, "m" * length), inner)) for length in range(300)]
-    decoder = column_decoder_for(channel_of("little", "geometry_msgs/msg/PoseStamped"), payloads[0], Definitions())
+    decoder = column_decoder_of(channel_of("little", "geometry_msgs/msg/PoseStamped"), payloads[0])
     assert decoder is not None
     assert [row[0].frame_id for row in in_columns(decoder, payloads) if row] == ["m" * length for length in range(300)]
     assert sum(map(len, decoder._known.values())) <= KEPT_LAYOUTS

@@ -42,23 +42,6 @@ def test_payloads_that_do_not_fit_are_decode_errors(both_ros: Any, payload: byte
         decode(payload)
 
 
-def test_big_endian_payloads_are_read(both_ros: Any) -> None:
-    ros = both_ros.cdr
-    payload = ros.serialise(ros.odometry(5, 1.25), big_endian=True)
-    (odometry,) = decoder_for(ros.channel("/odom", "nav_msgs/msg/Odometry"))(payload)  # type: ignore[misc]
-    assert odometry.position_m[0] == 1.25  # type: ignore[union-attr]
-
-
-def test_unknown_encodings_are_refused_by_name() -> None:
-    for name in ("sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry"):
-        with pytest.raises(DecodeError, match="'cbor'"):
-            decoder_for(Channel("/x", name, "cbor", "", b""))
-
-
-def test_types_without_use_have_no_decoder() -> None:
-    assert decoder_for(Channel("/chatter", "std_msgs/msg/String", "cdr", "ros2msg", b"string data")) is None
-
-
 def test_broken_embedded_definition_is_refused(both_ros: Any) -> None:
     channel = Channel("/odom", "nav_msgs/msg/Odometry", "cdr", "ros2msg", b"Nonsense !!")
     with pytest.raises(DecodeError, match="cannot be parsed"):

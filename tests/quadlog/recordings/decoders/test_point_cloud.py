@@ -1,3 +1,5 @@
+"""Clouds of PointCloud2 and Livox messages."""
+
 from __future__ import annotations
 
 import os
@@ -9,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.point_cloud import DATATYPES, point_cloud2_decoder
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, livox_decoder
+from quadlog.recordings.decoders.ros_messages import BUNDLED
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -19,7 +23,7 @@ CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 def decode_point_cloud2(payload, encoding, topic):
     """One message, by a decoder that has seen none before."""
-    return point_cloud2_decoder(topic, encoding)(payload)
+    return PointCloud2Decoder(topic, encoding)(payload)
 
 
 def cloud_message(ros: Any, points: np.ndarray, *, rows: int = 1, padding: int = 0, big: bool = False) -> Any:
@@ -111,7 +115,7 @@ def test_damaged_payloads_raise_decode_errors_only(both_ros: SimpleNamespace, da
 
 
 def test_one_decoder_follows_a_topic_that_changes_its_fields(ros: Any) -> None:
-    decode = point_cloud2_decoder("/points", ros.encoding)
+    decode = PointCloud2Decoder("/points", ros.encoding)
     for names in ("xyz", "xyz", "zyx", "xyzt", "yxz"):
         points = np.zeros(2, [(name, "<f4") for name in names])
         for i, name in enumerate("xyz"):
@@ -123,24 +127,23 @@ def test_one_decoder_follows_a_topic_that_changes_its_fields(ros: Any) -> None:
             np.testing.assert_array_equal(decode(payload).xyz_m, [[0, 1, 2], [10, 11, 12]])
 
 
-def test_sizes_are_refused_before_anything_is_allocated(ros: Any) -> None:
-    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
-    message.width, message.height = 0xFFFFFFFF, 0xFFFFFFFF
-    with pytest.raises(DecodeError, match=r"do not fit|need"):
-        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
-
-
-def test_data_that_ends_before_the_last_row_is_refused(ros: Any) -> None:
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"width": 0xFFFFFFFF, "height": 0xFFFFFFFF}, "do not fit"),  # before anything is allocated
+        ({"data": np.zeros(47, np.uint8)}, "need 48 bytes, data has 47"),
+        ({"row_step": 0}, "row_step 0"),  # rows would overlap
+        ({"fields": [("x", 0), ("y", 4), ("z", 10)]}, "field z lies outside"),
+        ({"fields": [("x", 0), ("range", 4)]}, "without y, z; its fields: x, range"),
+    ],
+)
+def test_points_that_do_not_fit_their_data_are_refused(ros: Any, changed: dict[str, Any], why: str) -> None:
     message = cloud_message(ros, np.zeros(4, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]), rows=2)
-    message.data = message.data[:-1]
-    with pytest.raises(DecodeError, match="need 48 bytes, data has 47"):
-        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
-
-
-def test_rows_that_would_overlap_are_refused(ros: Any) -> None:
-    message = cloud_message(ros, np.zeros(4, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]), rows=2)
-    message.row_step = 0
-    with pytest.raises(DecodeError, match="row_step 0"):
+    for name, value in changed.items():
+        if name == "fields":
+            value = [ros.type("sensor_msgs/msg/PointField")(*each, CODES["f4"], 1) for each in value]
+        setattr(message, name, value)
+    with pytest.raises(DecodeError, match=why):
         decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
 
 
@@ -148,19 +151,6 @@ def test_a_single_row_needs_no_row_step(ros: Any) -> None:
     message = cloud_message(ros, np.ones(3, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
     message.row_step = 0
     assert len(decode_point_cloud2(ros.serialise(message), ros.encoding, "/points").xyz_m) == 3
-
-
-def test_missing_coordinates_name_the_fields_there_are(ros: Any) -> None:
-    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("range", "<f4")]))
-    with pytest.raises(DecodeError, match="without y, z; its fields: x, range"):
-        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
-
-
-def test_a_field_outside_its_point_is_refused(ros: Any) -> None:
-    message = cloud_message(ros, np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
-    message.fields[2].offset = 10
-    with pytest.raises(DecodeError, match="field z lies outside"):
-        decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
 
 
 def test_non_finite_and_float64_points_are_kept_as_they_are(ros: Any) -> None:
@@ -215,3 +205,55 @@ def test_real_scans_agree_with_another_reader(both_ros: SimpleNamespace, file: s
         assert len(np.unique(cloud.ring)) >= 15
         assert cloud.ring.max() == 15
     assert len(decode_point_cloud2(payloads[0], "cdr", "/points").xyz_m) == first_count
+
+
+def custom_message(ros: Any, count: int, timebase_ns: int = T_NS, frame: str = "livox") -> Any:
+    """A CustomMsg made and serialised by rosbags from the bundled definition."""
+    if "livox_ros_driver/msg/CustomMsg" not in ros.store.types:
+        types: dict = {}
+        for name in ("CustomMsg", "CustomPoint"):
+            text = (BUNDLED / "livox_ros_driver" / "msg" / f"{name}.msg").read_text()
+            types.update(get_types_from_msg(text, f"livox_ros_driver/msg/{name}"))
+        ros.store.register(types)
+    point = ros.type("livox_ros_driver/msg/CustomPoint")
+    points = [point(1000 * i, i + 0.25, -i, 2.0 * i, 7, 1, i % 4) for i in range(count)]
+    return ros.type("livox_ros_driver/msg/CustomMsg")(
+        ros.header(T_NS, frame), timebase_ns, count, 3, np.zeros(3, np.uint8), points
+    )
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+@pytest.mark.parametrize("big_endian", [False, True])
+def test_points_lines_and_offsets(ros: Any, count: int, big_endian: bool) -> None:
+    payload = ros.serialise(custom_message(ros, count), big_endian=big_endian)
+    cloud = livox_decoder("/livox/lidar", ros.encoding)(payload)
+    i = np.arange(count)
+    np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
+    assert cloud.stamp_ns == T_NS
+    assert cloud.frame_id == "livox"
+    if count:
+        assert cloud.ring is not None
+        assert cloud.offset_ns is not None
+        np.testing.assert_array_equal(cloud.ring, i % 4)
+        np.testing.assert_array_equal(cloud.offset_ns, 1000 * i)
+
+
+def test_offsets_count_from_the_timebase(ros: Any) -> None:
+    cloud = livox_decoder("/livox/lidar", ros.encoding)(ros.serialise(custom_message(ros, 3, T_NS + 500)))
+    np.testing.assert_array_equal(cloud.offset_ns, [500, 1500, 2500])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("frame", ["", "a", "abc", "livox_frame", "livox_frame_2"])
+def test_frame_names_of_any_length(ros: Any, frame: str) -> None:
+    """Their length decides where CDR aligns the eight bytes that follow."""
+    cloud = livox_decoder("/livox/lidar", ros.encoding)(ros.serialise(custom_message(ros, 2, T_NS + 7, frame)))
+    assert cloud.frame_id == frame
+    assert cloud.offset_ns is not None
+    assert cloud.offset_ns.tolist() == [7, 1007]
+
+
+def test_cut_or_longer_payloads_are_refused(ros: Any) -> None:
+    payload = ros.serialise(custom_message(ros, 4))
+    for damaged in (payload[:-1], payload[:40], b"", payload + bytes(19)):
+        with pytest.raises(DecodeError):
+            livox_decoder("/livox/lidar", ros.encoding)(damaged)

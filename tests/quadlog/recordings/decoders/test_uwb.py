@@ -1,5 +1,8 @@
+"""UWB ranges of every driver's messages, and whose ends a topic's ranges have."""
+
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from quadlog.messages import UwbRanges
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.ros_messages import BUNDLED
+from quadlog.recordings.decoders.uwb import ends_of_topic
 from quadlog.recordings.decoding import decoder_for
 
 FOLDER = BUNDLED / "nlink_parser" / "msg"
@@ -131,3 +135,99 @@ def test_every_bundled_definition_parses() -> None:
     for path in sorted(BUNDLED.rglob("*.msg")):
         package = Path(path).parents[1].name
         assert get_types_from_msg(path.read_text(), f"{package}/msg/{path.stem}")
+
+
+@pytest.mark.parametrize("embedded", [True, False])
+@pytest.mark.parametrize("range_m", [3.25, -math.inf, math.nan, 0.0, -1.0, math.inf])
+def test_a_range_with_zero_limits_is_kept(ros: Any, embedded: bool, range_m: float) -> None:
+    """What is no distance is passed on to be counted; infinity alone says that nothing was measured."""
+    message = ros.type("sensor_msgs/msg/Range")(ros.header(T_NS, ""), 0, 0.0, 0.0, 0.0, range_m)
+    channel = ros.channel("/uwb/n_3", "sensor_msgs/msg/Range")
+    if not embedded:
+        channel = Channel(channel.topic, channel.type_name, channel.message_encoding, "", b"")
+    (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
+    measured = range_m != math.inf
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (T_NS, None, [-1] * measured)
+    np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
+
+
+def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() -> None:
+    store = get_typestore(Stores.LATEST)
+    stamp = store.types["builtin_interfaces/msg/Time"](1, 2)
+    header = store.types["std_msgs/msg/Header"](stamp, "")
+    message: Any = store.types["sensor_msgs/msg/Range"](header, 0, 0.0, 0.0, 0.0, 3.25, 0.5)
+    decoder = decoder_for(Channel("/r", "sensor_msgs/msg/Range", "cdr", "", b""))
+    assert decoder is not None
+    (ranges,) = decoder(bytes(store.serialize_cdr(message, "sensor_msgs/msg/Range")))
+    assert ranges.range_m.tolist() == [3.25]  # type: ignore[union-attr]
+
+
+def bundled(ros: Any, name: str) -> Any:
+    if name not in ros.store.types:
+        package, _, last = name.split("/")
+        ros.store.register(get_types_from_msg((BUNDLED / package / "msg" / f"{last}.msg").read_text(), name))
+    return ros.type(name)
+
+
+@pytest.mark.parametrize("embedded", [True, False])
+@pytest.mark.parametrize(("millimetres", "range_m"), [(3456, 3.456), (0, 0.0), (-7, -0.007)])
+def test_gtec_millimetres_become_metres(ros: Any, embedded: bool, millimetres: int, range_m: float) -> None:
+    """Failures, 0 or less, are passed on to be counted."""
+    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, millimetres, 7, -80.0, 0.01)
+    channel = ros.channel("/gtec", "gtec_msgs/msg/Ranging")
+    if not embedded:
+        channel = Channel(channel.topic, channel.type_name, channel.message_encoding, "", b"")
+    (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == (None, 2, [11], [range_m])
+
+
+@pytest.mark.parametrize("range_m", [7.5, 0.0, -2.0, math.nan, math.inf])
+def test_uwb_driver_requester_is_the_tag(ros: Any, range_m: float) -> None:
+    kind = bundled(ros, "uwb_driver/msg/UwbRange")
+    point = ros.type("geometry_msgs/msg/Point")(0.0, 0.0, 0.0)
+    numbers = (1, 200, 100, 0, 1, 0, 0, 5, range_m, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
+    message = kind(ros.header(T_NS), *numbers, point, point, point, point)
+    channel = Channel("/uwb", "uwb_driver/msg/UwbRange", ros.encoding, "", b"")
+    (ranges,) = decoder_for(channel)(ros.serialise(message))  # type: ignore[misc]
+    assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (T_NS, 200, [100])
+    np.testing.assert_array_equal(ranges.range_m, [range_m])
+
+
+@pytest.mark.parametrize(
+    ("topic", "ends"),
+    [
+        ("/uwb/tof/n_3/n_7/distance", (3, 7)),
+        ("/uwb/anchor_4/range", (0, 4)),
+        ("/uwb/anchor_0/tag_2", (2, 0)),
+        ("/uwb/tag_0/anchor_2", (0, 2)),
+        ("/uwb/Anchor0/Tag2/range", (2, 0)),
+        ("/uwb/anchors/0/n_2", (2, 0)),
+        ("/uwb/anchor_id_0_tag_id_2", (2, 0)),
+        ("/uwb/anchor_3/n_7", (7, 3)),
+        ("/uwb/n_3/tag_7", (7, 3)),
+        ("/uwb_anchor/n_3/n_7", (3, 7)),
+        ("/uwb/tag_2/range", None),
+        ("/sonar_2", None),
+        ("/range", None),
+        ("/a1/b2/c3", None),
+        ("/uwb/n_99999999999999999999", None),
+    ],
+)
+def test_names(topic: str, ends: tuple[int, int] | None) -> None:
+    assert ends_of_topic(topic) == ends
+
+
+def test_known_anchors_decide_the_order() -> None:
+    assert ends_of_topic("/n_7/n_5", anchor_ids=[7]) == (5, 7)
+    assert ends_of_topic("/n_7/n_5", anchor_ids=[5, 7]) == (7, 5)
+
+
+def test_words_decide_before_known_anchors() -> None:
+    assert ends_of_topic("/uwb/anchor_0/tag_2", anchor_ids=[0, 1, 2]) == (2, 0)
+    assert ends_of_topic("/uwb/anchor_0/tag_2", anchor_ids=[2]) == (2, 0)
+    assert ends_of_topic("/uwb/tag_0/anchor_2", anchor_ids=[0]) == (0, 2)
+    assert ends_of_topic("/uwb/anchor_0/anchor_2", anchor_ids=[0]) == (2, 0)
+
+
+def test_the_configuration_decides_first() -> None:
+    assert ends_of_topic("/n_7/n_5", {"/n_7/n_5": (1, 2)}, [7]) == (1, 2)
