@@ -48,8 +48,8 @@ def fit_ground(
 
     N planes through three points each are tried, N from the confidence and the least inlier share expected, and lowered
     when a plane turns out to hold a larger share. The best is fitted to its inliers by least squares;
-    `GroundPlane.inliers` are the points within distance_m of the fitted plane. None when fewer than min_points points are given, or lie on
-    the plane, or when no three points span one.
+    `GroundPlane.inliers` are the points within distance_m of the fitted plane. None when fewer than min_points points
+    are given, or lie on the plane, or when no three points span one.
     """
     if len(xyz_m) < max(min_points, 3):
         return None
