@@ -10,20 +10,10 @@ from hypothesis import strategies as st
 
 from quadlog.results.compare.differences import ResultDifference, Tolerance
 from quadlog.results.compare.file_diff import KEYS, compare_files
-from quadlog.results.run import tables
 from quadlog.results.run.tables import TABLES, write_table
 
 EXACT = Tolerance()
 FIXES = [name for name in TABLES["fixes"].names if name not in KEYS["fixes"]]
-GROUP = 16
-
-
-@pytest.fixture(autouse=True, scope="module")
-def small_groups():
-    """Files of several row groups without thousands of rows."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tables, "_GROUP_ROWS", GROUP)
-        yield
 
 
 def fixes(n: int, tag_first: bool = False) -> dict[str, Any]:
