@@ -39,7 +39,7 @@ class RowMatch:
 
 
 def match_rows(name: str, a: Columns, b: Columns) -> RowMatch:
-    """Match rows of the result `name` by key columns, (N,) each of a and (M,) each of b, in whatever order the rows are.
+    """Match rows of the result `name` by key columns, (N,) each of a and (M,) each of b, in any order.
 
     Of rows with the same key the first of the one belongs to the first of the other, and so on. Raises TooLarge.
     """

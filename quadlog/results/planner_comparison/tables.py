@@ -61,8 +61,6 @@ SCENARIOS = _schema(
 )
 """One row per query of a .scen file and planner; costs in cells, straight 1, diagonal √2."""
 
-COMPARISON_TABLES = {"replans": REPLANS, "planners": PLANNERS, "scenarios": SCENARIOS}
-
 
 def write_planners(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """planners.parquet from its rows, each with every column; None is no value. Raises CannotWrite."""

@@ -50,7 +50,10 @@ PLAN = "#009E73"  # green: planned paths
 RESIM = "#CC79A7"  # pink: the re-simulated walk
 FIX = "#56B4E9"  # sky: raw measurements
 NOTE = "#E69F00"  # orange: what deserves a second look
-SERIES = (ROBOT, TARGET, PLAN, RESIM, NOTE, FIX, BLACK, "#8a7a00")
+COLORS = {"robot": ROBOT, "target": TARGET, "plan": PLAN, "resim": RESIM, "note": NOTE, "fix": FIX}
+COLORS |= {"text": BLACK, "olive": "#8a7a00"}
+"""By name; report.css has one of each for light and for dark."""
+SERIES = tuple(COLORS.values())
 
 WIDTH_IN = 8.0
 DPI = 150  # 1200 px wide: sharp on dense screens, and text is still 13 px when shown 800 px wide
