@@ -203,9 +203,9 @@ def enlarge_dots(legend: Legend | None) -> None:
             handle.set_alpha(1)
 
 
-def signed(value_m: float, digits: int = 3) -> str:
-    """A number with its sign, as typeset: a true minus."""
-    return f"{value_m:+.{digits}f}".replace("-", "−")
+def signed(value_m: float) -> str:
+    """To the millimetre with its sign, as typeset: a true minus."""
+    return f"{value_m:+.3f}".replace("-", "−")
 
 
 def count(number: int) -> str:

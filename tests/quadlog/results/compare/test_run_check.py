@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import NotARun
 from quadlog.results.compare.check_text import check_json, check_text
-from quadlog.results.compare.expectations import Bound, parse_expectations
+from quadlog.results.compare.expectations import parse_expectations
 from quadlog.results.compare.run_check import RunCheck, check_run, read_or_explain, read_saved_run
 from quadlog.results.run.tables import METRIC_NAMES
 
@@ -100,7 +100,3 @@ def test_a_name_that_needs_quotes_gets_them(tiny_run: Path) -> None:
     line = check_text([held(odd, "")])
     (key,) = parse_expectations(line[line.index("[") : line.index("]") + 1], "x", METRIC_NAMES).recordings
     assert key == 'a.b "c"'
-
-
-def test_an_open_side_is_no_side() -> None:
-    assert Bound("eta_m", most=0.0).sides() == {"max": 0.0}

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,11 +19,6 @@ def test_leaves_have_dotted_names() -> None:
 @given(JSON)
 def test_anything_is_the_same_as_itself(content: Any) -> None:
     assert compare_values(flatten({"x": content}), flatten({"x": content})) == ()
-
-
-@pytest.mark.parametrize("content", [None, 3, "text", [], {}])
-def test_what_is_no_object_has_no_leaves(content: Any) -> None:
-    assert flatten(content) == {}
 
 
 def test_depth_is_no_matter() -> None:

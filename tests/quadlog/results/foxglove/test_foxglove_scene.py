@@ -12,13 +12,12 @@ from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from quadlog.errors import NotARun, TooLarge
+from quadlog.errors import NotARun
 from quadlog.results import read_table
-from quadlog.results.export import export_run
 from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.foxglove.messages import POINT, paths
+from quadlog.results.foxglove.messages import paths
 from quadlog.results.plots.scans import CLASS_COLOR
-from quadlog.results.run.maps import CloudSample, read_cloud_samples, write_cloud_samples
+from quadlog.results.run.maps import CloudSample, write_cloud_samples
 from quadlog.results.run.record import LossRecord, RunRecord
 
 START_NS = 1_700_000_000_123_456_789
@@ -105,28 +104,6 @@ def test_any_scan_is_put_into_map_with_its_classes(
             assert point["alpha"] == 255
 
 
-def test_points_are_packed_without_gaps() -> None:
-    assert POINT.itemsize == 3 * 4 + 5
-
-
-@pytest.mark.parametrize("what", ["cut", "noise", "offset", "label"])
-def test_damaged_samples_stop_an_export_in_one_line(tiny_run: Path, tmp_path: Path, what: str) -> None:
-    path = tiny_run / "cloud_samples.npz"
-    if what == "cut":
-        path.write_bytes(path.read_bytes()[:-40])
-    elif what == "noise":
-        path.write_bytes(b"\x00" * 500)
-    else:
-        with np.load(path) as npz:
-            arrays = {name: npz[name] for name in npz.files}
-        arrays[what] = arrays[what] + 200
-        np.savez(path, **arrays)
-    with pytest.raises((NotARun, TooLarge), match=r"cloud_samples\.npz") as told:
-        export_run(tiny_run, "mcap", tmp_path / "out.mcap")
-    assert "\n" not in str(told.value)
-    assert not (tmp_path / "out.mcap").exists()
-
-
 def test_the_configured_lidar_is_a_frame_of_its_own(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:
     mount = {"x_m": 0.2, "y_m": -0.1, "z_m": 0.45, "roll_deg": 10.0, "pitch_deg": -20.0, "yaw_deg": 90.0}
     record = replace(tiny_record, config={"lidar": {"mount": mount}})
@@ -148,9 +125,3 @@ def test_words_of_any_kind_are_said(tiny_run: Path, tiny_record: RunRecord, tmp_
     record = replace(tiny_record, losses=[LossRecord("crc", words[0])], warnings=[words[1]])
     lines = read(write_derived(tiny_run, tmp_path / "a.mcap", record), "/quadlog/log")
     assert [line.message for _, line in lines[:2]] == [words[0], "half a pair: ?"]
-
-
-def test_the_saved_samples_are_what_is_shown(tiny_run: Path, derived: Any) -> None:
-    samples, _ = read_cloud_samples(tiny_run)
-    assert [t for t, _ in derived["/quadlog/scan"]] == [sample.t_ns for sample in samples]
-    np.testing.assert_allclose(points_in_map(derived["/quadlog/scan"][0][1])[0], samples[0].xyz_m, atol=1e-6)

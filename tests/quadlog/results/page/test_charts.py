@@ -9,10 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis.extra import numpy as hnp
 
-from quadlog.errors import NotARun
 from quadlog.results.page.charts import COLORS, row_runs, run_charts
 from quadlog.results.page.report import write_report
-from quadlog.results.plots.figures import PLOTS
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.tables import TABLES, read_table, write_table
 
@@ -48,10 +46,6 @@ def test_logged_and_re_simulated_walks_lie_over_each_other(tiny_run: Path) -> No
     assert chart["anchors"] == [{"label": "0", "x": 0.0, "y": 5.0}]
 
 
-def test_a_chart_stands_beside_a_figure(tiny_run: Path) -> None:
-    assert {"trajectory", "scans"} <= set(run_charts(RunData(tiny_run))) < {plot.name for plot in PLOTS}
-
-
 def test_torques_have_a_panel_for_each_leg(tiny_run: Path) -> None:
     control = read_table(tiny_run, "control") | {
         f"tau_{joint:02d}_nm": np.full(200, float(joint)) for joint in range(12)
@@ -60,12 +54,6 @@ def test_torques_have_a_panel_for_each_leg(tiny_run: Path) -> None:
     panels = run_charts(RunData(tiny_run))["torques"]["panels"]
     assert [panel["values"][0][0] for panel in panels] == [0.0, 3.0, 6.0, 9.0]
     assert [[line["label"] for line in panel["lines"]] for panel in panels][3] == ["τ09", "τ10", "τ11"]
-
-
-def test_a_damaged_table_is_named(tiny_run: Path) -> None:
-    (tiny_run / "control.parquet").write_bytes(b"PAR1")
-    with pytest.raises(NotARun, match="control"):
-        run_charts(RunData(tiny_run))
 
 
 def test_charts_stand_beside_pictures_and_none_has_numbers_alone(tiny_run: Path) -> None:

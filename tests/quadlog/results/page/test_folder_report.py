@@ -68,11 +68,6 @@ def test_an_empty_summary_is_a_page_and_a_missing_one_is_refused(tmp_path: Path)
     assert "no recordings" in write_folder_report(tmp_path).read_text()
 
 
-def test_the_same_summary_gives_the_same_bytes(tmp_path: Path) -> None:
-    _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], eta_m=[1.0, 2.0])
-    assert write_folder_report(tmp_path).read_bytes() == write_folder_report(tmp_path).read_bytes()
-
-
 def _walks(folder: Path, *names: str, option: str = "course") -> None:
     for name in names:
         (folder / name).mkdir()
@@ -120,7 +115,7 @@ def test_walks_beside_anything_else_are_recordings(tmp_path: Path, other: str) -
     assert "<tfoot>" not in page
 
 
-@pytest.mark.parametrize("count", [3, 8, 9, len(METRIC_NAMES)])
+@pytest.mark.parametrize("count", [8, 9])
 def test_on_paper_every_number_of_a_broad_table_has_its_name_beside_it(tmp_path: Path, count: int) -> None:
     columns = {name: [1.0, 2.0] for name in METRIC_NAMES[:count]}
     _summary(tmp_path, recording=["a", "b"], exit_code=[0, 0], reason=["", ""], **columns)

@@ -83,15 +83,6 @@ def test_any_number_of_planners_can_be_drawn(planners: int) -> None:
         assert planners == 1 or picture() is not None
 
 
-def test_the_same_figures_are_the_same_bytes() -> None:
-    medians = {"ia_star": (5.0, 4.5, 5.5)}
-    for picture in (
-        lambda: draw_cells({"astar": ASTAR, "ia_star": IA_STAR}, SCRATCH, "astar", "x"),
-        lambda: draw_ratios({"ia_star": np.array([4.0, 5, 6])}, medians, "astar", "x"),
-    ):
-        assert render_png(picture) == render_png(picture)
-
-
 def test_nothing_to_draw_is_no_figure() -> None:
     assert draw_cells({}, {}, "astar", "x") is None
     assert draw_cells({"astar": np.empty(0, np.int64)}, {}, "astar", "x") is None

@@ -178,12 +178,6 @@ def test_a_long_recording_makes_small_pictures(tiny_run: Path) -> None:
     assert sum(len(png) for png in render_plots(RunData(tiny_run)).values()) < 4_000_000
 
 
-def test_all_time_axes_start_with_the_first_instant_of_the_run(tiny_original: Path) -> None:
-    run = RunData(tiny_original)
-    assert run.start_ns == 1_700_000_000_123_456_789
-    np.testing.assert_allclose(run.seconds(np.array([run.start_ns + 1_500_000_001])), [1.500000001], rtol=0, atol=1e-15)
-
-
 def test_damaged_files_are_named(tiny_run: Path) -> None:
     (tiny_run / "plans.parquet").write_bytes(b"PAR1 no table")
     with pytest.raises(NotARun, match=r"plans\.parquet"):

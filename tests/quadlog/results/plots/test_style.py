@@ -35,10 +35,6 @@ def test_the_users_own_style_has_no_say_and_is_left_alone() -> None:
         assert mpl.rcParams["axes.facecolor"] == "red"
 
 
-def test_nothing_to_draw_is_no_picture() -> None:
-    assert style.render_png(lambda: None) is None
-
-
 @given(
     hnp.arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))),
     st.integers(2, 60),

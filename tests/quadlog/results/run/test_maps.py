@@ -83,15 +83,6 @@ def test_memory_does_not_grow_with_the_sequence(tmp_path: Path) -> None:
     assert peak(1500) < 1.2 * peak(500)  # 500 maps are 2.5 MB, and a block about 1 MB
 
 
-def test_it_is_compact(tmp_path: Path) -> None:
-    occupied = np.zeros((200, 200), bool)
-    occupied[50:60, 20:150] = True
-    with MapsWriter(tmp_path / "maps.npz", 0.1, (200, 200)) as writer:
-        for t in range(300):
-            writer.append(t, np.zeros(2), occupied)
-    assert (tmp_path / "maps.npz").stat().st_size < 300 * 200
-
-
 def test_an_error_in_the_middle_leaves_nothing(tmp_path: Path) -> None:
     def interrupted() -> None:
         with MapsWriter(tmp_path / "maps.npz", 0.1, (4, 4)) as writer:
@@ -161,11 +152,6 @@ def test_a_foreign_or_hostile_file_is_refused(tmp_path: Path, changed: Any, erro
     save(tmp_path / "maps.npz", **changed)
     with pytest.raises(error, match=match):
         load_maps(tmp_path).occupied(0)
-
-
-def test_a_run_without_maps_says_so(tmp_path: Path) -> None:
-    with pytest.raises(NotARun, match=r"has no maps\.npz"):
-        load_maps(tmp_path)
 
 
 def test_the_package_itself_imports_nothing_heavy() -> None:

@@ -75,11 +75,6 @@ def test_a_folders_hash_sees_names_borders_and_contents(tmp_path: Path) -> None:
     assert describe_input(tmp_path / "of-a-b-xy-").size_bytes == 2
 
 
-def test_a_missing_recording_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingNotFound, match=r"gone\.mcap: no such file"):
-        describe_input(tmp_path / "gone.mcap")
-
-
 def test_what_is_described_aside_is_the_same_and_so_is_what_goes_wrong(tmp_path: Path) -> None:
     (tmp_path / "walk.mcap").write_bytes(bytes(1 << 22))
     assert describe_input_aside(tmp_path / "walk.mcap").result() == describe_input(tmp_path / "walk.mcap")

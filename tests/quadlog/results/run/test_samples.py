@@ -8,10 +8,13 @@ import pytest
 from quadlog.errors import NotARun, TooLarge
 from quadlog.results.run.maps import (
     CloudSample,
+    DilutionGrid,
     GroundMap,
     read_cloud_samples,
+    read_dilution,
     read_ground,
     write_cloud_samples,
+    write_dilution,
     write_ground,
 )
 from quadlog.storage.npz import NpzReader
@@ -37,13 +40,6 @@ def test_scans_come_back(tmp_path: Path, sizes: list[int]) -> None:
         assert (one.t_ns, one.x_m, one.y_m, one.yaw_rad) == (other.t_ns, 1.0, -2.0, 0.5)
         np.testing.assert_array_equal(one.xyz_m, other.xyz_m)
         np.testing.assert_array_equal(one.label, other.label)
-
-
-def test_bytes_depend_on_the_data_alone(tmp_path: Path) -> None:
-    for folder in (tmp_path / "a", tmp_path / "b"):
-        folder.mkdir()
-        write_cloud_samples(folder, [sample(5, 1)], CLASSES)
-    assert (tmp_path / "a" / "cloud_samples.npz").read_bytes() == (tmp_path / "b" / "cloud_samples.npz").read_bytes()
 
 
 def test_the_ground_comes_back(tmp_path: Path) -> None:
@@ -81,3 +77,37 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     assert (tmp_path / "bomb.npz").stat().st_size < 100_000
     with pytest.raises(TooLarge, match="bytes of x"):
         NpzReader(tmp_path / "bomb.npz").read("x", np.uint8, (None,), 1_000_000)
+
+
+GRID = DilutionGrid(np.array([-3.0, 2.0]), 0.5, 0.6, np.array([[0.8, 1.0, np.inf], [0.9, 1.1, 4.0]]))
+
+
+def test_a_map_comes_back(tmp_path: Path) -> None:
+    write_dilution(tmp_path, GRID)
+    back = read_dilution(tmp_path)
+    np.testing.assert_array_equal(back.hdop, GRID.hdop)
+    assert (back.origin_m.tolist(), back.cell_m, back.tag_height_m) == ([-3.0, 2.0], 0.5, 0.6)
+    assert back.extent_m == (-3.0, -1.5, 2.0, 3.0)
+    first = (tmp_path / "dilution.npz").read_bytes()
+    write_dilution(tmp_path, GRID)
+    assert (tmp_path / "dilution.npz").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "match"),
+    [
+        ("cell_m", np.array(0.0), "without a place or a size"),
+        ("origin_m", np.array([np.nan, 0.0]), "without a place or a size"),
+        ("tag_height_m", np.array(np.inf), "without a place or a size"),
+        ("hdop", np.zeros((0, 3)), "without a place or a size"),
+        ("hdop", np.zeros(3), "hdop is"),
+        ("hdop", np.array([[{}]], dtype=object), "hdop"),
+    ],
+)
+def test_a_damaged_map_is_refused(tmp_path: Path, name: str, value: np.ndarray, match: str) -> None:
+    write_dilution(tmp_path, GRID)
+    with np.load(tmp_path / "dilution.npz") as npz:
+        members = dict(npz)
+    np.savez(tmp_path / "dilution.npz", **(members | {name: value}))
+    with pytest.raises(NotARun, match=match):
+        read_dilution(tmp_path)
