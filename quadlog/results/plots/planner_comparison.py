@@ -263,7 +263,7 @@ def draw_paths(scene: PathScene) -> Figure:
     axes.set_title(plain(scene.title))
     axes.grid(visible=False)
     entries = legend_entries([axes])
-    beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
+    beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
     axes.legend(entries.values(), entries.keys(), borderaxespad=0, labelspacing=0.8, **beside)
     return figure
 

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis.extra import numpy as hnp
 
 from quadlog.results.page.charts import COLORS, row_runs, run_charts
-from quadlog.results.page.report import write_report
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.tables import TABLES, read_table, write_table
 
@@ -56,14 +55,14 @@ def test_torques_have_a_panel_for_each_leg(tiny_run: Path) -> None:
     assert [[line["label"] for line in panel["lines"]] for panel in panels][3] == ["τ09", "τ10", "τ11"]
 
 
-def test_charts_stand_beside_pictures_and_none_has_numbers_alone(tiny_run: Path) -> None:
-    page = write_report(tiny_run).read_text()
+def test_charts_stand_beside_pictures_and_none_has_numbers_alone(reported: Path) -> None:
+    page = (reported / "report.html").read_text()
     data = re.search(r'<script type="application/json" id="chart-data">(.*?)</script>', page, re.DOTALL)
     assert data is not None
     charts = json.loads(data[1])
     assert sorted(re.findall(r'data-chart="(\w+)" hidden', page)) == sorted(charts)
     assert {"trajectory", "ranges", "uwb_error", "scans", "expanded", "tracking_error", "lookahead"} <= set(charts)
-    assert {f"{name}.png" for name in charts} <= {path.name for path in (tiny_run / "plots").iterdir()}
+    assert {f"{name}.png" for name in charts} <= {path.name for path in (reported / "plots").iterdir()}
 
 
 @given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=12)))

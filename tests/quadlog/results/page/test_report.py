@@ -5,7 +5,6 @@ import json
 import math
 import re
 import warnings
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -61,14 +60,6 @@ def _bare(path: Path, record: RunRecord) -> Path:
     folder.write_metrics({})
     folder.write_run_json(record)
     return path
-
-
-@pytest.fixture(scope="module")
-def reported(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny run with its report; not to be changed."""
-    run = write_run(tmp_path_factory.mktemp("reported") / "walk")
-    assert write_report(run) == run / "report.html"
-    return run
 
 
 def test_the_page_holds_everything_a_reader_looks_for(reported: Path, tiny_record: RunRecord) -> None:
