@@ -11,11 +11,9 @@ from typing import Any
 from quadlog.errors import printable
 from quadlog.results.compare.differences import (
     FirstDifference,
-    OnlyRows,
     ResultDifference,
     RowLocation,
     RunDifference,
-    RunLetter,
     ValueDifference,
 )
 from quadlog.results.compare.run_diff import first_difference
@@ -82,10 +80,8 @@ def _result_lines(result: ResultDifference, start_ns: int) -> Iterator[str]:
         return
     rows = f" {result.rows_a} | {result.rows_b} rows" if result.rows_a != result.rows_b else ""
     yield f"    {result.name}:{rows}"
-    lone: list[tuple[RunLetter, OnlyRows | None]] = [("A", result.only_in_a), ("B", result.only_in_b)]
-    for letter, only in lone:
-        if only is not None:
-            yield f"        {_rows(only.rows)} only in {letter}, the first {_place(only.first, start_ns)}"
+    for letter, only in result.lone_rows:
+        yield f"        {_rows(only.rows)} only in {letter}, the first {_place(only.first, start_ns)}"
     names = max((len(each.column) for each in result.columns), default=0)
     counts = max((len(_rows(each.rows)) for each in result.columns), default=0)
     for each in result.columns:

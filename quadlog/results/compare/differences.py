@@ -76,6 +76,12 @@ class ResultDifference:
     columns: tuple[ColumnDifference, ...] = ()
 
     @property
+    def lone_rows(self) -> list[tuple[RunLetter, OnlyRows]]:
+        """Rows that one run alone has, with that run."""
+        both: tuple[tuple[RunLetter, OnlyRows | None], ...] = (("A", self.only_in_a), ("B", self.only_in_b))
+        return [(letter, only) for letter, only in both if only is not None]
+
+    @property
     def same(self) -> bool:
         """Whether nothing of it differs."""
         return not (self.only_in or self.values or self.only_in_a or self.only_in_b or self.columns)

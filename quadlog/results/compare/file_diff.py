@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping, Set
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.messages import Float, Int
-from quadlog.results.compare.differences import ResultDifference, Tolerance, ValueDifference, compare_values, flatten
-from quadlog.results.compare.table_diff import (
-    ArrayRows,
-    ColumnFinding,
-    Columns,
-    compare_tables,
-    match_rows,
-    open_table,
-    place_of,
+from quadlog.messages import Float
+from quadlog.results.compare.differences import (
+    ColumnDifference,
+    ResultDifference,
+    Tolerance,
+    ValueDifference,
+    compare_values,
+    flatten,
 )
+from quadlog.results.compare.table_diff import Columns, column_difference, compare_tables, match_rows
 from quadlog.results.run.maps import MapSequence, read_cloud_samples, read_dilution, read_ground
 from quadlog.results.run.run_folder import read_metrics
-from quadlog.results.run.tables import TABLES
+from quadlog.results.run.tables import TABLES, read_table
 from quadlog.storage.formats.tum import read_tum
 
 _MAX_BYTES = 1 << 30
@@ -36,11 +37,11 @@ def compare_tum(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDiff
     return compare_tables(name, _tum_rows(a / name), _tum_rows(b / name), ("t_ns",), columns, tolerance)
 
 
-def _tum_rows(path: Path) -> ArrayRows:
+def _tum_rows(path: Path) -> Columns:
     poses = read_tum(path)
     position = dict(zip(("x_m", "y_m", "z_m"), poses.position_m.T, strict=True))
     orientation = dict(zip(_ORIENTATION, poses.quat_xyzw.T, strict=True))
-    return ArrayRows({"t_ns": poses.t_ns, **position, **orientation})
+    return {"t_ns": poses.t_ns, **position, **orientation}
 
 
 def compare_ground(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDifference:
@@ -66,7 +67,7 @@ def _compare_grids(
     if values := compare_values(places[0], places[1], tolerance):
         return ResultDifference(name, values=values)
     columns = [column for column in cells[0] if column not in {"row", "column"}]
-    return compare_tables(name, ArrayRows(cells[0]), ArrayRows(cells[1]), ("row", "column"), columns, tolerance)
+    return compare_tables(name, cells[0], cells[1], ("row", "column"), columns, tolerance)
 
 
 def _cells(grids: Columns) -> Columns:
@@ -84,7 +85,7 @@ def compare_samples(name: str, a: Path, b: Path, tolerance: Tolerance) -> Result
     return compare_tables(name, one, other, ("t_ns", "point"), ("x_m", "y_m", "z_m", "label"), tolerance)
 
 
-def _sample_points(run: Path) -> ArrayRows:
+def _sample_points(run: Path) -> Columns:
     """Every point of the sampled scans, its label as the class's name."""
     samples, classes = read_cloud_samples(run)
     lengths = [len(sample.xyz_m) for sample in samples]
@@ -94,7 +95,7 @@ def _sample_points(run: Path) -> ArrayRows:
     point = np.concatenate([np.empty(0, np.int64), *(np.arange(length) for length in lengths)])
     x_m, y_m, z_m = xyz_m.T
     named = np.array(classes, object)[label]
-    return ArrayRows({"t_ns": t_ns, "point": point, "x_m": x_m, "y_m": y_m, "z_m": z_m, "label": named})
+    return {"t_ns": t_ns, "point": point, "x_m": x_m, "y_m": y_m, "z_m": z_m, "label": named}
 
 
 def compare_picture(name: str, a: Path, b: Path, _: Tolerance) -> ResultDifference:
@@ -144,40 +145,28 @@ def compare_maps(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDif
     if values := compare_values(_kind(one), _kind(other)):
         return ResultDifference(name, values=values)
     rows = [
-        ArrayRows({"t_ns": maps.t_ns, "origin_x_m": maps.origin_m[:, 0], "origin_y_m": maps.origin_m[:, 1]})
+        {"t_ns": maps.t_ns, "origin_x_m": maps.origin_m[:, 0], "origin_y_m": maps.origin_m[:, 1]}
         for maps in (one, other)
     ]
     windows = compare_tables(name, rows[0], rows[1], ("t_ns",), ("origin_x_m", "origin_y_m"), tolerance)
-    cells = _compare_cells(one, other).difference()
-    columns = (*windows.columns, cells) if cells is not None else windows.columns
-    return ResultDifference(
-        name,
-        rows_a=windows.rows_a,
-        rows_b=windows.rows_b,
-        start_ns=windows.start_ns,
-        only_in_a=windows.only_in_a,
-        only_in_b=windows.only_in_b,
-        columns=columns,
-    )
+    cells = _compare_cells(one, other)
+    return windows if cells is None else replace(windows, columns=(*windows.columns, cells))
 
 
 def _kind(maps: MapSequence) -> dict[str, float]:
     return {"cell_m": maps.cell_m, "rows": maps.shape[0], "columns": maps.shape[1]}
 
 
-def _compare_cells(a: MapSequence, b: MapSequence) -> ColumnFinding:
+def _compare_cells(a: MapSequence, b: MapSequence) -> ColumnDifference | None:
     """Map by map, two of them in memory; not of windows that lie elsewhere, whose cells are other ground."""
-    found = ColumnFinding("cells")
-    match = match_rows([a.t_ns], [b.t_ns])
+    match = match_rows("maps.npz", {"t_ns": a.t_ns}, {"t_ns": b.t_ns})
     moved_m = np.abs(a.origin_m[match.a] - b.origin_m[match.b]).max(axis=1, initial=0.0)
-    same_window = moved_m < a.cell_m / 2
-    keys: dict[str, Int] = {"t_ns": a.t_ns}
-    for i, k in zip(match.a[same_window].tolist(), match.b[same_window].tolist(), strict=True):
-        one, other = a.occupied(i), b.occupied(k)
-        if count := float(np.count_nonzero(one != other)):
-            occupied = np.count_nonzero(one), np.count_nonzero(other)
-            found.add_found(1, place_of(keys, i), *occupied, count, count)
-    return found
+    occupied_a, occupied_b, apart = np.zeros((3, len(match.a)), np.int64)
+    for row in np.flatnonzero(moved_m < a.cell_m / 2).tolist():
+        one, other = a.occupied(int(match.a[row])), b.occupied(int(match.b[row]))
+        occupied_a[row], occupied_b[row], apart[row] = map(np.count_nonzero, (one, other, one != other))
+    keys: Columns = {"t_ns": a.t_ns[match.a]}
+    return column_difference("cells", keys, apart > 0, apart.astype(np.float64), occupied_a, occupied_b)
 
 
 """Pictures, pages and derived.mcap are left out: they show nothing that is not in these."""
@@ -209,8 +198,9 @@ def compare_files(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDi
 def _compare_parquet(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDifference:
     keys = KEYS.get(name, ("t_ns",))
     columns = [column for column in TABLES[name].names if column not in keys and not is_timing(column)]
-    with open_table(a, name) as one, open_table(b, name) as other:
-        return compare_tables(name, one, other, keys, columns, tolerance)
+    # Whatever a column holds is compared: damage that reading would refuse elsewhere is a difference here.
+    one, other = (read_table(run, name, largest=math.inf) for run in (a, b))
+    return compare_tables(name, one, other, keys, columns, tolerance)
 
 
 def _compare_metrics(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDifference:

@@ -8,12 +8,9 @@ from typing import Any
 
 from quadlog.results.compare.differences import (
     FirstDifference,
-    OnlyRows,
     ResultDifference,
     RunDifference,
-    RunLetter,
     Tolerance,
-    ValueDifference,
     compare_values,
     flatten,
 )
@@ -98,19 +95,14 @@ def _candidates(stage: str, result: ResultDifference) -> Iterator[tuple[int, Fir
     """Each kind of difference, and how early it is."""
     if result.only_in is not None:
         yield -_NEVER, FirstDifference(stage, result.name, only_in=result.only_in)
-    lone: list[tuple[RunLetter, OnlyRows | None]] = [("A", result.only_in_a), ("B", result.only_in_b)]
-    for letter, only in lone:
-        if only is not None:
-            yield _when(only.first.t_ns), FirstDifference(stage, result.name, only.first, only_in=letter)
+    for letter, only in result.lone_rows:
+        yield _when(only.first.t_ns), FirstDifference(stage, result.name, only.first, only_in=letter)
     for each in result.columns:
         first = FirstDifference(stage, result.name, each.first, each.column, each.a, each.b, each.apart)
         yield _when(each.first.t_ns), first
     for value in result.values:
-        yield _NEVER, _first_value(stage, result.name, value)
-
-
-def _first_value(stage: str, result: str, value: ValueDifference) -> FirstDifference:
-    return FirstDifference(stage, result, column=value.key, a=value.a, b=value.b, apart=value.apart)
+        first = FirstDifference(stage, result.name, None, value.key, value.a, value.b, value.apart)
+        yield _NEVER, first
 
 
 def _when(t_ns: int | None) -> int:

@@ -10,9 +10,8 @@ import heapq
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import foxglove.messages as fox
 import numpy as np
@@ -20,7 +19,6 @@ from mcap.writer import CompressionType, Writer
 
 from quadlog.errors import NotARun
 from quadlog.results.foxglove import messages as content
-from quadlog.results.foxglove import messages as scene
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.style import GREY, PLAN, RESIM
 from quadlog.results.run.maps import load_maps, read_cloud_samples
@@ -36,13 +34,11 @@ TIMINGS = ("realtime_factor",)
 ERRORS = ("error_m", "cross_track_m", "time_error_m")
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One channel: its messages' schema, and the messages in time order."""
+class Topic(NamedTuple):
+    """One channel: which of Foxglove's messages, and the messages in time order."""
 
     name: str
-    schema_name: str
-    schema: bytes
+    kind: Any
     messages: content.Stream
 
 
@@ -81,39 +77,39 @@ def _topics(run: Path, record: RunRecord | None) -> Iterator[Topic]:
     start = start_ns(run)
     if has_table(run, "poses"):
         poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad"])
-        yield _foxglove("/quadlog/tf", fox.FrameTransform, content.transforms(poses))
-        yield _foxglove("/quadlog/pose", fox.PoseInFrame, content.poses(poses))
+        yield Topic("/quadlog/tf", fox.FrameTransform, content.transforms(poses))
+        yield Topic("/quadlog/pose", fox.PoseInFrame, content.poses(poses))
     elif has_table(run, "control"):
-        yield _foxglove("/quadlog/tf", fox.FrameTransform, content.transforms(read_table(run, "control", BODY)))
+        yield Topic("/quadlog/tf", fox.FrameTransform, content.transforms(read_table(run, "control", BODY)))
     if (mount := _mount(run, record, start)) is not None:
         lidar = content.transforms(mount, content.LIDAR_FRAME, content.BASE_FRAME)
-        yield _foxglove("/quadlog/tf_static", fox.FrameTransform, lidar)
+        yield Topic("/quadlog/tf_static", fox.FrameTransform, lidar)
     if has_table(run, "target"):
         target = read_table(run, "target", ["t_ns", "x_m", "y_m"])
-        yield _foxglove("/quadlog/target", fox.PoseInFrame, content.poses(target))
+        yield Topic("/quadlog/target", fox.PoseInFrame, content.poses(target))
     yield from _uwb_topics(run, start)
     if (run / "maps.npz").is_file():
-        yield _foxglove("/quadlog/map", fox.Grid, content.grids(load_maps(run)))
+        yield Topic("/quadlog/map", fox.Grid, content.grids(load_maps(run)))
     if (run / "cloud_samples.npz").is_file():
-        yield _foxglove("/quadlog/scan", fox.PointCloud, scene.scans(*read_cloud_samples(run)))
+        yield Topic("/quadlog/scan", fox.PointCloud, content.scans(*read_cloud_samples(run)))
     if has_table(run, "plans"):
         plans = read_table(run, "plans", ["t_ns", *CELLS])
-        yield _foxglove("/quadlog/cells", fox.Vector2, content.vectors(plans, CELLS))
+        yield Topic("/quadlog/cells", fox.Vector2, content.vectors(plans, CELLS))
     yield from _path_topics(run, "paths", "/quadlog", PLAN)
     yield from _resimulation_topics(run)
     if lines := list(_said(run, record)):
-        yield _foxglove("/quadlog/log", fox.Log, content.log_lines(lines, start))
+        yield Topic("/quadlog/log", fox.Log, content.log_lines(lines, start))
 
 
 def _uwb_topics(run: Path, start: int) -> Iterator[Topic]:
     if has_table(run, "links"):
         links = read_table(run, "links", ["anchor", "x_m", "y_m", "z_m"])
-        yield _foxglove("/quadlog/uwb/anchors", fox.SceneUpdate, scene.anchors(links, start))
+        yield Topic("/quadlog/uwb/anchors", fox.SceneUpdate, content.anchors(links, start))
     if has_table(run, "fixes"):
         fixes = read_table(run, "fixes", ["t_ns", "tag", "x_m", "y_m", "z_m"])
         for tag in np.unique(fixes["tag"]).tolist():
             mine = {name: column[fixes["tag"] == tag] for name, column in fixes.items()}
-            yield _foxglove(f"/quadlog/uwb/fix/{tag}", fox.PoseInFrame, content.poses(mine))
+            yield Topic(f"/quadlog/uwb/fix/{tag}", fox.PoseInFrame, content.poses(mine))
 
 
 def _resimulation_topics(run: Path) -> Iterator[Topic]:
@@ -121,17 +117,17 @@ def _resimulation_topics(run: Path) -> Iterator[Topic]:
         control = read_table(run, "control", [*BODY, *ERRORS])
         if has_table(run, "poses"):
             frames = content.transforms(control, content.RESIM_FRAME)
-            yield _foxglove("/quadlog/resim/tf", fox.FrameTransform, frames)
-        yield _foxglove("/quadlog/resim/pose", fox.PoseInFrame, content.poses(control))
-        yield _foxglove("/quadlog/resim/error", fox.Vector3, content.vectors(control, ERRORS))
+            yield Topic("/quadlog/resim/tf", fox.FrameTransform, frames)
+        yield Topic("/quadlog/resim/pose", fox.PoseInFrame, content.poses(control))
+        yield Topic("/quadlog/resim/error", fox.Vector3, content.vectors(control, ERRORS))
     yield from _path_topics(run, "resim_paths", "/quadlog/resim", RESIM)
 
 
 def _path_topics(run: Path, table: str, prefix: str, color: str) -> Iterator[Topic]:
     if has_table(run, table):
         paths = read_table(run, table, ["t_ns", "x_m", "y_m", "smooth_x_m", "smooth_y_m"])
-        yield _foxglove(f"{prefix}/path", fox.SceneUpdate, scene.paths(paths, "", GREY))
-        yield _foxglove(f"{prefix}/path_smooth", fox.SceneUpdate, scene.paths(paths, "smooth_", color))
+        yield Topic(f"{prefix}/path", fox.SceneUpdate, content.paths(paths, "", GREY))
+        yield Topic(f"{prefix}/path_smooth", fox.SceneUpdate, content.paths(paths, "smooth_", color))
 
 
 def _mount(run: Path, record: RunRecord | None, start: int) -> content.Columns | None:
@@ -162,14 +158,9 @@ def _said(run: Path, record: RunRecord | None) -> Iterator[tuple[fox.LogLevel, s
             yield fox.LogLevel.Info, "metric", words
 
 
-def _foxglove(name: str, kind: Any, messages: content.Stream) -> Topic:
-    schema = kind.get_schema()
-    return Topic(name, schema.name, schema.data, messages)
-
-
 def _register(writer: Writer, topic: Topic) -> int:
-    schema = writer.register_schema(topic.schema_name, "protobuf", topic.schema)
-    return writer.register_channel(topic.name, "protobuf", schema)
+    schema = topic.kind.get_schema()
+    return writer.register_channel(topic.name, "protobuf", writer.register_schema(schema.name, "protobuf", schema.data))
 
 
 def _numbered(k: int, topic: Topic) -> Iterator[tuple[int, int, bytes]]:

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
+from quadlog.results.plots.control import COMMANDS, JOINTS, LEGS, LOOKAHEAD, POSTURE, Columns
 from quadlog.results.plots.run_data import RunData, Table, seen_around
-from quadlog.results.plots.style import thin_line, thin_points
-
-COLORS = ("robot", "target", "plan", "resim", "note", "fix", "text", "olive")
-"""Names of colours; report.css has one of each for light and for dark."""
+from quadlog.results.plots.style import COLORS, thin_line, thin_points
 
 PANEL_POINTS = 800
 """Of one line over the whole run: some two for each pixel of a phone, and the extremes between them."""
@@ -161,33 +159,21 @@ def row_runs(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 MAX_TAGS, MAX_ANCHORS = 4, len(COLORS)
-LEGS, JOINTS = 4, 3
 
 Panel = dict[str, Any] | None
-# What the panel shows, and its lines: column, label, colour.
-Columns = tuple[str, Sequence[tuple[str, str, str]]]
 
 _ERRORS: tuple[Columns, ...] = (
     ("distance (m)", [("time_error_m", "to the timed reference", "target"), ("error_m", "to the path", "robot")]),
     ("cross-track (m, left +)", [("cross_track_m", "cross-track", "plan")]),
     ("yaw error (rad)", [("heading_error_rad", "yaw error", "resim")]),
 )
-_LOOKAHEAD: tuple[Columns, ...] = (
-    ("look-ahead (m)", [("lookahead_m", "l", "robot")]),
-    ("fuzzy gain (1)", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]),
-)
-_COMMANDS: tuple[Columns, ...] = (
-    ("forward speed (m/s)", [("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot")]),
-    ("yaw rate (rad/s)", [("yaw_rate_radps", "reached", "resim"), ("cmd_yaw_rate_radps", "commanded", "robot")]),
-)
-_POSTURE: tuple[Columns, ...] = (
-    ("tilt (rad)", [("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target")]),
-    ("height (m)", [("z_m", "height in map", "resim")]),
-)
 _TORQUES: tuple[Columns, ...] = tuple(
     (
         f"torque of leg {leg} (N·m)",
-        [(f"tau_{joint:02d}_nm", f"τ{joint:02d}", COLORS[joint % JOINTS]) for joint in range(first, first + JOINTS)],
+        [
+            (f"tau_{joint:02d}_nm", f"τ{joint:02d}", tuple(COLORS)[joint % JOINTS])
+            for joint in range(first, first + JOINTS)
+        ],
     )
     for leg, first in enumerate(range(0, LEGS * JOINTS, JOINTS))
 )
@@ -297,8 +283,8 @@ _CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {
     "tracking_error": _of_table("control", _ERRORS),
     "displacement": _of_table("control", _DISPLACEMENT),
     "euler_angles": _of_table("control", _ANGLES),
-    "lookahead": _of_table("control", _LOOKAHEAD),
-    "commands": _of_table("control", _COMMANDS),
-    "posture": _of_table("control", _POSTURE),
+    "lookahead": _of_table("control", LOOKAHEAD),
+    "commands": _of_table("control", COMMANDS),
+    "posture": _of_table("control", POSTURE),
     "torques": _of_table("control", _TORQUES),
 }

@@ -161,5 +161,5 @@ def _plots(comparison: Comparison, replans: Mapping[str, NDArray[Any]], scene: P
         of = f"{title}, episode 1" if comparison.rows[0].episodes > 1 else title
         plots["cells-per-replan"] = partial(draw_cells, cells, restarts, comparison.baseline, of, comparison.counted)
     if scene is not None:
-        plots["paths"] = partial(draw_paths, [scene])
+        plots["paths"] = partial(draw_paths, scene)
     return plots

@@ -9,59 +9,48 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
 from quadlog.errors import UnknownName, csv_table, printable
-from quadlog.results.run.tables import TableWriter
+from quadlog.results.run.tables import TableWriter, table_schema
 from quadlog.results.text.markup import escape_markdown, latex_document, latex_tables, markdown_table
 
-_INT, _FLOAT, _BOOL, _TEXT = pa.int64(), pa.float64(), pa.bool_(), pa.string()
-
-
-def _schema(**columns: pa.DataType) -> pa.Schema:
-    return pa.schema([pa.field(name, kind, nullable=kind == _FLOAT) for name, kind in columns.items()])
-
-
-REPLANS = _schema(
-    source=_TEXT,
-    **dict.fromkeys(("episode", "replan", "t_ns"), _INT),
-    planner=_TEXT,
-    found=_BOOL,
-    why_not=_TEXT,
-    **dict.fromkeys(("expanded", "generated", "touched"), _INT),
-    **dict.fromkeys(("cost", "optimal_cost"), _FLOAT),
-    from_scratch=_BOOL,
-    **dict.fromkeys(("reused_cells", "start_col", "start_row", "goal_col", "goal_row"), _INT),
-    goal_projected=_BOOL,
-    **dict.fromkeys(("length_m", "turn_rad", "curvature_max_1pm", "us"), _FLOAT),
+REPLANS = table_schema(
+    source="text",
+    **dict.fromkeys(("episode", "replan", "t_ns"), "int"),
+    planner="text",
+    found="bool",
+    why_not="text",
+    **dict.fromkeys(("expanded", "generated", "touched"), "int"),
+    **dict.fromkeys(("cost", "optimal_cost"), "float"),
+    from_scratch="bool",
+    **dict.fromkeys(("reused_cells", "start_col", "start_row", "goal_col", "goal_row"), "int"),
+    goal_projected="bool",
+    **dict.fromkeys(("length_m", "turn_rad", "curvature_max_1pm", "us"), "float"),
 )
 """One row per planner and replan; cells are those of the lattice, costs in the units of --costs."""
 
-PLANNERS = _schema(
-    source=_TEXT,
-    planner=_TEXT,
-    episodes=_INT,
-    replans=_INT,
-    success_rate=_FLOAT,
-    **dict.fromkeys(("expanded_total", "generated_total", "touched_total"), _INT),
-    **dict.fromkeys(("expanded_mean", "ratio_expanded", "ratio_low", "ratio_high"), _FLOAT),
-    **dict.fromkeys(("suboptimality_mean", "suboptimality_p95", "fallback_share", "us_median", "us_p95"), _FLOAT),
-    **dict.fromkeys(("length_m_total", "turn_rad_total"), _FLOAT),
+PLANNERS = table_schema(
+    source="text",
+    planner="text",
+    episodes="int",
+    replans="int",
+    success_rate="float",
+    **dict.fromkeys(("expanded_total", "generated_total", "touched_total"), "int"),
+    **dict.fromkeys(("expanded_mean", "ratio_expanded", "ratio_low", "ratio_high"), "float"),
+    **dict.fromkeys(("suboptimality_mean", "suboptimality_p95", "fallback_share", "us_median", "us_p95"), "float"),
+    **dict.fromkeys(("length_m_total", "turn_rad_total"), "float"),
 )
 """One row per planner and source."""
 
-SCENARIOS = _schema(
-    map=_TEXT,
-    planner=_TEXT,
-    **dict.fromkeys(("start_col", "start_row", "goal_col", "goal_row"), _INT),
-    **dict.fromkeys(("listed_cost", "cost"), _FLOAT),
-    expanded=_INT,
-    us=_FLOAT,
-    found=_BOOL,
+SCENARIOS = table_schema(
+    map="text",
+    planner="text",
+    **dict.fromkeys(("start_col", "start_row", "goal_col", "goal_row"), "int"),
+    **dict.fromkeys(("listed_cost", "cost"), "float"),
+    expanded="int",
+    us="float",
+    found="bool",
 )
 """One row per query of a .scen file and planner; costs in cells, straight 1, diagonal √2."""
-
-COMPARISON_TABLES = {"replans": REPLANS, "planners": PLANNERS, "scenarios": SCENARIOS}
 
 
 def write_planners(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,54 +16,42 @@ if TYPE_CHECKING:
 
 LEGS, JOINTS = 4, 3
 
+Columns = tuple[str, Sequence[tuple[str, str, str]]]
+"""What a panel shows, with its unit, and its lines: column, label, name of the colour."""
+
+LOOKAHEAD: tuple[Columns, ...] = (
+    ("look-ahead (m)", (("lookahead_m", "l", "robot"),)),
+    ("fuzzy gain (1)", (("k_v", "k_v", "plan"), ("k_w", "k_w", "target"))),
+)
+COMMANDS: tuple[Columns, ...] = (
+    ("forward speed (m/s)", (("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot"))),
+    ("yaw rate (rad/s)", (("yaw_rate_radps", "reached", "resim"), ("cmd_yaw_rate_radps", "commanded", "robot"))),
+)
+_SIDEWAYS: Columns = ("speed to the left (m/s)", (("vy_mps", "reached", "resim"),))
+POSTURE: tuple[Columns, ...] = (
+    ("tilt (rad)", (("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target"))),
+    ("height (m)", (("z_m", "height in map", "resim"),)),
+)
+
 
 def draw_lookahead(run: RunData) -> Figure | None:
     """Look-ahead distance l, and the fuzzy gains k_v and k_w where a controller has them [Tracking, eq. 17]."""
-    control = run.table("control")
-    if control is None or not _has(control, "lookahead_m"):
-        return None
-    gains = [name for name in ("k_v", "k_w") if _has(control, name)]
-    figure, grid = style.new_stack(2 if gains else 1, 2.1)
-    panels = grid[:, 0]
-    _draw_lines(run, panels[0], control, [("lookahead_m", "l", style.ROBOT)], "look-ahead (m)")
-    panels[0].set_ylim(bottom=0)
-    if gains:
-        colors = {"k_v": style.PLAN, "k_w": style.TARGET}
-        _draw_lines(run, panels[1], control, [(name, name, colors[name]) for name in gains], "fuzzy gain (1)")
-    panels[-1].set_xlabel("time (s)")
+    figure = _draw_lines(run, "lookahead_m", LOOKAHEAD)
+    if figure is not None:
+        figure.axes[0].set_ylim(bottom=0)
     return figure
 
 
 def draw_commands(run: RunData) -> Figure | None:
     """Commanded and reached speed and yaw rate; and how fast it went sideways, where it did."""
     control = run.table("control")
-    if control is None or not _has(control, "cmd_v_mps"):
-        return None
-    sways = _has(control, "vy_mps") and bool(np.nan_to_num(control["vy_mps"]).any())
-    figure, grid = style.new_stack(2 + sways, 2.1)
-    panels = grid[:, 0]
-    speed = [("vx_mps", "reached", style.RESIM), ("cmd_v_mps", "commanded", style.ROBOT)]
-    turn = [("yaw_rate_radps", "reached", style.RESIM), ("cmd_yaw_rate_radps", "commanded", style.ROBOT)]
-    _draw_lines(run, panels[0], control, speed, "forward speed (m/s)")
-    _draw_lines(run, panels[1], control, turn, "yaw rate (rad/s)")
-    if sways:
-        _draw_lines(run, panels[2], control, [("vy_mps", "reached", style.RESIM)], "speed to the left (m/s)")
-    panels[-1].set_xlabel("time (s)")
-    return figure
+    sways = control is not None and bool(np.nan_to_num(control["vy_mps"]).any())
+    return _draw_lines(run, "cmd_v_mps", (*COMMANDS, _SIDEWAYS) if sways else COMMANDS)
 
 
 def draw_posture(run: RunData) -> Figure | None:
     """Roll, pitch and height of the body; only for robots that have one."""
-    control = run.table("control")
-    if control is None or not _has(control, "pitch_rad"):
-        return None
-    figure, grid = style.new_stack(2, 2.1)
-    panels = grid[:, 0]
-    tilt = [("pitch_rad", "pitch", style.PLAN), ("roll_rad", "roll", style.TARGET)]
-    _draw_lines(run, panels[0], control, tilt, "tilt (rad)")
-    _draw_lines(run, panels[1], control, [("z_m", "height in map", style.RESIM)], "height (m)")
-    panels[1].set_xlabel("time (s)")
-    return figure
+    return _draw_lines(run, "pitch_rad", POSTURE)
 
 
 def draw_torques(run: RunData) -> Figure | None:
@@ -84,21 +73,27 @@ def draw_torques(run: RunData) -> Figure | None:
 
 
 def _has(control: Table, name: str) -> bool:
-    return name in control and bool(np.isfinite(control[name]).any())
+    return bool(np.isfinite(control[name]).any())
 
 
-def _draw_lines(run: RunData, panel: Axes, control: Table, lines: list[tuple[str, str, str]], ylabel: str) -> None:
+def _draw_lines(run: RunData, needed: str, layout: Sequence[Columns]) -> Figure | None:
+    """A panel for each entry of the layout that has a value; None for a run without values in the column `needed`."""
+    control = run.table("control")
+    if control is None or not _has(control, needed):
+        return None
+    present = [(ylabel, [line for line in lines if _has(control, line[0])]) for ylabel, lines in layout]
+    present = [(ylabel, lines) for ylabel, lines in present if lines]
+    figure, grid = style.new_stack(len(present), 2.1)
     seconds = run.seconds(control["t_ns"])
-    for (name, label, color), width in zip(lines, (2.4, 1.0), strict=False):
-        if not _has(control, name):
-            continue
-        keep = style.thin_line(control[name])
+    for panel, (ylabel, lines) in zip(grid[:, 0], present, strict=True):
         # The first line is drawn broad, so that a second one on top of it does not hide it.
-        panel.plot(
-            seconds[keep], control[name][keep], color=color, linewidth=width if len(lines) == 2 else 1.4, label=label
-        )
-    panel.set_ylabel(ylabel)
-    style.legend_above(panel)
+        for (name, label, color), width in zip(lines, (2.4, 1.0) if len(lines) == 2 else (1.4,), strict=True):
+            keep = style.thin_line(control[name])
+            panel.plot(seconds[keep], control[name][keep], color=style.COLORS[color], linewidth=width, label=label)
+        panel.set_ylabel(ylabel)
+        style.legend_above(panel)
+    grid[-1, 0].set_xlabel("time (s)")
+    return figure
 
 
 # column, its colour, the saved mean and deviation shown beside it
@@ -149,7 +144,6 @@ COURSE = "trot-32s"
 _TO_DEG = float(np.degrees(1.0))
 _PLACES = (("x_m", "x, forward (m)", 1.0), ("y_m", "y, to the left (mm)", 1e3), ("z_m", "z, height (mm)", 1e3))
 _ANGLES = (("roll_rad", "roll (°)", _TO_DEG), ("pitch_rad", "pitch (°)", _TO_DEG), ("yaw_rad", "yaw (°)", _TO_DEG))
-Columns = tuple[tuple[str, str, float], ...]
 
 
 def draw_displacement(run: RunData) -> Figure | None:
@@ -162,7 +156,7 @@ def draw_euler_angles(run: RunData) -> Figure | None:
     return _draw(run, _ANGLES)
 
 
-def _draw(run: RunData, columns: Columns) -> Figure | None:
+def _draw(run: RunData, columns: Sequence[tuple[str, str, float]]) -> Figure | None:
     control = run.table("control")
     if control is None or run.record.options.get("course") != COURSE:
         return None

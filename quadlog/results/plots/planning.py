@@ -11,7 +11,7 @@ from quadlog.results.plots import layout as places
 from quadlog.results.plots import style
 from quadlog.results.plots.layout import Pose, draw_body
 from quadlog.results.plots.run_data import RunData, Table
-from quadlog.results.run.maps import MapSequence
+from quadlog.results.run.maps import MapSequence, grid_extent_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,9 +156,7 @@ def _row_at(table: Table | None, t_ns: int) -> Pose | None:
 
 
 def _extent(maps: MapSequence, index: int) -> places.Extent:
-    left, bottom = (float(value) for value in maps.origin_m[index])
-    rows, columns = maps.shape
-    return left, left + columns * maps.cell_m, bottom, bottom + rows * maps.cell_m
+    return grid_extent_m(maps.origin_m[index], maps.shape, maps.cell_m)
 
 
 def _draw_cells(axes: Axes, maps: MapSequence, index: int) -> None:

@@ -21,6 +21,7 @@ from quadlog.results.run.maps import (
     DilutionGrid,
     GroundMap,
     MapSequence,
+    grid_extent_m,
     load_maps,
     read_cloud_samples,
     read_dilution,
@@ -47,10 +48,8 @@ class Occupancy:
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
-        """left, right, bottom, top in metres, as imshow takes them."""
-        rows, columns = self.share.shape
-        left, bottom = float(self.origin_m[0]), float(self.origin_m[1])
-        return left, left + columns * self.cell_m, bottom, bottom + rows * self.cell_m
+        """As grid_extent_m."""
+        return grid_extent_m(self.origin_m, self.share.shape, self.cell_m)
 
     @property
     def corners_m(self) -> Float:

@@ -50,7 +50,10 @@ PLAN = "#009E73"  # green: planned paths
 RESIM = "#CC79A7"  # pink: the re-simulated walk
 FIX = "#56B4E9"  # sky: raw measurements
 NOTE = "#E69F00"  # orange: what deserves a second look
-SERIES = (ROBOT, TARGET, PLAN, RESIM, NOTE, FIX, BLACK, "#8a7a00")
+COLORS = {"robot": ROBOT, "target": TARGET, "plan": PLAN, "resim": RESIM, "note": NOTE, "fix": FIX}
+COLORS |= {"text": BLACK, "olive": "#8a7a00"}
+"""By name; report.css has one of each for light and for dark."""
+SERIES = tuple(COLORS.values())
 
 WIDTH_IN = 8.0
 DPI = 150  # 1200 px wide: sharp on dense screens, and text is still 13 px when shown 800 px wide
@@ -200,9 +203,9 @@ def enlarge_dots(legend: Legend | None) -> None:
             handle.set_alpha(1)
 
 
-def signed(value_m: float, digits: int = 3) -> str:
-    """A number with its sign, as typeset: a true minus."""
-    return f"{value_m:+.{digits}f}".replace("-", "−")
+def signed(value_m: float) -> str:
+    """To the millimetre with its sign, as typeset: a true minus."""
+    return f"{value_m:+.3f}".replace("-", "−")
 
 
 def count(number: int) -> str:

@@ -10,6 +10,7 @@ from quadlog.messages import Float
 from quadlog.results.plots import layout as places
 from quadlog.results.plots import style
 from quadlog.results.plots.run_data import RunData, Table, seen_around
+from quadlog.results.run.maps import grid_extent_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +33,8 @@ def draw_terrain(run: RunData) -> Figure | None:
     rows = slice(int(known_row.min()), int(known_row.max()) + 1)
     columns = slice(int(known_column.min()), int(known_column.max()) + 1)
     cut = height_m[rows, columns]
-    left, bottom = float(ground.origin_m[0]) + columns.start * cell_m, float(ground.origin_m[1]) + rows.start * cell_m
-    extent = (left, left + cut.shape[1] * cell_m, bottom, bottom + cut.shape[0] * cell_m)
+    corner_m = ground.origin_m + cell_m * np.array([columns.start, rows.start])
+    extent = grid_extent_m(corner_m, cut.shape, cell_m)
     low_m, high_m = np.percentile(cut[np.isfinite(cut)], [1, 99])
     figure, axes = places.new_map(extent, BAR_IN, places.TITLE_IN)
     # At least 2 cm of range: sensor noise on a flat floor should look flat.

@@ -30,18 +30,13 @@ class RunFolder:
     path: Path
 
     @classmethod
-    def create(cls, path: Path, force: bool = False, resume: bool = False) -> Self:
+    def create(cls, path: Path, force: bool = False) -> Self:
         """The folder `path`, made or taken over.
 
-        An existing run needs `force` (quadlog's own files are removed, all
-        others stay) or `resume` (everything stays). Call it only when the run
-        is sure to start: with `force` the old results are gone afterwards.
-
-        Raises AlreadyExists for a run without either flag; CannotWrite when the
-        folder holds other things and is no run, is a link to be emptied, or
-        cannot be made.
+        An existing run needs `force`: quadlog's own files are removed, all others stay. Call it only when the run is
+        sure to start: with `force` the old results are gone afterwards. Raises as `claim` does.
         """
-        folder = cls.claim(path, replace=force, complete=resume)
+        folder = cls.claim(path, replace=force)
         if force:
             _remove_own_files(path, OWN_FILES)
         return folder
@@ -61,10 +56,11 @@ class RunFolder:
             raise
 
     @classmethod
-    def claim(cls, path: Path, replace: bool = False, complete: bool = False) -> Self:
-        """The folder `path`, made, or an existing one that may be written to; no result in it is touched yet.
+    def claim(cls, path: Path, replace: bool = False) -> Self:
+        """The folder `path`, made, or with `replace` an existing run; no result in it is touched before `begin`.
 
-        replace: results will be removed by `begin`; complete: all stays. Raises as `create` does.
+        Raises AlreadyExists for a run without the flag; CannotWrite when the folder holds other things and is no run,
+        is a link to be emptied, or cannot be made.
         """
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -76,7 +72,7 @@ class RunFolder:
             return cls(path)
         if not _is_ours(path):
             raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
-        if not (replace or complete):
+        if not replace:
             raise RunExists(path)
         if replace and path.is_symlink():
             raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")

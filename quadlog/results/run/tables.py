@@ -19,7 +19,7 @@ from quadlog.storage.atomic_write import whole_file
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "text": pa.string()}
 
 
-def _schema(**columns: str) -> pa.Schema:
+def table_schema(**columns: str) -> pa.Schema:
     """A schema from name="type" pairs, in the order given."""
     return pa.schema([pa.field(name, _TYPES[kind], nullable=kind == "float") for name, kind in columns.items()])
 
@@ -43,7 +43,7 @@ COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
 _TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 
-_PLANS = _schema(
+_PLANS = table_schema(
     t_ns="int",
     planner="text",
     found="bool",
@@ -58,10 +58,10 @@ _PLANS = _schema(
     goal_projected="bool",
     us="float",
 )
-_PATHS = _schema(t_ns="int", i="int", **_floats("x_m", "y_m", "smooth_x_m", "smooth_y_m"))
+_PATHS = table_schema(t_ns="int", i="int", **_floats("x_m", "y_m", "smooth_x_m", "smooth_y_m"))
 
 TABLES: dict[str, pa.Schema] = {
-    "fixes": _schema(
+    "fixes": table_schema(
         t_ns="int",
         tag="int",
         **_floats("x_m", "y_m", "z_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
@@ -69,8 +69,8 @@ TABLES: dict[str, pa.Schema] = {
         residual_rms_m="float",
         outlier="bool",
     ),
-    "ranges": _schema(t_ns="int", tag="int", anchor="int", **_floats("range_m", "predicted_m", "weight")),
-    "links": _schema(
+    "ranges": table_schema(t_ns="int", tag="int", anchor="int", **_floats("range_m", "predicted_m", "weight")),
+    "links": table_schema(
         tag="int",
         anchor="int",
         **_floats("x_m", "y_m", "z_m"),
@@ -80,11 +80,11 @@ TABLES: dict[str, pa.Schema] = {
         why_not="text",
         **_floats("nlos_share", "weak_first_path_share"),
     ),
-    "uwb_errors": _schema(t_ns="int", tag="int", source="text", **_floats("error_x_m", "error_y_m", "bound_m")),
-    "poses": _schema(t_ns="int", **_floats("x_m", "y_m", "yaw_rad"), source="text"),
-    "pose_uncertainty": _schema(t_ns="int", **_floats("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "yaw_std_rad")),
-    "target": _schema(t_ns="int", **_floats("x_m", "y_m"), source="text"),
-    "scans": _schema(
+    "uwb_errors": table_schema(t_ns="int", tag="int", source="text", **_floats("error_x_m", "error_y_m", "bound_m")),
+    "poses": table_schema(t_ns="int", **_floats("x_m", "y_m", "yaw_rad"), source="text"),
+    "pose_uncertainty": table_schema(t_ns="int", **_floats("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "yaw_std_rad")),
+    "target": table_schema(t_ns="int", **_floats("x_m", "y_m"), source="text"),
+    "scans": table_schema(
         **dict.fromkeys(("t_ns", "n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle"), "int"),
         **_floats("ground_nx", "ground_ny", "ground_nz", "ground_d_m"),
         ground_found="bool",
@@ -92,18 +92,18 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "plans": _PLANS,
     "paths": _PATHS,
-    "astar": _schema(t_ns="int", expanded="int"),
+    "astar": table_schema(t_ns="int", expanded="int"),
     "resim_plans": _PLANS,
     "resim_paths": _PATHS,
-    "control": _schema(
+    "control": table_schema(
         t_ns="int",
         **_floats("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps"),
         **_floats("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad"),
         **_floats("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps", *_TORQUES, *_FORCES),
         fallen="bool",
     ),
-    "clearances": _schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
-    "summary": _schema(
+    "clearances": table_schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
+    "summary": table_schema(
         recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES, *COST_NAMES), worker="text"
     ),
 }

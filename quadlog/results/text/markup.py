@@ -1,7 +1,7 @@
-r"""LaTeX and Markdown from text and tables that may contain anything; LaTeX needs \usepackage{booktabs,graphicx} and
-UTF-8 input.
+r"""LaTeX, Markdown and plain text from text and tables that may contain anything.
 
-A table fits the text of a plain one-column article: what is wider is shrunk, what is longer than a page is continued.
+LaTeX needs \usepackage{booktabs,graphicx} and UTF-8 input. A table fits the text of a plain one-column article:
+what is wider is shrunk, what is longer than a page is continued.
 """
 
 from __future__ import annotations
@@ -169,6 +169,18 @@ def _cell(text: str) -> str:
     sign, digits, exponent = number.groups()
     power = rf"\times10^{{{int(exponent)}}}" if exponent else ""
     return f"${sign}{digits}{power}$" if sign or power else digits
+
+
+def aligned(rows: Sequence[Sequence[str]], left: Container[int] = ()) -> list[str]:
+    """Lines of plain text with columns two spaces apart: aligned to the right but for the columns in `left`."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+    def line(row: Sequence[str]) -> str:
+        cells = enumerate(zip(row, widths, strict=True))
+        padded = (cell.ljust(width) if at in left else cell.rjust(width) for at, (cell, width) in cells)
+        return "  ".join(padded).rstrip()
+
+    return [line(row) for row in rows]
 
 
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_\[\]<>|~$&#])")

@@ -13,6 +13,7 @@ from quadlog.metrics.intervals import Interval
 from quadlog.metrics.summary import Measured, MeasuredRun, Spread
 from quadlog.results.text.markup import (
     WIDEST_PT,
+    aligned,
     escape_markdown,
     latex_document,
     latex_tables,
@@ -64,11 +65,7 @@ def _run_lines(run: RunAtWorst, unit: str) -> list[str]:
         return [f"{title}; {run.why_none}"]
     rows = [(str(each.t_ns), f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
     cells = [("t_ns", "s from start", f"sample {unit}".rstrip()), *rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return [
-        f"{title}; worst, at least 1 s apart:",
-        *("  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells),
-    ]
+    return [f"{title}; worst, at least 1 s apart:", *(f"  {line}" for line in aligned(cells))]
 
 
 MOST_COLUMNS = 6
@@ -210,16 +207,12 @@ def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
 
 def table_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
     """Aligned plain text; names of runs that would make it too wide are numbered, and told above."""
-    sheet = make_sheet(runs, spreads)
-    header = list(sheet.header)
-    legend: list[str] = []
-    if len(_line(header, _widths(header, sheet), sheet)) > _WIDEST:
-        for column, label in enumerate(header):
-            if column in sheet.names:
-                header[column] = f"run {len(legend) + 1}"
-                legend.append(f"{header[column]}: {label}")
-    widths = _widths(header, sheet)
-    lines = [_line(row, widths, sheet) for row in (header, *sheet.rows)]
+    sheet, told = make_sheet(runs, spreads), dict[str, str]()
+    lines = _sheet_lines(sheet)
+    if sheet.names and len(lines[0]) > _WIDEST:
+        sheet, told = _numbered(sheet)
+        lines = _sheet_lines(sheet)
+    legend = (f"{short}: {name}" for short, name in told.items())
     return "\n".join([sheet.caption, *legend, "", *lines, "", *sheet.notes]) + "\n"
 
 
@@ -298,13 +291,6 @@ def _divided(sheet: Sheet) -> list[Sheet]:
     ]
 
 
-def _widths(header: Sequence[str], sheet: Sheet) -> list[int]:
-    return [max(map(len, column)) for column in zip(header, *sheet.rows, strict=True)]
-
-
-def _line(cells: Sequence[str], widths: Sequence[int], sheet: Sheet) -> str:
-    aligned = (
-        cell.rjust(width) if name in sheet.right else cell.ljust(width)
-        for cell, width, name in zip(cells, widths, sheet.header, strict=True)
-    )
-    return "  ".join(aligned).rstrip()
+def _sheet_lines(sheet: Sheet) -> list[str]:
+    left = [column for column, name in enumerate(sheet.header) if name not in sheet.right]
+    return aligned([sheet.header, *sheet.rows], left)

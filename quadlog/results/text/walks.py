@@ -7,6 +7,8 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from quadlog.results.text.markup import aligned
+
 # metric, heading, factor from its unit to the one shown, format
 _SHOWN = (
     ("eta_m", "eta m", 1.0, ".4f"),
@@ -42,19 +44,10 @@ def walks_text(rows: Sequence[Mapping[str, Any]]) -> str:
     if len(rows) > 1:
         columns = [([row[name] for row in rows if name in row], times, to) for name, _, times, to in shown]
         lines.append(["mean", *(_cell(statistics.fmean(values), times, _finer(to)) for values, times, to in columns)])
-        lines.append(
-            [
-                "std",
-                *(
-                    _cell(statistics.stdev(values) if len(values) > 1 else None, times, _finer(to))
-                    for values, times, to in columns
-                ),
-            ]
-        )
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip() + "\n" for line in lines
-    )
+        deviations = [statistics.stdev(values) if len(values) > 1 else None for values, _, _ in columns]
+        finer = zip(deviations, columns, strict=True)
+        lines.append(["std", *(_cell(value, times, _finer(to)) for value, (_, times, to) in finer)])
+    return "".join(f"{line}\n" for line in aligned(lines))
 
 
 def _finer(to: str) -> str:

@@ -17,6 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.results.foxglove.derived_mcap import write_derived
 from quadlog.results.foxglove.layout import write_layout
+from quadlog.results.page.report import write_report
 from quadlog.results.run.maps import (
     CloudSample,
     DilutionGrid,
@@ -40,16 +41,8 @@ CONFIG: dict[str, Any] = {
 ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
 
 BROWSER_FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-logging=stderr",
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-dev-shm-usage", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--enable-logging=stderr"),
 ]
 
 
@@ -137,6 +130,14 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
 def tiny_original(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny run, written once; not to be changed."""
     return write_run(tmp_path_factory.mktemp("original") / "walk")
+
+
+@pytest.fixture(scope="session")
+def reported(tiny_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny run with its report, written once; not to be changed."""
+    run = shutil.copytree(tiny_original, tmp_path_factory.mktemp("reported") / "walk")
+    assert write_report(run) == run / "report.html"
+    return run
 
 
 @pytest.fixture(scope="session")

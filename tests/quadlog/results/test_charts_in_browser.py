@@ -3,6 +3,7 @@
 import html
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,12 @@ ROOM = [[0, 0, 276], [80, 0, 1], [80, 275, 1], [177, 40, 200]]  # walls: row, fi
 PAGE_REQUEST = 101845102  # Chromium's traffic annotation `blink_resource_loader`: what a page loads
 
 
+@pytest.fixture
+def page(reported: Path, tmp_path: Path) -> Path:
+    """The report of the tiny run, to be changed."""
+    return Path(shutil.copy(reported / "report.html", tmp_path))
+
+
 def _ask(
     page: Path, browse: Browse, probe: str = PROBE, width: int = 900, first: str = ""
 ) -> tuple[dict[str, Any], list[str]]:
@@ -139,8 +146,8 @@ def _ask(
     return json.loads(html.unescape(title[1])), complaints
 
 
-def test_charts_are_drawn_read_off_and_zoomed(tiny_run: Path, browse: Browse) -> None:
-    say, complaints = _ask(write_report(tiny_run), browse)
+def test_charts_are_drawn_read_off_and_zoomed(page: Path, browse: Browse) -> None:
+    say, complaints = _ask(page, browse)
     assert complaints == []
     assert len(say["charts"]) == 8
     assert len(say["canvases"]) >= 11
@@ -176,8 +183,7 @@ def _with_map(page: Path, **changed: Any) -> None:
 
 
 @pytest.mark.parametrize("walled", [True, False])
-def test_the_map_shows_everything_at_any_width(tiny_run: Path, browse: Browse, walled: bool) -> None:
-    page = write_report(tiny_run)
+def test_the_map_shows_everything_at_any_width(page: Path, browse: Browse, walled: bool) -> None:
     runs = [number for run in ROOM for number in run] if walled else []
     anchors = [{"label": "a long label", "x": 20.0, "y": 1.2}, {"label": "0", "x": 1.0, "y": 16.0}]
     _with_map(page, anchors=anchors, walls={"cell_m": 0.1, "x": -3.0, "y": -1.0, "runs": runs})
@@ -198,14 +204,13 @@ def test_the_map_shows_everything_at_any_width(tiny_run: Path, browse: Browse, w
     assert say["0: 1200"] == say["4: 1200"]
 
 
-def test_the_policy_admits_the_charts_and_nothing_is_fetched(tiny_run: Path, browse: Browse) -> None:
+def test_the_policy_admits_the_charts_and_nothing_is_fetched(page: Path, browse: Browse) -> None:
     def asked(page: Path) -> set[str]:
         """Addresses the page asked for; the browser's own requests to its maker carry other marks."""
         log = page.with_suffix(".net.json")
         browse(page, "--dump-dom", f"--log-net-log={log}", "--virtual-time-budget=2000")
         return set(re.findall(rf'"traffic_annotation":{PAGE_REQUEST},"url":"([^"]*)"', log.read_text()))
 
-    page = write_report(tiny_run)
     dom, complaints = browse(page, "--dump-dom", "--virtual-time-budget=2000")
     assert complaints == []
     assert dom.count('class="uplot') >= 11
@@ -225,8 +230,7 @@ def test_hostile_names_run_nothing(tiny_run: Path, browse: Browse) -> None:
     assert "<title>owned" not in dom
 
 
-def test_hostile_labels_of_a_chart_stay_text(tiny_run: Path, browse: Browse) -> None:
-    page = write_report(tiny_run)
+def test_hostile_labels_of_a_chart_stay_text(page: Path, browse: Browse) -> None:
     text, start, end = _chart_data(page)
     charts = json.loads(text[start:end])
     for panel in charts["commands"]["panels"]:
@@ -240,9 +244,8 @@ def test_hostile_labels_of_a_chart_stay_text(tiny_run: Path, browse: Browse) -> 
     assert say["walks"][0] == HOSTILE
 
 
-def test_paper_has_every_picture_and_no_chart(tiny_run: Path, browse: Browse) -> None:
-    page = write_report(tiny_run)
-    paper = tiny_run / "paper.pdf"
+def test_paper_has_every_picture_and_no_chart(page: Path, browse: Browse) -> None:
+    paper = page.with_name("paper.pdf")
     _, complaints = browse(page, "--no-pdf-header-footer", f"--print-to-pdf={paper}", "--virtual-time-budget=2000")
     assert complaints == []
     assert paper.read_bytes().count(b"/Subtype /Image") == page.read_text().count("<img ")

@@ -42,7 +42,7 @@ def test_what_is_written_is_what_is_expected(default: Any, recordings: Any, valu
             assert found[metric].holds(value) is within
 
 
-PIECES = (
+PIECES = [
     *("[default]", "[recordings.x]", '[recordings."', "[[recordings]]", "recordings", "eta_m", "min", "max", "true"),
     *(
         " = ",
@@ -63,7 +63,7 @@ PIECES = (
         "2020-13-01",
         '"text"',
     ),
-)
+]
 
 
 @settings(max_examples=500, deadline=None)

@@ -39,11 +39,6 @@ def compare_maps(a: Path, b: Path, tolerance: Tolerance = EXACT) -> ResultDiffer
     return compare_files("maps.npz", a, b, tolerance)
 
 
-@pytest.mark.parametrize("name", ["ground.npz", "dilution.npz", "cloud_samples.npz", "map.pgm", "map.yaml", "maps.npz"])
-def test_copies_are_the_same(tiny_run: Path, other: Path, name: str) -> None:
-    assert compare_files(name, tiny_run, other, EXACT).same
-
-
 def test_the_first_map_that_differs_and_its_cells(tiny_run: Path, other: Path) -> None:
     maps = [list(each) for each in load_maps(tiny_run)]
     rng = np.random.default_rng(0)
@@ -65,8 +60,6 @@ def test_a_moved_window_is_told_by_its_origin_not_by_cells(tiny_run: Path, other
     (column,) = compare_maps(tiny_run, other).columns
     assert (column.column, column.rows, column.first.t_ns) == ("origin_y_m", 1, maps[4][0])
     assert column.apart == pytest.approx(0.1)
-    (column,) = compare_maps(tiny_run, tiny_run).columns or (None,)
-    assert column is None
 
 
 def test_a_lost_map_shifts_no_other(tiny_run: Path, other: Path) -> None:

@@ -1,14 +1,29 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
+import tomli_w
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from quadlog.errors import NotARun
+from quadlog.errors import CannotWrite, NotARun
+from quadlog.results.compare import run_check as proposed_bounds
 from quadlog.results.compare.check_text import check_json, check_text
 from quadlog.results.compare.expectations import Bound, parse_expectations
-from quadlog.results.compare.run_check import RunCheck, check_run, read_or_explain, read_saved_run
+from quadlog.results.compare.run_check import (
+    HEADER,
+    RunCheck,
+    SavedRun,
+    check_run,
+    merge_bounds,
+    propose,
+    read_or_explain,
+    read_saved_run,
+)
 from quadlog.results.run.tables import METRIC_NAMES
 
 
@@ -102,5 +117,126 @@ def test_a_name_that_needs_quotes_gets_them(tiny_run: Path) -> None:
     assert key == 'a.b "c"'
 
 
-def test_an_open_side_is_no_side() -> None:
-    assert Bound("eta_m", most=0.0).sides() == {"max": 0.0}
+PATH = Path("bounds.toml")
+VALUES = st.floats(allow_nan=False, allow_infinity=False)
+METRICS = st.dictionaries(st.sampled_from(METRIC_NAMES), VALUES, max_size=8)
+
+
+def run(name: str, **metrics: float) -> SavedRun:
+    return SavedRun(Path(name), (name,), metrics)
+
+
+def proposed(**metrics: float) -> dict[str, dict[str, float]]:
+    return {bound.metric: bound.sides() for bound in propose([run("a", **metrics)])["a"]}
+
+
+def test_the_worse_side_is_bounded_a_tenth_beyond() -> None:
+    assert proposed(eta_m=0.2, clearance_min_m=-0.5, expanded_total=2628) == {
+        "clearance_min_m": {"min": -0.55},
+        "eta_m": {"max": 0.22},
+        "expanded_total": {"max": 2900.0},
+    }
+    assert proposed(yaw_rate_degps=-2.0) == {"yaw_rate_degps": {"min": -2.2, "max": -1.8}}
+
+
+def test_shares_counts_and_rounding_errors() -> None:
+    assert proposed(success_rate=1.0, suboptimality_mean=0.0) == {
+        "success_rate": {"min": 0.99},
+        "suboptimality_mean": {"max": 0.01},
+    }
+    assert proposed(fallen=0.0, collisions=3.0) == {"collisions": {"max": 3.0}, "fallen": {"max": 0.0}}
+    assert proposed(eta_m=6.7e-16) == {"eta_m": {"max": 0.000101}}  # rounded outwards from 0.00010000000000067
+
+
+def test_what_depends_on_the_machine_is_left_out() -> None:
+    assert proposed(realtime_factor=3.0) == {}
+
+
+def test_every_kind_is_of_a_metric_there_is() -> None:
+    kinds = ("_COUNTS", "_SHARES", "_LARGER_IS_BETTER", "_NEITHER_IS_BETTER", "_OF_THE_MACHINE")
+    assert set().union(*(getattr(proposed_bounds, kind) for kind in kinds)) <= set(METRIC_NAMES)
+
+
+def test_runs_of_one_name_share_bounds_on_what_all_have() -> None:
+    bounds = propose([run("a", eta_m=0.1, sigma_m=1), run("a", eta_m=0.3), run("b", eta_m=1.0)])
+    assert bounds == {"a": (Bound("eta_m", most=0.33),), "b": (Bound("eta_m", most=1.1),)}
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(METRICS, min_size=1, max_size=3))
+def test_runs_hold_the_bounds_proposed_from_them(metrics: list[dict[str, float]]) -> None:
+    bounds = propose([run("a", **each) for each in metrics])
+    expectations = parse_expectations(merge_bounds(HEADER, bounds, PATH), "bounds.toml", METRIC_NAMES)
+    for bound in expectations.bounds_for(("a",)):
+        assert all(bound.holds(each[bound.metric]) for each in metrics)
+
+
+KEPT = """\
+# mine
+[default] # all of them
+success_rate = { min = 0.99 } # as agreed
+
+[recordings.follow] # the fixture
+uwb_rmse_m = { max = 0.4 }  # no reference, no run
+eta_m = { max = 0.05 } # tight
+
+# the last line"""
+
+
+def test_comments_and_other_bounds_stay() -> None:
+    merged = merge_bounds(KEPT, {"follow": [Bound("eta_m", most=0.1)], "new": [Bound("sigma_m", 0.0, 0.2)]}, PATH)
+    lines = merged.splitlines()
+    assert [line for line in KEPT.splitlines() if line not in lines] == ["eta_m = { max = 0.05 } # tight"]
+    assert tomllib.loads(merged)["recordings"] == {
+        "follow": {"uwb_rmse_m": {"max": 0.4}, "eta_m": {"max": 0.1}},
+        "new": {"sigma_m": {"min": 0.0, "max": 0.2}},
+    }
+
+
+def test_a_new_file_has_a_section_for_each_name_and_no_other() -> None:
+    lines = merge_bounds(HEADER, {"a": [Bound("eta_m", most=0.1)], "b c": [Bound("eta_m", 0.1)]}, PATH).splitlines()
+    assert [line for line in lines if line.startswith("[")] == ["[recordings.a]", '[recordings."b c"]']
+
+
+ADDED = {"a": [Bound("sigma_m", most=2.0)], "b": [Bound("eta_m", most=3.0)]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[recordings]\na.eta_m.max = 1",
+        "recordings.a.eta_m.max = 1",
+        "[recordings.a.eta_m]\nmax = 1",
+        "[default]\n[recordings.a]\n[default.eta_m]\nmax = 2",
+        "[recordings.c]\n[default]\n[recordings.a]",
+    ],
+)
+def test_other_ways_to_write_toml_are_kept(text: str) -> None:
+    wanted = tomllib.loads(text)
+    wanted.setdefault("recordings", {}).setdefault("a", {})["sigma_m"] = {"max": 2.0}
+    wanted["recordings"]["b"] = {"eta_m": {"max": 3.0}}
+    assert tomllib.loads(merge_bounds(text, ADDED, PATH)) == wanted
+
+
+def test_a_layout_that_cannot_be_added_to_is_refused() -> None:
+    with pytest.raises(CannotWrite, match="no bounds can be added"):
+        merge_bounds("recordings = { a = { eta_m = { max = 1 } } }", ADDED, PATH)
+
+
+def test_a_name_that_is_no_text_is_refused() -> None:
+    with pytest.raises(CannotWrite):
+        merge_bounds("", {"walk\udcff": [Bound("eta_m", most=1.0)]}, PATH)
+
+
+NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8)
+SECTIONS = st.dictionaries(NAMES, st.dictionaries(st.sampled_from(METRIC_NAMES), st.just({"max": 1.5}), max_size=3))
+
+
+@settings(max_examples=150, deadline=None)
+@given(SECTIONS, st.dictionaries(NAMES, st.lists(st.sampled_from(METRIC_NAMES), unique=True), max_size=3))
+def test_merging_is_what_dict_update_does(sections: Any, names: Any) -> None:
+    text = tomli_w.dumps({"recordings": sections})
+    bounds = {name: [Bound(metric, least=-1.0) for metric in metrics] for name, metrics in names.items()}
+    for name, metrics in names.items():
+        sections.setdefault(name, {}).update({metric: {"min": -1.0} for metric in metrics})
+    assert tomllib.loads(merge_bounds(text, bounds, PATH)).get("recordings", {}) == sections

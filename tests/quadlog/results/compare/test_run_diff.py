@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from quadlog.errors import NotARun, UnknownRunFormat
@@ -200,10 +199,3 @@ def test_a_record_of_a_strangers_making_is_no_bug(tiny_run: Path, other: Path, v
     names = ("config", "options", "input", "host", "packages", "topics", "losses", "seed")
     edit_json(other / "run.json", lambda record: record.update(dict.fromkeys(names, value)))
     assert diff_runs(tiny_run, other, EXACT).origins["config"]
-
-
-def test_nothing_is_written(tiny_run: Path, other: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in [*tiny_run.rglob("*"), *other.rglob("*")]}
-    diff_runs(tiny_run, other, EXACT)
-    assert {path: path.stat().st_mtime_ns for path in [*tiny_run.rglob("*"), *other.rglob("*")]} == before
-    assert np.all([path.exists() for path in before])

@@ -6,9 +6,19 @@ import io
 import pytest
 from markdown_it import MarkdownIt
 
-from quadlog.results.papers.page import csv_text, format_value, latex_text, section_text
-from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.text.markup import LINES_A_PAGE
+from quadlog.results.papers.page import (
+    FAST,
+    OLD,
+    Appendix,
+    Erratum,
+    csv_text,
+    errata_text,
+    format_value,
+    latex_text,
+    readme_text,
+    section_text,
+)
+from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
 
 ROWS = (
     PaperRow('length, "A|B" (m)', 1.2345678, 1.23, 1.2, 1.3, True, "as_is & 5 %"),
@@ -79,9 +89,54 @@ def test_latex_has_one_table_per_group():
     assert text.count(r"\begin{tabular}{@{}p{0.32\linewidth}rrrrl@{}}") == 2
 
 
-def test_latex_continues_what_is_longer_than_a_page():
-    rows = tuple(PaperRow(f"row {number}", float(number)) for number in range(LINES_A_PAGE + 1))
-    text = latex_text(PaperTable("foot-drift", "Title", "", "", 0, False, (RowGroup("Group", "", rows),)))
-    assert text.count(r"\toprule") == 2
-    assert text.count("Group (continued)}") == text.count(rf"\label{{tab:foot-drift-1-{LINES_A_PAGE}}}") == 1
-    assert [text.count(f"row {number} &") for number in range(len(rows))] == [1] * len(rows)
+def test_every_erratum_is_a_row_under_its_paper():
+    errata = {"[A]": [Erratum("eq. 1", "|x| * y_i", "x", "Why.")], "[B]": [Erratum("eq. 2", "1", "2")]}
+    page = MarkdownIt("commonmark").enable("table").render(errata_text(errata, 3))
+    assert page.count("<h3>") == page.count("<table>") == 2
+    assert "<td>|x| * y_i</td>\n<td>x</td>\n<td>Why.</td>" in page
+    assert page.index("<h3>[A]</h3>") < page.index("eq. 1") < page.index("<h3>[B]</h3>") < page.index("eq. 2")
+
+
+JUDGED = (
+    PaperRow("a", 1.0, 1.0, reproduces=True),
+    PaperRow("b", 1.0, 2.0, reproduces=False, note="Why."),
+    PaperRow("c", 1.0, 2.0),
+    PaperRow("d", 1.0),
+    PaperRow("e", 3.0, 3.0, reproduces=True),
+)
+
+
+def measured(name: str, rows=JUDGED, fast: bool = False, code: str = "code") -> SavedTable:
+    table = PaperTable(name, f"Title of {name}", "", "3 seeds.", 0, fast, (RowGroup("Group", "", tuple(rows)),))
+    return SavedTable(table, Origin(code, fast, 0))
+
+
+def page_html(*tables: SavedTable) -> str:
+    text = readme_text(tables, "code", [Appendix("All & errata", "- One.\n")])
+    return MarkdownIt("commonmark").enable("table").render(text)
+
+
+def test_the_summary_counts_what_reproduces_of_what_is_judged():
+    page = page_html(measured("planning-1"), measured("foot_2", JUDGED[2:4]))
+    assert "2 of 3 printed numbers and claims" in page
+    first, second = (line for line in page.split("<tr>") if line.startswith('\n<td><a href="#'))
+    assert '<a href="#planning-1">planning-1</a>' in first
+    assert '<td style="text-align:right">2 of 3</td>\n<td style="text-align:right">5</td>' in first
+    assert "quadlog tables planning-1" in first
+    assert '<a href="#foot_2">foot_2</a>' in second
+    assert '<td style="text-align:right">none printed</td>\n<td style="text-align:right">2</td>' in second
+
+
+def test_a_link_of_the_summary_leads_to_its_table():
+    page = page_html(measured("planning-1"))
+    assert page.index('<a id="planning-1"></a>') < page.index("<h2>Title of planning-1</h2>")
+    assert page.index("<h2>Title of planning-1</h2>") < page.index("<h2>All &amp; errata</h2>")
+
+
+def test_fast_tables_and_older_ones_are_named():
+    text = readme_text([measured("a"), measured("b")], "code", [])
+    assert FAST not in text
+    assert OLD not in text
+    text = readme_text([measured("a", fast=True), measured("b", code="before"), measured("c")], "code", [])
+    assert FAST in text
+    assert f"{OLD} b.\n" in text

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -85,15 +83,6 @@ def test_what_is_another_file_is_no_table(tmp_path, text):
     assert load_saved(tmp_path, "one") is None
 
 
-def test_a_number_changed_by_hand_is_noticed(tmp_path):
-    write(tmp_path, saved())
-    path = tmp_path / "one.json"
-    body = json.loads(path.read_text(encoding="utf-8"))
-    body["table"]["groups"][0]["rows"][0]["ours"] = 0.5
-    path.write_text(json.dumps(body), encoding="utf-8")
-    assert load_saved(tmp_path, "one") is None
-
-
 def test_a_file_of_another_table_is_not_taken_for_it(tmp_path):
     write(tmp_path, saved(pictures=()))
     (tmp_path / "one.json").rename(tmp_path / "two.json")
@@ -112,3 +101,41 @@ def test_a_file_too_large_is_not_read(tmp_path, monkeypatch):
     write(tmp_path, saved())
     monkeypatch.setattr("quadlog.results.papers.table.LARGEST_BYTES", 100)
     assert load_saved(tmp_path, "one") is None
+
+
+def table(*groups: RowGroup, fast: bool = False, seed: int = 0) -> PaperTable:
+    return PaperTable("planning-1", "Title", "Caption", "3 seeds.", seed, fast, groups)
+
+
+def test_the_difference_is_ours_less_the_papers():
+    assert PaperRow("a (m)", 1.5, 2.0).difference == -0.5
+    assert PaperRow("a (m)", 1.5).difference is None
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [{"ours": float("nan")}, {"ours": 1.0, "paper": float("inf")}, {"ours": 1.0, "low": 0.5}],
+)
+def test_what_is_no_number_never_becomes_a_row(numbers):
+    with pytest.raises(AssertionError):
+        PaperRow("a (m)", **numbers)
+
+
+def test_rows_are_those_of_all_groups_and_named_once():
+    first, second = PaperRow("a", 1.0), PaperRow("b", 2.0)
+    groups = RowGroup("x", "", (first,)), RowGroup("y", "", (second,))
+    assert table(*groups).rows == (first, second)
+    with pytest.raises(AssertionError, match="quantity"):
+        table(groups[0], groups[0])
+
+
+def test_what_can_be_judged_is_counted():
+    rows = PaperRow("a", 1.0, 1.0, reproduces=True), PaperRow("b", 1.0, 2.0, reproduces=False), PaperRow("c", 1.0, 2.0)
+    assert table(RowGroup("x", "", rows)).judged == rows[:2]
+    assert table(RowGroup("x", "", rows)).reproduced == "1 of 2 printed numbers reproduce"
+    assert table(RowGroup("x", "", rows[2:])).reproduced == "the paper prints none"
+
+
+def test_the_command_says_what_differs_from_the_defaults():
+    assert table().command == "quadlog tables planning-1"
+    assert table(fast=True, seed=7).command == "quadlog tables planning-1 --fast --seed 7"

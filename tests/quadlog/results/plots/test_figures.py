@@ -1,4 +1,9 @@
+from __future__ import annotations
+
+import dataclasses
 import io
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
@@ -6,8 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from quadlog.errors import NotARun
-from quadlog.results.plots.figures import PLOTS, render_plots
+from quadlog.errors import NotARun, WorkerDied
+from quadlog.results.plots import figures as shared_drawing
+from quadlog.results.plots.control import draw_displacement, draw_euler_angles
+from quadlog.results.plots.figures import PLOTS, SharedDrawing, render_plots
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.tables import TABLES, read_table, write_table
 
@@ -178,12 +185,6 @@ def test_a_long_recording_makes_small_pictures(tiny_run: Path) -> None:
     assert sum(len(png) for png in render_plots(RunData(tiny_run)).values()) < 4_000_000
 
 
-def test_all_time_axes_start_with_the_first_instant_of_the_run(tiny_original: Path) -> None:
-    run = RunData(tiny_original)
-    assert run.start_ns == 1_700_000_000_123_456_789
-    np.testing.assert_allclose(run.seconds(np.array([run.start_ns + 1_500_000_001])), [1.500000001], rtol=0, atol=1e-15)
-
-
 def test_damaged_files_are_named(tiny_run: Path) -> None:
     (tiny_run / "plans.parquet").write_bytes(b"PAR1 no table")
     with pytest.raises(NotARun, match=r"plans\.parquet"):
@@ -191,3 +192,93 @@ def test_damaged_files_are_named(tiny_run: Path) -> None:
     (tiny_run / "run.json").write_text('{"quadlog_version": "0.1.0"}')
     with pytest.raises(NotARun, match=r"run\.json: is damaged: command"):
         RunData(tiny_run)
+
+
+def _trotted(run: Path) -> RunData:
+    control = read_table(run, "control")
+    ticks = np.arange(len(control["t_ns"]))
+    control |= {name: 0.1 * ticks + k for k, name in enumerate(("x_m", "y_m", "z_m"))}
+    control |= {name: 0.01 * np.sin(ticks + k) for k, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
+    write_table(run / "control.parquet", TABLES["control"], control)
+    record = RunData(run).record
+    return RunData(run, dataclasses.replace(record, options={"course": "trot-32s", "controller": "baseline"}))
+
+
+def test_places_and_angles_are_drawn_in_the_paper_s_units(tiny_run: Path) -> None:
+    run = _trotted(tiny_run)
+    control = run.table("control")
+    assert control is not None
+    wanted = {
+        draw_displacement: [control["x_m"], 1e3 * control["y_m"], 1e3 * control["z_m"]],
+        draw_euler_angles: [np.degrees(control[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad")],
+    }
+    for draw, columns in wanted.items():
+        figure = draw(run)
+        assert figure is not None
+        for panel, column in zip(figure.axes, columns, strict=True):
+            (line,) = panel.lines
+            np.testing.assert_allclose(line.get_ydata(), column)
+
+
+def test_other_walks_have_neither(tiny_run: Path) -> None:
+    run = RunData(tiny_run)
+    assert draw_displacement(run) is None
+    assert draw_euler_angles(run) is None
+
+
+class Helper(Executor):
+    """One that does so many tasks before anyone asks, and is killed amid all others or never comes to them."""
+
+    def __init__(self, does: int, *, dies: bool = False) -> None:
+        self._left, self._dies = does, dies
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if self._left > 0 and future.set_running_or_notify_cancel():
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except NotARun as error:
+                future.set_exception(error)
+        elif self._dies and future.set_running_or_notify_cancel():
+            future.set_exception(WorkerDied(-9))
+        self._left -= 1
+        return future
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names in the order in which anyone draws them; the pictures are the names."""
+    names: list[str] = []
+
+    def render(run: RunData, wanted: list[str] | None = None) -> dict[str, bytes]:
+        mine = [plot.name for plot in PLOTS if wanted is None or plot.name in wanted]
+        names.extend(mine)
+        return {name: name.encode() for name in mine if name != "terrain"}
+
+    monkeypatch.setattr(shared_drawing, "render_plots", render)
+    return names
+
+
+ALL = [plot.name for plot in PLOTS]
+HAVE = {name: name.encode() for name in ALL if name != "terrain"}
+
+
+def test_alone_all_is_drawn_once(tiny_run: Path, drawn: list[str]) -> None:
+    pictures = SharedDrawing(RunData(tiny_run)).finish()
+    assert list(pictures.items()) == list(HAVE.items())
+    assert drawn == ALL
+
+
+@pytest.mark.parametrize("does", [0, 1, 7, len(ALL)])
+@pytest.mark.parametrize("dies", [False, True])
+def test_each_figure_is_drawn_once_wherever_they_meet(tiny_run: Path, drawn: list[str], does: int, dies: bool) -> None:
+    pictures = SharedDrawing(RunData(tiny_run), Helper(does, dies=dies)).finish()
+    assert list(pictures.items()) == list(HAVE.items())
+    assert sorted(drawn) == sorted(ALL)
+    assert drawn[:does] == ALL[:does]
+
+
+def test_what_the_helper_finds_damaged_is_named(tiny_run: Path) -> None:
+    (tiny_run / "poses.parquet").write_bytes(b"PAR1")
+    with pytest.raises(NotARun, match=r"poses\.parquet"):
+        SharedDrawing(RunData(tiny_run), Helper(len(ALL))).finish()

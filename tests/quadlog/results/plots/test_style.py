@@ -1,11 +1,15 @@
+import io
+
 import matplotlib as mpl
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from matplotlib.figure import Figure
+from PIL import Image
 
 from quadlog.results.plots import style
+from quadlog.results.plots.style import to_png
 
 
 def _draw() -> Figure:
@@ -33,10 +37,6 @@ def test_the_users_own_style_has_no_say_and_is_left_alone() -> None:
     with mpl.rc_context({"axes.facecolor": "red", "font.size": 30, "savefig.dpi": 33}):
         assert style.render_png(_draw) == plain
         assert mpl.rcParams["axes.facecolor"] == "red"
-
-
-def test_nothing_to_draw_is_no_picture() -> None:
-    assert style.render_png(lambda: None) is None
 
 
 @given(
@@ -68,3 +68,12 @@ def test_numbers_are_typeset() -> None:
     assert style.signed(0.0204) == "+0.020"
     assert style.count(1234567) == "1\u2009234\u2009567"
     assert style.percent(0.0417) == "4.2 %"
+
+
+@given(hnp.arrays(np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, max_side=40).map(lambda shape: (*shape, 3))))
+def test_pillow_reads_back_every_pixel(rgb: np.ndarray) -> None:
+    with Image.open(io.BytesIO(to_png(rgb))) as picture:
+        picture.load()  # checks every checksum
+        assert picture.mode == "RGB"
+        assert picture.info == {}
+        assert np.array_equal(np.asarray(picture), rgb)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +16,7 @@ from quadlog.results import read_metrics, read_run_json
 from quadlog.results.run.names import OWN_FILES
 from quadlog.results.run.record import RUN_FORMAT, RunRecord
 from quadlog.results.run.run_folder import RunFolder, read_sound_metrics
+from quadlog.storage.atomic_write import part_prefix
 
 FILES = """
     run.json config.toml fixes.parquet ranges.parquet poses.parquet target.parquet scans.parquet maps.npz
@@ -44,8 +46,6 @@ def test_an_existing_run_needs_a_flag(tiny_run: Path) -> None:
     before = content(tiny_run)
     with pytest.raises(AlreadyExists, match=r"exists; --force \(start again\) or --resume \(complete it\) allows it"):
         RunFolder.create(tiny_run)
-    assert content(tiny_run) == before
-    RunFolder.create(tiny_run, resume=True)
     assert content(tiny_run) == before
 
 
@@ -77,7 +77,7 @@ def test_a_killed_run_can_be_taken_over(tmp_path: Path, left_part: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["notes.md", "config.toml", "run.json", "map.pgm", "poses.parquet"])
-@pytest.mark.parametrize("flags", [{}, {"force": True}, {"resume": True}])
+@pytest.mark.parametrize("flags", [{}, {"force": True}])
 def test_a_folder_of_something_else_is_never_touched(tmp_path: Path, name: str, flags: dict[str, bool]) -> None:
     (tmp_path / name).write_bytes(b'{"name": "not ours"}')
     (tmp_path / ".quadlog-1-0.part").write_bytes(b"")
@@ -182,13 +182,8 @@ def test_a_run_from_before_formats_were_counted_is_read(tiny_run: Path) -> None:
 @pytest.mark.parametrize(
     "number", ["1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", "Infinity", "NaN"]
 )
-@pytest.mark.parametrize("keys", [("input", "size_bytes"), ("recorded_s",), ("config", "grid", "cell_m")])
-def test_a_number_out_of_range_damages_a_record(tiny_run: Path, number: str, keys: tuple[str, ...]) -> None:
-    record = json.loads((tiny_run / "run.json").read_bytes())
-    inner = record
-    for key in keys[:-1]:
-        inner = inner.setdefault(key, {})
-    inner[keys[-1]] = "NUMBER"
+def test_a_number_out_of_range_damages_a_record(tiny_run: Path, number: str) -> None:
+    record = json.loads((tiny_run / "run.json").read_bytes()) | {"config": {"grid": {"cell_m": "NUMBER"}}}
     (tiny_run / "run.json").write_text(json.dumps(record).replace('"NUMBER"', number))
     with pytest.raises(NotARun, match=r"run\.json: is damaged: .*(too large a number|no finite number)") as raised:
         read_run_json(tiny_run)
@@ -197,18 +192,22 @@ def test_a_number_out_of_range_damages_a_record(tiny_run: Path, number: str, key
 
 def test_sound_metrics_are_had_beside_damaged_ones(tiny_run: Path) -> None:
     odd = '{"value": %s, "n": %s, "unit": %s}'
-    bad = [("NaN", 1, '"m"'), ("1" * 400, 1, '"m"'), ("true", 1, '""'), (1, -1, '""'), (1, 1.5, '""'), (1, 1, "3")]
+    bad = [
+        ('"x"', 1, '""'),
+        ("NaN", 1, '"m"'),
+        ("1" * 400, 1, '"m"'),
+        ("true", 1, '""'),
+        (1, -1, '""'),
+        (1, 1.5, '""'),
+        (1, 1, "3"),
+    ]
     entries = [f'"bad{i}": {odd % each}' for i, each in enumerate(bad)] + ['"eta_m": {"value": 2, "n": 5, "unit": "m"}']
+    entries += ['"scalar": 3', '"without": {"n": 1}']
     (tiny_run / "metrics.json").write_text(f"{{{', '.join(entries)}}}")
     metrics, damaged = read_sound_metrics(tiny_run)
     assert metrics == {"eta_m": {"value": 2, "n": 5, "unit": "m"}}
-    assert damaged == [f"bad{i}" for i in range(len(bad))]
-
-
-@pytest.mark.parametrize("metric", ["3", '{"n": 1}', '{"value": "x"}', '{"value": NaN}'])
-def test_metrics_without_values_are_damaged(tiny_run: Path, metric: str) -> None:
-    (tiny_run / "metrics.json").write_text(f'{{"eta_m": {metric}}}')
-    with pytest.raises(NotARun, match="eta_m has no value"):
+    assert damaged == [*(f"bad{i}" for i in range(len(bad))), "scalar", "without"]
+    with pytest.raises(NotARun, match="bad0 has no value"):
         read_metrics(tiny_run)
 
 
@@ -216,3 +215,62 @@ def test_run_json_holds_no_nan(tiny_run: Path, tiny_record: RunRecord) -> None:
     with pytest.raises(ValueError, match="JSON"):
         RunFolder(tiny_run).write_run_json(replace(tiny_record, recorded_s=float("nan")))
     assert json.loads((tiny_run / "run.json").read_bytes())["recorded_s"] == 4.0
+
+
+def content_of_files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+def test_a_claimed_run_loses_nothing_until_it_is_begun(tiny_run: Path, left_part: str) -> None:
+    (tiny_run / left_part).write_bytes(b"left by a kill")
+    (tiny_run / "plots").mkdir()
+    (tiny_run / "plots" / "ranges.png").write_bytes(b"")
+    with pytest.raises(AlreadyExists):
+        RunFolder.claim(tiny_run)
+    before = {name: data for name, data in content_of_files(tiny_run).items() if name != left_part}
+    folder = RunFolder.claim(tiny_run, replace=True)
+    assert content_of_files(tiny_run) == before
+    folder.begin({"planner": {"name": "astar"}}, keep=("poses.parquet", "stages.json"))
+    assert sorted(content_of_files(tiny_run)) == ["config.toml", "poses.parquet"]
+    assert not (tiny_run / "plots").exists()
+    assert (tiny_run / "poses.parquet").read_bytes() == before["poses.parquet"]
+    assert tomllib.loads((tiny_run / "config.toml").read_text()) == {"planner": {"name": "astar"}}
+
+
+@pytest.mark.parametrize("dies_at", range(4))
+def test_a_run_that_is_begun_and_killed_is_unfinished_and_still_quadlogs(
+    tiny_run: Path, monkeypatch: pytest.MonkeyPatch, dies_at: int
+) -> None:
+    (tiny_run / "run.json").touch()
+    removed, unlink = [], Path.unlink
+
+    def dying_unlink(path: Path, missing_ok: bool = False) -> None:
+        if len(removed) == dies_at + 1:
+            raise KeyboardInterrupt
+        removed.append(path.name)
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", dying_unlink)
+    with pytest.raises(KeyboardInterrupt):
+        RunFolder.claim(tiny_run, replace=True).begin({}, ())
+    monkeypatch.undo()
+    assert removed[0] == "run.json"
+    assert not RunFolder(tiny_run).is_finished("ab" * 32, {}, "0.1.0", {})
+    RunFolder.claim(tiny_run, replace=True).begin({}, ())
+    assert sorted(content_of_files(tiny_run)) == ["config.toml"]
+
+
+def test_two_that_take_one_folder_away_do_not_stumble(tmp_path: Path) -> None:
+    folder = RunFolder.claim(tmp_path / "run")
+    (tmp_path / "run").rmdir()
+    folder.discard_if_empty()
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_that_another_has_begun_keeps_the_folder(tmp_path: Path) -> None:
+    folder = RunFolder.claim(tmp_path / "run")
+    folder.write_config({})
+    part = tmp_path / "run" / f"{part_prefix(os.getpid())}00000000.part"
+    part.write_bytes(b"")
+    folder.discard_if_empty()
+    assert part.exists()
