@@ -10,7 +10,6 @@ import numpy as np
 from quadlog.messages import Float
 from quadlog.pipelines.tables.following.uwb_estimators import (
     ANCHORS,
-    CHI_SQUARE_95,
     EstimatorScore,
     coverage_group,
     efficiency_group,
@@ -28,6 +27,7 @@ from quadlog.pipelines.tables.following.uwb_ranges import (
     stand_all,
     truth_group,
 )
+from quadlog.positioning.fix.dilution import CHI2_95
 from quadlog.results.papers.table import PaperTable, TablePicture
 from quadlog.results.plots import style
 from quadlog.results.plots.style import count, render_png
@@ -119,7 +119,7 @@ def _draw_fixes(axes: Axes, each: StandingTag) -> None:
 def _ellipse(middle_m: Float, covariance_m2: Float) -> Float:
     """(2, N) the line around 95 % of a normal distribution."""
     angle = np.linspace(0, 2 * np.pi, 181)
-    circle = np.sqrt(CHI_SQUARE_95) * np.vstack([np.cos(angle), np.sin(angle)])
+    circle = np.sqrt(CHI2_95) * np.vstack([np.cos(angle), np.sin(angle)])
     line: Float = middle_m[:, None] + np.linalg.cholesky(covariance_m2) @ circle
     return line
 
