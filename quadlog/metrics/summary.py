@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval, mean_interval_in_time, student_interval, wilson_interval
+from quadlog.metrics.metric import Metric, Metrics
 
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
@@ -35,6 +37,12 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
     values = values.astype(np.float64)
     known = np.isfinite(values)
     return Samples(t_ns[known], values[known], statistic)
+
+
+def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
+    """The values of samples by the metric's name; none of too few samples."""
+    known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
+    return {name: Metric(_value(each), len(each.values), CATALOGUE[name].unit) for name, each in known.items()}
 
 
 @dataclass(frozen=True, slots=True)
