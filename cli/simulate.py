@@ -74,7 +74,7 @@ def command(
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import Flag, configure
-    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, TrotRequest, simulate, trot_32s
+    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate, trot_32s
     from quadlog.results.text.walks import walks_text
 
     if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
@@ -89,10 +89,8 @@ def command(
     config = configure(config_path, settings, flags=flags).config
     walked, line = range(seed, seed + seeds), ("quadlog", *sys.argv[1:])
     with open_progress() as progress:
-        if course == TROT:
-            runs = trot_32s(TrotRequest(config, walked, output, force, line), jobs, progress)
-        else:
-            runs = simulate(SimulateRequest(course, config, walked, output, force, line), jobs, progress)
+        walk = trot_32s if course == TROT else simulate
+        runs = walk(SimulateRequest(course, config, walked, output, force, line), jobs, progress)
     if as_json:
         click.echo(json.dumps([each.to_dict() for each in runs], indent=2, allow_nan=False))
         return

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from quadlog.config.schema import Config
 from quadlog.errors import AlreadyExists, ExitCode, UsageError
@@ -36,11 +36,13 @@ DISTURBED_OVERRIDES = tuple(
     f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
 )
 """What --disturbed is short for, as --set takes it."""
+Task = TypeVar("Task")
+Walked = TypeVar("Walked")
 
 
 @dataclass(frozen=True, slots=True)
 class SimulateRequest:
-    """course: a name or a file. seeds: of the walks, one each."""
+    """course: a name or a file; TROT for trot_32s. seeds: of the walks, one each."""
 
     course: str
     config: Config
@@ -95,24 +97,35 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     folder = request.output / f"{course.name}-{controller}"
     remarks = ground_remarks(course, config)
     todo = [_Seed(request, course, config, remarks, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
-    if not request.force:
-        _refuse_existing(each.run for each in todo)
+    _refuse_existing(request, (each.run for each in todo))
     if any(each.run.resolve() == Path(config.simulation.terrain).resolve() for each in todo):
         raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
     for warning in remarks.warnings:
         progress.say(f"warning: {warning}")
     progress.begin("simulate", len(todo))
     workers = min(jobs or cores(), len(todo))
-    runs = _one_by_one(todo, progress) if workers == 1 else _in_processes(todo, workers, progress)
-    outcomes = [ReplayOutcome(Path(request.course), each.run, ExitCode.DONE, each.ended, each.metrics) for each in runs]
-    summarise({folder}, outcomes, progress)
+    # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
+    startup_s = _warm_up(todo[0], progress)
+    if workers == 1:
+        runs = _one_by_one(lambda each: _walk(each, startup_s, progress), todo, progress)
+    else:
+        runs = side_by_side(_walk_elsewhere, todo, workers, progress)
+    _summarise(request.course, runs, progress)
     return runs
 
 
-def _refuse_existing(runs: Iterator[Path]) -> None:
-    for run in runs:
+def _refuse_existing(request: SimulateRequest, runs: Iterable[Path]) -> None:
+    for run in () if request.force else runs:
         if run.is_dir() and not all(is_part(entry.name) for entry in run.iterdir()):
             raise AlreadyExists(run)
+
+
+def _one_by_one(walk: Callable[[Task], Walked], todo: Iterable[Task], progress: Progress) -> list[Walked]:
+    walked = []
+    for each in todo:
+        walked.append(walk(each))
+        progress.advance()
+    return walked
 
 
 def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
@@ -134,51 +147,16 @@ def _warm_up(each: _Seed, progress: Progress) -> float:
     return warm_up(each.course, each.config, ground, progress.say)
 
 
-def _one_by_one(todo: Sequence[_Seed], progress: Progress) -> list[SimulatedRun]:
-    startup_s = _warm_up(todo[0], progress)
-    runs = []
-    for each in todo:
-        runs.append(_walk(each, startup_s, progress))
-        progress.advance()
-    return runs
-
-
-def _in_processes(todo: Sequence[_Seed], workers: int, progress: Progress) -> list[SimulatedRun]:
-    """The same, as many at a time as there are workers. The first error is raised once all others are done."""
-    # Compiled once, here: the workers find it in the cache. What is wrong with robot or ground shows here, too.
-    _warm_up(todo[0], progress)
-    return side_by_side(_walk_elsewhere, todo, workers, progress)
-
-
 def _walk_elsewhere(each: _Seed, progress: Progress) -> SimulatedRun:
     return _walk(each, _warm_up(each, progress), progress)
 
 
-@dataclass(frozen=True, slots=True)
-class TrotRequest:
-    """seeds: one walk of each curve for each."""
-
-    config: Config
-    seeds: Sequence[int] = (0,)
-    output: Path = Path("runs")
-    force: bool = False
-    command: tuple[str, ...] = ("quadlog", "simulate", TROT)
-
-    def run(self, curve: str, seed: int) -> Path:
-        """Where a walk goes: the curve's folder, and one below it for each seed where there are several."""
-        folder = self.output / TROT / curve
-        return folder if len(self.seeds) == 1 else folder / f"seed-{seed:03d}"
-
-
-def trot_32s(request: TrotRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
+def trot_32s(request: SimulateRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
     """Walk with both curves for each seed; a fall is a result. Returns the walks curve by curve, these as controllers.
 
     Raises AlreadyExists, and InvalidConfigValue for a curve out of reach, before anything is written.
     """
-    if not request.force:
-        for curve in CURVES:
-            for seed in request.seeds:
-                _refuse_existing_trot(request.run(curve, seed))
+    _refuse_existing(request, (_trot_folder(request, curve, seed) for curve in CURVES for seed in request.seeds))
     startup_s = _warm_up_trot(request, progress)
     progress.begin("simulate", len(request.seeds))
     workers = min(jobs or cores(), len(request.seeds))
@@ -186,18 +164,19 @@ def trot_32s(request: TrotRequest, jobs: int | None, progress: Progress) -> list
         todo = [(request, seed) for seed in request.seeds]
         pairs = side_by_side(_walk_pair_elsewhere, todo, workers, progress)
     else:
-        pairs = _trot_one_by_one(request, startup_s, progress)
+        pairs = _one_by_one(lambda seed: _walk_pair(request, seed, startup_s, progress), request.seeds, progress)
     runs = [run for curve in range(len(CURVES)) for run in (pair[curve] for pair in pairs)]
-    _summarise(runs, progress)
+    _summarise(TROT, runs, progress)
     return runs
 
 
-def _refuse_existing_trot(run: Path) -> None:
-    if run.is_dir() and not all(is_part(entry.name) for entry in run.iterdir()):
-        raise AlreadyExists(run)
+def _trot_folder(request: SimulateRequest, curve: str, seed: int) -> Path:
+    """The curve's folder, and one below it for each seed where there are several."""
+    folder = request.output / TROT / curve
+    return folder if len(request.seeds) == 1 else folder / f"seed-{seed:03d}"
 
 
-def _warm_up_trot(request: TrotRequest, progress: Progress) -> float:
+def _warm_up_trot(request: SimulateRequest, progress: Progress) -> float:
     """Load and compile, here once for all workers, by what joints are sent to; returns the seconds it took."""
     started = time.perf_counter()
     with on_first_compilation(lambda: progress.say(SAID)):
@@ -205,41 +184,33 @@ def _warm_up_trot(request: TrotRequest, progress: Progress) -> float:
     return time.perf_counter() - started
 
 
-def _trot_one_by_one(request: TrotRequest, startup_s: float, progress: Progress) -> list[list[SimulatedRun]]:
-    pairs = []
-    for seed in request.seeds:
-        pairs.append(_walk_pair(request, seed, startup_s, progress))
-        progress.advance()
-    return pairs
-
-
-def _walk_pair(request: TrotRequest, seed: int, startup_s: float, progress: Progress) -> list[SimulatedRun]:
+def _walk_pair(request: SimulateRequest, seed: int, startup_s: float, progress: Progress) -> list[SimulatedRun]:
     """Both curves of a seed, simulated before anything is written."""
     walks = {curve: trot_once(request.config.simulation, curve, seed) for curve in CURVES}
     return [_save(request, curve, seed, walk, startup_s, progress) for curve, walk in walks.items()]
 
 
 def _save(
-    request: TrotRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
+    request: SimulateRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
 ) -> SimulatedRun:
     description = TrotDescription(curve, request.config, seed, request.command, startup_s)
-    with RunFolder.create_whole(request.run(curve, seed), request.force) as folder:
+    with RunFolder.create_whole(_trot_folder(request, curve, seed), request.force) as folder:
         metrics = fill_trot_folder(folder, description, walk, progress.say)
     ended = trot_verdict(walk)
     progress.say(f"{folder.path}: {ended or 'done'}")
     return SimulatedRun(folder.path, TROT, curve, seed, ended, metrics)
 
 
-def _walk_pair_elsewhere(each: tuple[TrotRequest, int], progress: Progress) -> list[SimulatedRun]:
+def _walk_pair_elsewhere(each: tuple[SimulateRequest, int], progress: Progress) -> list[SimulatedRun]:
     request, seed = each
     return _walk_pair(request, seed, 0.0, progress)
 
 
-def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:
+def _summarise(course: str, runs: Sequence[SimulatedRun], progress: Progress) -> None:
     """summary.parquet and report.html of the folders that hold the runs."""
     outcomes: dict[Path, list[ReplayOutcome]] = {}
     for each in runs:
-        outcome = ReplayOutcome(Path(TROT), each.run, ExitCode.DONE, each.ended, each.metrics)
+        outcome = ReplayOutcome(Path(course), each.run, ExitCode.DONE, each.ended, each.metrics)
         outcomes.setdefault(each.run.parent, []).append(outcome)
     for folder, mine in outcomes.items():
         summarise({folder}, mine, progress)

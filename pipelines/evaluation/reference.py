@@ -14,7 +14,7 @@ from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
-from quadlog.metrics.positioning import Trajectory, associate, pair_errors
+from quadlog.metrics.positioning import Trajectory, associate, pair_samples
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
@@ -144,12 +144,8 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
         estimate = aligned
     if how.planar:
         truth, estimate = project_to_plane(truth), project_to_plane(estimate)
-    absolute_m, relative_m = pair_errors(truth, estimate)
-    said += _height_words(truth, estimate)
-    samples = {"ate_rmse_m": Samples(estimate.t_ns, absolute_m, "rms")}
-    if len(relative_m):
-        samples["rpe_rmse_m"] = Samples(estimate.t_ns[1:], relative_m, "rms")
-    return Compared(samples, tuple(said))
+    samples = {name: each for name, each in pair_samples(truth, estimate).items() if len(each.values)}
+    return Compared(samples, (*said, *_height_words(truth, estimate)))
 
 
 def _trajectory_of(run: Path) -> Trajectory:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import QuadlogError
-from quadlog.metrics.summary import Samples, Statistic, finite_samples
-from quadlog.metrics.walking import contact_begins
+from quadlog.metrics.planning import SEARCH_METRICS, Replans, search_samples
+from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation.reference import (
     OnTime,
     Reference,
@@ -56,53 +57,22 @@ def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Sam
 
 
 def _control(run: Path) -> dict[str, Samples]:
-    errors: tuple[tuple[str, Statistic, str], ...] = (
-        ("eta_m", "mean", "error_m"),
-        ("sigma_m", "std", "error_m"),
-        ("eta_time_m", "mean", "time_error_m"),
-        ("sigma_time_m", "std", "time_error_m"),
-        ("max_error_m", "max", "error_m"),
-        ("cross_track_rmse_m", "rms", "cross_track_m"),
-        ("heading_rmse_rad", "rms", "heading_error_rad"),
-        ("fallen", "max", "fallen"),
-    )
-    table = read_table(run, "control", ["t_ns", "tau_00_nm", *dict.fromkeys(column for _, _, column in errors)])
+    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")
+    table = read_table(run, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
     # A robot without joints cannot fall.
-    has_body = bool(np.isfinite(table["tau_00_nm"]).any())
-    return {
-        name: finite_samples(table["t_ns"], table[column], statistic)
-        for name, statistic, column in errors
-        if name != "fallen" or has_body
-    }
+    fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
+    return tracking_samples(TrackedWalk(table["t_ns"], **{name: table[name] for name in errors}, fallen=fallen))
 
 
 def _clearances(run: Path) -> dict[str, Samples]:
     table = read_table(run, "clearances")
-    t_ns, clearance_m = table["t_ns"], table["clearance_m"]
-    inside = ~np.isnan(clearance_m)
-    begins = contact_begins(clearance_m)
-    return {
-        "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
-        "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
-        "following_distance_mean_m": finite_samples(t_ns, table["target_distance_m"], "mean"),
-    }
+    distance = finite_samples(table["t_ns"], table["target_distance_m"], "mean")
+    return clearance_samples(table["t_ns"], table["clearance_m"]) | {"following_distance_mean_m": distance}
 
 
 def _plans(run: Path) -> dict[str, Samples]:
     columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
-    table = read_table(run, "plans", columns)
-    compared = table["found"] & (table["optimal_cost"] > 0)
-    excess = np.full(len(compared), np.nan)
-    excess[compared] = table["cost"][compared] / table["optimal_cost"][compared] - 1
-    t_ns = table["t_ns"]
-    return {
-        "expanded_total": finite_samples(t_ns, table["expanded"], "sum"),
-        "generated_total": finite_samples(t_ns, table["generated"], "sum"),
-        "expanded_mean": finite_samples(t_ns, table["expanded"], "mean"),
-        "fallback_share": finite_samples(t_ns[1:], table["from_scratch"][1:], "mean"),
-        "suboptimality_mean": finite_samples(t_ns, excess, "mean"),
-        "success_rate": finite_samples(t_ns, table["found"], "mean"),
-    }
+    return search_samples(Replans(**read_table(run, "plans", columns)))
 
 
 def _own_reference(run: Path) -> dict[str, Samples]:
@@ -121,14 +91,7 @@ _SOURCES = (
     _Source(
         "clearances.parquet", ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
     ),
-    _Source(
-        "plans.parquet",
-        (
-            *("expanded_total", "generated_total", "expanded_mean", "fallback_share", "suboptimality_mean"),
-            "success_rate",
-        ),
-        _plans,
-    ),
+    _Source("plans.parquet", tuple(name for name in SEARCH_METRICS if name != "ratio_to_astar"), _plans),
     _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m"), saved_error_samples),
     _Source("fixes.parquet", ("uwb_residual_m",), residual_samples),
     _Source("reference.tum", ("ate_rmse_m", "rpe_rmse_m"), _own_reference),

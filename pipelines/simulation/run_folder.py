@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.messages import Float, Int
 from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
@@ -26,12 +28,13 @@ from quadlog.results.run.run_folder import RunFolder
 from quadlog.results.run.tables import TABLES, write_table
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.height_field import HeightField
-from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel
 from quadlog.simulation.robot.rendering import CannotDraw, render_frames
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
 NS = 1_000_000_000
+SavedMetrics = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,22 +50,60 @@ class TrotDescription:
 
 def fill_trot_folder(
     folder: RunFolder, description: TrotDescription, trotted: TrottedCurve, say: Callable[[str], None]
-) -> dict[str, dict[str, Any]]:
+) -> SavedMetrics:
     """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
     run, walk, clock = folder.path, trotted.walk, StageClock()
-    with clock.stage("report"):
-        folder.write_config(description.config.model_dump(exclude_none=True))
+
+    def write_results() -> None:
         control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
         write_table(run / "control.parquet", TABLES["control"], control)
         write_tum(run / "trajectory.tum", walk.t_ns, control["x_m"], control["y_m"], control["yaw_rad"])
-        metrics = {name: asdict(metric) for name, metric in trot_metrics(trotted).items()}
-        folder.write_metrics(metrics)
-        _write_frames(folder, trotted, description.config.results.frames, say)
-        pictures = write_plots(run, _record(description, trotted, clock))
-    record = _record(description, trotted, clock)
-    write_page(run, pictures, record)
-    folder.write_run_json(record)
-    return metrics
+        _write_frames(run, trotted.model, walk.qpos, walk.t_ns, description.config.results.frames, say)
+
+    record = partial(_trot_record, description, trotted, clock)
+    return _fill(folder, description.config, trot_metrics(trotted), write_results, clock, record)
+
+
+def _fill(
+    folder: RunFolder,
+    config: Config,
+    metrics: Metrics,
+    write_results: Callable[[], None],
+    clock: StageClock,
+    record: Callable[[], RunRecord],
+) -> SavedMetrics:
+    """Write config, metrics and results, then plots and the page on them; `run.json` last."""
+    saved = {name: asdict(metric) for name, metric in metrics.items()}
+    with clock.stage("report"):
+        folder.write_config(config.model_dump(exclude_none=True))
+        folder.write_metrics(saved)
+        write_results()
+        pictures = write_plots(folder.path, record())
+    finished = record()
+    write_page(folder.path, pictures, finished)
+    folder.write_run_json(finished)
+    return saved
+
+
+def _write_frames(
+    run: Path, model: QuadrupedModel, joints: Float, t_ns: Int, wanted: int, say: Callable[[str], None]
+) -> None:
+    """Pictures of the robot, evenly spread over its joints (T, nq) at t_ns (T,)."""
+    if wanted == 0:
+        return
+    ticks = np.unique(np.linspace(0, len(joints) - 1, wanted).round().astype(np.int64))
+    try:
+        frames = render_frames(model.model, joints[ticks])
+    except CannotDraw as error:
+        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
+        return
+    write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
+
+
+def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:
+    """Walking, and what was written since."""
+    written = StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0))
+    return [StageRecord("control", seconds, peak_memory_mb()), written]
 
 
 def trot_verdict(trotted: TrottedCurve) -> str:
@@ -71,20 +112,7 @@ def trot_verdict(trotted: TrottedCurve) -> str:
     return f"fell after {trotted.walk.t_ns[np.argmax(fallen)] / NS:.2f} s" if fallen.any() else ""
 
 
-def _write_frames(folder: RunFolder, trotted: TrottedCurve, wanted: int, say: Callable[[str], None]) -> None:
-    if wanted == 0:
-        return
-    walk = trotted.walk
-    samples = np.unique(np.linspace(0, len(walk.qpos) - 1, wanted).round().astype(np.int64))
-    try:
-        frames = render_frames(trotted.model.model, walk.qpos[samples])
-    except CannotDraw as error:
-        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
-        return
-    write_frame_strip(folder.path, frames, walk.t_ns[samples] / NS)
-
-
-def _record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
+def _trot_record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
     config, walk, robot = description.config, trotted.walk, trotted.planned.robot
     lasted_s = float(walk.t_ns[-1]) / NS
     return RunRecord(
@@ -101,10 +129,7 @@ def _record(description: TrotDescription, trotted: TrottedCurve, clock: StageClo
             f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
             f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, and a posture",
         ],
-        stages=[
-            StageRecord("control", trotted.seconds, peak_memory_mb()),
-            StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
-        ],
+        stages=_stages(trotted.seconds, clock),
         startup_s=description.startup_s,
         realtime_factor=lasted_s / trotted.seconds,
     )
@@ -132,22 +157,20 @@ class WalkDescription:
 
 def fill_folder(
     folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk, say: Callable[[str], None]
-) -> dict[str, dict[str, Any]]:
+) -> SavedMetrics:
     """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
     run, clock = folder.path, StageClock()
-    with clock.stage("report"):
-        folder.write_config(description.config.model_dump(exclude_none=True))
+    record = partial(_walk_record, description, simulated, clock)
+
+    def write_results() -> None:
         _write_tables(run, description, simulated)
-        metrics = _plain(walk_metrics(simulated))
-        folder.write_metrics(metrics)
-        write_derived(run, record=_walk_record(description, simulated, clock))
+        write_derived(run, record=record())
         write_layout(run)
-        _write_walk_frames(run, simulated, description.config.results.frames, say)
-        pictures = write_plots(run, _walk_record(description, simulated, clock))
-    record = _walk_record(description, simulated, clock)
-    write_page(run, pictures, record)
-    folder.write_run_json(record)
-    return metrics
+        if simulated.model is not None and simulated.joints is not None:
+            t_ns, wanted = simulated.walk.control["t_ns"], description.config.results.frames
+            _write_frames(run, simulated.model, simulated.joints, t_ns, wanted, say)
+
+    return _fill(folder, description.config, walk_metrics(simulated), write_results, clock, record)
 
 
 def walk_metrics(simulated: SimulatedWalk) -> Metrics:
@@ -186,10 +209,6 @@ def _lasted_s(simulated: SimulatedWalk) -> float:
     return float(t_ns[-1] - t_ns[0]) / NS
 
 
-def _plain(metrics: Metrics) -> dict[str, dict[str, Any]]:
-    return {name: asdict(metric) for name, metric in metrics.items()}
-
-
 def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedWalk) -> None:
     control, path_m = simulated.walk.control, description.course.path_m
     write_table(run / "control.parquet", TABLES["control"], control)
@@ -209,19 +228,6 @@ def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedW
         write_ground(run, GroundMap(origin_m, ground.cell_m, ground.height_m.astype(np.float64), seen))
 
 
-def _write_walk_frames(run: Path, simulated: SimulatedWalk, wanted: int, say: Callable[[str], None]) -> None:
-    if simulated.model is None or simulated.joints is None or wanted == 0:
-        return
-    ticks = np.unique(np.linspace(0, len(simulated.joints) - 1, wanted).round().astype(np.int64))
-    try:
-        frames = render_frames(simulated.model.model, simulated.joints[ticks])
-    except CannotDraw as error:
-        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
-        return
-    t_ns = simulated.walk.control["t_ns"]
-    write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
-
-
 def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:
     config = description.config
     simulation = config.simulation
@@ -236,10 +242,7 @@ def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: 
         counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
         warnings=_warnings(description, simulated),
         notes=list(description.remarks.notes),
-        stages=[
-            StageRecord("control", simulated.seconds, peak_memory_mb()),
-            StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0)),
-        ],
+        stages=_stages(simulated.seconds, clock),
         startup_s=description.startup_s,
         realtime_factor=_lasted_s(simulated) / simulated.seconds,
     )

@@ -67,15 +67,9 @@ def planning_metrics(run: Path) -> Metrics:
     plans = read_table(run, "plans")
     if len(plans["t_ns"]) == 0:
         return {}
-    replans = Replans(
-        found=plans["found"],
-        expanded=plans["expanded"],
-        generated=plans["generated"],
-        cost=plans["cost"],
-        optimal_cost=plans["optimal_cost"],
-        from_scratch=plans["from_scratch"],
-        astar_expanded=read_table(run, "astar", ["expanded"])["expanded"],
-    )
+    names = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
+    astar_expanded = read_table(run, "astar", ["expanded"])["expanded"]
+    replans = Replans(**{name: plans[name] for name in names}, astar_expanded=astar_expanded)
     return search_metrics(replans, incremental=planner_type(str(plans["planner"][0])).incremental)
 
 

@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from quadlog.messages import Float
+from quadlog.metrics.intervals import RESAMPLES, Z_95, Interval, wilson_interval
 from quadlog.results.papers.table import PaperRow
-
-Z_95 = 1.959963984540054
-"""Two-sided 95 % quantile of a normal."""
-RESAMPLES = 2000
-
-Interval = tuple[float, float]
 
 
 def compare(
@@ -45,12 +40,8 @@ def rms_interval(squares: Float) -> tuple[float, Interval]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, Interval]:
-    """The share count/total and its 95 % interval after Wilson, which stays inside [0, 1] and wide at its ends."""
-    share, z2 = count / total, Z_95**2
-    middle = (share + z2 / (2 * total)) / (1 + z2 / total)
-    half = Z_95 / (1 + z2 / total) * np.sqrt(share * (1 - share) / total + z2 / (4 * total**2))
-    # Both ends hold the share itself; at 0 and 1 rounding would say otherwise.
-    return share, (min(float(middle - half), share), max(float(middle + half), share))
+    """The share count/total and its 95 % interval after Wilson."""
+    return count / total, wilson_interval(count, total)
 
 
 def bootstrap_rms(mean_squares: Float, rng: np.random.Generator) -> tuple[float, Interval]:

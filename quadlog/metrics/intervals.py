@@ -1,4 +1,4 @@
-"""95 % percentile intervals by resampling: whole episodes, or blocks of what follows on one another in time."""
+"""95 % intervals: of independent values, of shares, by resampling episodes or blocks of a series, of a mean in time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from quadlog.messages import Float
 
@@ -21,6 +21,26 @@ SAFE_IN_TIME = 100
 _MAX_DRAWN = 4_000_000  # values at a time, 32 MB
 
 Interval = tuple[float, float]
+Z_95 = float(ndtri(0.975))
+"""Two-sided 95 % quantile of a normal."""
+
+
+def student_interval(values: Float) -> Interval | None:
+    """Interval of the mean of values (N,), independent and about normally distributed; None below two."""
+    if len(values) < 2:
+        return None
+    mean, half = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    half *= float(stdtrit(len(values) - 1, 0.975))
+    return (mean - half, mean + half)
+
+
+def wilson_interval(count: int, total: int) -> Interval:
+    """Interval of the share count/total after Wilson, which stays inside [0, 1] and is wide at its ends."""
+    share, z2 = count / total, Z_95**2
+    middle = (share + z2 / (2 * total)) / (1 + z2 / total)
+    half = Z_95 / (1 + z2 / total) * math.sqrt(share * (1 - share) / total + z2 / (4 * total**2))
+    # Both ends hold the share itself; at 0 and 1 rounding would say otherwise.
+    return max(min(middle - half, share), 0.0), min(max(middle + half, share), 1.0)
 
 
 def median_interval(values: Float, rng: np.random.Generator) -> Interval | None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from quadlog.messages import Float, Int
 from quadlog.metrics.intervals import Interval, median_interval, ratio_interval_in_time
 from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Samples, finite_samples, metrics_of
 from quadlog.planning.protocol import Bool
 
 COUNTS = ("expanded", "generated", "touched")
@@ -213,12 +214,13 @@ def _some(figure: Any, values: NDArray[Any] | Sequence[float]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Replans:
-    """N replans of one planner in time order, (N,) each: the columns of plans.parquet.
+    """N replans of one planner at t_ns, rising, (N,) each: the columns of plans.parquet.
 
     cost, optimal_cost: NaN where there is none.
     astar_expanded: cells A* closes on the same queries, None where that was not counted.
     """
 
+    t_ns: Int
     found: Bool
     expanded: Int
     generated: Int
@@ -228,6 +230,12 @@ class Replans:
     astar_expanded: Int | None = None
 
 
+SEARCH_METRICS = (
+    *("expanded_total", "generated_total", "expanded_mean", "success_rate", "ratio_to_astar"),
+    *("fallback_share", "suboptimality_mean"),
+)
+
+
 def search_metrics(replans: Replans, incremental: bool) -> Metrics:
     """Node counts, success, sub-optimality as a fraction of the optimal cost; those that do not apply are absent.
 
@@ -235,22 +243,26 @@ def search_metrics(replans: Replans, incremental: bool) -> Metrics:
     fallback_share, the share of replans that had to start from scratch; the first
     one always does and is left out.
     """
-    metrics: Metrics = {}
-    n = len(replans.found)
-    if n == 0:
-        return metrics
-    expanded = int(np.sum(replans.expanded))
-    metrics["expanded_total"] = Metric(float(expanded), n, "")
-    metrics["generated_total"] = Metric(float(np.sum(replans.generated)), n, "")
-    metrics["expanded_mean"] = Metric(expanded / n, n, "")
-    metrics["success_rate"] = Metric(float(np.mean(replans.found)), n, "")
-    if replans.astar_expanded is not None and expanded > 0:
-        metrics["ratio_to_astar"] = Metric(float(np.sum(replans.astar_expanded)) / expanded, n, "")
-    if incremental and n > 1:
-        metrics["fallback_share"] = Metric(float(np.mean(replans.from_scratch[1:])), n - 1, "")
+    metrics = metrics_of(search_samples(replans))
+    if replans.astar_expanded is not None and np.any(replans.expanded):
+        ratio = float(np.sum(replans.astar_expanded)) / int(np.sum(replans.expanded))
+        metrics["ratio_to_astar"] = Metric(ratio, len(replans.t_ns), "")
+    if not incremental:
+        metrics.pop("fallback_share", None)
+    return {name: metrics[name] for name in SEARCH_METRICS if name in metrics}
+
+
+def search_samples(replans: Replans) -> dict[str, Samples]:
+    """The samples behind search_metrics, ratio_to_astar apart."""
     # A robot that is at its goal already has nothing to be worse than: 0 / 0.
-    compared = np.asarray(replans.found) & (np.asarray(replans.optimal_cost, dtype=np.float64) > 0)
-    if compared.any():
-        excess = replans.cost[compared] / replans.optimal_cost[compared] - 1
-        metrics["suboptimality_mean"] = Metric(float(np.mean(excess)), int(compared.sum()), "")
-    return metrics
+    compared = np.asarray(replans.found, np.bool_) & (np.asarray(replans.optimal_cost, np.float64) > 0)
+    excess = np.full(len(compared), np.nan)
+    excess[compared] = replans.cost[compared] / replans.optimal_cost[compared] - 1
+    return {
+        "expanded_total": finite_samples(replans.t_ns, replans.expanded, "sum"),
+        "generated_total": finite_samples(replans.t_ns, replans.generated, "sum"),
+        "expanded_mean": finite_samples(replans.t_ns, replans.expanded, "mean"),
+        "success_rate": finite_samples(replans.t_ns, replans.found, "mean"),
+        "fallback_share": finite_samples(replans.t_ns[1:], replans.from_scratch[1:], "mean"),
+        "suboptimality_mean": finite_samples(replans.t_ns, excess, "mean"),
+    }

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.metric import Metric, Metrics, add_rmse
+from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Samples, metrics_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) 
     if error_xy_m is not None:
         known = error_xy_m[np.isfinite(error_xy_m).all(axis=1)]
         if len(known):
-            add_rmse(metrics, "uwb_rmse_m", np.hypot(known[:, 0], known[:, 1]), "m")
+            metrics["uwb_rmse_m"] = Metric(float(np.sqrt(np.mean(np.hypot(*known.T) ** 2))), len(known), "m")
             metrics["uwb_bias_m"] = Metric(float(np.hypot(*known.mean(axis=0))), len(known), "m")
     fixed = np.isfinite(residual_rms_m) & (n_ranges > 0)
     ranges = int(np.sum(n_ranges[fixed]))
@@ -48,26 +49,25 @@ def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_differen
 
     Absent when no, or for rpe_rmse_m only one, pair of poses lies within max_difference_s.
     """
-    metrics: Metrics = {}
     in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s)
-    absolute_m, relative_m = pair_errors(reference.rows(in_reference), estimate.rows(in_estimate))
-    add_rmse(metrics, "ate_rmse_m", absolute_m, "m")
-    add_rmse(metrics, "rpe_rmse_m", relative_m, "m")
-    return metrics
+    return metrics_of(pair_samples(reference.rows(in_reference), estimate.rows(in_estimate)))
 
 
-def pair_errors(reference: Trajectory, estimate: Trajectory) -> tuple[Float, Float]:
-    """Of M pairs of poses, one by one: how far apart they are (M,), and how different their steps to the next (M - 1,).
+def pair_samples(reference: Trajectory, estimate: Trajectory) -> dict[str, Samples]:
+    """Of ate_rmse_m and rpe_rmse_m, from M pairs of poses: how far apart they are, and their steps to the next.
 
     Steps are seen from their first pose, so that a rigid motion of either trajectory does not change them.
     """
     absolute_m: Float = np.linalg.norm(estimate.position_m - reference.position_m, axis=1)
-    if len(absolute_m) < 2:
-        return absolute_m, np.empty(0)
-    # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
-    our_step, true_step = (_steps(each.position_m, each.quat_xyzw) for each in (estimate, reference))
-    relative_m: Float = np.linalg.norm(our_step - true_step, axis=1)
-    return absolute_m, relative_m
+    relative_m: Float = np.empty(0)
+    if len(absolute_m) > 1:
+        # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
+        our_step, true_step = (_steps(each.position_m, each.quat_xyzw) for each in (estimate, reference))
+        relative_m = np.linalg.norm(our_step - true_step, axis=1)
+    return {
+        "ate_rmse_m": Samples(estimate.t_ns, absolute_m, "rms"),
+        "rpe_rmse_m": Samples(estimate.t_ns[1:], relative_m, "rms"),
+    }
 
 
 def positions_at(t_ns: Int, trajectory: Trajectory, max_gap_ns: int) -> Float:

@@ -10,10 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.intervals import Interval, mean_interval_in_time
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.intervals import Interval, mean_interval_in_time, student_interval, wilson_interval
+from quadlog.metrics.metric import Metric, Metrics
 
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
@@ -36,6 +37,12 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
     values = values.astype(np.float64)
     known = np.isfinite(values)
     return Samples(t_ns[known], values[known], statistic)
+
+
+def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
+    """The values of samples by the metric's name; none of too few samples."""
+    known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
+    return {name: Metric(_value(each), len(each.values), CATALOGUE[name].unit) for name, each in known.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,28 +189,16 @@ def spread(values: Sequence[float], yes_or_no: bool = False) -> Spread | None:
         std=None if len(x) < 2 else 0.0 if alike else float(np.std(x, ddof=1)),
         p50=p50,
         p95=p95,
-        interval=_wilson(x) if yes_or_no else _student(x),
+        interval=_interval_of_mean(x, yes_or_no, alike),
         lowest=int(np.argmin(x)),
         highest=int(np.argmax(x)),
     )
 
 
-def _student(x: np.ndarray) -> Interval | None:
-    if len(x) < 2 or np.ptp(x) == 0:
-        return None
-    mean, half = float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
-    half *= float(stdtrit(len(x) - 1, 0.975))
-    return (mean - half, mean + half)
-
-
-def _wilson(x: np.ndarray) -> Interval | None:
-    if len(x) < 2:
-        return None
-    n, share, z = len(x), float(np.mean(x)), float(ndtri(0.975))
-    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    # Both ends hold the share itself; at 0 and 1 rounding would say otherwise.
-    return (max(min(middle - half, share), 0.0), min(max(middle + half, share), 1.0))
+def _interval_of_mean(x: Float, yes_or_no: bool, alike: bool) -> Interval | None:
+    if yes_or_no:
+        return wilson_interval(int(x.sum()), len(x)) if len(x) > 1 else None
+    return None if alike else student_interval(x)
 
 
 APART_NS = 1_000_000_000

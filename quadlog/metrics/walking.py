@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.metric import Metric, Metrics, add_mean, add_rmse, add_sample_std, finite
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Samples, Statistic, finite_samples, metrics_of
 from quadlog.planning.protocol import Bool
 
 
@@ -126,44 +128,44 @@ def tracking_metrics(walk: TrackedWalk, completed_ns: int | None = None) -> Metr
     all N ticks [Tracking] eqs 46, 47, whose two names for the same number, N and N_e,
     are one here. completed_ns: when a course was finished, None for a walk without an end.
     """
-    metrics: Metrics = {}
-    add_mean(metrics, "eta_m", walk.error_m, "m")
-    add_sample_std(metrics, "sigma_m", walk.error_m, "m")
-    add_mean(metrics, "eta_time_m", walk.time_error_m, "m")
-    add_sample_std(metrics, "sigma_time_m", walk.time_error_m, "m")
+    metrics = metrics_of(tracking_samples(walk))
     if completed_ns is not None and len(walk.t_ns):
         metrics["completion_time_s"] = Metric((completed_ns - int(walk.t_ns[0])) / 1e9, 1, "s")
-    errors_m = finite(walk.error_m)
-    if len(errors_m):
-        metrics["max_error_m"] = Metric(float(errors_m.max()), len(errors_m), "m")
-    add_rmse(metrics, "cross_track_rmse_m", walk.cross_track_m, "m")
-    add_rmse(metrics, "heading_rmse_rad", walk.heading_error_rad, "rad")
-    if walk.fallen is not None and len(walk.fallen):
-        metrics["fallen"] = Metric(float(walk.fallen.any()), len(walk.fallen), "")
+    return {name: metrics[name] for name in CATALOGUE if name in metrics}
+
+
+def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
+    """The samples behind tracking_metrics, completion_time_s apart."""
+    columns: tuple[tuple[str, Statistic, Float | Bool | None], ...] = (
+        ("eta_m", "mean", walk.error_m),
+        ("sigma_m", "std", walk.error_m),
+        ("eta_time_m", "mean", walk.time_error_m),
+        ("sigma_time_m", "std", walk.time_error_m),
+        ("max_error_m", "max", walk.error_m),
+        ("cross_track_rmse_m", "rms", walk.cross_track_m),
+        ("heading_rmse_rad", "rms", walk.heading_error_rad),
+        ("fallen", "max", walk.fallen),
+    )
+    samples = {
+        name: finite_samples(walk.t_ns, column, statistic) for name, statistic, column in columns if column is not None
+    }
     if walk.clearance_m is not None:
-        _add_clearance(metrics, walk.clearance_m)
+        samples |= clearance_samples(walk.t_ns, walk.clearance_m)
     if walk.target_distance_m is not None:
-        add_mean(metrics, "following_distance_mean_m", walk.target_distance_m, "m")
-    return metrics
+        samples["following_distance_mean_m"] = finite_samples(walk.t_ns, walk.target_distance_m, "mean")
+    return samples
 
 
-def contact_begins(clearance_m: Float) -> Bool:
-    """Ticks (T,) in contact whose tick before was not; unknown (NaN) is no contact."""
+def clearance_samples(t_ns: Int, clearance_m: Float) -> dict[str, Samples]:
+    """Of clearance_min_m and collisions, from ticks (T,).
+
+    Contact begins at a tick in contact whose tick before was not. Infinite clearance was measured too: there was no
+    obstacle, hence no collision, but no distance either; NaN is unknown, and no contact.
+    """
     contact = np.asarray(clearance_m) <= 0
-    begins: Bool = contact & ~np.concatenate([[False], contact[:-1]])
-    return begins
-
-
-def count_collisions(clearance_m: Float) -> int:
-    """How often contact began in ticks (T,), see contact_begins."""
-    return int(np.count_nonzero(contact_begins(clearance_m)))
-
-
-def _add_clearance(metrics: Metrics, clearance_m: Float) -> None:
-    # Infinite clearance was measured too: there was no obstacle, hence no collision, but no distance either.
-    measured = int(np.count_nonzero(~np.isnan(clearance_m)))
-    distances_m = finite(clearance_m)
-    if len(distances_m):
-        metrics["clearance_min_m"] = Metric(float(distances_m.min()), len(distances_m), "m")
-    if measured:
-        metrics["collisions"] = Metric(float(count_collisions(clearance_m)), measured, "")
+    begins = contact & ~np.concatenate([[False], contact[:-1]])
+    inside = ~np.isnan(clearance_m)
+    return {
+        "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
+        "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
+    }

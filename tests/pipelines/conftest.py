@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -55,6 +56,45 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 def follow_request() -> Callable[..., ReplayRequest]:
     """Makes requests to replay the committed recording's first seconds into a folder."""
     return fixture_request
+
+
+LIAS_ANCHORS_M = (
+    (-3.4203, 3.0053, 1.0442),
+    (0.0016, 3.0110, 1.0446),
+    (3.6056, 2.9795, 1.0463),
+    (3.6011, -0.0008, 1.0422),
+    (3.5674, -3.0087, 1.0443),
+    (-0.0072, -2.9652, 1.0444),
+    (-3.4673, -2.9587, 1.0445),
+    (-3.4858, -0.0098, 1.0457),
+)
+
+
+@dataclass(frozen=True)
+class Lias:
+    """A real recording of three tags on a trolley: its folder, and where on the trolley the tags are."""
+
+    folder: Path
+    levers_m: tuple[tuple[float, float], ...] = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
+
+    def config(self, robot: int) -> Config:
+        """With one of the tags as the robot's."""
+        anchors = [{"id": i, "x_m": x, "y_m": y, "z_m": z} for i, (x, y, z) in enumerate(LIAS_ANCHORS_M)]
+        tags = [
+            {"id": i, "role": "robot" if i == robot else "none", "height_m": 0.97, "x_m": x, "y_m": y}
+            for i, (x, y) in enumerate(self.levers_m)
+        ]
+        return Config.model_validate({"uwb": {"anchors": anchors, "tags": tags}})
+
+
+@pytest.fixture(scope="session")
+def lias() -> Lias:
+    if "QUADLOG_DATASETS" not in os.environ:
+        pytest.skip("QUADLOG_DATASETS is not set")
+    folder = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias"
+    if not folder.exists():
+        pytest.skip(f"{folder} is not there")
+    return Lias(folder)
 
 
 TIMINGS = {"ms", "us"}

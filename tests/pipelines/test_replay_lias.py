@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quadlog.config.file import load_config
 from quadlog.pipelines.executor.progress import Kept
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 
-ANCHORS_M = (
-    (-3.4203, 3.0053, 1.0442),
-    (0.0016, 3.0110, 1.0446),
-    (3.6056, 2.9795, 1.0463),
-    (3.6011, -0.0008, 1.0422),
-    (3.5674, -3.0087, 1.0443),
-    (-0.0072, -2.9652, 1.0444),
-    (-3.4673, -2.9587, 1.0445),
-    (-3.4858, -0.0098, 1.0457),
-)
-LEVER_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
 ROBOT = 1
 FIX_LIMIT_M = (0.086, 0.082, 0.075)
 
@@ -50,33 +36,19 @@ class Run:
         return np.stack(place_m, axis=1), np.interp(t_s, self.truth[:, 0], yaw)
 
 
-def config_text() -> str:
-    anchors = [f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, (x, y, z) in enumerate(ANCHORS_M)]
-    roles = ["robot" if tag == ROBOT else "none" for tag in range(3)]
-    tags = [f'{{id={i}, role="{roles[i]}", height_m=0.97, x_m={x}, y_m={y}}}' for i, (x, y) in enumerate(LEVER_M)]
-    return f"[uwb]\nanchors = [{', '.join(anchors)}]\ntags = [{', '.join(tags)}]\n"
-
-
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    folder = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias"
-    if not folder.exists():
-        pytest.skip(f"{folder} is not there")
-    here = tmp_path_factory.mktemp("lias")
-    (here / "quadlog.toml").write_text(config_text())
-    kept = Kept()
-    config = load_config(here / "quadlog.toml", environ={})
-    request = ReplayRequest(folder / "lias_fast.mcap", here / "run", config, ReplayOptions(until="position"))
-    return Run(replay(request, kept), kept.lines, np.loadtxt(folder / "lias_fast_mocap.tum"))
+def run(lias, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    kept, folder = Kept(), tmp_path_factory.mktemp("lias") / "run"
+    options = ReplayOptions(until="position")
+    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder, lias.config(ROBOT), options)
+    return Run(replay(request, kept), kept.lines, np.loadtxt(lias.folder / "lias_fast_mocap.tum"))
 
 
-def test_fixes_of_every_tag_where_the_tag_was(run):
+def test_fixes_of_every_tag_where_the_tag_was(run, lias):
     """Against motion capture and each tag's own place on the trolley: lever arms are taken for what they are."""
     fixes = run.table("fixes")
     assert set(fixes["tag"]) == {0, 1, 2}
-    for tag, (x_m, y_m) in enumerate(LEVER_M):
+    for tag, (x_m, y_m) in enumerate(lias.levers_m):
         mine = fixes["tag"] == tag
         place_m, yaw = run.trolley_at(fixes["t_ns"][mine])
         place_m += np.column_stack([np.cos(yaw) * x_m - np.sin(yaw) * y_m, np.sin(yaw) * x_m + np.cos(yaw) * y_m])

@@ -9,7 +9,7 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, InvalidConfigValue
 from quadlog.pipelines.executor.progress import Kept, Silent
-from quadlog.pipelines.simulate import SimulatedRun, TrotRequest, trot_32s
+from quadlog.pipelines.simulate import SimulatedRun, SimulateRequest, trot_32s
 from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.results.page.report import write_report
 from quadlog.results.run.run_folder import read_metrics, read_run_json
@@ -17,9 +17,9 @@ from quadlog.results.run.tables import read_table
 from quadlog.simulation.robot import trot as trot_walk
 
 
-def _request(output: Path, *keys: str, **options) -> TrotRequest:
+def _request(output: Path, *keys: str, **options) -> SimulateRequest:
     config = load_config(None, ["results.frames=0", *(f"simulation.trot.{key}" for key in keys)], {})
-    return TrotRequest(config, output=output, **options)
+    return SimulateRequest("trot-32s", config, output=output, **options)
 
 
 @pytest.fixture
@@ -95,7 +95,9 @@ def test_the_page_can_be_made_again(walked):
 def test_the_written_config_gives_the_same_walks(walked, tmp_path, monkeypatch):
     monkeypatch.setattr(trot_folder, "write_plots", lambda *_: {})
     config = load_config(walked[0].run / "config.toml", [], {})
-    for before, after in zip(walked, trot_32s(TrotRequest(config, output=tmp_path), 1, Silent()), strict=True):
+    for before, after in zip(
+        walked, trot_32s(SimulateRequest("trot-32s", config, output=tmp_path), 1, Silent()), strict=True
+    ):
         for name in ("control.parquet", "config.toml", "trajectory.tum"):
             assert (after.run / name).read_bytes() == (before.run / name).read_bytes(), name
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,6 @@ from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
 from quadlog.positioning.fix.dilution import dilution_at
 
-LIAS_ANCHORS_M = (
-    (-3.4203, 3.0053, 1.0442),
-    (0.0016, 3.0110, 1.0446),
-    (3.6056, 2.9795, 1.0463),
-    (3.6011, -0.0008, 1.0422),
-    (3.5674, -3.0087, 1.0443),
-    (-0.0072, -2.9652, 1.0444),
-    (-3.4673, -2.9587, 1.0445),
-    (-3.4858, -0.0098, 1.0457),
-)
-LIAS_LEVERS_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
-
 
 @pytest.fixture(scope="module")
 def follow(fixtures: Path) -> dict[str, Any]:
@@ -36,20 +23,8 @@ def follow(fixtures: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def lias() -> dict[str, Any]:
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    path = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast.mcap"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    anchors = [{"id": i, "x_m": x, "y_m": y, "z_m": z} for i, (x, y, z) in enumerate(LIAS_ANCHORS_M)]
-    roles = ("robot", "none", "none")
-    tags = [
-        {"id": i, "role": role, "x_m": x, "y_m": y}
-        for i, (role, (x, y)) in enumerate(zip(roles, LIAS_LEVERS_M, strict=True))
-    ]
-    uwb = {"tag_height_m": 0.97, "anchors": anchors, "tags": tags}
-    return describe_recording(path, Config.model_validate({"uwb": uwb}))
+def trolley(lias: Any) -> dict[str, Any]:
+    return describe_recording(lias.folder / "lias_fast.mcap", lias.config(robot=0))
 
 
 def test_it_is_plain_json(follow: dict[str, Any]) -> None:
@@ -111,9 +86,9 @@ def test_what_cannot_be_located_is_said(fixtures: Path) -> None:
     assert any("needs three" in line for line in info["warnings"])
 
 
-def test_real_tags_are_as_good_as_the_reference_says(lias: dict[str, Any]) -> None:
+def test_real_tags_are_as_good_as_the_reference_says(trolley: dict[str, Any]) -> None:
     """The three tags ride on one trolley, each at its own place; an independent Gauss-Newton got .084 .077 .071 m."""
-    tags = lias["uwb_tags"]
+    tags = trolley["uwb_tags"]
     assert [tag["reference"] for tag in tags] == ["/mocap/trolley/pose"] * 3
     assert (np.array([tag["fix_error"]["rmse_m"] for tag in tags]) <= [0.086, 0.082, 0.075]).all()
     assert (np.array([tag["track_error"]["rmse_m"] for tag in tags]) <= [0.067, 0.059, 0.050]).all()
@@ -123,17 +98,17 @@ def test_real_tags_are_as_good_as_the_reference_says(lias: dict[str, Any]) -> No
         assert tag["hdop_median"] == pytest.approx(0.71, abs=0.01)
 
 
-def test_real_links_are_all_corrected(lias: dict[str, Any]) -> None:
-    assert len(lias["uwb"]) == 24
-    assert all(row["bias_applied"] for row in lias["uwb"])
-    assert all(0.05 < row["bias_m"] < 0.35 for row in lias["uwb"])
-    assert max(row["nlos_share"] for row in lias["uwb"]) < 0.03
-    assert any("145 of 17234 stamps" in line for line in lias["warnings"])
+def test_real_links_are_all_corrected(trolley: dict[str, Any]) -> None:
+    assert len(trolley["uwb"]) == 24
+    assert all(row["bias_applied"] for row in trolley["uwb"])
+    assert all(0.05 < row["bias_m"] < 0.35 for row in trolley["uwb"])
+    assert max(row["nlos_share"] for row in trolley["uwb"]) < 0.03
+    assert any("145 of 17234 stamps" in line for line in trolley["warnings"])
 
 
-def test_the_lever_arms_matter(lias: dict[str, Any]) -> None:
+def test_the_lever_arms_matter(lias: Any, trolley: dict[str, Any]) -> None:
     """With the tags taken for the trolley's middle, a fix would be off by the lever itself."""
-    for tag, lever_m in zip(lias["uwb_tags"], LIAS_LEVERS_M, strict=True):
+    for tag, lever_m in zip(trolley["uwb_tags"], lias.levers_m, strict=True):
         assert tag["track_error"]["rmse_m"] < 0.5 * np.hypot(*lever_m)
 
 

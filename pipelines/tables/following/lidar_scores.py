@@ -18,8 +18,9 @@ from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompa
 from quadlog.mapping.grid import Grid, Window
 from quadlog.mapping.placing import NO_TOP, ScanPlacer
 from quadlog.messages import Float
+from quadlog.metrics.intervals import Interval
 from quadlog.metrics.perception import Detection, detect, ground_detection, outlier_detection
-from quadlog.pipelines.tables.intervals import Interval, bootstrap_ratio, share_interval
+from quadlog.pipelines.tables.intervals import bootstrap_ratio, share_interval
 from quadlog.results.papers.table import PaperRow, RowGroup
 from quadlog.simulation.synthetic.labelled_scans import SCANS_LIDAR, LabelledScan, is_true_obstacle, labelled_scans
 

@@ -27,10 +27,11 @@ from quadlog.pipelines.tables.following.lidar_scores import (
     pooled,
     score_all,
 )
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperTable, TablePicture
 from quadlog.results.plots import style
 from quadlog.results.plots.scans import CLASS_COLOR
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
 
 if TYPE_CHECKING:
@@ -138,23 +139,20 @@ def _percent(share: float) -> str:
 
 
 def _pictures(scores: list[LidarScore], seed: int) -> tuple[TablePicture, ...]:
-    measures, scans = render_png(partial(draw_measures, scores)), render_png(partial(draw_scans, seed))
-    assert measures is not None
-    assert scans is not None
     return (
-        TablePicture(
+        drawn(
             "measures",
             "Bars of both methods by place: ground precision and recall, outliers found, inliers lost, obstacle cells "
             "found, false cells.",
             "Both methods in every place, with 95 % intervals. More is better but for inliers lost and false cells, "
             "whose scale is logarithmic above one.",
-            measures,
+            partial(draw_measures, scores),
         ),
-        TablePicture(
+        drawn(
             "scans",
             "Two scans from above, in a corridor and before a wall, coloured by true class and as each method has it.",
             "The first scan of the corridor and of the wall ahead. The published chain paints the nearest wall in the "
             "colour of the ground, and leaves out what lies behind the robot.",
-            scans,
+            partial(draw_scans, seed),
         ),
     )

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float
 from quadlog.pipelines.tables.intervals import bootstrap_ratio, share_interval
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.planning.planner_walks import (
     DENSITIES_PER_M2,
     HELD_OUT_SEED,
@@ -29,7 +30,7 @@ from quadlog.planning.path import arc_lengths
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import make_planner
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import FOLLOWING_CELLS, SCENES
 from quadlog.simulation.worlds.world import GROWTH_M, WaypointTrack, World, occupied_centres
@@ -302,25 +303,21 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
         for density in DENSITIES_PER_M2
         for name in RIVALS[preset.name]
     }
-    ratios = render_png(partial(draw_all_ratios, lines, {}, "Cells of A* over cells of a planner, walk by walk"))
     sparse = measured[PAPER.name, forest_name(DENSITIES_PER_M2[0])]
     title = f"The first walk, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
-    first = render_png(partial(draw_first_run, sparse, title))
-    assert ratios is not None
-    assert first is not None
     return (
-        TablePicture(
+        drawn(
             "ratios",
             "Ratios of cells, A* over IA* and over MT-D* Lite, walk by walk with medians, by both presets in both "
             "forests.",
             "Each dot a walk; bars: the median over the walks and its 95 % interval; trees to a square metre. Each "
             "preset has its own A* below it.",
-            ratios,
+            partial(draw_all_ratios, lines, {}, "Cells of A* over cells of a planner, walk by walk"),
         ),
-        TablePicture(
+        drawn(
             "cells",
             "Cells opened in each replan of one walk behind a person, A* in grey, IA* in blue and far below it.",
             "IA* peaks where it has to plan from scratch.",
-            first,
+            partial(draw_first_run, sparse, title),
         ),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
+from quadlog.metrics.intervals import Interval
 from quadlog.pipelines.tables.following.uwb_ranges import (
     BOX_HIGH_M,
     BOX_LOW_M,
@@ -17,7 +18,8 @@ from quadlog.pipelines.tables.following.uwb_ranges import (
     cramer_rao,
     draw_ranges,
 )
-from quadlog.pipelines.tables.intervals import Interval, bootstrap_rms, rms_interval, share_interval
+from quadlog.pipelines.tables.intervals import bootstrap_rms, rms_interval, share_interval
+from quadlog.positioning.fix.dilution import CHI2_95
 from quadlog.positioning.fix.least_squares import Fixes
 from quadlog.positioning.fix.trilateration import solve_fixes
 from quadlog.positioning.track.tracker import track_ranges
@@ -27,8 +29,6 @@ ANCHORS = (3, 4, 5, 8)
 CIRCLE_M, DISC_M = 5.0, 3.0
 """Four and more anchors stand evenly on a circle, tags anywhere in a disc inside it."""
 NLOS_SHARE, NLOS_MEAN_M = 0.1, 0.5
-CHI_SQUARE_95 = -2 * np.log(0.05)
-"""A normal error in the plane has its squared Mahalanobis distance below this in 95 % of cases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ def _score(fixes: Fixes, anchors_m: Float, position_m: Float, nlos: bool, method
     bound_m = float(np.sqrt(np.trace(cramer_rao(position_m[solved], anchors_m), axis1=1, axis2=2).mean()))
     rmse_m, (low_m, high_m) = rms_interval((error_m**2).sum(axis=1))
     whitened = np.linalg.solve(fixes.covariance_m2[solved], error_m[:, :, None])[:, :, 0]
-    inside = (error_m * whitened).sum(axis=1) <= CHI_SQUARE_95
+    inside = (error_m * whitened).sum(axis=1) <= CHI2_95
     covered, covered_interval = share_interval(int(inside.sum()), len(inside))
     return EstimatorScore(
         anchors=len(anchors_m),

@@ -10,7 +10,6 @@ import numpy as np
 from quadlog.messages import Float
 from quadlog.pipelines.tables.following.uwb_estimators import (
     ANCHORS,
-    CHI_SQUARE_95,
     EstimatorScore,
     coverage_group,
     efficiency_group,
@@ -28,9 +27,11 @@ from quadlog.pipelines.tables.following.uwb_ranges import (
     stand_all,
     truth_group,
 )
+from quadlog.pipelines.tables.pictures import drawn
+from quadlog.positioning.fix.dilution import CHI2_95
 from quadlog.results.papers.table import PaperTable, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,7 +120,7 @@ def _draw_fixes(axes: Axes, each: StandingTag) -> None:
 def _ellipse(middle_m: Float, covariance_m2: Float) -> Float:
     """(2, N) the line around 95 % of a normal distribution."""
     angle = np.linspace(0, 2 * np.pi, 181)
-    circle = np.sqrt(CHI_SQUARE_95) * np.vstack([np.cos(angle), np.sin(angle)])
+    circle = np.sqrt(CHI2_95) * np.vstack([np.cos(angle), np.sin(angle)])
     line: Float = middle_m[:, None] + np.linalg.cholesky(covariance_m2) @ circle
     return line
 
@@ -181,23 +182,20 @@ def make_table(fast: bool, seed: int) -> PaperTable:
 
 
 def _pictures(standing: list[StandingTag], scores: list[EstimatorScore]) -> tuple[TablePicture, ...]:
-    site, efficiency = (render_png(partial(draw_site, standing)), render_png(partial(draw_efficiency, scores)))
-    assert site is not None
-    assert efficiency is not None
     return (
-        TablePicture(
+        drawn(
             "site",
             "Stations and tags from above, and below it the fixes around each tag with 95 % ellipses.",
             "Above: the stations, the tags where the printed distances put them (dots) and where the paper prints them "
             "(crosses). Below: some of the fixes that the paper's method and a direct fit make of the same ranges, "
             "with the ellipses that hold 95 % of each.",
-            site,
+            partial(draw_site, standing),
         ),
-        TablePicture(
+        drawn(
             "efficiency",
             "RMSE over the Cramér-Rao bound for each method by number of anchors, in line of sight and with NLOS.",
             "RMSE over the Cramér-Rao bound, with 95 % intervals; one is the best that any unbiased fix can do. With "
             "three anchors the three linear methods coincide. Note the two scales.",
-            efficiency,
+            partial(draw_efficiency, scores),
         ),
     )

@@ -34,9 +34,9 @@ from quadlog.pipelines.tables.foot.drift_walks import (
     side,
 )
 from quadlog.pipelines.tables.intervals import compare
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import render_png
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -311,20 +311,17 @@ def make_table(fast: bool, seed: int) -> PaperTable:
 
 
 def _pictures(study: Study) -> tuple[TablePicture, ...]:
-    walks, sizes = render_png(partial(draw_walks, study)), render_png(partial(draw_sizes, study))
-    assert walks is not None
-    assert sizes is not None
     return (
-        TablePicture(
+        drawn(
             "walks",
             "Place aside and yaw over time of the symmetric and of two loaded robots, without and with the curve.",
             f"The walks of seed {study.seeds[0]} [Foot, Figs 5b and 6c].",
-            walks,
+            partial(draw_walks, study),
         ),
-        TablePicture(
+        drawn(
             "sizes",
             "Size of the drift of every walk, by robot and curve, with means.",
             "A dot for each walk, a bar for their mean. Dashed: the paper's 280 and 40 mm.",
-            sizes,
+            partial(draw_sizes, study),
         ),
     )

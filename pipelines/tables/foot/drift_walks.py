@@ -4,19 +4,17 @@ statistics.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from quadlog.config.control import Simulation
 from quadlog.messages import Float
+from quadlog.metrics.intervals import Interval, student_interval
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.simulation.trot import trot_metrics, trot_once
-from quadlog.pipelines.tables.intervals import Interval
 from quadlog.results.papers.table import PaperRow
 
 NS = 1_000_000_000
@@ -162,9 +160,9 @@ CLAIMED = {DRIFT: 40.0 - 280.0, TURN: 0.03 - 0.25}
 
 def mean_interval(values: Float) -> tuple[float, Interval]:
     """Mean of N > 1 values and its 95 % interval after Student."""
-    mean = float(np.mean(values))
-    half = float(student.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return mean, (mean - half, mean + half)
+    interval = student_interval(values)
+    assert interval is not None
+    return float(np.mean(values)), interval
 
 
 def mean_row(

@@ -18,9 +18,9 @@ from quadlog.control.locomotion.robot import GRAVITY_MPS2
 from quadlog.messages import Float
 from quadlog.pipelines.tables.foot import torque_model as figures
 from quadlog.pipelines.tables.intervals import compare
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import render_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -294,22 +294,19 @@ def make_table(_fast: bool, _seed: int) -> PaperTable:
 
 
 def _pictures() -> tuple[TablePicture, ...]:
-    torques, tipping = render_png(draw_torques), render_png(draw_tipping)
-    assert torques is not None
-    assert tipping is not None
     return (
-        TablePicture(
+        drawn(
             "torques",
             "Torques of abduction, hip and knee over a stance, with one leg's mass on the foot and with half a body's.",
             "As Fig. 3, time to the right: left with one leg's mass, as the paper takes it, right with what a support "
             "leg carries. Dashed: the printed τ1.",
-            torques,
+            draw_torques,
         ),
-        TablePicture(
+        drawn(
             "tipping",
             "Gravity's moment about the support diagonal over a stance of 40 mm, for both pairs of support feet.",
             "Positive about y, and about the diagonal, is onto the nose. The part about x changes its sign with the "
             "pair. The dot is eq. 8, for a body that stands still; over a stance the body passes the diagonal.",
-            tipping,
+            draw_tipping,
         ),
     )

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import bellman_ford
 from quadlog.mapping.inflation import inflate_square
 from quadlog.messages import Float
 from quadlog.pipelines.tables.intervals import compare, share_interval
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.planning.planner_walks import HELD_OUT_SEED, HONEST, PAPER, PRESETS, Preset
 from quadlog.planning.path import turning
 from quadlog.planning.planners.ea_star import LEVEL_CHARGE, SAME_LEVEL, ClearanceAStar, EAStar, danger_levels
@@ -23,7 +24,7 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_COST, STEP_ROW
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 from quadlog.simulation.worlds.scenes import SCENES
 from quadlog.simulation.worlds.world import CELL_M, World
 
@@ -322,12 +323,10 @@ def make_table(fast: bool, seed: int) -> PaperTable:
 
 
 def _picture() -> TablePicture:
-    png = render_png(partial(draw_clearances, PAPER))
-    assert png is not None
-    return TablePicture(
+    return drawn(
         "ways",
         "A square, a passage and a complex scene from above, with the ways of A* and of both forms of EA* by one, two "
         "and three rings.",
         "As Figs 19 to 21, preset paper: left as printed, right with charges that add up. A mark is a cell.",
-        png,
+        partial(draw_clearances, PAPER),
     )

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float
+from quadlog.metrics.intervals import RESAMPLES, Interval
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
 from quadlog.pipelines.comparison.problems import Episode, ProblemSource
 from quadlog.pipelines.comparison.run_planners import ask_everything
 from quadlog.pipelines.comparison.sources import questions_along
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.tables.intervals import Interval
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.rules import Rules
 from quadlog.results.plots.planner_comparison import Median, draw_cells, draw_ratios
@@ -32,7 +32,6 @@ HELD_OUT_SEED = 2000
 """Seeds of the planning tables start here; whatever was looked at before was drawn from smaller ones."""
 DENSITIES_PER_M2 = (0.1, 0.2)
 """The papers print no trees: these are ours."""
-RESAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from quadlog.control.following.pure_pursuit import pure_pursuit
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float
 from quadlog.pipelines.tables.intervals import bootstrap_ratio, compare, share_interval
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.planning.planner_walks import (
     DENSITIES_PER_M2,
     HELD_OUT_SEED,
@@ -33,7 +34,7 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
 from quadlog.simulation.worlds.replanning_walk import (
     MOST_REPLANS,
@@ -375,12 +376,10 @@ def _length_erratum(pairs: Pairs) -> str:
 
 def _picture(pairs: Pairs, seed: int) -> TablePicture:
     density = DENSITIES_PER_M2[-1]
-    png = render_png(partial(draw_routes, pairs[PAPER.name, density], PAPER, density, seed))
-    assert png is not None
-    return TablePicture(
+    return drawn(
         "routes",
         f"{SHOWN} walks through a forest: the way that A* led and the one that IA* led, beside the straight line.",
         f"As Figs 16 and 17: the first {SHOWN} walks of preset paper among {density:g} trees/m², as walked. Up and "
         "down is enlarged.",
-        png,
+        partial(draw_routes, pairs[PAPER.name, density], PAPER, density, seed),
     )

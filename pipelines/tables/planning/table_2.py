@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.pipelines.tables.intervals import compare, share_interval
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.planning.planner_walks import (
     CELL_RATIO,
     CELL_RUNS,
@@ -30,7 +31,7 @@ from quadlog.pipelines.tables.planning.planner_walks import (
 )
 from quadlog.planning.rules import TIES
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 
 CLAIMED = 5.0
 """[Planning] says that IA* is more than so many times as efficient."""
@@ -240,24 +241,20 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
     }
     printed = {"ia_star, as printed": CELL_RATIO}
     sparse = measured[PAPER.name, DENSITIES_PER_M2[0], PAPER.leader]
-    ratios = render_png(partial(draw_all_ratios, lines, printed, "Cells of A* over cells of a planner, run by run"))
     title = f"The first run, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
-    first = render_png(partial(draw_first_run, sparse, title))
-    assert ratios is not None
-    assert first is not None
     return (
-        TablePicture(
+        drawn(
             "ratios",
             "Ratios of cells, A* over IA* and over MT-D* Lite, run by run with medians: as printed, and by both "
             "presets in both forests.",
             "Each dot a run; bars: the median over the runs and its 95 % interval; trees to a square metre. Each "
             "preset has its own A* below it.",
-            ratios,
+            partial(draw_all_ratios, lines, printed, "Cells of A* over cells of a planner, run by run"),
         ),
-        TablePicture(
+        drawn(
             "cells",
             "Cells opened in each replan of one walk, A* in grey, IA* in blue and far below it.",
             "As Fig. 18: IA* peaks where it has to plan from scratch.",
-            first,
+            partial(draw_first_run, sparse, title),
         ),
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.tracking.walks import (
     CONDITIONS,
     ETA,
@@ -37,7 +38,7 @@ from quadlog.pipelines.tables.tracking.walks import (
 )
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -252,29 +253,24 @@ def make_table(fast: bool, seed: int) -> PaperTable:
 
 def _pictures(measured: Measured, seed: int) -> tuple[TablePicture, ...]:
     panels = {condition: {called: measured[condition, called] for called in COURSES} for condition in CONDITIONS}
-    errors, etas = render_png(partial(draw_errors, panels)), render_png(partial(draw_etas, panels))
-    curves = render_png(partial(draw_curves, measured[DRAWN][0]))
-    assert errors is not None
-    assert etas is not None
-    assert curves is not None
     return (
-        TablePicture(
+        drawn(
             "errors",
             "Distance to the path over time on line and circle, undisturbed above, disturbed below.",
             f"The walks of seed {held_out_seeds(1, seed)[0]}. A cross: it fell there.",
-            errors,
+            partial(draw_errors, panels),
         ),
-        TablePicture(
+        drawn(
             "eta",
             "Mean error of each walk by course, with means and intervals, undisturbed and disturbed.",
             "A dot for each walk, hollow where it fell; above it the mean over the seeds and its 95 % interval.",
-            etas,
+            partial(draw_etas, panels),
         ),
-        TablePicture(
+        drawn(
             "curves",
             "A walk round the circle: its way, errors of position and yaw, speed and yaw rate, joint torques of a leg, "
             "k_v and k_w, and the look-ahead.",
             f"As Figs 21 to 24: the undisturbed walk of seed {held_out_seeds(1, seed)[0]} round the circle on 6 cm.",
-            curves,
+            partial(draw_curves, measured[DRAWN][0]),
         ),
     )

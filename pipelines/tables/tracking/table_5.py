@@ -8,6 +8,7 @@ import numpy as np
 
 from quadlog.control.following.lookahead import HONEST
 from quadlog.pipelines.tables.intervals import share_interval
+from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.tracking.walks import (
     CHOOSING_SEEDS,
     CONDITIONS,
@@ -36,7 +37,7 @@ from quadlog.pipelines.tables.tracking.walks import (
     walk_all,
 )
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count, render_png
+from quadlog.results.plots.style import count
 
 CONTROLLERS = (Steering("FpMW", "fpmw"), Steering("FpM", "fpm"), Steering("pMW", "pmw"))
 TUNED = Steering("tuned rules", "fpmw", HONEST.l0_m, HONEST)
@@ -291,21 +292,18 @@ def _pictures(measured: Measured, seed: int) -> tuple[TablePicture, ...]:
         condition: {name: measured[condition, name] for name in (*NAMES, *RIVALS) if (condition, name) in measured}
         for condition in CONDITIONS
     }
-    errors, etas = render_png(partial(draw_errors, three)), render_png(partial(draw_etas, everything))
-    assert errors is not None
-    assert etas is not None
     return (
-        TablePicture(
+        drawn(
             "errors",
             "Distance to the path over time of FpMW, FpM and pMW, undisturbed above, disturbed below.",
             f"The walks of seed {held_out_seeds(1, seed)[0]}. It grows where bends begin and end. A cross: a fall.",
-            errors,
+            partial(draw_errors, three),
         ),
-        TablePicture(
+        drawn(
             "eta",
             "Mean error of each walk by controller and by rival look-ahead, with means and intervals.",
             "A dot for each walk, hollow where it fell; above it the mean over the seeds and its 95 % interval. The "
             "rivals below the three controllers have MPC and whole-body control.",
-            etas,
+            partial(draw_etas, everything),
         ),
     )

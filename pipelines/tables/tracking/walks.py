@@ -10,19 +10,18 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FuzzySettings
 from quadlog.messages import Float
-from quadlog.metrics.intervals import FEWEST_VALUES
+from quadlog.metrics.intervals import FEWEST_VALUES, Interval, student_interval
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.run_folder import walk_metrics
 from quadlog.pipelines.simulation.walk import SimulatedWalk, walk_once, warm_up
-from quadlog.pipelines.tables.intervals import Interval, compare, share_interval
+from quadlog.pipelines.tables.intervals import compare, share_interval
 from quadlog.results.papers.table import PaperRow
 from quadlog.results.plots import style
 from quadlog.simulation.robot.disturbances import DISTURBED
@@ -194,25 +193,16 @@ LOOKAHEAD_RANGE = TrackingStatistic("lookahead_range_m", "range of look-ahead", 
 
 def mean_interval(values: Float) -> tuple[float, Interval | None]:
     """Mean over N seeds and its 95 % interval after Student, which starts no lower than 0; None for one seed."""
-    mean = float(np.mean(values))
-    if len(values) < 2:
-        return mean, None
-    half = _quantile(len(values)) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return mean, (max(mean - half, 0.0), mean + half)
+    interval = student_interval(values)
+    return float(np.mean(values)), None if interval is None else (max(interval[0], 0.0), interval[1])
 
 
 def ratio_interval(parts: Float, wholes: Float) -> tuple[float, Interval | None]:
     """Geometric mean of N paired ratios of positive figures and its 95 % interval, Student's of their logarithms."""
     logs = np.log(parts / wholes)
-    middle = float(np.mean(logs))
-    if len(logs) < 2:
-        return math.exp(middle), None
-    half = _quantile(len(logs)) * float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
-    return math.exp(middle), (math.exp(middle - half), math.exp(min(middle + half, 700.0)))
-
-
-def _quantile(count: int) -> float:
-    return float(student.ppf(0.975, count - 1))
+    interval = student_interval(logs)
+    ratio = math.exp(float(np.mean(logs)))
+    return ratio, None if interval is None else (math.exp(interval[0]), math.exp(min(interval[1], 700.0)))
 
 
 def mean_row(

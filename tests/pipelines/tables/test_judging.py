@@ -10,21 +10,7 @@ from quadlog.pipelines.tables.intervals import (
     bootstrap_rms,
     compare,
     rms_interval,
-    share_interval,
 )
-
-
-def test_the_normal_quantile_is_scipys():
-    assert pytest.approx(stats.norm.ppf(0.975), abs=1e-14) == Z_95
-
-
-@pytest.mark.parametrize(("count", "total"), [(0, 30), (30, 30), (1, 7), (9_500, 10_000)])
-def test_the_interval_of_a_share_is_scipys(count, total):
-    share, interval = share_interval(count, total)
-    expected = stats.binomtest(count, total).proportion_ci(0.95, method="wilson")
-    assert share == count / total
-    assert interval == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert 0 <= interval[0] <= share <= interval[1] <= 1
 
 
 def test_the_interval_of_an_rms_holds_the_truth_as_often_as_it_says():

@@ -7,7 +7,6 @@ import pytest
 
 from quadlog.control.following.lookahead import HONEST, PAPER
 from quadlog.pipelines.simulation.walk import disturbance_settings, fuzzy_settings, lookahead_control
-from quadlog.pipelines.tables.tracking import walks as tracked_walks
 from quadlog.pipelines.tables.tracking.table_5 import CONTROLLERS, KNOWN_BEST_M, LENGTHS_M, TUNED, best_fixed_m, fixed
 from quadlog.pipelines.tables.tracking.walks import (
     CHOOSING_SEEDS,
@@ -22,7 +21,6 @@ from quadlog.pipelines.tables.tracking.walks import (
     TrackingTask,
     held_out_seeds,
     mean_row,
-    walk_all,
     walk_task,
 )
 from quadlog.simulation.robot.disturbances import DISTURBED, NONE
@@ -53,13 +51,6 @@ def test_tuned_rules_are_the_honest_ones():
 def test_disturbed_means_what_simulate_means_by_it():
     assert disturbance_settings(task(CONTROLLERS[0], disturbed=True).config.simulation.disturbances) == DISTURBED
     assert asdict(disturbance_settings(task(CONTROLLERS[0]).config.simulation.disturbances)) == asdict(NONE)
-
-
-def test_walks_come_in_the_order_of_their_tasks(monkeypatch):
-    monkeypatch.setattr(tracked_walks, "cores", lambda: 1)
-    monkeypatch.setattr(tracked_walks, "_warm_up", lambda task: None)
-    monkeypatch.setattr(tracked_walks, "walk_task", lambda task: task.seed)
-    assert walk_all([task(TUNED, seed=seed) for seed in (7, 3, 5)]) == [7, 3, 5]
 
 
 def walk(eta_m, fallen=0.0):
@@ -110,10 +101,3 @@ def test_what_is_drawn_is_kept_and_its_figures_are_those_of_the_curves(short):
     both = np.hypot(first.of("x_error_rms_m"), first.of("y_error_rms_m"))
     assert both == pytest.approx(np.sqrt(np.mean(drawn.error_m**2)))
     assert first.of("k_v_range") == pytest.approx(np.ptp(drawn.curves["k_v"]))
-
-
-def test_the_same_task_is_the_same_walk(short):
-    first, second = short
-    assert first.figures == second.figures
-    assert np.array_equal(first.error_m, second.error_m)
-    assert "realtime_factor" not in first.figures

@@ -8,6 +8,7 @@ from quadlog.metrics.planning import Replans, search_metrics
 
 def replans(**columns):
     defaults = {
+        "t_ns": np.arange(5),
         "found": np.array([True, True, False, True, True]),
         "expanded": np.array([100, 10, 500, 20, 1]),
         "generated": np.array([150, 20, 500, 40, 1]),
@@ -39,9 +40,7 @@ def test_ratio_only_with_counts_and_share_only_for_incremental_planners():
 
 
 def test_nothing_from_nothing():
-    empty = replans(
-        **{name: np.empty(0) for name in ("found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")}
-    )
+    empty = replans(**dict.fromkeys(Replans.__slots__[:-1], np.empty(0)))
     assert search_metrics(empty, incremental=True) == {}
     failed = replans(found=np.zeros(5, dtype=bool), optimal_cost=np.full(5, np.nan), expanded=np.zeros(5))
     metrics = search_metrics(failed, incremental=True)

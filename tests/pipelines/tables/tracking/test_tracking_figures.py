@@ -29,14 +29,6 @@ def walks(*etas_m, **figures):
 FIGURES = st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=12).filter(lambda values: np.ptp(values) > 1e-3)
 
 
-@given(FIGURES)
-def test_the_mean_has_students_interval(values):
-    mean, (low, high) = mean_interval(np.array(values))
-    expected = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
-    assert mean == pytest.approx(np.mean(values))
-    assert (low, high) == pytest.approx((max(expected[0], 0), expected[1]))
-
-
 @given(FIGURES, st.floats(0.1, 10))
 def test_the_ratio_has_the_interval_of_its_logarithms(values, factor):
     wholes = np.array(values)
