@@ -91,7 +91,7 @@ def _advance(recording: Recording, progress: Progress, messages: Iterator[Decode
 def _uwb(part: Recording, roles: Roles, config: Config, whole: bool) -> tuple[dict[str, Any], list[str]]:
     if not config.uwb.anchors:
         return {"uwb": [], "uwb_tags": [], "dilution": None}, []
-    from quadlog.pipelines.uwb_diagnostics import uwb_diagnostics  # what locates takes half a second to load
+    from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics  # what locates takes half a second to load
 
     return uwb_diagnostics(part, roles, config, whole)
 

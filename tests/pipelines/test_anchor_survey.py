@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import RangeSeries
-from quadlog.pipelines.uwb_diagnostics import check_located, survey_warnings
+from quadlog.pipelines.evaluation.uwb_diagnostics import check_located, survey_warnings
 from quadlog.positioning.anchor_survey import AnchorShift, SurveyFaults
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
