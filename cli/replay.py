@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from quadlog.cli.terminal.parameters import HERE, PLACE, PlannerName, files
+from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.errors import UsageError, printable
 from quadlog.results.run.stages import STAGES
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from quadlog.pipelines.batch.plan import Previewed
     from quadlog.pipelines.request import ReplayOutcome
 
-CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic", "none")
 PRESETS = ("paper",)
 
 
@@ -38,7 +38,9 @@ PRESETS = ("paper",)
 @click.option(
     "--planner", type=PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME; see compare-planners."
 )
-@click.option("--controller", type=click.Choice(CONTROLLERS), help="As --set simulation.controller=NAME.")
+@click.option(
+    "--controller", type=click.Choice([*CONTROLLERS, NO_CONTROLLER]), help="As --set simulation.controller=NAME."
+)
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Recordings replayed at a time; default: one per core.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to replay on, as in tcp://host:8786.")

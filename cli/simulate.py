@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from quadlog.cli.terminal.parameters import HERE, files
+from quadlog.config.controllers import CONTROLLERS
 
-CONTROLLERS = ("fpmw", "fpm", "pmw", "kinematic")
 TERRAINS = ("flat", "3cm", "6cm")
 MOST_SEEDS = 1000
 TROT = "trot-32s"
@@ -27,7 +27,7 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
 
 @click.command(name="simulate", short_help="Walk a course with a simulated quadruped.")
 @click.argument("course", metavar="COURSE", shell_complete=files("line", "circle", "s-curve", TROT))
-@click.option("--controller", type=click.Choice(CONTROLLERS), help="As --set simulation.controller=NAME.")
+@click.option("--controller", type=click.Choice(list(CONTROLLERS)), help="As --set simulation.controller=NAME.")
 @click.option(
     "--terrain",
     metavar=f"{'|'.join(TERRAINS)}|RUN",

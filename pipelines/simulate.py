@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import AlreadyExists, ExitCode, UsageError
 from quadlog.pipelines.batch.summary import summarise
@@ -88,8 +89,8 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     Raises UsageError, AlreadyExists and what the course, the ground and the robot raise, before anything is walked.
     """
     controller = request.config.simulation.controller
-    if controller == "none":
-        raise UsageError("there is nothing to simulate without a controller; use --controller fpmw|fpm|pmw|kinematic")
+    if controller == NO_CONTROLLER:
+        raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
     check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})

@@ -49,7 +49,7 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
         clearance_m=simulation.clearance_m,
         swing=simulation.swing,
         aside_m=simulation.swing_aside_m,
-        whole_body=simulation.controller != "fpm",
+        whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
         mpc=mpc_settings(config.mpc),
         wbc=replace(wbc_settings(config.wbc), torque_limit_nm=robot.torque_limit_nm),
@@ -79,8 +79,9 @@ def fuzzy_settings(pursuit: Pursuit) -> FuzzySettings:
 
 
 def lookahead_control(config: Config) -> LookaheadControl:
-    """Fuzzy for fpmw and fpm, else fixed. A new one for every walk: it remembers its last error."""
-    if config.simulation.controller in ("fpmw", "fpm"):
+    """The controller's. A new one for every walk: it remembers its last error."""
+    parts = config.simulation.parts
+    if parts is not None and parts.fuzzy:
         return FuzzyLookahead(fuzzy_settings(config.pursuit))
     return FixedLookahead(config.pursuit.lookahead_m)
 
@@ -130,7 +131,7 @@ def walk_once(
     watch: Callable[[], None] | None = None
     robot: WalkingRobot | UnicycleRobot
     model = None
-    if config.simulation.controller == "kinematic":
+    if not config.simulation.has_body:
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
         model = robot_model(config, ground)

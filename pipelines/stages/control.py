@@ -37,7 +37,7 @@ def resimulate_walk(walk: ReplayContext) -> None:
     """control, clearances, resim_plans and resim_paths; nothing without a target or a controller."""
     config = walk.config
     maps = load_maps(walk.run.path)
-    if walk.target is None or config.simulation.controller == "none" or len(maps) == 0:
+    if walk.target is None or config.simulation.parts is None or len(maps) == 0:
         return
     walk.progress.begin("control", None)
     with walk.clock.stage("control"):
@@ -85,7 +85,7 @@ def _robot(walk: ReplayContext, start_pose: Float) -> WalkingRobot | UnicycleRob
     config = walk.config
     rng = np.random.default_rng([walk.seed, *b"resimulation"])
     disturbances = disturbance_settings(config.simulation.disturbances)
-    if config.simulation.controller == "kinematic":
+    if not config.simulation.has_body:
         return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
     check_rate(config.pursuit.rate_hz)
     model = robot_model(config, _ground(walk))

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from quadlog.config.controllers import CONTROLLERS
 from quadlog.config.schema import Config
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
@@ -123,7 +124,10 @@ def _walk_toy_robot(controller: str) -> None:
     from quadlog.simulation.robot.model import quadruped_model
     from quadlog.simulation.robot.walking_robot import WalkingRobot
 
-    model, settings = quadruped_model(ROBOTS["tracking"], flat()), WalkerSettings(whole_body=controller != "fpm")
+    model, settings = (
+        quadruped_model(ROBOTS["tracking"], flat()),
+        WalkerSettings(whole_body=CONTROLLERS[controller].whole_body),
+    )
     WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
 
 

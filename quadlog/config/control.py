@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, ControllerParts
 from quadlog.config.section import Section, in_order
 
 Weight = Annotated[float, Field(ge=0, le=1e9)]
@@ -189,7 +190,7 @@ class Trot(Section):
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
-    controller: Literal["fpmw", "fpm", "pmw", "kinematic", "none"] = Field(
+    controller: Literal[(*CONTROLLERS, NO_CONTROLLER)] = Field(  # type: ignore[valid-type]
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
         "kinematic: a point that does as it is told, fixed look-ahead; none leaves the control stage out",
@@ -218,6 +219,11 @@ class Simulation(Section):
     trot: Trot = Trot()
 
     @property
+    def parts(self) -> ControllerParts | None:
+        """What drives the robot; None where nothing does."""
+        return CONTROLLERS.get(self.controller)
+
+    @property
     def has_body(self) -> bool:
         """Whether a rigid-body robot walks."""
-        return self.controller in ("fpmw", "fpm", "pmw")
+        return self.parts is not None and self.parts.body
