@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class ControllerParts(NamedTuple):
-    """Whether the look-ahead is fuzzy, a body walks by MPC, and whole-body control makes torques of the MPC's forces."""
+    """Whether the look-ahead is fuzzy, a body walks by MPC, and whole-body control takes part."""
 
     fuzzy: bool
     body: bool
