@@ -5,6 +5,7 @@ import pytest
 
 from quadlog.planning.planners import ara_star
 from quadlog.planning.planners.ara_star import WEIGHTS_TENTHS, ARAStar
+from quadlog.planning.planners.astar import AStar
 from quadlog.planning.rules import COSTS, TIES, Rules
 
 
@@ -31,6 +32,17 @@ def test_a_round_costs_no_more_than_its_weight_allows(forest, costs_from, assert
                 assert best * (1 - 1e-12) <= plan.cost <= best * weight / 10 * (1 + 1e-12)
                 dearer += plan.cost > best * (1 + 1e-12)
     assert (dearer > 0) == (weight > 10)
+
+
+@pytest.mark.parametrize("ties", TIES)
+def test_weight_of_one_alone_is_astar(forest, ties):
+    """Which of several cells with equal f and g comes first is free: a few more or less."""
+    rules = Rules(ties=ties)
+    for seed in range(10):
+        blocked = forest(seed, 0.25)
+        ours = of_weights(10, rules=rules).plan(blocked, (2, 2), (30, 35))
+        best = AStar(rules).plan(blocked, (2, 2), (30, 35))
+        assert ours.expanded == pytest.approx(best.expanded - 1, rel=0.15, abs=12)
 
 
 def test_rounds_go_on_from_what_is_known(forest):
