@@ -8,10 +8,17 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, PLACE, examples, say_skipped
 
 
-@click.command(name="check", short_help="Hold the metrics of runs to bounds, for CI.")
+@click.command(
+    name="check",
+    short_help="Hold the metrics of runs to bounds, for CI.",
+    epilog=examples(
+        "quadlog check runs/yesterday --expect bounds.toml --write",
+        "quadlog check runs --expect bounds.toml --junit checks.xml",
+    ),
+)
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PLACE)
 @click.option("--expect", type=HERE, required=True, metavar="FILE.toml", help="The bounds.")
 @click.option("--write", is_flag=True, help="Propose bounds from the runs, and write them to FILE.toml.")

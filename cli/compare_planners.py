@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PlannerName, files
+from quadlog.cli.terminal.parameters import HERE, PlannerName, examples, files
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -25,7 +25,15 @@ class Cell(click.ParamType):
         return int(match[1]), int(match[2])
 
 
-@click.command(name="compare-planners", short_help="Every planner on the same maps, paired and with intervals.")
+@click.command(
+    name="compare-planners",
+    short_help="Every planner on the same maps, paired and with intervals.",
+    epilog=examples(
+        "quadlog compare-planners runs/walk",
+        "quadlog compare-planners forest:0.1 forest:0.2 --preset paper -o comparison",
+        "quadlog compare-planners brc202d.map --scen brc202d.map.scen --planner astar --planner ia_star",
+    ),
+)
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, shell_complete=files("forest:"))
 @click.option("--planner", "planners", multiple=True, type=PlannerName(), help="Repeatable. Default: all.")
 @click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline and counting rule.")

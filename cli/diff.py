@@ -8,12 +8,19 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import PLACE
+from quadlog.cli.terminal.parameters import PLACE, examples
 
 _AMOUNT = click.FloatRange(min=0)
 
 
-@click.command(name="diff", short_help="Where two runs part: stage, instant, column, and by how much.")
+@click.command(
+    name="diff",
+    short_help="Where two runs part: stage, instant, column, and by how much.",
+    epilog=examples(
+        "quadlog diff runs/before runs/after",
+        "quadlog diff runs/before runs/after --tolerance 1e-6 --json",
+    ),
+)
 @click.argument("run_a", metavar="RUN_A", type=PLACE)
 @click.argument("run_b", metavar="RUN_B", type=PLACE)
 @click.option("--tolerance", metavar="X", type=_AMOUNT, default=0.0, help="Numbers no further apart are the same.")

@@ -6,12 +6,19 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE
+from quadlog.cli.terminal.parameters import HERE, PLACE, examples
 
 SUFFIX = {"tum": "trajectory.tum", "mcap": "derived.mcap", "csv": "csv", "rosmap": "rosmap"}
 
 
-@click.command(name="export", short_help="A run's results for evo, pandas, ROS map_server or Foxglove.")
+@click.command(
+    name="export",
+    short_help="A run's results for evo, pandas, ROS map_server or Foxglove.",
+    epilog=examples(
+        "quadlog export runs/walk --to tum -o walk.tum",
+        "quadlog export runs/walk --to rosmap -o map",
+    ),
+)
 @click.argument("run", type=PLACE)
 @click.option("--to", type=click.Choice(sorted(SUFFIX)), required=True, help="The format.")
 @click.option("-o", "--output", type=HERE, help="A file (tum, mcap) or a folder (csv, rosmap).")

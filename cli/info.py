@@ -11,14 +11,22 @@ from typing import Any
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE
+from quadlog.cli.terminal.parameters import HERE, PLACE, examples
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
 RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "median m", "NLOS", "weak path"}
 
 
-@click.command(name="info", short_help="What is in a recording: topics, rates, roles and why, losses.")
+@click.command(
+    name="info",
+    short_help="What is in a recording: topics, rates, roles and why, losses.",
+    epilog=examples(
+        "quadlog info walk.mcap",
+        "quadlog info walk.mcap --full -c quadlog.toml",
+        "quadlog info s3://lab/walk.mcap --json",
+    ),
+)
 @click.argument("recording", type=PLACE)
 @click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
@@ -33,16 +41,10 @@ def command(
     full: bool,
     as_json: bool,
 ) -> int:
-    r"""Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost.
+    """Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost.
 
     Of a large recording only the index and a sample of the messages are read: counts, rates and gaps are those of
     all messages; clock offsets, UWB ranges and damage are known from the sample alone. --full reads everything.
-
-    \b
-    Examples:
-      quadlog info walk.mcap
-      quadlog info walk.mcap --full -c quadlog.toml
-      quadlog info s3://lab/walk.mcap --json
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import load_config

@@ -7,11 +7,18 @@ from pathlib import Path
 import click
 
 from quadlog.cli.info import tell_health
-from quadlog.cli.terminal.parameters import HERE, PLACE
+from quadlog.cli.terminal.parameters import HERE, PLACE, examples
 from quadlog.errors import AlreadyExists, ExitCode
 
 
-@click.command(name="init", short_help="A commented config with what was detected filled in.")
+@click.command(
+    name="init",
+    short_help="A commented config with what was detected filled in.",
+    epilog=examples(
+        "quadlog init walk.mcap",
+        "quadlog init walk.mcap -o lab.toml --force",
+    ),
+)
 @click.argument("recording", type=PLACE)
 @click.option("-o", "--output", type=HERE, default=Path("quadlog.toml"), help="Where it is written.")
 @click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")

@@ -7,12 +7,20 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, PLACE, examples, say_skipped
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
 
-@click.command(name="metrics", short_help="The metrics of runs, compared, checked and explained.")
+@click.command(
+    name="metrics",
+    short_help="The metrics of runs, compared, checked and explained.",
+    epilog=examples(
+        "quadlog metrics runs/walk --explain ate_rmse_m",
+        "quadlog metrics runs --format csv",
+        "quadlog metrics runs --reference truth.tum --fail-if 'ate_rmse_m>0.3'",
+    ),
+)
 @click.argument("runs", nargs=-1, metavar="RUN...", type=PLACE)
 @click.option("--reference", type=HERE, metavar="FILE.tum", help="A trajectory that counts as true.")
 @click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' times (evo's --t_offset).")

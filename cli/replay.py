@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, PlannerName, files
+from quadlog.cli.terminal.parameters import HERE, PLACE, PlannerName, examples, files
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.errors import UsageError, printable
 from quadlog.results.run.stages import STAGES
@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 PRESETS = ("paper",)
 
 
-@click.command(name="replay", short_help="Replay recordings through every stage, one run folder each.")
+@click.command(
+    name="replay",
+    short_help="Replay recordings through every stage, one run folder each.",
+    epilog=examples(
+        "quadlog replay walk.mcap -c quadlog.toml",
+        "quadlog replay bags/ -c quadlog.toml --jobs 4 --resume",
+        "quadlog replay walk.mcap --until map --set grid.cell_m=0.2 -o coarse",
+    ),
+)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", shell_complete=files())
 @click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")

@@ -6,10 +6,17 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, say_skipped
+from quadlog.cli.terminal.parameters import HERE, examples, say_skipped
 
 
-@click.command(name="report", short_help="Plots and pages again, from saved results.")
+@click.command(
+    name="report",
+    short_help="Plots and pages again, from saved results.",
+    epilog=examples(
+        "quadlog report runs/walk",
+        "quadlog report runs",
+    ),
+)
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=HERE)
 @click.option("--force", is_flag=True, expose_value=False, help="Taken, as by every command that writes; not needed.")
 def command(runs: tuple[Path, ...]) -> int:

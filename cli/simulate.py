@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, files
+from quadlog.cli.terminal.parameters import HERE, examples, files
 from quadlog.config.controllers import CONTROLLERS
 
 TERRAINS = ("flat", "3cm", "6cm")
@@ -25,7 +25,14 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
     return terrain if Path(terrain).is_absolute() else f"./{terrain}"
 
 
-@click.command(name="simulate", short_help="Walk a course with a simulated quadruped.")
+@click.command(
+    name="simulate",
+    short_help="Walk a course with a simulated quadruped.",
+    epilog=examples(
+        "quadlog simulate s-curve --controller fpmw --seeds 10",
+        "quadlog simulate path.csv --terrain 3cm --disturbed --json",
+    ),
+)
 @click.argument("course", metavar="COURSE", shell_complete=files("line", "circle", "s-curve", TROT))
 @click.option("--controller", type=click.Choice(list(CONTROLLERS)), help="As --set simulation.controller=NAME.")
 @click.option(

@@ -6,14 +6,20 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE
+from quadlog.cli.terminal.parameters import HERE, examples
 from quadlog.simulation.synthetic.registry import SCENARIOS
 
 MAX_DURATION_S = 3600.0
 MAX_AZIMUTH_STEPS = 4000
 
 
-@click.command("synthesize")
+@click.command(
+    name="synthesize",
+    epilog=examples(
+        "quadlog synthesize follow -o walk.mcap --config-output walk.toml",
+        "quadlog synthesize forest -o forest.bag --duration 60 --seed 7",
+    ),
+)
 @click.argument("scenario", type=click.Choice(list(SCENARIOS)))
 @click.option("-o", "--output", required=True, type=HERE, help="The recording to write.")
 @click.option(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE
+from quadlog.cli.terminal.parameters import HERE, examples
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
@@ -23,7 +23,15 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
 """
 
 
-@click.command(name="tables", short_help="The papers' tables: what they print beside what quadlog finds.", help=HELP)
+@click.command(
+    name="tables",
+    short_help="The papers' tables: what they print beside what quadlog finds.",
+    help=HELP,
+    epilog=examples(
+        "quadlog tables --fast",
+        "quadlog tables planning-1 tracking-5 -o tables",
+    ),
+)
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
 @click.option("-o", "--output", type=HERE, default=Path("tables"), help="Folder to write to.")
 @click.option("--fast", is_flag=True, help="Fewer draws and wider intervals; the page says so.")

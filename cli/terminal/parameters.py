@@ -17,6 +17,12 @@ from quadlog.errors import printable
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 
+
+def examples(*commands: str) -> str:
+    """What a command's help ends with."""
+    return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
+
+
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 

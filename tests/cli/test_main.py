@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 
 from quadlog.cli.main import COMMANDS, cli, run
 from quadlog.version import __version__
@@ -52,6 +54,19 @@ def test_every_command_says_what_it_does():
         assert command is not None
         assert command.name == name
         assert command.help
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_ends_with_examples_that_the_command_takes(name):
+    command = cli.get_command(None, name)  # type: ignore[arg-type]
+    assert command is not None
+    shown = CliRunner().invoke(command, ["--help"]).output
+    examples = shown[shown.index("\n  Examples:\n") :].splitlines()[2:]
+    assert examples
+    for example in examples:
+        program, typed, *arguments = shlex.split(example)
+        assert (program, typed) == ("quadlog", name)
+        assert command.make_context(name, arguments).params
 
 
 def test_a_closed_pipe_ends_quietly():

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.cli.simulate import CONTROLLERS, TERRAINS
+from quadlog.cli.simulate import TERRAINS
 from quadlog.cli.simulate import _terrain as option_terrain
-from quadlog.config.control import Simulation
 from quadlog.config.file import load_config
 from quadlog.pipelines.simulation.courses import BANDS_M
 from quadlog.results.run.maps import GroundMap, read_ground, write_ground
@@ -119,5 +118,4 @@ def test_a_bad_path_is_one_line_that_says_where(tmp_path, capsys, text, said):
 
 
 def test_what_is_offered_is_what_there_is():
-    assert {*CONTROLLERS, "none"} == set(Simulation.model_fields["controller"].annotation.__args__)
     assert set(TERRAINS) == {"flat", *BANDS_M}

@@ -9,7 +9,6 @@ from typing import get_args
 
 import pytest
 
-from quadlog.cli import replay
 from quadlog.cli.main import COMMANDS
 from quadlog.config.control import Simulation
 from quadlog.config.file import PRESETS
@@ -61,10 +60,6 @@ def test_commands():
 )
 def test_choices(typed, choices):
     assert sorted(offered(typed)) == sorted(choices)
-
-
-def test_controllers_are_those_there_are():
-    assert get_args(Simulation.model_fields["controller"].annotation) == replay.CONTROLLERS
 
 
 @pytest.mark.parametrize("typed", ["info wa", "replay wa", "replay -c wa", "compare-planners wa", "report wa"])
