@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PlannerName, examples, files
+from quadlog.cli.terminal.parameters import HERE, SEED, PlannerName, examples, files
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 
@@ -55,7 +55,7 @@ class Cell(click.ParamType):
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key of the config; repeatable.")
 @click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="On stdout.")
 @click.option("-o", "--output", type=HERE, help="Folder for tables, plots and a page.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Draws forests and intervals.")
+@click.option("--seed", type=SEED, default=0, help="Draws forests and intervals.")
 @click.option("--force", is_flag=True, help="Replace what is there.")
 def command(
     sources: tuple[str, ...],

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, PlannerName, examples, files
+from quadlog.cli.terminal.parameters import HERE, PLACE, SEED, PlannerName, examples, files
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.errors import UsageError, printable
 from quadlog.results.run.stages import STAGES
@@ -56,7 +56,7 @@ PRESETS = ("paper",)
 @click.option("--force", is_flag=True, help="Replace existing runs.")
 @click.option("--stamp", type=click.Choice(["header", "log"]), default="header", help="Whose clock counts.")
 @click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, help="Of every random draw.")
+@click.option("--seed", type=SEED, default=0, help="Of every random draw.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, run nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")
 def command(

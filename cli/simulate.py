@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, examples, files
+from quadlog.cli.terminal.parameters import HERE, SEED, examples, files
 from quadlog.config.controllers import CONTROLLERS
 
 TERRAINS = ("flat", "3cm", "6cm")
@@ -44,7 +44,7 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
 )
 @click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Default: 0.6; the s-curve 0.5.")
 @click.option("--disturbed", is_flag=True, help="Pushes, wrong mass and velocity, a noisy and late pose.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="The first; draws ground and disturbances.")
+@click.option("--seed", type=SEED, default=0, help="The first; draws ground and disturbances.")
 @click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="How many walks.")
 @click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in mpc.mu=0.5.")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, examples
+from quadlog.cli.terminal.parameters import HERE, SEED, examples
 from quadlog.simulation.synthetic.registry import SCENARIOS
 
 MAX_DURATION_S = 3600.0
@@ -38,7 +38,7 @@ MAX_AZIMUTH_STEPS = 4000
 )
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=SEED,
     default=0,
     show_default=True,
     help="Draws every error, and what stands where in forest and corridor.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, examples
+from quadlog.cli.terminal.parameters import HERE, SEED, examples
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
 @click.option("-o", "--output", type=HERE, default=Path("tables"), help="Folder to write to.")
 @click.option("--fast", is_flag=True, help="Fewer draws and wider intervals; the page says so.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Draws everything random.")
+@click.option("--seed", type=SEED, default=0, help="Draws everything random.")
 @click.option("--force", is_flag=True, help="Replace what is there, if it would change.")
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
     """Make, write and print."""

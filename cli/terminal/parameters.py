@@ -23,6 +23,9 @@ def examples(*commands: str) -> str:
     return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
 
 
+SEED = click.IntRange(0, 2**32 - 1)
+"""What numpy and every other generator take."""
+
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
