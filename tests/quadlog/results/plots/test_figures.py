@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import io
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from quadlog.errors import NotARun, WorkerDied
@@ -68,6 +70,13 @@ def test_every_figure_is_drawn_from_a_complete_run(tiny_run: Path) -> None:
         assert image.width == 1200
         assert image.height <= 1800
         assert len(image.convert("RGB").getcolors(1 << 24) or []) > 10  # not an empty sheet
+
+
+def test_what_is_drawn_is_not_kept(tiny_run: Path) -> None:
+    """A folder of runs is drawn by one process."""
+    run = RunData(tiny_run)
+    render_plots(run, ["trajectory", "ranges"])
+    assert not [each for each in gc.get_objects() if isinstance(each, Figure)]
 
 
 @pytest.mark.parametrize("name", NEEDS)
