@@ -31,7 +31,9 @@ RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residua
 @click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
 @click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
-@click.option("--full", is_flag=True, help="Read every message: all damage, clocks and UWB ranges.")
+@click.option(
+    "--full", is_flag=True, help="Read every message: all damage, clocks and UWB ranges; check where anchors stand."
+)
 @click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
 def command(
     recording: Path,
