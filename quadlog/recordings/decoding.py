@@ -10,7 +10,7 @@ from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders import foxglove, imu, pose, uwb
+from quadlog.recordings.decoders import foxglove, imu, laser_scan, pose, uwb
 from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
@@ -37,6 +37,8 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "gtec_msgs/msg/Ranging": uwb.decode_ranging,
     "nav_msgs/msg/Odometry": pose.decode_odometry,
     "sensor_msgs/msg/Imu": imu.decode_imu,
+    "sensor_msgs/msg/LaserScan": laser_scan.decode_laser_scan,
+    "sensor_msgs/msg/MultiEchoLaserScan": laser_scan.decode_multi_echo_laser_scan,
     "sensor_msgs/msg/Range": uwb.decode_range,
     "tf2_msgs/msg/TFMessage": pose.decode_tf,
     "uwb_driver/msg/UwbRange": uwb.decode_uwb_range,

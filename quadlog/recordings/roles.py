@@ -17,6 +17,8 @@ from quadlog.recordings.recording import Recording
 # What messages of a type become, which is what decides the roles they can play.
 OWN_KINDS: dict[str, type[Message]] = {
     "sensor_msgs/msg/PointCloud2": PointCloud,
+    "sensor_msgs/msg/LaserScan": PointCloud,
+    "sensor_msgs/msg/MultiEchoLaserScan": PointCloud,
     "livox_ros_driver/msg/CustomMsg": PointCloud,
     "livox_ros_driver2/msg/CustomMsg": PointCloud,
     "foxglove.PointCloud": PointCloud,
