@@ -1,0 +1,83 @@
+"""Lidar odometry on simulated sweeps, whose poses are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from evo.core.geometry import umeyama_alignment
+
+from quadlog.geometry import seconds_since
+from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySettings, LidarTrack, ScanMatch
+from quadlog.simulation.synthetic import corridor, follow, forest
+from quadlog.simulation.synthetic.recording import START_NS
+
+LIDAR_HEIGHT_M = 0.45
+
+
+def scans_of(scenario, seed, duration_s, azimuth_steps=400):
+    """Points in base's axes with their times, and what tells the true position (N, 2) at instants."""
+    recording = scenario.synthesize(seed, duration_s, azimuth_steps)
+    scans = [
+        (scan.cloud.stamp_ns, scan.cloud.xyz_m + np.float32([0, 0, LIDAR_HEIGHT_M]), scan.cloud.offset_ns)
+        for scan in recording.scans()
+    ]
+    return scans, lambda t_ns: recording.site.robot.at(seconds_since(t_ns, START_NS)).position_m
+
+
+def odometry(scans) -> LidarTrack:
+    odometry = LidarOdometry(LidarOdometrySettings())
+    for scan in scans:
+        odometry.take(*scan)
+    return odometry.track()
+
+
+def ate_m(track: LidarTrack, true_at) -> float:
+    true_m = true_at(track.t_ns)
+    rotation, shift, _ = umeyama_alignment(track.position_m[:, :2].T, true_m.T)
+    return float(np.sqrt(((track.position_m[:, :2] @ rotation.T + shift - true_m) ** 2).sum(axis=1).mean()))
+
+
+@pytest.mark.parametrize(("scenario", "limit_m"), [(follow, 0.1), (forest, 0.1), (corridor, 0.5)])
+def test_the_track_of_a_walk_is_the_true_one_but_for_where_it_began(scenario, limit_m):
+    scans, true_at = scans_of(scenario, 21, 8.0)
+    track = odometry(scans)
+    assert len(track.t_ns) == len(scans)
+    assert ate_m(track, true_at) < limit_m
+
+
+def test_scans_of_a_corridor_are_flagged_and_those_of_a_yard_are_not():
+    flagged = {}
+    for scenario in (corridor, follow):
+        scans, _ = scans_of(scenario, 22, 4.0)
+        flagged[scenario] = (odometry(scans).match == ScanMatch.DEGENERATE).mean()
+    assert flagged[corridor] > 0.3
+    assert flagged[follow] == 0
+
+
+def test_an_empty_scan_is_lost_and_the_next_is_found_again():
+    scans, true_at = scans_of(follow, 23, 4.0)
+    scans[20:22] = [(t_ns, np.full((5, 3), np.nan, np.float32), None) for t_ns, _, _ in scans[20:22]]
+    track = odometry(scans)
+    assert np.flatnonzero(track.match == ScanMatch.LOST).tolist() == [20, 21]
+    assert ate_m(track, true_at) < 0.1
+
+
+def test_another_place_all_at_once_is_lost_rather_than_walked_to():
+    yard, _ = scans_of(follow, 24, 2.0)
+    wood, _ = scans_of(forest, 24, 2.0)
+    track = odometry([*yard[:15], *wood[15:]])
+    step_m = np.linalg.norm(np.diff(track.position_m, axis=0), axis=1)
+    assert step_m.max() < 0.5
+    assert (track.match[15:] == ScanMatch.LOST).any()
+
+
+def test_scans_that_come_late_or_twice_are_left_out():
+    scans, _ = scans_of(follow, 25, 1.0)
+    track = odometry([scans[0], scans[2], scans[1], scans[2], scans[3]])
+    assert len(track.t_ns) == 3
+    assert (np.diff(track.t_ns) > 0).all()
+
+
+def test_nothing_at_all_is_no_track():
+    assert len(odometry([]).t_ns) == 0
+    assert len(odometry([(0, np.empty((0, 3), np.float32), None)]).t_ns) == 0
