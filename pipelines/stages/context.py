@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.run.record import InputRecord
 from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.tables import has_table, read_table
 
 TARGET_GAP_S = 1.0
 """A target seen this recently is still there; longer gaps are not bridged."""
@@ -39,6 +41,20 @@ class RobotTrack:
     frame_id: str = ""
     covariance_m2: Float | None = None
     yaw_std_rad: Float | None = None
+
+    @classmethod
+    def read(cls, run: Path, frame_id: str = "") -> Self:
+        """As `position` has saved it; no table has the frame's name. Raises NotARun."""
+        poses = read_table(run, "poses")
+        covariance_m2: Float | None = None
+        yaw_std_rad: Float | None = None
+        if has_table(run, "pose_uncertainty"):
+            spread = read_table(run, "pose_uncertainty")
+            xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
+            covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
+            yaw_std_rad = spread["yaw_std_rad"]
+        xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), _first_of(poses["source"])
+        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, covariance_m2, yaw_std_rad)
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""
@@ -65,6 +81,12 @@ class TargetTrack:
     xy_m: Float
     source: str
 
+    @classmethod
+    def read(cls, run: Path) -> Self:
+        """As `position` has saved it. Raises NotARun."""
+        target = read_table(run, "target")
+        return cls(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), _first_of(target["source"]))
+
     @property
     def has_body(self) -> bool:
         """Whether returns near it are its own."""
@@ -79,6 +101,11 @@ class TargetTrack:
         return xy_m
 
 
+def _first_of(sources: np.ndarray) -> str:
+    """The source, which is the same in every row."""
+    return str(sources[0]) if len(sources) else ""
+
+
 def needed_lidar(roles: Roles) -> str:
     """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
     topic = roles.topic("lidar")
@@ -87,7 +114,8 @@ def needed_lidar(roles: Roles) -> str:
     return topic
 
 
-class WalkedBody(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class WalkedBody:
     """What walking took a re-simulated robot's body, in so many ticks of the simulation."""
 
     mass_kg: float

@@ -11,14 +11,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from uuid import uuid4
 
-import numpy as np
-from pydantic import ValidationError
+from pydantic import ConfigDict, ValidationError
 
 from quadlog.config.plugins import DECODERS, PLANNERS, all_plugins, is_installed
 from quadlog.config.schema import Config
 from quadlog.config.version import package_versions
 from quadlog.errors import ExitCode, NotARun, QuadlogError, RunOfAnother, UnknownRunFormat
-from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
@@ -36,7 +34,6 @@ from quadlog.results.run.stage_marks import (
     write_marks,
 )
 from quadlog.results.run.stages import STAGES, stages_until
-from quadlog.results.run.tables import has_table, read_table
 from quadlog.storage.atomic_write import files_written
 from quadlog.version import __version__
 
@@ -103,34 +100,6 @@ class _Took(Marked):
     peak_memory_mb: float
 
 
-class _Loss(Marked):
-    """See Loss."""
-
-    cause: str
-    detail: str
-    topic: str | None
-    count: int | None
-
-
-class _Effort(Marked):
-    """See Effort."""
-
-    energy_j: float
-    distance_m: float
-    torque_max_nm: float
-    saturation_share: float
-    pitch_rms_rad: float
-    height_rms_m: float
-
-
-class _Body(Marked):
-    """See WalkedBody."""
-
-    mass_kg: float
-    ticks: int
-    effort: _Effort
-
-
 class _Robot(Marked):
     """What a RobotTrack has that is in no table."""
 
@@ -144,6 +113,8 @@ class Known(Marked):
     losses, read_warnings: of the recording, as far as it was read by then. The order of all is kept.
     """
 
+    model_config = ConfigDict(strict=False)  # dataclasses are read from JSON's objects
+
     first_ns: int
     last_ns: int
     robot: _Robot | None
@@ -152,9 +123,9 @@ class Known(Marked):
     counts: dict[str, int]
     notes: list[str]
     warnings: list[str]
-    losses: list[_Loss]
+    losses: list[Loss]
     read_warnings: list[str]
-    body: _Body | None
+    body: WalkedBody | None
     stages: dict[str, _Took]
 
 
@@ -170,9 +141,9 @@ def note_known(walk: ReplayContext, stage: Stage) -> Known:
         counts={name: int(count) for name, count in walk.counts.items()},
         notes=walk.notes,
         warnings=walk.own_warnings,
-        losses=[_Loss(**asdict(loss)) for loss in walk.losses],
+        losses=walk.losses,
         read_warnings=walk.read_warnings,
-        body=None if body is None else _body(body),
+        body=None if body is None else WalkedBody(float(body.mass_kg), int(body.ticks), _plain(body.effort)),
         stages={
             name: _Took(seconds=clock.seconds[name], peak_memory_mb=clock.peak_memory_mb[name])
             for name in stage.names
@@ -191,44 +162,25 @@ def known_of(mark: StageMark) -> Known | None:
 
 def hand_over(known: Known, stage: Stage, walk: ReplayContext) -> None:
     """Bring a walk to where it was when the stage was done. Raises NotARun for damaged tables."""
-    run, body = walk.run.path, known.body
+    run = walk.run.path
     walk.first_ns, walk.last_ns = known.first_ns, known.last_ns
     if known.robot is not None:
-        walk.robot = _read_robot(run, known.robot)
+        walk.robot = RobotTrack.read(run, known.robot.frame_id)
     if known.target_source is not None:
-        walk.target = _read_target(run, known.target_source)
+        walk.target = TargetTrack.read(run)
     walk.used = {role: tuple(topics) for role, topics in known.used.items()}
     walk.counts = dict(known.counts)
     walk.notes, walk.own_warnings = list(known.notes), list(known.warnings)
-    walk.body = None if body is None else WalkedBody(body.mass_kg, body.ticks, Effort(**body.effort.model_dump()))
+    walk.body = known.body
     if "filter" in stage.names:
-        losses = [Loss(**loss.model_dump()) for loss in known.losses]
-        walk.read_before = WhatWasRead(losses, list(known.read_warnings))
+        walk.read_before = WhatWasRead(known.losses, known.read_warnings)
     for name, took in known.stages.items():
         walk.clock.seconds[name], walk.clock.peak_memory_mb[name] = took.seconds, took.peak_memory_mb
 
 
-def _body(body: WalkedBody) -> _Body:
-    effort = {name: float(value) for name, value in asdict(body.effort).items()}
-    return _Body(mass_kg=float(body.mass_kg), ticks=int(body.ticks), effort=_Effort(**effort))
-
-
-def _read_robot(run: Path, known: _Robot) -> RobotTrack:
-    poses = read_table(run, "poses")
-    xy_m = np.column_stack([poses["x_m"], poses["y_m"]])
-    covariance_m2: Float | None = None
-    yaw_std_rad: Float | None = None
-    if has_table(run, "pose_uncertainty"):
-        spread = read_table(run, "pose_uncertainty")
-        xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
-        covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
-        yaw_std_rad = spread["yaw_std_rad"]
-    return RobotTrack(poses["t_ns"], xy_m, poses["yaw_rad"], known.source, known.frame_id, covariance_m2, yaw_std_rad)
-
-
-def _read_target(run: Path, source: str) -> TargetTrack:
-    target = read_table(run, "target")
-    return TargetTrack(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), source)
+def _plain(effort: Effort) -> Effort:
+    """Without numpy's numbers, which JSON does not know."""
+    return Effort(**{name: float(value) for name, value in asdict(effort).items()})
 
 
 _MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")

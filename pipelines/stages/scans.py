@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
-from types import TracebackType
-from typing import IO, Generic, NamedTuple, Self, TypeVar
+from tempfile import SpooledTemporaryFile
+from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,61 +65,31 @@ class EvenSample(Generic[Item]):
 
 
 MOST_IN_MEMORY_BYTES = 4 << 20
-_LENGTH = struct.Struct("<Q")
 
 
-class Spill:
+class Spill(SpooledTemporaryFile[bytes]):
     """Records of bytes, read back in the order in which they were written.
 
-    The first ones stay in memory, up to a bound; the others go to a file in `folder` that has no name: it is gone with
-    the process, however that ends. Where the system knows no such files it has the name of an unfinished file for an
+    Up to a bound they stay in memory; beyond it they go to a file in `folder` that has no name: it is gone with the
+    process, however that ends. Where the system knows no such files it has the name of an unfinished file for an
     instant. Raises OSError when the disk is full.
     """
 
     def __init__(self, folder: Path, most_in_memory_bytes: int = MOST_IN_MEMORY_BYTES) -> None:
-        self._folder, self._room = folder, most_in_memory_bytes
-        self._held: list[bytes] = []
-        self._file: IO[bytes] | None = None
-        self._count = 0
+        super().__init__(most_in_memory_bytes, dir=str(folder), prefix=part_prefix(os.getpid()), suffix=".part")
+        self._lengths: list[int] = []
 
     def append(self, *parts: bytes) -> None:
         """One record, made of parts."""
-        record = b"".join(parts)
-        self._room -= len(record)
-        if self._room >= 0:
-            self._held.append(record)
-        else:
-            if self._file is None:
-                own = part_prefix(os.getpid())
-                self._file = TemporaryFile(dir=str(self._folder), prefix=own, suffix=".part")  # noqa: SIM115
-            self._file.write(_LENGTH.pack(len(record)) + record)
-        self._count += 1
+        self._lengths.append(self.write(b"".join(parts)))
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._lengths)
 
     def __iter__(self) -> Iterator[bytes]:
-        yield from self._held
-        if self._file is not None:
-            self._file.seek(0)
-            for _ in range(self._count - len(self._held)):
-                (length,) = _LENGTH.unpack(self._file.read(_LENGTH.size))
-                yield self._file.read(length)
-            self._file.seek(0, os.SEEK_END)
-
-    def close(self) -> None:
-        """Give the room back."""
-        self._held.clear()
-        if self._file is not None:
-            self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+        self.seek(0)
+        for length in self._lengths:
+            yield self.read(length)
 
 
 ROUTE_WORDS = {
