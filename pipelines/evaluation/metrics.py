@@ -1,4 +1,4 @@
-"""`quadlog metrics`: what is known of the metrics of saved runs, from their files alone."""
+"""`quadlog metrics`: the metrics of saved runs, from their files alone."""
 
 from __future__ import annotations
 

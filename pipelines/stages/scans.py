@@ -1,4 +1,4 @@
-"""From a cloud to what is kept of it until positions are known, and where that is kept."""
+"""Classify clouds as they are read, and keep compact scans on disk until positions are known."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ Item = TypeVar("Item")
 
 
 class EvenSample(Generic[Item]):
-    """Keeps every 2^k-th item, k growing with the stream, so that at most twice `wanted` are ever held.
+    """Keep every 2^k-th item of a stream, where k grows so that at most 2 `wanted` items are held.
 
-    expected: how long the stream is said to be, None where nothing says; k then begins where it would end.
+    expected: length of the stream, from which k starts; None if unknown.
     """
 
     def __init__(self, wanted: int, expected: int | None = None) -> None:
@@ -99,15 +99,15 @@ ROUTE_WORDS = {
     "paper": "as in [Following]",
 }
 ABOVE_M = 0.1
-"""Rays are kept so far above what matters."""
+"""Margin above the highest relevant height within which rays are kept."""
 _SKEWED = (None, *Skewed)
 _ROW = struct.Struct("<qd5q4d?BB")
 
 
 class ScanRow(NamedTuple):
-    """A scan in numbers: what `scans.parquet` has of it, and when its time slots (K,) are; ms: to classify it.
+    """A scan's row of `scans.parquet`, and its time slots (K,). ms: time to classify it.
 
-    skewed: why its points have no times, None where they have. compact: what a map needs of it.
+    skewed: why its points have no times, None if they have. compact: a CompactScan as bytes, for maps.
     """
 
     t_ns: int
@@ -126,7 +126,7 @@ class ScanRow(NamedTuple):
 
     @property
     def shows_nothing(self) -> bool:
-        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
+        """Whether the scan has too few returns to be used in a map: an empty scan does not show free space."""
         return self.n_ground + self.n_obstacle < FEWEST_RETURNS
 
     @property
@@ -150,7 +150,7 @@ class ScanRow(NamedTuple):
 
 
 class WholeScan(NamedTuple):
-    """Every valid point of a scan that is kept for pictures: xyz_m (N, 3) in base, label and time slot (N,)."""
+    """All valid points of a scan kept for figures: xyz_m (N, 3) in base, label and time slot (N,)."""
 
     t_ns: int
     xyz_m: NDArray[np.float32]
@@ -161,7 +161,7 @@ class WholeScan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ScanTally:
-    """How scans were looked at, and how many were not levelled although they should have been."""
+    """Number of scans by classification route, and of those not levelled, by reason."""
 
     routes: Counter[str] = field(default_factory=Counter)
     tilted: Counter[NotLevelled] = field(default_factory=Counter)
@@ -169,7 +169,7 @@ class ScanTally:
 
 @dataclass(frozen=True, slots=True)
 class ScanSettings:
-    """What of the configuration decides what is kept of a scan; compact: None where no maps are wanted of it."""
+    """Settings for reducing scans; compact: None where no maps are made."""
 
     classifier: RangeImageSettings | PaperSettings
     compact: CompactSettings | None
@@ -184,7 +184,7 @@ class ScanSettings:
 
 
 class Scanner:
-    """Classifies clouds one by one, and keeps in the spill what is needed of them later."""
+    """Classify clouds one by one, and write the reduced scans to the spill."""
 
     def __init__(
         self,
@@ -195,13 +195,13 @@ class Scanner:
         spill: Spill,
         expected: int | None = None,
     ) -> None:
-        """expected: how many clouds are said to come."""
+        """expected: number of clouds, if known."""
         self.tally, self.spill = ScanTally(), spill
         self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, expected)
         self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
         self._compactor: ScanCompactor | None = None
         if settings.compact is not None:
-            # Windows lie about base, and what is kept about the lidar.
+            # Windows are centred on base, compact scans on the lidar.
             reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
             self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
         self._tilt, self._transform_lidar_to_base = tilt, transform_lidar_to_base
@@ -269,7 +269,7 @@ def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
 
 
 def _sweep(cloud: PointCloud) -> tuple[int, int]:
-    """Times of the first and the last point, relative to the stamp; 0 where they cannot be."""
+    """Times of the first and last point relative to the stamp; 0 if they are implausible."""
     if cloud.times is None or len(cloud.times) == 0:
         return 0, 0
     first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
