@@ -1,4 +1,4 @@
-"""What `quadlog info` tells of a recording: topics and roles, clocks, losses, and the health of its ranges."""
+"""`quadlog info`: topics and roles of a recording, its clocks, losses, and the quality of its ranges."""
 
 from __future__ import annotations
 
@@ -34,10 +34,8 @@ def describe_recording(
 ) -> dict[str, Any]:
     """Everything `info --json` prints, as one object.
 
-    Counts and times come from the recording's index, the rest from an excerpt
-    of a large recording (sampled). full, or a recording without index: all of
-    it is read, which open_progress shows. Raises the errors of open_recording
-    and UnknownTopic.
+    Counts and times come from the recording's index, the rest from an excerpt of a large recording (sampled). With
+    full, or without an index, all of it is read, with progress. Raises the errors of open_recording and UnknownTopic.
     """
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
@@ -56,7 +54,7 @@ def _budget(config: Config) -> Budget:
 def _look(
     recording: Recording, budget: Budget | None, open_progress: OpenProgress
 ) -> tuple[Recording, Survey, list[str]]:
-    """What of the recording was read, what is in it, and a warning where all was read for want of an index.
+    """The part that was read, its survey, and a warning if all was read because there is no index.
 
     budget: for large recordings, None to read all.
     """
@@ -128,7 +126,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
 
 
 def _clock_warnings(seen: Survey) -> list[str]:
-    """Header stamps more than an hour from log time, or from one another: what would be mixed, and how to avoid it."""
+    """Warnings of header stamps more than an hour from log time, or that jump by more."""
     jumps = [
         f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time; "
         "take log times with  --stamp log"
@@ -146,7 +144,7 @@ def _clock_warnings(seen: Survey) -> list[str]:
 
 
 def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
-    """Ranges whose stamps go back, unless what is said of their use tells so already."""
+    """Warnings of ranges whose stamps go back, unless already among the warnings."""
     words = [
         stamps_go_back(each.name, each.clock_back_ns, each.clock_back_to_ns)
         for each in seen.topics

@@ -1,4 +1,4 @@
-"""`quadlog metrics`: what is known of the metrics of saved runs, from their files alone."""
+"""`quadlog metrics`: the metrics of saved runs, from their files alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from quadlog.metrics.summary import (
     worst_instants,
 )
 from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
-from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
 from quadlog.results.run.tables import start_ns
@@ -54,9 +54,9 @@ def _samples(name: str, run: Path, reference: Reference | None) -> Samples | Non
         return None
     if reference is not None and name in REFERENCE_METRICS:
         return compare_with_reference(run, reference).samples.get(name)
-    samples, problems = read_samples(run, [name])
-    if problems:
-        raise QuadlogError(problems[0])
+    samples, errors = read_samples(run, [name])
+    if errors:
+        raise errors[0]
     return samples.get(name)
 
 
@@ -177,8 +177,11 @@ def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
 
 
 def _from_samples(run: Path, metrics: Mapping[str, Measured] | None) -> tuple[dict[str, SampleSummary], list[str]]:
-    samples, problems = read_samples(run, metrics)
-    return _summaries(samples), problems
+    if metrics is None:
+        samples, errors = read_samples(run, SELF_EVIDENT, may_lack=True)
+    else:
+        samples, errors = read_samples(run, metrics)
+    return _summaries(samples), list(dict.fromkeys(map(str, errors)))
 
 
 def _summaries(samples: Mapping[str, Samples]) -> dict[str, SampleSummary]:
