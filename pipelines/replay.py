@@ -35,7 +35,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             return finished
         refuse_another(request, described)
 
-    from quadlog.pipelines.stages.ingest import open_walk
+    from quadlog.pipelines.stages.ingest import open_source, open_walk, reachable_stages
+    from quadlog.pipelines.stages.lidar_track import wants_lidar_track
     from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
     from quadlog.pipelines.stages.stage import stages_for
     from quadlog.pipelines.stages.warm_up import compilation
@@ -43,24 +44,32 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
         progress.say(reused_words(names_of(earlier), request.options.until))
-    todo = stages_for(request.options.until)
-    missing = [name for stage in todo if stage not in earlier for name in stage.names]
-    clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
     clock = StageClock()
-    with (
-        compilation(missing, request.config, progress.say) as compiled,
-        open_walk(request, clock, progress, described, clouds, partial(_compile, compiled, "filter", "map")) as walk,
-        _with_resume_hint(request.run),
-    ):
-        marked = MarkedStages(walk, request, earlier)
-        for stage in todo:
-            marked.do(stage, partial(_work, stage, compiled))
-        with clock.stage("report"):
-            # Drawing is not loaded before there is something to draw.
-            from quadlog.pipelines.stages.report import finish_walk
+    with open_source(request, clock, progress) as source:
+        todo = reachable_stages(source.roles, request.options.until)
+        missing = [name for stage in todo if stage not in earlier for name in stage.names]
+        clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
+        tracked = "position" in missing and wants_lidar_track(request.config, source.roles)
+        with (
+            compilation(missing, request.config, progress.say) as compiled,
+            open_walk(
+                *(source, request, clock, progress, described, clouds),
+                before_clouds=partial(_compile, compiled, "filter", "map"),
+                tracked=tracked,
+            ) as walk,
+            _with_resume_hint(request.run),
+        ):
+            marked = MarkedStages(walk, request, earlier)
+            for stage in todo:
+                marked.do(stage, partial(_work, stage, compiled))
+            if todo != stages_for(request.options.until):
+                walk.warn(f"nothing is filtered, mapped, planned or walked: {source.roles.why_none('lidar')}")
+            with clock.stage("report"):
+                # Drawing is not loaded before there is something to draw.
+                from quadlog.pipelines.stages.report import finish_walk
 
-        metrics = finish_walk(walk, request, compiled.seconds)
-        losses, reused = walk.losses, walk.reused
+            metrics = finish_walk(walk, request, compiled.seconds)
+            losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
 

@@ -14,6 +14,7 @@ from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.pipelines.stages.lidar_track import LidarTracker
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.recording import Recording
@@ -134,7 +135,8 @@ class ReplayContext:
     """State shared by the stages of one replay: each reads what earlier ones added, and adds its own results.
 
     start_ns, end_ns: the requested window on the chosen clock, None where it is open. first_ns, last_ns: first and last
-    instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. used: role -> topics
+    instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. tracker: the
+    robot's track by its clouds, None where it is not made. used: role -> topics
     that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
     stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
     warnings of reused clouds.
@@ -155,6 +157,7 @@ class ReplayContext:
     first_ns: int
     last_ns: int
     scanner: Scanner | None = None
+    tracker: LidarTracker | None = None
     robot: RobotTrack | None = None
     target: TargetTrack | None = None
     used: dict[str, tuple[str, ...]] = field(default_factory=dict)

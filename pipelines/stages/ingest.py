@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -17,7 +17,9 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
+from quadlog.pipelines.stages.lidar_track import LidarTracker
 from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
+from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
 from quadlog.pipelines.stages.uwb import wants_uwb
 from quadlog.recordings.gathering import One
@@ -27,7 +29,6 @@ from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.results.run.record import InputRecord, describe_file, describe_input_aside
 from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.stages import stages_until
 from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
 
@@ -59,18 +60,26 @@ def read_all(
     wanted: Gatherer,
     lidar: str,
     window: tuple[int | None, int | None],
-    scanner: Scanner,
+    takers: Mapping[str, Callable[[int, PointCloud], None]],
     tilt: Tilt,
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
     """Read the small topics and all clouds; a cloud waits until the body's tilt is known up to its last point.
 
-    Returns the instant of the first cloud, None where there was none.
+    takers: what each cloud is given to, by the stage whose time it takes. Returns the instant of the first cloud, None
+    where there was none.
     """
     start_ns: int | None = None
     waiting: deque[tuple[int, PointCloud]] = deque()
-    with clock.laps("ingest", "filter") as lap:
+    with clock.laps("ingest", *takers) as lap:
+
+        def take_first() -> None:
+            each = waiting.popleft()
+            for name, take in takers.items():
+                take(*each)
+                lap(name)
+
         for gathered in recording.gathered([*wanted.moving, lidar], tilt.topics(wanted.moving_tf), *window):
             if gathered.topic != lidar:
                 wanted.take(gathered, recording.stamp)
@@ -83,46 +92,76 @@ def read_all(
             start_ns = t_ns if start_ns is None else start_ns
             waiting.append((t_ns, gathered.message))
             while len(waiting) > MOST_WAITING or (waiting and tilt.reaches(end_of_sweep_ns(*waiting[0]))):
-                scanner.take(*waiting.popleft())
+                take_first()
             progress.advance((t_ns - start_ns) * 1e-9)
-            lap("filter")
-        for each in waiting:
-            scanner.take(*each)
-        lap("filter")
+        lap("ingest")
+        while waiting:
+            take_first()
     return start_ns
 
 
 Clouds = Literal["filter", "map"] | None
 
 
+class Source(NamedTuple):
+    """An open recording, and which topic plays which role."""
+
+    recording: Recording
+    roles: Roles
+
+
+@contextmanager
+def open_source(request: ReplayRequest, clock: StageClock, progress: Progress) -> Iterator[Source]:
+    """Open the recording and detect the roles of its topics; nothing is compiled and no folder made before."""
+    progress.begin("ingest", None)
+    with clock.stage("ingest"):
+        recording = open_configured(request.recording, request.config, request.options.msg_path, request.options.stamp)
+    with recording:
+        with clock.stage("ingest"):
+            roles = detect_roles(recording, request.config.topics)
+        yield Source(recording, roles)
+
+
+def reachable_stages(roles: Roles, until: str) -> tuple[Stage, ...]:
+    """The stages up to `until` that the log allows; without a lidar those before `filter`.
+
+    Raises MissingInput for a stage that was asked for by its name, and AmbiguousTopic.
+    """
+    stages = stages_for(until)
+    if until == "report" and roles.topic("lidar") is None:
+        return tuple(stage for stage in stages if stage is POSITION)
+    if any("filter" in stage.names for stage in stages):
+        needed_lidar(roles)
+    return stages
+
+
 @contextmanager
 def open_walk(
+    source: Source,
     request: ReplayRequest,
     clock: StageClock,
     progress: Progress,
     described: InputRecord | None = None,
     clouds: Clouds = None,
     before_clouds: Callable[[], None] = lambda: None,
+    tracked: bool = False,
 ) -> Iterator[ReplayContext]:
-    """Open and read the recording in one pass; its run folder is claimed before, and released if that fails.
+    """Read the recording in one pass; its run folder is claimed before, and released if that fails.
 
     described: the input, if known already. clouds: whether clouds are classified, and kept for maps.
-    before_clouds: called before the first cloud is read.
+    before_clouds: called before the first cloud is classified. tracked: whether the robot's track is made of clouds.
     """
     from quadlog.pipelines.request import Existing
 
-    progress.begin("ingest", None)
-    with clock.stage("ingest"):
-        recording = open_configured(request.recording, request.config, request.options.msg_path, request.options.stamp)
-    with recording, ExitStack() as stack:
+    recording, roles = source
+    with ExitStack() as stack:
         with clock.stage("ingest"):
             describe = _describing(request.recording, recording) if described is None else lambda: described
-            roles = detect_roles(recording, request.config.topics)
-            if "filter" in stages_until(request.options.until):
-                needed_lidar(roles)
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
-            walk = _read(request, recording, describe, roles, run, clouds, before_clouds, stack, clock, progress)
+            walk = _read(
+                request, recording, describe, roles, run, clouds, before_clouds, tracked, stack, clock, progress
+            )
             _tell_ambiguities(walk)
             walk.say_what_is_new()
             try:
@@ -152,6 +191,7 @@ def _read(
     run: RunFolder,
     clouds: Clouds,
     before_clouds: Callable[[], None],
+    tracked: bool,
     stack: ExitStack,
     clock: StageClock,
     progress: Progress,
@@ -165,21 +205,29 @@ def _read(
         wanted.take_static(recording)
         mount = _mount(recording, roles, wanted.tree, config)
     scanner: Scanner | None = None
+    tracker: LidarTracker | None = None
     first_cloud_ns: int | None = None
-    if clouds is None:
+    if clouds is None and not tracked:
         with clock.stage("ingest"):
             read_small(recording, wanted, window)
     else:
         lidar = needed_lidar(roles)
         progress.begin("start-up", None)
-        before_clouds()
+        if clouds is not None:
+            before_clouds()
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
-            settings = ScanSettings.of_config(config, maps=clouds == "map")
             expected = _expected(recording, lidar, window)
-            scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)), expected)
+            takers: dict[str, Callable[[int, PointCloud], None]] = {}
+            if clouds is not None:
+                settings = ScanSettings.of_config(config, maps=clouds == "map")
+                scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)), expected)
+                takers["filter"] = scanner.take
+            if tracked:
+                tracker = LidarTracker(config, mount, tilt)
+                takers["position"] = tracker.take
             progress.begin("ingest", expected)
-        first_cloud_ns = read_all(recording, wanted, lidar, window, scanner, tilt, clock, progress)
+        first_cloud_ns = read_all(recording, wanted, lidar, window, takers, tilt, clock, progress)
     with clock.stage("ingest"):
         streams = wanted.streams()
         if streams.imu is not None:
@@ -202,6 +250,7 @@ def _read(
         first_ns=first_ns,
         last_ns=last_ns,
         scanner=scanner,
+        tracker=tracker,
     )
 
 

@@ -200,7 +200,9 @@ def _warn_if_uncertain(walk: ReplayContext, std_rad: float) -> None:
         walk.warn(f"heading is known to {np.degrees(std_rad):.1f} degrees only; 1 degree is 17 cm at 10 m")
 
 
-AUTO_ORDER = ("uwb", "tf", "odometry", "fixed")
+AUTO_ORDER = ("uwb", "tf", "odometry", "lidar", "fixed")
+LIDAR_FRAME = "lidar_start"
+"""The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
 
 def locate_walk(walk: ReplayContext) -> None:
@@ -230,6 +232,7 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
         "uwb": lambda: _from_uwb(walk, uwb),
         "tf": lambda: _from_tf(walk),
         "odometry": lambda: _from_odometry(walk),
+        "lidar": lambda: _from_lidar(walk),
         "fixed": lambda: _fixed(walk),
     }
     if wanted == "auto":
@@ -288,6 +291,17 @@ def _from_odometry(walk: ReplayContext) -> RobotTrack | None:
     return _from_poses(walk.streams.odometry, "odometry")
 
 
+def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
+    track = None if walk.tracker is None else walk.tracker.track()
+    if walk.tracker is None or track is None or len(track.t_ns) == 0:
+        return None
+    walk.use("lidar")
+    for text in walk.tracker.warnings():
+        walk.warn(text)
+    yaw_rad = np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0])
+    return RobotTrack(track.t_ns, track.position_m[:, :2], yaw_rad, "lidar", LIDAR_FRAME)
+
+
 def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
@@ -308,7 +322,7 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
-    in_one_frame = topics.target == "uwb" or robot.source != "odometry"
+    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "lidar")
     if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
     if topics.target == "uwb":

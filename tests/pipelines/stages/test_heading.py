@@ -17,7 +17,7 @@ from quadlog.messages import Imu, Odometry, Pose, UwbRanges
 from quadlog.pipelines.executor.progress import Silent, StageClock
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.ingest import open_walk
+from quadlog.pipelines.stages.ingest import open_source, open_walk
 from quadlog.pipelines.stages.position import locate_walk
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
@@ -118,7 +118,8 @@ def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext
     write_recording(WRITERS["mcap"](folder / "walk.mcap"), made.messages())
     config = load_config(folder / "quadlog.toml", list(overrides), {})
     request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"))
-    with open_walk(request, StageClock(), Silent()) as walk:
+    clock = StageClock()
+    with open_source(request, clock, Silent()) as source, open_walk(source, request, clock, Silent()) as walk:
         locate_walk(walk)
         yield walk
 

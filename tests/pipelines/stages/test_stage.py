@@ -101,7 +101,11 @@ def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
         patch.setattr(ScanSettings, "of_config", spied_settings)
         spy.at_work = "ingest"
         clouds = "map" if scans == "map" else "filter" if scans else None
-        with ingest.open_walk(request, StageClock(), Silent(), None, clouds) as walk:
+        clock = StageClock()
+        with (
+            ingest.open_source(request, clock, Silent()) as source,
+            ingest.open_walk(source, request, clock, Silent(), None, clouds) as walk,
+        ):
             for stage in stages:
                 with spy.at(stage.name), files_written() as written:
                     stage.load()(walk)
