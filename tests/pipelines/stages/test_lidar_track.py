@@ -1,0 +1,106 @@
+"""Logs that tell the robot's position by the lidar alone, and logs that have no lidar."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadlog.config.file import load_config
+from quadlog.errors import MissingInput
+from quadlog.geometry import seconds_since
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.tables import read_table
+from quadlog.simulation.synthetic import follow
+from quadlog.simulation.synthetic.recording import (
+    IMU_TOPIC,
+    LIDAR_TOPIC,
+    ODOMETRY_TOPIC,
+    START_NS,
+    TF_STATIC_TOPIC,
+    UWB_TOPIC,
+    SynthesizedRecording,
+)
+
+
+@pytest.fixture(scope="module")
+def walk() -> SynthesizedRecording:
+    return follow.synthesize(31, 5.0, azimuth_steps=300)
+
+
+def replayed(
+    folder: Path,
+    walk: SynthesizedRecording,
+    topics: set[str],
+    *overrides: str,
+    until: str = "report",
+    existing: Existing = Existing.REFUSE,
+) -> ReplayOutcome:
+    """A replay of those messages of the walk that are on some topics."""
+    recording = folder / "walk.mcap"
+    if not recording.exists():
+        write_recording(WRITERS["mcap"](recording), (each for each in walk.messages() if each.topic in topics))
+    config = load_config(None, list(overrides), {})
+    options = ReplayOptions(until=until)
+    return replay(ReplayRequest(recording, folder / "run", config, options, existing), Silent())
+
+
+@pytest.mark.parametrize("until", ["position", "map"])
+def test_without_other_sources_the_lidar_tells_where_the_robot_was(tmp_path, walk, until):
+    replayed(tmp_path, walk, {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC}, until=until)
+    poses = read_table(tmp_path / "run", "poses", ["t_ns", "x_m", "y_m", "yaw_rad", "source"])
+    assert set(poses["source"]) == {"lidar"}
+    motion = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
+    # Both in the frame of the first pose.
+    cos, sin = np.cos(motion.yaw_rad[0]), np.sin(motion.yaw_rad[0])
+    x_m, y_m = (motion.position_m - motion.position_m[0]).T
+    error_m = np.hypot(poses["x_m"] - (cos * x_m + sin * y_m), poses["y_m"] - (cos * y_m - sin * x_m))
+    turned = (poses["yaw_rad"] - (motion.yaw_rad - motion.yaw_rad[0]) + np.pi) % (2 * np.pi) - np.pi
+    assert error_m.max() < 0.1
+    assert np.abs(turned).max() < 0.03
+    assert len(poses["t_ns"]) == 50
+
+
+def test_an_odometry_goes_before_the_lidar_unless_chosen_otherwise(tmp_path, walk):
+    topics = {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC, ODOMETRY_TOPIC}
+    sources = {}
+    for chosen in ("auto", "lidar"):
+        (tmp_path / chosen).mkdir()
+        replayed(tmp_path / chosen, walk, topics, f"topics.position={chosen}", until="position")
+        sources[chosen] = set(read_table(tmp_path / chosen / "run", "poses", ["source"])["source"])
+    assert sources == {"auto": {"odometry"}, "lidar": {"lidar"}}
+
+
+def test_a_lidar_that_is_not_there_cannot_be_chosen(tmp_path, walk):
+    with pytest.raises(MissingInput, match=r"topics\.position = 'lidar'"):
+        replayed(tmp_path, walk, {IMU_TOPIC}, "topics.position=lidar")
+
+
+def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk):
+    topics = {ODOMETRY_TOPIC, UWB_TOPIC, IMU_TOPIC}
+    outcome = replayed(tmp_path, walk, topics)
+    record = read_run_json(tmp_path / "run")
+    assert outcome.exit_code == 0
+    assert [stage["name"] for stage in record["stages"]] == ["ingest", "position", "report"]
+    (why,) = [text for text in record["warnings"] if "lidar" in text]
+    assert why == "nothing is filtered, mapped, planned or walked: no topic is fit to be the lidar"
+    assert (tmp_path / "run" / "report.html").is_file()
+    again = replayed(tmp_path, walk, topics, existing=Existing.RESUME)
+    assert len(again.reused) == 6
+    with pytest.raises(MissingInput, match="no topic is fit to be the lidar"):
+        replayed(tmp_path, walk, topics, until="map", existing=Existing.FORCE)
+    assert read_run_json(tmp_path / "run") == record
+
+
+def test_compiled_code_that_the_log_cannot_use_is_not_compiled(tmp_path, walk, monkeypatch):
+    compiled: list[str] = []
+    monkeypatch.setattr(
+        "quadlog.pipelines.executor.compilation.Compilation.before", lambda _, *names: compiled.extend(names)
+    )
+    replayed(tmp_path, walk, {ODOMETRY_TOPIC, IMU_TOPIC})
+    assert compiled == []
