@@ -165,6 +165,8 @@ def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_
     control = [(each.run / "control.parquet").read_bytes() for each in (*one, *two)]
     assert control[:2] == control[2:]
     assert control[0] != control[1]
+    first, second = ((each.run / "ground.npz").read_bytes() for each in one)
+    assert first != second
 
 
 @pytest.mark.parametrize("controller", ["fpm", "pmw", "kinematic"])
