@@ -103,7 +103,7 @@ class QuadlogError(Exception):
     exit_code = ExitCode.FAILED
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """From another process a cause comes as it was: made anew it would take its line for its data."""
+        """Pickled with its attributes: exceptions are otherwise made again from their message alone."""
         return _as_it_was, (type(self), self.args, self.__dict__)
 
 
@@ -127,44 +127,41 @@ class Interrupted(QuadlogError):
         super().__init__(f"interrupted by {signal_name}" if signal_name else "interrupted")
 
 
-class RecordingNotFound(QuadlogError):
+class FileError(QuadlogError):
+    """A file, folder or URL (path) that cannot be used, and why in one phrase (reason)."""
+
+    template = "{path}: {reason}"
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(self.template.format(path=path, reason=reason))
+
+
+class RecordingNotFound(FileError):
     """No such file or folder, or a folder without recordings."""
 
     def __init__(self, path: Path | str, reason: str = "no such file or folder") -> None:
-        self.path = path
-        super().__init__(f"{path}: {reason}")
+        super().__init__(path, reason)
 
 
-class NotARecording(QuadlogError):
+class NotARecording(FileError):
     """The file exists, but is none of the containers quadlog reads."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)")
+    template = "{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)"
 
 
-class NothingReadable(QuadlogError):
-    """A recording so damaged, or so unknown, that not one message could be had from it."""
+class NothingReadable(FileError):
+    """A recording so damaged, or so unknown, that not one message could be read from it."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: nothing readable: {reason}")
+    template = "{path}: nothing readable: {reason}"
 
 
-class StorageUnknown(QuadlogError):
+class StorageUnknown(FileError):
     """A URL whose protocol quadlog does not know, or whose package is not installed."""
 
-    def __init__(self, url: str, reason: str) -> None:
-        self.url, self.reason = url, reason
-        super().__init__(f"{url}: {reason}")
 
-
-class StorageFailed(QuadlogError):
+class StorageFailed(FileError):
     """A server that cannot be reached, refuses, does not answer in time, or answers what cannot be right."""
-
-    def __init__(self, url: Path | str, reason: str) -> None:
-        self.url, self.reason = url, reason
-        super().__init__(f"{url}: {reason}")
 
 
 class StorageChanged(QuadlogError):
@@ -245,12 +242,8 @@ class InvalidConfigValue(QuadlogError):
         super().__init__(f"{source}: {key}: {reason}")
 
 
-class UnreadableConfig(QuadlogError):
+class UnreadableConfig(FileError):
     """A config file that is not there, or is not TOML."""
-
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
 
 
 class UnknownName(QuadlogError):
@@ -284,12 +277,8 @@ class RunOfAnother(QuadlogError):
         super().__init__(f"{run}: is the run of {recording}; --force replaces it, another -o keeps it")
 
 
-class NotARun(QuadlogError):
+class NotARun(FileError):
     """A folder that is no finished run, or one with a damaged or missing file."""
-
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
 
 
 class TooLarge(QuadlogError):
@@ -300,12 +289,10 @@ class TooLarge(QuadlogError):
         super().__init__(f"{what}: {size} exceeds the limit of {limit}")
 
 
-class CannotWrite(QuadlogError):
+class CannotWrite(FileError):
     """An output that could not be written: a full disk, a missing permission, a folder in the way."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: cannot be written: {reason}")
+    template = "{path}: cannot be written: {reason}"
 
 
 class WorkerDied(QuadlogError):

@@ -101,21 +101,7 @@ def split_seeds() -> list[bytes]:
     return [text, text.replace(b"version: 5", b"version: 1"), b""]
 
 
-SPLIT_TOKENS = (
-    b".inf",
-    b"1e300",
-    b"&a ",
-    b"*a",
-    b"<<: ",
-    b"!!int ",
-    b"!!binary ",
-    b"? ",
-    b"- ",
-    b"[",
-    b"{",
-    b"zstd",
-    b"FILE",
-)
+SPLIT_TOKENS = (*b".inf|1e300|&a |*a|<<: |!!int |!!binary |? |- |[|{|zstd|FILE".split(b"|"),)
 
 
 def _split_folder(folder: Path) -> Path:
@@ -163,28 +149,10 @@ def definition_seeds() -> list[bytes]:
 
 
 DEFINITION_TOKENS = (
-    *(
-        b"float64",
-        b"string",
-        b"uint8[]",
-        b"[4096]",
-        b"[<=3]",
-        b"string<=9",
-        b"wstring",
-        b"time",
-        b"duration",
-        b"Header",
-    ),
-    *(
-        b"\n" + b"=" * 80 + b"\nMSG: ",
-        b"geometry_msgs/Pose",
-        b"int32 A=1\n",
-        b"sequence<",
-        b"struct ",
-        b"module ",
-        b"typedef ",
-    ),
-    *(b"const ", b"enum ", b"union ", b"@default (value=1)", b"#include", b"IDL: ", b"[4294967295]", b"int8 x -3\n"),
+    b"\n" + b"=" * 80 + b"\nMSG: ",
+    *b"float64|string|uint8[]|[4096]|[<=3]|string<=9|wstring|time|duration|Header|geometry_msgs/Pose".split(b"|"),
+    *b"int32 A=1\n|int8 x -3\n|sequence<|struct |module |typedef |const |enum |union |@default (value=1)".split(b"|"),
+    *b"#include|IDL: |[4294967295]".split(b"|"),
 )
 
 
@@ -241,14 +209,4 @@ def payload_seeds() -> list[bytes]:
     return [bytes([i]) + payload for i, payload in enumerate(kinds)] + extra
 
 
-PAYLOAD_TOKENS = (
-    b"1e400",
-    b"NaN",
-    b"null",
-    b"[]",
-    b"{}",
-    b'"x":',
-    b"\xff\xff\xff\x7f",
-    b"\0\0\xc0\x7f",
-    b"\0\0\0\0\0\0\xf8\x7f",
-)
+PAYLOAD_TOKENS = (*b'1e400 NaN null [] {} "x":'.split(), b"\xff\xff\xff\x7f", b"\0\0\xc0\x7f", b"\0\0\0\0\0\0\xf8\x7f")

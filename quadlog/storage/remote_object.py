@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from email.utils import parsedate_to_datetime
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
 from quadlog.storage.urls import explained, protocol_of, redacted
@@ -37,34 +37,13 @@ class ObjectInfo:
         return 0
 
 
-class RemoteObject(Protocol):
-    """An object as it was when it was opened; told is of that moment."""
-
-    url: str
-    told: ObjectInfo
-
-    def fetch(self, start: int, end: int) -> bytes:
-        """The bytes from start to end, end excluded; several threads may ask at once.
-
-        Raises StorageFailed, StorageChanged.
-        """
-        ...
-
-    def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
-        ...
-
-
 def open_object(url: str) -> RemoteObject:
     """The object behind a URL. Raises FileNotFoundError, StorageUnknown, StorageFailed."""
-    protocol = protocol_of(url)
-    if protocol in ("http", "https"):
-        return WebObject(url)
-    return BucketObject(url)
+    return WebObject(url) if protocol_of(url) in ("http", "https") else BucketObject(url)
 
 
 class BucketObject:
-    """An object of S3, or of any other system that fsspec knows (RemoteObject)."""
+    """An object of S3, or of any other system that fsspec knows. told: what its server said when it was opened."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -86,7 +65,10 @@ class BucketObject:
         self.told = told_by(info)
 
     def fetch(self, start: int, end: int) -> bytes:
-        """See RemoteObject."""
+        """The bytes from start to end, end excluded; several threads may ask at once.
+
+        Raises StorageFailed, StorageChanged.
+        """
         try:
             with explained(self.url):
                 if self._conditional is not None:
@@ -108,7 +90,7 @@ class BucketObject:
         return bytes(data)
 
     def stream(self) -> Iterator[bytes]:
-        """See RemoteObject."""
+        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
         size = self.told.size_bytes or 0
         for start in range(0, size, _STREAMED_BYTES):
             yield self.fetch(start, min(start + _STREAMED_BYTES, size))
@@ -193,7 +175,7 @@ class _Again(Exception):
 
 
 class WebObject:
-    """A file behind http:// or https:// (RemoteObject)."""
+    """A file behind http:// or https://, as BucketObject."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -202,12 +184,12 @@ class WebObject:
             self.told = self._run(self._probe())
 
     def fetch(self, start: int, end: int) -> bytes:
-        """The bytes from start to end, end excluded. Raises StorageFailed, StorageChanged."""
+        """The same."""
         with self._still_there():
             return self._run(self._fetch(start, end))
 
     def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
+        """The same."""
         with self._still_there():
             response = self._run(self._begin(self._condition(), None))
             try:
@@ -354,3 +336,6 @@ class WebObject:
         if not first <= last < size:
             raise StorageFailed(redacted(self.url), "the server sends a part that lies outside the file")
         return first, last, size
+
+
+RemoteObject = BucketObject | WebObject

@@ -300,7 +300,7 @@ class ChunkedReader(ClosedOnExit):
 
     def lose(self, piece: Piece, damage: Damaged, read: int) -> None:
         """Notes a damaged piece of which so many messages were read nevertheless."""
-        counts = piece.counts if piece.counts is not None else self._form.counts(piece)
+        counts = self._form.counts(piece)
         missing = None if counts is None else max(sum(counts.values()) - read, 0)
         self._lost[piece.offset] = LostPiece(piece, damage, missing)
 
@@ -337,7 +337,7 @@ class ChunkedReader(ClosedOnExit):
         explained: Counter[int] = Counter()
         for piece in due:
             if piece.offset in self._lost:
-                counts = piece.counts if piece.counts is not None else self._form.counts(piece)
+                counts = self._form.counts(piece)
                 if counts is None:
                     return
                 explained.update(counts)

@@ -31,6 +31,11 @@ class Channel:
     schema: bytes
     count: int | None = None
 
+    @property
+    def identity(self) -> Identity:
+        """All but its count."""
+        return self.topic, self.type_name, self.message_encoding, self.schema_encoding, self.schema
+
 
 class RawMessage(NamedTuple):
     """One message before decoding; payload is bytes-like and valid as long as it is referenced."""

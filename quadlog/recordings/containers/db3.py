@@ -15,11 +15,9 @@ import re
 import shutil
 import sqlite3
 import tempfile
-from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from copy import copy
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,7 +25,6 @@ from urllib.parse import quote
 import numpy as np
 
 from quadlog.errors import NotARecording, NothingReadable, TooLarge, clipped
-from quadlog.messages import Int
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, MAX_NAME_BYTES, MAX_TIME_NS, Damaged
 from quadlog.recordings.containers.chunks import JUMP_NS
 from quadlog.recordings.containers.container import (
@@ -180,45 +177,6 @@ _REQUIRED = {
 _MAX_ROWS = 1 << 20
 
 
-@dataclass
-class SqliteTables:
-    """Topic ids of the file to Channels, the span of log times, and what was found wrong on the way."""
-
-    channel_of: dict[int, Channel]
-    span_ns: tuple[int, int] | None
-    losses: list[Loss] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
-def read_tables(path: Path, connection: sqlite3.Connection) -> SqliteTables:
-    """Raises NotARecording when the database is not that of a ROS 2 bag, or too damaged to tell."""
-    try:
-        _require_tables(path, connection)
-        topics = _rows(connection, "SELECT id, name, type, serialization_format FROM topics ORDER BY id")
-    except sqlite3.Error as error:
-        raise NotARecording(path, f"SQLite cannot read its tables ({error})") from None
-    tables = SqliteTables({}, None)
-    definitions = _definitions(connection)
-    counts = _counts(connection, tables)
-    identities: list[tuple[int, Identity]] = []
-    unusable = []
-    for number, name, kind, encoding in topics:
-        if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
-            identities.append((number, (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))))
-        else:
-            unusable.append(number)
-    if unusable:
-        first = clipped(repr(unusable[0]))
-        detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
-        tables.losses.append(Loss("damaged", detail))
-    tables.channel_of = shared_channels(identities, lambda number: None if counts is None else counts.get(number, 0))
-    orphans = sum(count for number, count in (counts or {}).items() if number not in tables.channel_of)
-    if orphans:
-        tables.losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
-    tables.span_ns = _span(connection)
-    return tables
-
-
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= MAX_NAME_BYTES
 
@@ -250,23 +208,30 @@ def _definitions(connection: sqlite3.Connection) -> dict[str, tuple[str, bytes]]
     return {kind: (encoding, definition.encode()) for kind, encoding, definition in known if definition}
 
 
-def _counts(connection: sqlite3.Connection, tables: SqliteTables) -> dict[int, int] | None:
+def _span_ns(connection: sqlite3.Connection) -> tuple[int, int] | None:
+    """The smallest and the largest log time, None where no row has one or the file is damaged."""
+    query = f"SELECT {{}}(timestamp) FROM messages WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS}"  # noqa: S608
     try:
-        return dict(_rows(connection, "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-    except sqlite3.Error as error:
-        tables.losses.append(Loss("damaged", f"messages cannot be counted ({error})"))
+        first_ns, last_ns = (_rows(connection, query.format(each))[0][0] for each in ("MIN", "MAX"))
+    except sqlite3.Error:
         return None
+    return (first_ns, last_ns) if isinstance(first_ns, int) and isinstance(last_ns, int) else None
 
 
-def _span(connection: sqlite3.Connection) -> tuple[int, int] | None:
-    ends = []
-    for which in ("MIN", "MAX"):
-        query = f"SELECT {which}(timestamp) FROM messages WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS}"  # noqa: S608
-        try:
-            ends.append(_rows(connection, query)[0][0])
-        except sqlite3.Error:
-            return None
-    return (ends[0], ends[1]) if all(isinstance(end, int) for end in ends) else None
+def _clock_warnings(connection: sqlite3.Connection) -> list[str]:
+    """No warning or one: rows that were written after rows more than a second later in time."""
+    query = (
+        "SELECT MAX(latest - timestamp) FROM "  # noqa: S608
+        "(SELECT timestamp, MAX(timestamp) OVER (ORDER BY rowid ROWS UNBOUNDED PRECEDING) AS latest "
+        f"FROM messages NOT INDEXED WHERE typeof(timestamp) = 'integer' AND timestamp BETWEEN 0 AND {MAX_TIME_NS})"
+    )
+    try:
+        back_ns = _rows(connection, query)[0][0] or 0
+    except sqlite3.Error:
+        return []
+    if back_ns <= JUMP_NS:
+        return []
+    return [f"log time goes back in the file, by up to {back_ns / 1e9:.3f} s; messages come in order of log time"]
 
 
 def _rows(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
@@ -280,7 +245,7 @@ def open_sqlite(path: Path) -> SqliteReader:
     """Opens a `.db3`. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be had."""
     database = open_database(path)
     try:
-        return SqliteReader(path, database, read_tables(path, database.connection))
+        return SqliteReader(path, database)
     except BaseException:
         database.close()
         raise
@@ -289,21 +254,52 @@ def open_sqlite(path: Path) -> SqliteReader:
 class SqliteReader(ClosedOnExit):
     """Reads messages one by one in order of (timestamp, id); a damaged row costs itself, not those behind it."""
 
-    def __init__(self, path: Path, database: OpenDatabase, tables: SqliteTables) -> None:
-        self.path = path
+    def __init__(self, path: Path, database: OpenDatabase) -> None:
+        self.path, self.close = path, database.close
         self.losses: list[Loss] = []
         if database.missing_bytes:
-            self.losses.append(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
-        self.losses += tables.losses
-        self.warnings: list[str] = [*database.warnings, *tables.warnings]
-        self.close, self.span_ns = database.close, tables.span_ns
-        self._database, self._tables = database, tables
+            self._report(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
+        self._database = database
         self._passes = 0
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
-        self.channels = tuple(dict.fromkeys(tables.channel_of.values()))
+        self._channel_of = self._read_topics()
+        self.channels = tuple(dict.fromkeys(self._channel_of.values()))
+        self.span_ns = _span_ns(self._connection)
+        self.warnings = database.warnings + _clock_warnings(self._connection)
         self._refuse_foreign_encodings()
+
+    def _read_topics(self) -> dict[int, Channel]:
+        """Topic ids to Channels. Raises NotARecording when the file is not a ROS 2 bag, or too damaged to tell."""
+        try:
+            _require_tables(self.path, self._connection)
+            query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+            topics = _rows(self._connection, query)
+        except sqlite3.Error as error:
+            raise NotARecording(self.path, f"SQLite cannot read its tables ({error})") from None
+        definitions = _definitions(self._connection)
+        counts: dict[int, int] | None = None
+        try:
+            counts = dict(_rows(self._connection, "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        except sqlite3.Error as error:
+            self._report(Loss("damaged", f"messages cannot be counted ({error})"))
+        identities: list[tuple[int, Identity]] = []
+        unusable = []
+        for number, name, kind, encoding in topics:
+            if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
+                identities.append((number, (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))))
+            else:
+                unusable.append(number)
+        if unusable:
+            first = clipped(repr(unusable[0]))
+            detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
+            self._report(Loss("damaged", detail))
+        channel_of = shared_channels(identities, lambda number: None if counts is None else counts.get(number, 0))
+        orphans = sum(count for number, count in (counts or {}).items() if number not in channel_of)
+        if orphans:
+            self._report(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
+        return channel_of
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -320,25 +316,21 @@ class SqliteReader(ClosedOnExit):
     ) -> Iterator[RawMessage]:
         wanted = {
             number: channel
-            for number, channel in self._tables.channel_of.items()
+            for number, channel in self._channel_of.items()
             if channel.message_encoding == "cdr" and (topics is None or channel.topic in topics)
         }
         tally: Counter[Channel] = Counter()
         damaged: Counter[Channel] = Counter()
-        clock = _Clock()
         for number, row_id in self._keys(sorted(wanted), start_ns, end_ns):
             channel = wanted[number]
             row = self._row(row_id)
             if row is None:
                 damaged[channel] += 1
                 continue
-            clock.see(row[0], row_id)
             tally[channel] += 1
             yield RawMessage(channel, row[0], row[1])
         for channel, count in damaged.items():
             self._report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
-        if self._places is None:
-            self.warnings += [each for each in clock.warnings() if each not in self.warnings]
         if damaged and not tally and topics is None and start_ns is None and end_ns is None:
             raise NothingReadable(self.path, f"none of {several(damaged.total(), 'row')} can be read")
         if start_ns is None and end_ns is None and self._places is None:
@@ -352,18 +344,16 @@ class SqliteReader(ClosedOnExit):
 
     def _listed_times(self) -> Iterator[LogTimes]:
         query = (
-            "SELECT topic_id, timestamp, rowid FROM messages "  # noqa: S608
+            "SELECT topic_id, timestamp FROM messages "  # noqa: S608
             f"WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS} ORDER BY timestamp, rowid"
         )
         tally: Counter[Channel] = Counter()
-        clock = _Clock()
         try:
             cursor = self._connection.execute(query)
             while rows := cursor.fetchmany(_BATCH_ROWS):
-                numbers, t_ns, row_ids = np.array(rows, np.int64).T
-                clock.see_all(t_ns, row_ids)
+                numbers, t_ns = np.array(rows, np.int64).T
                 for number in np.unique(numbers).tolist():
-                    channel = self._tables.channel_of[number]
+                    channel = self._channel_of[number]
                     times = LogTimes(int(t_ns[0]), channel, t_ns[numbers == number])
                     tally[channel] += len(times.t_ns)
                     yield times
@@ -371,7 +361,6 @@ class SqliteReader(ClosedOnExit):
             raise Damaged(f"the rows cannot be listed ({error})") from None
         if any((channel.count or 0) != tally[channel] for channel in self.channels):
             raise Damaged("not every row has a usable time")
-        self.warnings += [each for each in clock.warnings() if each not in self.warnings]
 
     def excerpt(self, budget: Budget) -> SqliteReader | None:
         """See Container. A place is some rows that were written one after the other."""
@@ -431,7 +420,7 @@ class SqliteReader(ClosedOnExit):
                 self._report(Loss("truncated", f"reading ended early ({second})"))
 
     def _excerpted_keys(self, among: str, chosen: tuple[str, int, int]) -> list[tuple[int, int]]:
-        """The same of an excerpt."""
+        """Topic and row id of each message of an excerpt, in order of log time."""
         place = "SELECT topic_id, rowid, timestamp FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT ?"
         query = f"SELECT timestamp, rowid, topic_id FROM ({place}) WHERE {among}"  # noqa: S608
         keys: set[tuple[int, int, int]] = set()
@@ -470,52 +459,3 @@ class SqliteReader(ClosedOnExit):
     def _report(self, loss: Loss) -> None:
         if loss not in self.losses:
             self.losses.append(loss)
-
-
-class _Clock:
-    """Finds rows written after rows that are more than a second later in time, while rows come in order of time."""
-
-    def __init__(self) -> None:
-        self.jump_ns = 0
-        # Rows of the last second that were compared, and new ones behind them.
-        self._t_ns, self._row_ids = array("q"), array("q")
-        self._compared = 0
-        # Of all rows before these, the one written last, and its time.
-        self._last_id, self._last_ns = -1, 0
-
-    def see(self, t_ns: int, row_id: int) -> None:
-        """One row."""
-        self._t_ns.append(t_ns)
-        self._row_ids.append(row_id)
-        if len(self._t_ns) - self._compared >= _BATCH_ROWS:
-            self.compare()
-
-    def see_all(self, t_ns: Int, row_ids: Int) -> None:
-        """Rows (N,)."""
-        self._t_ns.extend(t_ns.tolist())
-        self._row_ids.extend(row_ids.tolist())
-        self.compare()
-
-    def compare(self) -> None:
-        """Hold new rows against all that are more than a second older."""
-        t_ns, row_ids = np.array(self._t_ns, np.int64), np.array(self._row_ids, np.int64)
-        if len(t_ns) == 0:
-            return
-        highest = np.maximum.accumulate(np.concatenate([[self._last_id], row_ids]))
-        highest_row = np.maximum.accumulate(np.where(np.diff(highest) > 0, np.arange(len(t_ns)), -1))
-        highest_ns = np.concatenate([[self._last_ns], np.where(highest_row < 0, self._last_ns, t_ns[highest_row])])
-        older = np.searchsorted(t_ns, t_ns[self._compared :] - JUMP_NS)
-        back_ns = np.where(highest[older] > row_ids[self._compared :], t_ns[self._compared :] - highest_ns[older], 0)
-        self.jump_ns = max(self.jump_ns, int(back_ns.max(initial=0)))
-        dropped = int(np.searchsorted(t_ns, t_ns[-1] - JUMP_NS))
-        self._last_id, self._last_ns = int(highest[dropped]), int(highest_ns[dropped])
-        self._t_ns, self._row_ids = self._t_ns[dropped:], self._row_ids[dropped:]
-        self._compared = len(self._t_ns)
-
-    def warnings(self) -> list[str]:
-        """No warning or one."""
-        self.compare()
-        if not self.jump_ns:
-            return []
-        back_s = self.jump_ns / 1e9
-        return [f"log time goes back in the file, by {back_s:.3f} s or more; messages come in order of log time"]

@@ -131,7 +131,7 @@ def _open_chunked(path: Path, file: ByteSource, head: bytes) -> Container:
         return read_bag(path, file)
     if not head:
         raise NotARecording(path, "the file is empty (0 bytes)")
-    hint = next((words for magic, words in _HINTS if head.startswith(magic)), "its first bytes are none of a recording")
+    hint = next((words for magic, words in _HINTS if head.startswith(magic)), "not a recording: unknown file format")
     raise NotARecording(path, hint)
 
 

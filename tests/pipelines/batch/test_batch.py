@@ -37,10 +37,10 @@ def test_a_failure_never_stops_the_rest_and_stands_in_the_summary(finished):
     summary = summary_of(output)
     assert set(summary.index) == {"broken", "walk.mcap", "walk.bag", "walk.db3"}
     assert summary.loc["broken", "exit_code"] == 1
-    assert summary.loc["broken", "reason"].startswith("its first bytes are none of a recording")
+    assert summary.loc["broken", "reason"].startswith("not a recording: unknown file format")
     assert summary["eta_m"].notna().sum() == 3
     page = (output / "report.html").read_text()
-    assert "its first bytes are none of a recording" in page
+    assert "not a recording: unknown file format" in page
     assert "peak_memory_mb" in page
 
 

@@ -17,7 +17,7 @@ from quadlog.recordings.containers.open import open_container
     ("content", "words"),
     [
         (b"", "empty"),
-        (b"hello", "first bytes"),
+        (b"hello", "unknown file format"),
         (gzip.compress(b"x", mtime=0), "gunzip"),
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         (b"#ROSBAG V1.2\n", "rosbag fix"),
