@@ -49,7 +49,8 @@ def container_seeds() -> list[bytes]:
 def damage(folder: Path, data: bytes) -> None:
     """A known recording after edits, made before it is opened or, by the first byte's highest bit, afterwards.
 
-    Nothing is found that was not in it, and what is missing is a loss.
+    No message is read that was not in it, what is missing is a loss, reading it again changes neither, and nothing
+    is written beside it.
     """
     kind = (data or b"\0")[0]
     name, sound = list(seeds.recordings().items())[kind % 0x80 % len(seeds.recordings())]
@@ -62,6 +63,10 @@ def damage(folder: Path, data: bytes) -> None:
         expect(found <= seeds.MESSAGES, f"{name}: {found} messages of {seeds.MESSAGES}")
         missing = found < seeds.MESSAGES
         expect(not missing or bool(container.losses), f"{name}: {found} of {seeds.MESSAGES} messages, no loss")
+        again = sum(1 for _ in container.messages())
+        expect(again == found, f"{name}: {found} messages, {again} when read again")
+        expect(len(set(container.losses)) == len(container.losses), f"{name}: a loss is reported twice")
+        expect([each.name for each in folder.iterdir()] == [path.name], f"{name}: a file was written beside it")
     if missing and crc32(data) % 16 == 0:
         code, _ = command("info", path, "--json", allowed=READ)
         expect(code is not ExitCode.DONE, f"{name}: info exits with 0 for {found} of {seeds.MESSAGES} messages")

@@ -59,9 +59,3 @@ def test_a_flag_pasted_into_a_shell_names_the_very_same_topics(names: list[str])
     option, override = shlex.split(flag)
     assert option == "--set"
     assert load_config(None, [override], environ={}).topics.uwb == names
-
-
-@given(NAMES)
-def test_a_flag_for_one_topic_gives_one_name(name: str) -> None:
-    override = shlex.split(set_flag("topics.lidar", [name]))[1]
-    assert load_config(None, [override], environ={}).topics.lidar == name

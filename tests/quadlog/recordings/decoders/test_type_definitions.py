@@ -1,11 +1,8 @@
 from __future__ import annotations
 
-import contextlib
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
@@ -138,13 +135,6 @@ def test_names_that_are_no_identifiers_are_refused() -> None:
             fields_of("int8 x\n", name)
     with pytest.raises(BadDefinition, match="no field name"):
         needed_types({"pkg/msg/A": ([], [("x\nimport os", (1, ("int8", 0)))])}, "pkg/msg/A", lambda _: {})
-
-
-@settings(max_examples=150, deadline=None)
-@given(text=st.text(max_size=80), encoding=st.sampled_from(["ros1msg", "ros2msg", "ros2idl"]))
-def test_any_text_parses_or_is_refused(text: str, encoding: str) -> None:
-    with contextlib.suppress(BadDefinition):
-        fields_of(text, encoding=encoding)
 
 
 def test_a_payload_of_more_values_than_memory_should_hold_is_not_read() -> None:
