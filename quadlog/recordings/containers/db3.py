@@ -223,7 +223,7 @@ def _clock_warnings(connection: sqlite3.Connection) -> list[str]:
     query = (
         "SELECT MAX(latest - timestamp) FROM "  # noqa: S608
         "(SELECT timestamp, MAX(timestamp) OVER (ORDER BY rowid ROWS UNBOUNDED PRECEDING) AS latest "
-        f"FROM messages NOT INDEXED WHERE typeof(timestamp) = 'integer' AND timestamp BETWEEN 0 AND {MAX_TIME_NS})"
+        f"FROM messages NOT INDEXED WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS})"
     )
     try:
         back_ns = _rows(connection, query)[0][0] or 0
@@ -239,6 +239,17 @@ def _rows(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
 
 
 _BATCH_ROWS = 1 << 14
+
+
+def _row(connection: sqlite3.Connection, row_id: int) -> tuple[int, bytes] | None:
+    """Log time and payload of a message, None where it is damaged."""
+    try:
+        row = connection.execute("SELECT timestamp, data FROM messages WHERE rowid = ?", (row_id,)).fetchone()
+    except (sqlite3.Error, OverflowError, MemoryError):
+        return None
+    if row is None or not isinstance(row[0], int) or not isinstance(row[1], bytes):
+        return None
+    return row
 
 
 def open_sqlite(path: Path) -> SqliteReader:
@@ -305,36 +316,38 @@ class SqliteReader(ClosedOnExit):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """See Container. Messages that are not CDR are left out: opening already reported them."""
-        self._passes += 1
-        try:
-            yield from self._messages(topics, start_ns, end_ns)
-        finally:
-            self._passes -= 1
-
-    def _messages(
-        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[RawMessage]:
         wanted = {
             number: channel
             for number, channel in self._channel_of.items()
             if channel.message_encoding == "cdr" and (topics is None or channel.topic in topics)
         }
-        tally: Counter[Channel] = Counter()
-        damaged: Counter[Channel] = Counter()
-        for number, row_id in self._keys(sorted(wanted), start_ns, end_ns):
-            channel = wanted[number]
-            row = self._row(row_id)
-            if row is None:
-                damaged[channel] += 1
-                continue
-            tally[channel] += 1
-            yield RawMessage(channel, row[0], row[1])
-        for channel, count in damaged.items():
+        read: Counter[int] = Counter()
+        damaged: Counter[int] = Counter()
+        connection = self._connection
+        self._passes += 1
+        try:
+            for number, row_id in self._keys(sorted(wanted), start_ns, end_ns):
+                row = _row(connection, row_id)
+                if row is None:
+                    damaged[number] += 1
+                    continue
+                read[number] += 1
+                yield RawMessage(wanted[number], *row)
+        finally:
+            self._passes -= 1
+        is_whole = start_ns is None and end_ns is None
+        for channel, count in self._by_channel(damaged).items():
             self._report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
-        if damaged and not tally and topics is None and start_ns is None and end_ns is None:
+        if damaged and not read and topics is None and is_whole:
             raise NothingReadable(self.path, f"none of {several(damaged.total(), 'row')} can be read")
-        if start_ns is None and end_ns is None and self._places is None:
-            self._compare_counts(set(wanted.values()), tally + damaged)
+        if is_whole and self._places is None:
+            self._compare_counts(set(wanted.values()), self._by_channel(read + damaged))
+
+    def _by_channel(self, counts: Counter[int]) -> Counter[Channel]:
+        total: Counter[Channel] = Counter()
+        for number, count in counts.items():
+            total[self._channel_of[number]] += count
+        return total
 
     def log_times(self) -> Iterator[LogTimes]:
         """See Container. A walk over the table: payloads that do not fit beside their row are not touched."""
@@ -430,15 +443,6 @@ class SqliteReader(ClosedOnExit):
         except (sqlite3.Error, OverflowError) as error:
             self._report(Loss("damaged", f"rows cannot be reached ({error})"))
         return [(number, row_id) for _, row_id, number in sorted(keys)]
-
-    def _row(self, row_id: int) -> tuple[int, bytes] | None:
-        try:
-            row = self._connection.execute("SELECT timestamp, data FROM messages WHERE rowid = ?", (row_id,)).fetchone()
-        except (sqlite3.Error, OverflowError, MemoryError):
-            return None
-        if row is None or not isinstance(row[0], int) or not isinstance(row[1], bytes):
-            return None
-        return row
 
     def _refuse_foreign_encodings(self) -> None:
         """Names every topic that is not CDR. Raises NothingReadable when that leaves no message."""
