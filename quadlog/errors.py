@@ -114,7 +114,7 @@ def _as_it_was(cls: type[QuadlogError], args: tuple[Any, ...], data: dict[str, A
 
 
 class UsageError(QuadlogError):
-    """The command line asks for something that does not exist or does not fit together."""
+    """The command line names something that does not exist, or options that contradict one another."""
 
     exit_code = ExitCode.USAGE
 
@@ -145,7 +145,7 @@ class RecordingNotFound(FileError):
 
 
 class NotARecording(FileError):
-    """The file exists, but is none of the containers quadlog reads."""
+    """The file exists, but is not in a format that quadlog reads."""
 
     template = "{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)"
 
@@ -257,16 +257,16 @@ class UnknownName(QuadlogError):
 class AlreadyExists(QuadlogError):
     """An output that would be overwritten."""
 
-    def __init__(self, path: Path | str, flags: str = "--force") -> None:
+    def __init__(self, path: Path | str, flags: str = "--force to replace it") -> None:
         self.path = path
-        super().__init__(f"{path} exists; {flags} allows it")
+        super().__init__(f"{path} exists: use {flags}")
 
 
 class RunExists(AlreadyExists):
     """A run folder that is there already."""
 
     def __init__(self, run: Path | str) -> None:
-        super().__init__(run, "--force (start again) or --resume (complete it)")
+        super().__init__(run, "--force to replace it or --resume to continue")
 
 
 class RunOfAnother(QuadlogError):
@@ -296,7 +296,7 @@ class CannotWrite(FileError):
 
 
 class WorkerDied(QuadlogError):
-    """A process amid its task was killed, or ended by itself; exit_code as multiprocessing has it, -9 for SIGKILL."""
+    """A worker process ended during a task; exit_code as in multiprocessing, -9 for SIGKILL."""
 
     def __init__(self, exit_code: int) -> None:
         self.died_with = exit_code
@@ -306,15 +306,17 @@ class WorkerDied(QuadlogError):
 
 
 class ClusterWorkersDied(WorkerDied):
-    """One worker of a cluster after the other died amid the same task; the last one's address."""
+    """Several workers of a cluster died during the same task; last: address of the last one."""
 
     def __init__(self, tries: int, last: str) -> None:
-        QuadlogError.__init__(self, f"{tries} workers died amid the same task, at last {last} (out of memory?)")
-        self.how = f"lost {tries} times, at last {last}"
+        QuadlogError.__init__(
+            self, f"{tries} workers died during the same task, the last one at {last} (out of memory?)"
+        )
+        self.how = f"lost {tries} times, the last one at {last}"
 
 
 class ClusterUnusable(QuadlogError):
-    """A Dask scheduler that does not answer, or cannot be asked."""
+    """A Dask scheduler that does not answer or cannot be reached."""
 
     def __init__(self, address: str, reason: str) -> None:
         self.address, self.reason = address, reason
@@ -322,7 +324,7 @@ class ClusterUnusable(QuadlogError):
 
 
 class VersionsDiffer(QuadlogError):
-    """A worker with other versions than the one who asks; differing: (package, version there, version here)."""
+    """A worker with other package versions than this process; differing: (package, version there, version here)."""
 
     def __init__(self, worker: str, differing: Iterable[tuple[str, str, str]]) -> None:
         self.worker, self.differing = worker, list(differing)

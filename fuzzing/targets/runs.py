@@ -1,4 +1,4 @@
-"""Run folders: any file of one replaced, and any value of a table, by what nobody would have written."""
+"""Run folders with any file replaced by arbitrary bytes, or any value of a table by a hostile one."""
 
 from __future__ import annotations
 

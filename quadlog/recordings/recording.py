@@ -100,7 +100,7 @@ class Recording(ClosedOnExit):
 
     @property
     def losses(self) -> list[Loss]:
-        """What was in the recording and could not be had, each once."""
+        """What was in the recording and could not be read, each once."""
         undecodable = self._mixed() | self._undecodable
         own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in undecodable.items()]
         own += [
@@ -332,7 +332,7 @@ class Recording(ClosedOnExit):
             yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else None for message in decoded)
 
     def _learn_clocks(self, topics: Collection[str]) -> None:
-        """How far the first stamps of each topic lie from log time, once: what is usual cannot be told from one."""
+        """The usual offset of each topic's stamps from log time, from its first few stamps; computed once."""
         for topic in topics if self.stamp == "header" else ():
             if topic not in self._learned:
                 self._learned.add(topic)
@@ -380,7 +380,7 @@ class Recording(ClosedOnExit):
         return known[1]
 
     def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:
-        """Ranges whose ends only the topic tells, with their ids."""
+        """Ranges with the ids of their ends, where only the topic gives these."""
         if ranges.tag is not None:
             return ranges
         if names_anchors(ranges):

@@ -44,7 +44,7 @@ class LocalBytes:
         return data
 
     def read_unwatched(self, offset: int, length: int) -> bytes:
-        """The same, of which the watcher is not told."""
+        """The same without calling the watcher."""
         with self._lock:
             handle = self._opened()
             self._reading += 1
@@ -136,7 +136,7 @@ class RemoteBytes:
         self._kept.close()
 
     def _fetch_missing(self, first: int, last: int) -> dict[int, bytes]:
-        """Blocks that had to be fetched; afterwards the file has all others. What another thread fetches is awaited."""
+        """Fetch the blocks that are neither kept nor being fetched by another thread, and wait for the latter."""
         fetched: dict[int, bytes] = {}
         while True:
             with self._change:
@@ -161,9 +161,7 @@ class RemoteBytes:
         start, end = begin * BLOCK_BYTES, min(behind * BLOCK_BYTES, self.size)
         data = self._remote.fetch(start, end)
         if len(data) != end - start:
-            raise StorageFailed(
-                redacted(self._remote.url), f"{len(data)} bytes came where {end - start} were asked for"
-            )
+            raise StorageFailed(redacted(self._remote.url), f"{len(data)} bytes received, {end - start} requested")
         if self._keep(start, data):
             with self._change:
                 self._blocks.update(range(begin, behind))
@@ -179,7 +177,7 @@ class RemoteBytes:
             self._room -= len(data)
         try:
             written = os.pwrite(self._kept.fileno(), data, start)
-        except OSError:  # somebody else filled the disk: nothing more is kept
+        except OSError:  # the disk is full: nothing more is kept
             written = 0
         if written < len(data):
             self._room = 0

@@ -1,4 +1,4 @@
-"""One object behind a URL, in a bucket or on a web server: what its server tells of it, any stretch of its bytes."""
+"""One object behind a URL, in a bucket or on a web server: its metadata, and any range of its bytes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
 from quadlog.storage.urls import explained, protocol_of, redacted
 
 _STREAMED_BYTES = 8 << 20
-# Of a server that never answers one knows after a minute and a half.
+# A server that never answers is given up after a minute and a half.
 CONNECT_S, READ_S = 10, 15
 _TRIES, _TRIES_WITHIN = 2, 3
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """What a server tells: size_bytes None where it does not; ranges: whether it gives parts."""
+    """Metadata of an object: size_bytes None where unknown; ranges: whether the server serves byte ranges."""
 
     size_bytes: int | None
     ranges: bool = True
@@ -30,7 +30,7 @@ class ObjectInfo:
     last_modified: str | None = None
 
     def modified_ns(self) -> int:
-        """The time of the last change, 0 where it is not told in a form that is known."""
+        """The time of the last change, 0 where it is missing or in an unknown form."""
         for parse in (datetime.fromisoformat, parsedate_to_datetime):
             with suppress(ValueError, TypeError):
                 return int(parse(self.last_modified or "").timestamp() * 1e9)
@@ -75,7 +75,7 @@ class BucketObject:
                     data = self._conditional._fetch_range(start, end)
                 else:
                     data = self._system.cat_file(self._path, start=start, end=end)
-                    # No condition can be sent along, so what is there now is compared after every part.
+                    # These systems have no conditional requests: the version is compared after every part.
                     self._system.invalidate_cache(self._path)
                     if told_by(self._system.info(self._path)) != self.told:
                         raise StorageChanged(redacted(self.url))
@@ -86,7 +86,7 @@ class BucketObject:
                 raise StorageChanged(redacted(self.url)) from None
             raise
         if len(data) != end - start:
-            raise StorageFailed(redacted(self.url), f"{len(data)} bytes came where {end - start} were asked for")
+            raise StorageFailed(redacted(self.url), f"{len(data)} bytes received, {end - start} requested")
         return bytes(data)
 
     def stream(self) -> Iterator[bytes]:
@@ -109,7 +109,7 @@ def _is_unmet_condition(error: BaseException) -> bool:
 
 
 def told_by(info: Mapping[str, Any]) -> ObjectInfo:
-    """What fsspec's info of a file tells; each system has names of its own for the version."""
+    """The metadata in fsspec's info of a file; each system has its own names for the version."""
     size = info.get("size")
     etag = next((str(info[name]) for name in ("ETag", "etag", "md5Hash", "content_md5") if info.get(name)), None)
     times = ("LastModified", "last_modified", "updated", "mtime", "modified", "created")
@@ -158,7 +158,7 @@ def _patience(protocol: str, quoted: bool) -> dict[str, Any]:
     if protocol in ("s3", "s3a"):
         retries = {"total_max_attempts": _TRIES_WITHIN, "mode": "standard"}
         waits = {"connect_timeout": CONNECT_S, "read_timeout": READ_S, "retries": retries}
-        # Listings are asked for anew: another machine may be writing there.
+        # Listings are not cached: another machine may be writing there.
         return {"config_kwargs": {**waits, **own.get("config_kwargs", {})}, "use_listings_cache": False}
     return {}
 
@@ -220,7 +220,7 @@ class WebObject:
         return {"If-Unmodified-Since": self.told.last_modified} if self.told.last_modified else {}
 
     def _compare(self, response: Any, size: int | None) -> None:
-        """Raise StorageChanged for an answer that tells another size or version of the whole file."""
+        """Raise StorageChanged for a response with another size or version of the whole file."""
         etag = response.headers.get("ETag", self.told.etag)
         # The date also beside equal ETags: some servers make theirs of the size alone.
         now, then = response.headers.get("Last-Modified"), self.told.last_modified
@@ -250,7 +250,7 @@ class WebObject:
         return await session.get(self._web.encode_url(self.url), headers=sent, **options)
 
     async def _probe(self) -> ObjectInfo:
-        """One byte tells size, version and whether ranges are understood, also where a signature allows GET alone."""
+        """Request one byte for size, version and support of ranges: a signature may allow GET alone."""
 
         async def look(response: Any) -> ObjectInfo:
             """What the answer to a question for one byte says of the whole."""
@@ -268,11 +268,11 @@ class WebObject:
 
     async def _fetch(self, start: int, end: int) -> bytes:
         async def take(response: Any) -> bytes:
-            """The body, once the answer says that it is the stretch asked for, of the same file."""
+            """The body of a response with the requested range of the same file."""
             first, last, size = self._content_range(response)
             self._compare(response, size)
             if (first, last) != (start, end - 1):
-                raise StorageFailed(redacted(self.url), "the server answers with another range than it was asked for")
+                raise StorageFailed(redacted(self.url), "the server returned another range than requested")
             return await response.content.readexactly(end - start)
 
         headers = {"Range": f"bytes={start}-{end - 1}", **self._condition()}
@@ -309,7 +309,7 @@ class WebObject:
                 self._refuse(response)
             return await take(response)
         finally:
-            # A whole file that nobody asked for is not read to its end.
+            # A whole file that was not requested is not read to its end.
             if response.status == 206:
                 response.release()
             else:
@@ -331,10 +331,10 @@ class WebObject:
     def _content_range(self, response: Any) -> tuple[int, int, int]:
         found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
         if found is None or found[1] is None or response.headers.get("Content-Encoding", "identity") != "identity":
-            raise StorageFailed(redacted(self.url), "the server sends a part without saying which")
+            raise StorageFailed(redacted(self.url), "the server sent a part without its range")
         first, last, size = int(found[1]), int(found[2]), int(found[3])
         if not first <= last < size:
-            raise StorageFailed(redacted(self.url), "the server sends a part that lies outside the file")
+            raise StorageFailed(redacted(self.url), "the server sent a range outside the file")
         return first, last, size
 
 

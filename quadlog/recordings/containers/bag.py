@@ -280,7 +280,7 @@ class BagScan(Scan):
 def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
     """The bag in these bytes, which are the reader's from here on; path is its name.
 
-    Raises NothingReadable when it is encrypted, or damaged without a message that can be had.
+    Raises NothingReadable when it is encrypted, or damaged without a readable message.
     """
     contents = _contents(path, file, file.size)
     serious = [loss for loss in contents.losses if loss.cause != "index"]
@@ -304,7 +304,7 @@ class BagFormat(PieceFormat):
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
         if any(not piece.index_end for piece in pieces):
             raise Damaged("the bag has no index")
-        # Where a chunk ends only its header tells.
+        # Only a chunk's header says where it ends.
         heads = [(each.offset, min(HEAD_BYTES, each.index_end - each.offset)) for each in pieces]
         chunks = [
             chunk_of(parse_frame(head, piece.offset, self.file.size))

@@ -253,7 +253,7 @@ def _row(connection: sqlite3.Connection, row_id: int) -> tuple[int, bytes] | Non
 
 
 def open_sqlite(path: Path) -> SqliteReader:
-    """Opens a `.db3`. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be had."""
+    """Opens a `.db3`. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be read."""
     database = open_database(path)
     try:
         return SqliteReader(path, database)

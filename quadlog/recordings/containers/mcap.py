@@ -98,7 +98,7 @@ _ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
 def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
     """The MCAP file in these bytes, which are the reader's from here on; path is its name.
 
-    Raises NothingReadable when it is damaged and holds no message that can be had.
+    Raises NothingReadable when it is damaged and has no readable message.
     """
     contents = _contents(file, file.size)
     _refuse_if_nothing_is_left(path, contents)
@@ -192,7 +192,7 @@ def _check_loose_messages(file: ByteSource, scan: McapScan) -> list[Loss]:
         return []
     at_risk = sum(sum((piece.counts or {}).values()) for piece in loose)
     detail = f"the data section's checksum (CRC) does not match; any of {several(at_risk, 'message')} outside chunks"
-    return [Loss("crc", f"{detail} may be wrong, which one cannot be told")]
+    return [Loss("crc", f"{detail} may be wrong; which ones is unknown")]
 
 
 def _refuse_if_nothing_is_left(path: Path, contents: Contents) -> None:

@@ -18,20 +18,8 @@ Wanted = Mapping[str, int]
 bits, ABSENT where there must be no such field. In the order of the definition."""
 TEXT, ABSENT, WHOLE = 0, -1, -2
 
-DTYPES = {
-    "bool": "?",
-    "byte": "u1",
-    "char": "u1",
-    "int8": "i1",
-    "int16": "i2",
-    "int32": "i4",
-    "int64": "i8",
-    "uint8": "u1",
-    "uint16": "u2",
-    "uint32": "u4",
-    "uint64": "u8",
-    "float32": "f4",
-    "float64": "f8",
+DTYPES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8"} | {
+    f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)
 }
 CDR_ORDER = {b"\0\0": ">", b"\0\1": "<"}
 CDR_SLACK = 3  # bytes by which writers may fill a payload up

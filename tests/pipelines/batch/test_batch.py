@@ -116,7 +116,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
     batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
     outcome = replay_batch(batch, 1, None, Racing([].append))
     assert [run.failed for run in outcome.runs] == [False, True]
-    assert "--force (start again) or --resume (complete it)" in outcome.runs[1].reason
+    assert "--force to replace it or --resume to continue" in outcome.runs[1].reason
     assert read_run_json(tmp_path / "runs" / "walk.db3")["options"]["until"] == "ingest"
 
 

@@ -66,7 +66,7 @@ def test_a_server_without_parts_is_read_whole_and_said(recordings: Any, web: Any
     with open_container(path) as local, open_container(to_path(f"{web.url}/walk.mcap")) as remote:
         assert recordings.read(remote) == recordings.read(local)
         (warning,) = remote.warnings
-        assert warning == "the server gives no parts of files; the whole file was copied before it was read"
+        assert warning == "the server does not serve byte ranges; the whole file was copied before it was read"
 
 
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])

@@ -119,7 +119,7 @@ def test_a_server_that_fails_once_may_be_asked_again() -> None:
     served = Served()
     source = RemoteBytes(served, SIZE)
     served.fetch = lambda start, end: CONTENT[start : end - 1]  # type: ignore[method-assign]
-    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes came"):
+    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes received"):
         source.read(0, 10)
     del served.fetch
     assert source.read(0, 10) == CONTENT[:10]

@@ -124,13 +124,13 @@ PART: Answers = BOTH | {
     "other version": (lambda r: part(r, ETag='"other"'), StorageChanged, "changed"),
     "other date": (lambda r: part(r, **{"Last-Modified": LATER}), StorageChanged, "changed"),
     "other size": (lambda r: part(r, CONTENT + b"more"), StorageChanged, "changed"),
-    "no range": (lambda r: http.Response(status=206, body=CONTENT[:100]), StorageFailed, "without saying which"),
-    "gzip": (lambda r: part(r, **{"Content-Encoding": "gzip"}), StorageFailed, "without saying which"),
+    "no range": (lambda r: http.Response(status=206, body=CONTENT[:100]), StorageFailed, "without its range"),
+    "gzip": (lambda r: part(r, **{"Content-Encoding": "gzip"}), StorageFailed, "without its range"),
     "cut short": (cut_short, StorageFailed, "too early"),
     "nonsense": (
         lambda _: http.Response(status=206, body=b"", headers={"Content-Range": "bytes 9-3/99999999999999999999"}),
         StorageFailed,
-        "without saying which",
+        "without its range",
     ),
     "another part": (
         lambda _: http.Response(status=206, body=CONTENT[:90], headers={"Content-Range": f"bytes 0-89/{len(CONTENT)}"}),
