@@ -48,24 +48,23 @@ def test_ranges_are_the_file_s(web: Any, file: str) -> None:
         assert remote.fetch(start, end) == CONTENT[start:end]
     assert b"".join(remote.stream()) == CONTENT
     assert web.sent_bytes == 1 + 1 + 70_000 - 17 + 5 + len(CONTENT)
-
-
-def test_an_empty_file_is_one(web: Any) -> None:
     (web.folder / "empty").touch()
     assert WebObject(f"{web.url}/empty").told.size_bytes == 0
 
 
-def test_a_server_without_ranges_says_so_and_is_read_whole(web: Any, file: str) -> None:
-    web.answer = lambda _: http.Response(body=CONTENT)
+@pytest.mark.parametrize(
+    ("content", "headers", "size_bytes"),
+    [(b"", {}, 0), (CONTENT, {}, len(CONTENT)), (gzip.compress(CONTENT), {"Content-Encoding": "gzip"}, None)],
+)
+def test_a_server_without_ranges_says_so_and_is_read_whole(
+    web: Any, file: str, content: bytes, headers: dict[str, str], size_bytes: int | None
+) -> None:
+    """The length of a compressed response is not that of the file."""
+    web.answer = lambda _: http.Response(body=content, headers=headers)
     remote = WebObject(file)
-    assert not remote.told.ranges
-    assert remote.told.size_bytes == len(CONTENT)
-    assert b"".join(remote.stream()) == CONTENT
-
-
-def test_a_compressed_answer_has_no_size_that_could_be_believed(web: Any, file: str) -> None:
-    web.answer = lambda _: http.Response(body=gzip.compress(CONTENT), headers={"Content-Encoding": "gzip"})
-    assert WebObject(file).told.size_bytes is None
+    assert (remote.told.ranges, remote.told.size_bytes) == (False, size_bytes)
+    if not headers:
+        assert b"".join(remote.stream()) == content
 
 
 def test_what_fails_for_a_moment_is_asked_for_again(web: Any, file: str) -> None:
