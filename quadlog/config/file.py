@@ -262,7 +262,8 @@ def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
     key = ".".join(loc) or "the file"
     source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
     if first["type"] == "extra_forbidden":
-        matches = difflib.get_close_matches(key, _valid_keys(loc), n=1, cutoff=0.0)
+        position = next((part for part in loc if part.isdigit()), "0")
+        matches = difflib.get_close_matches(key, sorted(_keys_of(Config, "", position)), n=1, cutoff=0.0)
         return UnknownConfigKey(key, matches[0] if matches else None, source)
     reason = first["msg"].removeprefix("Value error, ")
     given = first.get("input")
@@ -282,13 +283,8 @@ def _has(table: Any, loc: Sequence[str]) -> bool:
     return True
 
 
-def _valid_keys(loc: Sequence[str]) -> list[str]:
-    """Every dotted key of the model, with list positions as in loc."""
-    position = next((part for part in loc if part.isdigit()), "0")
-    return sorted(_keys_of(Config, "", position))
-
-
 def _keys_of(model: type[BaseModel], prefix: str, position: str) -> Iterator[str]:
+    """Every dotted key of the model, with this position in lists."""
     for key, field in model.model_fields.items():
         dotted = f"{prefix}{key}"
         yield dotted

@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,11 +80,6 @@ class Waiting:
         self._decoder: ColumnDecoder | None = None
         self._tries = 0
         self._begin()
-
-    @classmethod
-    def for_channel(cls, channel: Channel) -> Self | None:
-        """None where the type is decoded one by one."""
-        return cls(channel) if ways_in_columns(channel) else None
 
     def take(self, order: int, raw: RawMessage) -> bool:
         """Whether the message may wait. Its payload is copied, so that no chunk is kept for it."""

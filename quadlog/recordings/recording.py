@@ -18,7 +18,7 @@ from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMess
 from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
@@ -176,7 +176,7 @@ class Recording(ClosedOnExit):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
-                own = waiting[id(raw.channel)] = Waiting.for_channel(raw.channel)
+                own = waiting[id(raw.channel)] = Waiting(raw.channel) if ways_in_columns(raw.channel) else None
                 if own is not None and raw.channel.topic in prompt:
                     held.behind.append(own)
             if own is None or not own.take(order, raw):

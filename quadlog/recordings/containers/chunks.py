@@ -8,6 +8,7 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -60,9 +61,8 @@ def span_of(pieces: Sequence[Piece]) -> tuple[int, int] | None:
     return (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
 
 
-def start_of(piece: Piece) -> int:
-    """The order in which pieces are read."""
-    return piece.start_ns
+start_of = attrgetter("start_ns")
+"""Sort key of pieces: the order in which they are read."""
 
 
 @dataclass(frozen=True, slots=True)

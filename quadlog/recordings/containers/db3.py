@@ -118,14 +118,10 @@ def _pending_changes(path: Path) -> dict[str, Path]:
     pending = {}
     for suffix in _PENDING:
         places = (each.with_name(each.name + suffix) for each in (path.resolve(), path))
-        found = next((place for place in places if _has_bytes(place)), None)
+        found = next((place for place in places if place.is_file() and place.stat().st_size > 0), None)
         if found is not None:
             pending[suffix] = found
     return pending
-
-
-def _has_bytes(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > 0
 
 
 def _copy(path: Path, pending: dict[str, Path]) -> tempfile.TemporaryDirectory:
@@ -389,12 +385,15 @@ class SqliteReader(ClosedOnExit):
 
     def _extent(self) -> tuple[int, int, int]:
         """The first and the last row id, and the bytes of the file."""
+        # The ends in two queries: for both at once SQLite would walk the table.
+        queries = (
+            "SELECT MIN(rowid) FROM messages",
+            "SELECT MAX(rowid) FROM messages",
+            "PRAGMA page_count",
+            "PRAGMA page_size",
+        )
         try:
-            # Each on its own: of both at once SQLite would walk the table.
-            (first,) = self._connection.execute("SELECT MIN(rowid) FROM messages").fetchone()
-            (last,) = self._connection.execute("SELECT MAX(rowid) FROM messages").fetchone()
-            (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
-            (page_bytes,) = self._connection.execute("PRAGMA page_size").fetchone()
+            first, last, pages, page_bytes = (self._connection.execute(query).fetchone()[0] for query in queries)
         except sqlite3.Error:
             return 0, 0, 0
         return first or 0, last or 0, pages * page_bytes

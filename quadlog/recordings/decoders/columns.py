@@ -122,16 +122,6 @@ class Layout:
         return values
 
 
-def learn_layout(fields: tuple[Flat, ...], payload: bytes, encoding: str) -> Layout:
-    """The layout of a payload encoded as ``ros1`` or ``cdr``. Raises Misfit for all that rosbags would refuse."""
-    walk = _Walk(payload, encoding != "ros1")
-    walk.along(fields)
-    left = len(payload) - walk.at
-    if left > (CDR_SLACK if walk.cdr else 0):
-        raise Misfit(f"{left} bytes are left over")
-    return Layout(tuple(walk.fixed), tuple(walk.texts), tuple(walk.numbers))
-
-
 @dataclass
 class _Walk:
     """A way along one payload, and what it meets."""
@@ -267,8 +257,13 @@ class ColumnDecoder:
         self._known: dict[int, list[Layout]] = {}
 
     def learn(self, payload: bytes) -> Layout:
-        """The layout of a payload, kept for others like it. Raises Misfit."""
-        layout = learn_layout(self._fields, payload, self._encoding)
+        """The layout of a payload, kept for others like it. Raises Misfit for all that rosbags would refuse."""
+        walk = _Walk(payload, self._encoding != "ros1")
+        walk.along(self._fields)
+        left = len(payload) - walk.at
+        if left > (CDR_SLACK if walk.cdr else 0):
+            raise Misfit(f"{left} bytes are left over")
+        layout = Layout(tuple(walk.fixed), tuple(walk.texts), tuple(walk.numbers))
         if sum(map(len, self._known.values())) == KEPT_LAYOUTS:
             self._known.clear()
         self._known.setdefault(len(payload), []).append(layout)
