@@ -79,7 +79,7 @@ def test_no_poses_and_no_wishes():
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=20, unique=True), st.lists(st.integers(-20, 70), max_size=20))
-def test_valid_is_what_its_sentence_says(known, wanted):
+def test_validity_against_brute_force(known, wanted):
     known = sorted(known)
     got = interpolate_poses(
         np.array(wanted, dtype=np.int64),
@@ -103,7 +103,7 @@ def test_tag_is_where_a_rigid_transform_puts_it_and_back_again():
     np.testing.assert_allclose(tag_to_base(tag_m, yaw_rad, -0.07, 0.14), base_m)
 
 
-def test_what_yaw_adds_to_the_covariance_is_its_finite_difference():
+def test_covariance_from_yaw_against_finite_differences():
     rng = np.random.default_rng(1)
     yaw_rad, std_rad, tag_m = rng.uniform(-4, 4, 20), rng.uniform(0, 0.3, 20), rng.uniform(-5, 5, (20, 2))
     ahead, behind = (tag_to_base(tag_m, yaw_rad + step, 0.3, -0.2) for step in (1e-6, -1e-6))

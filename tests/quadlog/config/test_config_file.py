@@ -95,7 +95,7 @@ def _sample() -> Config:
 
 
 @pytest.mark.parametrize("config", [Config(), _sample()], ids=["defaults", "sample"])
-def test_what_is_written_reads_back_the_same(tmp_path, config):
+def test_a_written_configuration_reads_back_the_same(tmp_path, config):
     path = tmp_path / "quadlog.toml"
     path.write_text(commented_toml(config))
     assert load_config(path, [], {}) == config
@@ -110,7 +110,7 @@ def test_every_key_with_a_description_is_explained():
     assert Config.model_validate(tomllib.loads(lifted)) == Config()
 
 
-def test_only_what_was_set_is_no_comment():
+def test_default_values_are_comments():
     live = tomllib.loads(commented_toml(_sample()))
     assert live.pop("lidar") == {"mount": {"pitch_deg": 3.0}}
     assert set(live.pop("uwb")) == {"anchors", "tags"}
@@ -127,7 +127,7 @@ def test_only_what_was_set_is_no_comment():
         ({}, ["uwb.method=paper"], [], "paper", False),
     ],
 )
-def test_a_preset_outranks_the_file_alone_and_says_what_it_replaced(tmp_path, environ, overrides, flags, method, noted):
+def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, environ, overrides, flags, method, noted):
     path = tmp_path / "quadlog.toml"
     path.write_text('[uwb]\nmethod = "huber"\nsmooth = false\ncalibrate = true\nrange_std_m = 0.2\n')
     config, notes = configure(path, overrides, environ, "paper", flags=flags)

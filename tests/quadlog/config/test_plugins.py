@@ -38,7 +38,7 @@ def test_names_are_found_without_an_import(plugin_site, install):
         ("other = 1\n", "AttributeError: "),
     ],
 )
-def test_what_cannot_be_imported_is_one_line_with_distribution_and_cause(install, source, cause):
+def test_an_import_error_is_one_line_with_distribution_and_cause(install, source, cause):
     install("quadlog-broken", "0.3", {PLANNERS: {"broken": "broken:Broken"}}, {"broken": source})
     plugin = find_plugin(PLANNERS, "broken", taken=False)
     assert plugin is not None

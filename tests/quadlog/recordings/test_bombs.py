@@ -77,7 +77,7 @@ def bombs(make: Any) -> dict[str, tuple[list[tuple[bytes, int]], int, int | None
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_a_chunk_costs_what_the_file_is_worth(recordings: Any, tmp_path: Path, number: int) -> None:
+def test_memory_of_a_chunk_is_bounded_by_the_size_of_the_file(recordings: Any, tmp_path: Path, number: int) -> None:
     parts, count, messages = list(bombs(recordings).values())[number]
     packed, size = zstd(parts)
     chunks = [recordings.chunk(size, b"zstd", packed)] * count

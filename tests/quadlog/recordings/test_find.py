@@ -81,7 +81,7 @@ def test_a_list_names_many_beside_itself_or_from_the_working_folder(tree, monkey
 
 
 @pytest.mark.parametrize("argument", ["none.mcap", "@none.txt", "deep/nothing", "x" * 5000, "@list.txt", "@one.mcap"])
-def test_what_leads_nowhere_is_named(tree, monkeypatch, argument):
+def test_arguments_without_recordings_are_refused(tree, monkeypatch, argument):
     monkeypatch.chdir(tree)
     (tree / "deep" / "nothing").mkdir()
     (tree / "list.txt").write_text("# nothing\n")

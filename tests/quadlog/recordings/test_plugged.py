@@ -103,7 +103,7 @@ def test_driver_packets_that_a_plugin_decodes_are_refused_no_longer(install, log
     assert timed.message.xyz_m.dtype == np.float32
 
 
-def test_what_it_cannot_decode_is_a_loss(install, log):
+def test_messages_that_a_plugin_cannot_decode_are_a_loss(install, log):
     plug_in(install, "beacon.Report", "UwbRanges", RANGES)
     add_json(log, "/beacons", "beacon.Report", t=T0)
     add_json(log, "/beacons", "beacon.Report", t=T0, m=[1.0, 2.0])
@@ -142,7 +142,7 @@ def test_a_type_of_quadlogs_own_is_refused(install, log, taken):
         ),
     ],
 )
-def test_what_is_no_decoder_is_said(install, log, source, said):
+def test_an_object_that_is_no_decoder_is_refused(install, log, source, said):
     install("quadlog-odd", "1.0", {DECODERS: {"odd.Type": "odd:decoder"}}, {"odd": source})
     add_json(log, "/odd", "odd.Type")
     with pytest.raises(PluginUnusable) as raised:

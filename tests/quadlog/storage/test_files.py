@@ -24,7 +24,7 @@ from quadlog.storage.atomic_write import (
 )
 
 
-def test_a_new_folder_stays_with_what_is_in_it_and_goes_when_its_block_fails(tmp_path: Path) -> None:
+def test_a_new_folder_is_removed_when_its_block_fails(tmp_path: Path) -> None:
     with new_folder(tmp_path / "kept"):
         pass
     for name in ("kept", "new"):
@@ -115,7 +115,7 @@ for write in (table, maps, lambda: write_whole(folder / "big", bytes(200_000))):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_prevents_writing_is_one_line(tmp_path: Path) -> None:
+def test_obstacles_to_writing_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(CannotWrite, match="No such file"):
         write_whole(tmp_path / "gone" / "a", b"")
     (tmp_path / "b").mkdir()
@@ -164,7 +164,7 @@ def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == b"first"
 
 
-def test_what_is_written_is_told_once_it_has_its_name(tmp_path: Path) -> None:
+def test_files_written_lists_files_once_they_are_renamed(tmp_path: Path) -> None:
     write_whole(tmp_path / "before", b"")
     with files_written() as outer:
         write_whole(tmp_path / "a", b"")

@@ -67,7 +67,7 @@ def test_a_server_without_ranges_says_so_and_is_read_whole(
         assert b"".join(remote.stream()) == content
 
 
-def test_what_fails_for_a_moment_is_asked_for_again(web: Any, file: str) -> None:
+def test_temporary_failures_are_retried(web: Any, file: str) -> None:
     remote = WebObject(file)
     answers = iter([http.Response(status=500), http.Response(status=503), http.Response(status=429), None])
     web.answer = lambda _: next(answers)
@@ -151,7 +151,7 @@ def test_no_answer_becomes_wrong_bytes(web: Any, file: str, name: str, whole: bo
     assert "\n" not in str(caught.value)
 
 
-def test_each_part_is_asked_for_on_condition_that_nothing_changed(web: Any, file: str) -> None:
+def test_every_range_request_has_an_if_match_header(web: Any, file: str) -> None:
     """Also a server that does not repeat the version in its answers."""
     remote, sent = WebObject(file), []
     web.answer = lambda request: sent.append(request.headers.get("If-Match"))
@@ -174,7 +174,7 @@ def test_without_a_strong_etag_the_date_is_the_condition(web: Any, file: str, et
     assert sent == [(None, EARLIER)]
 
 
-def test_what_is_not_there_is_not_found_and_nobody_waits(web: Any, file: str, closed_port: int) -> None:
+def test_a_missing_file_is_not_retried(web: Any, file: str, closed_port: int) -> None:
     with pytest.raises(FileNotFoundError) as caught:
         WebObject(f"{web.url}/gone?sig=SECRET")
     assert "SECRET" not in str(caught.value)

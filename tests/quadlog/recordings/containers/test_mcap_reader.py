@@ -152,9 +152,7 @@ PACKERS = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.com
 
 
 @pytest.mark.parametrize("compression", PACKERS)
-def test_a_chunk_of_several_frames_is_read_to_its_end_and_what_follows_them_is_damage(
-    tmp_path, recordings, compression
-):
+def test_a_chunk_of_several_frames_is_read_whole_and_trailing_bytes_are_damage(tmp_path, recordings, compression):
     bodies = [recordings.message(1, b"one"), b"", recordings.message(2, b"two")]
     packed = b"".join(map(PACKERS[compression], bodies))
     size = len(b"".join(bodies))

@@ -21,7 +21,7 @@ from quadlog.recordings.containers.open import open_container
         (b"\x28\xb5\x2f\xfdnonsense", "decompress"),
     ],
 )
-def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content, words):
+def test_other_formats_are_refused_in_one_line(tmp_path, content, words):
     path = tmp_path / "a.bag"
     path.write_bytes(content)
     with pytest.raises(NotARecording, match=words) as caught:
@@ -30,7 +30,7 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content, words):
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_not_there_or_no_file_is_refused(tmp_path):
+def test_missing_files_and_pipes_are_refused(tmp_path):
     with pytest.raises(RecordingNotFound):
         open_container(tmp_path / "none.mcap")
     os.mkfifo(tmp_path / "pipe.mcap")

@@ -142,7 +142,7 @@ def test_paths_that_lead_out_of_the_folder_are_not_followed(folder, recordings):
         assert "secret.mcap" in container.losses[0].detail
 
 
-def test_files_that_metadata_does_not_name_are_said(folder, recordings):
+def test_files_missing_from_metadata_are_a_warning(folder, recordings):
     write_metadata(folder, ["bag_0.mcap", "bag_1.mcap"], a=20, b=20)
     recordings.mcap(folder / "bag_2.mcap", recordings.some()[40:])
     with open_container(folder) as container:
@@ -246,7 +246,7 @@ def test_real_splits_are_whole(edge_cases, recordings, name):
         assert (container.losses, container.warnings) == ([], [])
 
 
-def test_a_serialization_that_only_metadata_names_is_said(edge_cases, recordings):
+def test_a_serialization_named_only_by_metadata_is_a_warning(edge_cases, recordings):
     with open_container(edge_cases / "rosbag2" / "wrong_serialization") as container:
         assert all("'wrong_format'" in warning for warning in container.warnings)
         assert len(container.warnings) == 2

@@ -69,7 +69,7 @@ def test_a_link_does_not_hide_the_wal(crashed, tmp_path, recordings, linked):
         assert "a.db3-wal" in container.warnings[0]
 
 
-def test_a_database_in_wal_mode_without_wal_is_read_where_it_lies(tmp_path, recordings):
+def test_a_database_in_wal_mode_without_wal_is_read_in_place(tmp_path, recordings):
     messages = recordings.some()
     path = tmp_path / "a.db3"
     writer = sqlite3.connect(path)
@@ -84,7 +84,7 @@ def test_a_database_in_wal_mode_without_wal_is_read_where_it_lies(tmp_path, reco
     assert [each.name for each in tmp_path.iterdir()] == ["a.db3"]
 
 
-def test_no_room_for_the_copy_is_said(tmp_path, recordings, monkeypatch):
+def test_no_disk_space_for_the_copy_is_too_large(tmp_path, recordings, monkeypatch):
     path = recordings.db3(tmp_path / "a.db3", recordings.some())
     (tmp_path / "a.db3-wal").write_bytes(b"x" * 100)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10}))
@@ -126,7 +126,7 @@ def test_a_row_that_cannot_be_used_costs_itself(tmp_path, recordings):
         assert told == {("damaged", None, 1), ("damaged", "/b", 1), ("count", "/b", 1)}
 
 
-def test_a_truncated_database_gives_what_is_left(tmp_path, recordings):
+def test_the_rest_of_a_truncated_database_is_read(tmp_path, recordings):
     messages = [(topic, t_ns, payload * 10) for topic, t_ns, payload in recordings.some(400)]
     path = recordings.db3(tmp_path / "a.db3", messages)
     data = path.read_bytes()

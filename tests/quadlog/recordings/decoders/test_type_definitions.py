@@ -62,7 +62,7 @@ def idl(constant: str, members: str) -> str:
         ),
     ],
 )
-def test_what_is_refused(text: str, encoding: str, why: str) -> None:
+def test_unusable_definitions_are_refused(text: str, encoding: str, why: str) -> None:
     with pytest.raises(BadDefinition, match=why):
         fields_of(text, encoding=encoding)
 
@@ -108,7 +108,7 @@ def test_any_number_of_annotations_costs_nothing(aside: str) -> None:
 
 
 @pytest.mark.parametrize("opened", ["/*", '"\\', "@a(", '@a("', "struct a{", "@"])
-def test_what_is_opened_again_and_again_is_searched_once(opened: str) -> None:
+def test_repeated_openings_are_parsed_in_linear_time(opened: str) -> None:
     with pytest.raises(BadDefinition):
         fields_of(opened * (900_000 // len(opened)), encoding="ros2idl")
 

@@ -141,7 +141,7 @@ def test_a_range_with_zero_limits_is_kept(ros: Any, embedded: bool, range_m: flo
     np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
 
 
-def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() -> None:
+def test_ranges_with_a_variance_are_recognised_without_definition() -> None:
     store = get_typestore(Stores.LATEST)
     stamp = store.types["builtin_interfaces/msg/Time"](1, 2)
     header = store.types["std_msgs/msg/Header"](stamp, "")

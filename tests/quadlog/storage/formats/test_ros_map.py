@@ -99,9 +99,7 @@ def test_thresholds_may_coincide(folder: Path) -> None:
         assert read_rosmap(path).cells.tolist() == [[100, -1, 0]]
 
 
-def test_what_may_be_left_out_and_where_the_picture_may_lie(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_optional_keys_and_an_absolute_picture_path(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     elsewhere = tmp_path_factory.mktemp("elsewhere") / "m.pgm"
     elsewhere.write_bytes(PGM)
     lines = ABOUT.replace("image: map.pgm", f"image: {elsewhere}").splitlines()
@@ -243,7 +241,7 @@ def test_fewer_greys_are_stretched_to_all(tmp_path: Path) -> None:
         (b"", "is no PGM, PNG or BMP"),
     ],
 )
-def test_what_is_wrong_with_a_picture_is_said(tmp_path: Path, content: bytes, match: str) -> None:
+def test_damaged_pictures_are_refused_with_a_reason(tmp_path: Path, content: bytes, match: str) -> None:
     (tmp_path / "a.png").write_bytes(content)
     with pytest.raises(UnreadableFile, match=rf"a\.png: .*{match}"):
         read_picture(tmp_path / "a.png")

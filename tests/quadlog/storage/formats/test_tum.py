@@ -63,7 +63,7 @@ def test_we_read_what_evo_writes(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.quat_xyzw, np.roll(quat_wxyz, -1, axis=1))
 
 
-def test_lines_are_exact_and_poses_that_are_none_are_left_out(tmp_path: Path) -> None:
+def test_lines_are_exact_and_non_finite_poses_are_left_out(tmp_path: Path) -> None:
     t_ns = np.array([-500_000_000, 1, 1_700_000_000_000_000_001], np.int64)
     write_tum(tmp_path / "t", t_ns, np.array([1.1, np.nan, 2.0]), np.array([0.1, 0.0, 0.0]), np.zeros(3))
     assert (tmp_path / "t").read_text().splitlines() == [
