@@ -302,9 +302,9 @@ class BagFormat(PieceFormat):
         return message_entries(body)
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        """See PieceFormat. Chunk headers are read as well: only they say where a chunk ends and its index begins."""
         if any(not piece.index_end for piece in pieces):
             raise Damaged("the bag has no index")
-        # Only a chunk's header says where it ends.
         heads = [(each.offset, min(HEAD_BYTES, each.index_end - each.offset)) for each in pieces]
         chunks = [
             chunk_of(parse_frame(head, piece.offset, self.file.size))
