@@ -59,7 +59,6 @@ class Pass:
     zeros: dict[str, int] = field(default_factory=dict)
 
     def holds(self, t_ns: int) -> bool:
-        """Whether an instant is within."""
         return (self.start_ns is None or t_ns >= self.start_ns) and (self.end_ns is None or t_ns < self.end_ns)
 
     def held(self, t_ns: Int) -> np.ndarray:
@@ -97,7 +96,6 @@ class Waiting:
 
     @property
     def is_full(self) -> bool:
-        """Whether nothing more should wait."""
         return len(self._payloads) >= MOST_WAITING or self._bytes >= MOST_WAITING_BYTES
 
     def drain(self) -> tuple[Int, Int, list[bytes]]:
@@ -132,7 +130,6 @@ class Held:
         self._bytes = 0
 
     def take(self, order: int, raw: RawMessage) -> None:
-        """One more."""
         self._messages.append((order, raw))
         payload = raw.payload
         self._bytes += memoryview(payload.obj).nbytes if isinstance(payload, memoryview) else len(payload)

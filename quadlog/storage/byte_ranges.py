@@ -132,7 +132,6 @@ class RemoteBytes:
         """Nothing to give back: what was fetched is kept."""
 
     def close(self) -> None:
-        """Give the room back."""
         self._kept.close()
 
     def _fetch_missing(self, first: int, last: int) -> dict[int, bytes]:

@@ -184,12 +184,10 @@ class WebObject:
             self.told = self._run(self._probe())
 
     def fetch(self, start: int, end: int) -> bytes:
-        """The same."""
         with self._still_there():
             return self._run(self._fetch(start, end))
 
     def stream(self) -> Iterator[bytes]:
-        """The same."""
         with self._still_there():
             response = self._run(self._begin(self._condition(), None))
             try:

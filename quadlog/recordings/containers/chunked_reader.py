@@ -396,7 +396,6 @@ class _PieceMessages:
         self._given = 0
 
     def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        """See Source."""
         try:
             entries = self._opened()
             times_ns = entries.log_times_ns

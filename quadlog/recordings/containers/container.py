@@ -231,7 +231,6 @@ class Stream:
         self._waiting: RawMessage | None = None
 
     def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        """See Source."""
         if self._messages is None:
             self._messages = self._open_stream()
         if self._waiting is not None:

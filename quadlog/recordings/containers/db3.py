@@ -399,7 +399,6 @@ class SqliteReader(ClosedOnExit):
         return first or 0, last or 0, pages * page_bytes
 
     def release(self) -> None:
-        """See Container."""
         if self._passes == 0:
             self._database.release()
 

@@ -216,7 +216,6 @@ class SplitReader(ClosedOnExit):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """See Container."""
         sources = [
             Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
             for part in self._parts
@@ -230,7 +229,6 @@ class SplitReader(ClosedOnExit):
             raise self._empty_parts[0]
 
     def log_times(self) -> Iterator[LogTimes]:
-        """See Container."""
         try:
             for times in heapq.merge(*(part.log_times() for part in self._parts), key=attrgetter("floor_ns")):
                 yield times._replace(channel=self._merged[times.channel])
@@ -238,7 +236,6 @@ class SplitReader(ClosedOnExit):
             self._collect()
 
     def excerpt(self, budget: Budget) -> SplitReader | None:
-        """See Container."""
         count = min(budget.places, len(self._parts))
         chosen = set(spread(len(self._parts), count))
         shared = budget.shared(max(count, 1))
