@@ -217,19 +217,6 @@ def test_decompressing_without_room_names_the_file_and_the_folder(tmp_path, reco
         open_container(packed)
 
 
-def test_messages_of_several_frames_are_whole(tmp_path, recordings):
-    messages = recordings.some()
-    (tmp_path / "bag").mkdir()
-    recordings.mcap(tmp_path / "bag" / "bag_0.mcap", [(topic, t_ns, in_frames(data)) for topic, t_ns, data in messages])
-    write_metadata(tmp_path / "bag", ["bag_0.mcap"])
-    text = (tmp_path / "bag" / "metadata.yaml").read_text()
-    text = text.replace('format: ""', "format: zstd").replace('mode: ""', "mode: MESSAGE")
-    (tmp_path / "bag" / "metadata.yaml").write_text(text)
-    with open_container(tmp_path / "bag") as container:
-        assert recordings.read(container) == messages
-        assert (container.losses, container.warnings) == ([], [])
-
-
 def test_a_folder_without_files_or_with_separate_recordings_is_not_one(folder, tmp_path):
     (folder / "another.mcap").write_bytes((folder / "bag_0.mcap").read_bytes())
     for each in (folder, tmp_path):
