@@ -59,7 +59,7 @@ def test_there_is_one_line_for_each_recording_and_one_for_each_warning(finished)
     assert [line.split(":")[0] for line in lines[:-1]] == [
         f"[{i}/4] walk.{k}" for i, k in zip((1, 2, 3), order(finished), strict=True)
     ]
-    assert lines[-1].startswith("[4/4] broken: its first bytes")
+    assert lines[-1].startswith("[4/4] broken: not a recording")
 
 
 def order(finished):
@@ -102,7 +102,7 @@ def test_a_refused_run_keeps_its_row(planned, finished):
     lines = []
     outcome = replay_all(planned(finished[0], "walk.bag", "walk.db3"), lines=lines)
     assert outcome.exit_code == 1
-    assert all("--resume (complete it)" in run.reason for run in outcome.runs)
+    assert all("--resume to continue" in run.reason for run in outcome.runs)
     assert summary_of(finished[0]).loc["walk.bag"].equals(before.loc["walk.bag"])
 
 
