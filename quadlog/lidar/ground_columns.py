@@ -28,21 +28,10 @@ _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
 
 @inner
 def drop_pieces(
-    kind: Marks,
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    row: int,
-    off_m: Float32,
-    gap_m: Float32,
-    rise_m: Float32,
-    column: NDArray[np.int32],
-    edges: NDArray[np.int32],
-    ranges_m: Float32,
-    edge: Marks,
-    ground: Marks,
-) -> None:
+    kind: Marks, good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, row: int, off_m: Float32,
+    gap_m: Float32, rise_m: Float32, column: NDArray[np.int32], edges: NDArray[np.int32], ranges_m: Float32,
+    edge: Marks, ground: Marks,
+) -> None:  # fmt: skip
     """No short piece of a beam is ground that stands out of it, with something farther, or nothing, at an end.
 
     kind, ground, range_m, off_m, gap_m, rise_m: (columns,) of the beam in `row`, the last three from the column's
@@ -88,19 +77,9 @@ def drop_pieces(
 
 @inner
 def _drop(
-    column: NDArray[np.int32],
-    begin: int,
-    size: int,
-    n: int,
-    kind: Marks,
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    row: int,
-    gap_m: Float32,
-    rise_m: Float32,
-    ground: Marks,
-) -> None:
+    column: NDArray[np.int32], begin: int, size: int, n: int, kind: Marks, good: Marks, distance_m: Float32,
+    z_m: Float32, row: int, gap_m: Float32, rise_m: Float32, ground: Marks,
+) -> None:  # fmt: skip
     """Mark a piece, unless it goes on as a ramp does: to the next beam's returns at about the same slope."""
     ramps = 0
     for j in range(begin, begin + size):
@@ -171,20 +150,10 @@ class ColumnWalk:
 
 @kernel
 def _walk(
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    descending: NDArray[np.bool_],
-    floor_m: float,
-    floats: Float32,
-    marks: Marks,
-    wide: Marks,
-    numbers: NDArray[np.int32],
-    ranges_m: Float32,
-    ground: Marks,
+    good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, descending: NDArray[np.bool_], floor_m: float,
+    floats: Float32, marks: Marks, wide: Marks, numbers: NDArray[np.int32], ranges_m: Float32, ground: Marks,
     wall: Marks,
-) -> None:
+) -> None:  # fmt: skip
     # Of every column: where its last ground is, how steep the ground was there, and what lies between.
     last_m, last_z_m, slope = floats[0], floats[1], floats[2]
     gap_m, rise_m, off_m = floats[3], floats[4], floats[5]
@@ -226,15 +195,9 @@ def _walk(
 # The following have no branches, and few arrays each, so that they become vector instructions.
 @inner
 def _off_the_ground(
-    distance_m: Float32,
-    z_m: Float32,
-    last_m: Float32,
-    last_z_m: Float32,
-    slope: Float32,
-    gap_m: Float32,
-    rise_m: Float32,
-    off_m: Float32,
-) -> None:
+    distance_m: Float32, z_m: Float32, last_m: Float32, last_z_m: Float32, slope: Float32, gap_m: Float32,
+    rise_m: Float32, off_m: Float32,
+) -> None:  # fmt: skip
     for c in range(len(gap_m)):
         gap_m[c] = distance_m[c] - last_m[c]
     for c in range(len(gap_m)):
@@ -274,15 +237,9 @@ def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: M
 
 @inner
 def _step_out(
-    kind: Marks,
-    ground: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    hidden: Marks,
-    last_m: Float32,
-    last_z_m: Float32,
-    slope: Float32,
-) -> None:
+    kind: Marks, ground: Marks, distance_m: Float32, z_m: Float32, hidden: Marks, last_m: Float32,
+    last_z_m: Float32, slope: Float32,
+) -> None:  # fmt: skip
     for c in range(len(kind)):
         hidden[c] = hidden[c] if kind[c] == NOTHING else (_NO if ground[c] != _NO else _YES)
     for c in range(len(kind)):

@@ -68,17 +68,9 @@ def _plane(cells: Float, floor_m: float) -> Float:
 
 @kernel
 def _grow(
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: NDArray[np.uint8],
-    floor_m: float,
-    order: Int,
-    lowest: Int,
-    cells: Float,
-    known: NDArray[np.bool_],
-    walled: NDArray[np.bool_],
-) -> None:
+    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], floor_m: float, order: Int, lowest: Int,
+    cells: Float, known: NDArray[np.bool_], walled: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """Of every ground cell x, y from the lidar, z of its lowest point, and the slopes along x and y there."""
     size = len(lowest)
     for i in range(len(dx_m)):
@@ -145,15 +137,9 @@ def _extrapolate(
 
 @kernel
 def _measure(
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: NDArray[np.uint8],
-    cells: Float,
-    known: NDArray[np.bool_],
-    plane: Float,
-    height_m: Float32,
-) -> None:
+    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], cells: Float, known: NDArray[np.bool_],
+    plane: Float, height_m: Float32,
+) -> None:  # fmt: skip
     """Heights above the cells about each point, the nearer the more; above the plane where none is within 2 m."""
     for i in range(len(label)):
         if label[i] == np.uint8(PointClass.INVALID):

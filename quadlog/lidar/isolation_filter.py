@@ -77,18 +77,9 @@ class Isolated:
 
 @kernel
 def _isolate(
-    range_m: Float32,
-    dx_m: Float32,
-    dy_m: Float32,
-    raw_z_m: Float32,
-    layers: int,
-    lidar_z: float,
-    wide: Float32,
-    good: NDArray[np.int8],
-    raw_distance_m: Float32,
-    distance_m: Float32,
-    z_m: Float32,
-) -> None:
+    range_m: Float32, dx_m: Float32, dy_m: Float32, raw_z_m: Float32, layers: int, lidar_z: float, wide: Float32,
+    good: NDArray[np.int8], raw_distance_m: Float32, distance_m: Float32, z_m: Float32,
+) -> None:  # fmt: skip
     one, none = np.float32(1), np.float32(0)
     rows, columns = good.shape
     for row in range(rows):

@@ -142,17 +142,9 @@ def phase_and_strangers(
 
 @kernel
 def _sample(
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    key: NDArray[np.uint16],
-    first_cell: NDArray[np.int32],
-    sines: Float32,
-    by_elevation: bool,
-    columns: int,
-    limits: Float,
-    found: Float,
-) -> None:
+    x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], first_cell: NDArray[np.int32],
+    sines: Float32, by_elevation: bool, columns: int, limits: Float, found: Float,
+) -> None:  # fmt: skip
     """Sums of the cosine and the sine of the phase, points looked at, and those of them that are on no beam."""
     last_key = len(first_cell) - 1
     # An odd step meets every beam of a sweep that is sent column by column.
@@ -222,16 +214,9 @@ def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
 
 @kernel
 def _gather(
-    range_m: Float32,
-    sine: Float32,
-    turn: Float32,
-    beam: NDArray[np.uint16],
-    count: Int,
-    total: Float,
-    squares: Float,
-    first: Float,
-    arcs: Int,
-) -> None:
+    range_m: Float32, sine: Float32, turn: Float32, beam: NDArray[np.uint16], count: Int, total: Float,
+    squares: Float, first: Float, arcs: Int,
+) -> None:  # fmt: skip
     # A number too large for a beam names none.
     for i in range(len(range_m)):
         b = np.int64(beam[i])
@@ -310,30 +295,12 @@ class Image:
 
 @kernel
 def _lay(
-    n: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    key: NDArray[np.uint16],
-    slot: NDArray[np.uint8],
-    first_cell: NDArray[np.int32],
-    by_elevation: bool,
-    columns: int,
-    turning: Float32,
-    limits: Float32,
-    scratch: Float32,
-    whole: NDArray[np.int32],
-    range_m: Float32,
-    next_range_m: Float32,
-    cell_dx_m: Float32,
-    cell_dy_m: Float32,
-    cell_z_m: Float32,
-    cell_slot: NDArray[np.uint8],
-    other_range_m: Float32,
-    other_cell: NDArray[np.int32],
-    point: NDArray[np.int32],
-    keeps_points: bool,
-) -> tuple[int, int, int]:
+    n: int, x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], slot: NDArray[np.uint8],
+    first_cell: NDArray[np.int32], by_elevation: bool, columns: int, turning: Float32, limits: Float32,
+    scratch: Float32, whole: NDArray[np.int32], range_m: Float32, next_range_m: Float32, cell_dx_m: Float32,
+    cell_dy_m: Float32, cell_z_m: Float32, cell_slot: NDArray[np.uint8], other_range_m: Float32,
+    other_cell: NDArray[np.int32], point: NDArray[np.int32], keeps_points: bool,
+) -> tuple[int, int, int]:  # fmt: skip
     """How many returns are valid, how many have no cell of their own, and how many belong to no row.
 
     Block by block: first without branches and in 32 bits, so that it becomes vector instructions, what can be said of
@@ -399,16 +366,9 @@ def _lay(
 
 @inner
 def _directions(
-    size: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    limits: Float32,
-    columns: int,
-    r_m: Float32,
-    part: Float32,
+    size: int, x_m: Float32, y_m: Float32, z_m: Float32, limits: Float32, columns: int, r_m: Float32, part: Float32,
     column: NDArray[np.int32],
-) -> None:
+) -> None:  # fmt: skip
     """Range of each point of a block, 0 where it does not count, and its column.
 
     The arctangent is a polynomial of degree 9 (Abramowitz and Stegun 4.4.49, error below 1e-5 rad): a hundredth of
@@ -441,16 +401,9 @@ def _directions(
 
 @inner
 def _turned(
-    size: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    slot: NDArray[np.uint8],
-    t: Float32,
-    x_out: Float32,
-    y_out: Float32,
-    z_out: Float32,
-) -> None:
+    size: int, x_m: Float32, y_m: Float32, z_m: Float32, slot: NDArray[np.uint8], t: Float32, x_out: Float32,
+    y_out: Float32, z_out: Float32,
+) -> None:  # fmt: skip
     """Points of a block in base made upright, by the tilt of their time slots."""
     for j in range(size):
         x, y, z, s = x_m[j], y_m[j], z_m[j], np.float32(slot[j])

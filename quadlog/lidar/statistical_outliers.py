@@ -206,17 +206,9 @@ def _leaves_near(box: Float, leaf: int, n_leaves: int, reach2: float, near: Int,
 
 @njit(cache=True)
 def _measure(
-    xyz: Float,
-    near: Int,
-    near_box: Float,
-    n_near: int,
-    x: float,
-    y: float,
-    z: float,
-    limit2: float,
-    gap2: Float,
+    xyz: Float, near: Int, near_box: Float, n_near: int, x: float, y: float, z: float, limit2: float, gap2: Float,
     d2: Float,
-) -> tuple[int, int]:
+) -> tuple[int, int]:  # fmt: skip
     """Write the squared distances to all points of the leaves nearer than the limit, a row of d2 for each leaf.
 
     Returns how many rows, and how many distances in them are within the limit.

@@ -60,14 +60,9 @@ class AccumulatedMap:
 
 @kernel
 def _count(
-    top_mm: NDArray[np.int16],
-    lowest_ray_mm: NDArray[np.int16],
-    below_mm: int,
-    hits: NDArray[np.int32],
-    passes: NDArray[np.int32],
-    first_row: int,
-    first_col: int,
-) -> None:
+    top_mm: NDArray[np.int16], lowest_ray_mm: NDArray[np.int16], below_mm: int, hits: NDArray[np.int32],
+    passes: NDArray[np.int32], first_row: int, first_col: int,
+) -> None:  # fmt: skip
     one, none = np.int32(1), np.int32(0)
     rows, cols = top_mm.shape
     for row in range(rows):
@@ -136,14 +131,9 @@ class GroundHeight:
 
 @kernel
 def _cells_of_ground(
-    ground: NDArray[np.int16],
-    slot: NDArray[np.uint8],
-    poses: Float,
-    unit_m: float,
-    cell_m: float,
-    cells: Int,
+    ground: NDArray[np.int16], slot: NDArray[np.uint8], poses: Float, unit_m: float, cell_m: float, cells: Int,
     bounds: Int,
-) -> None:
+) -> None:  # fmt: skip
     """The lattice's cells (col, row) of the ground's means, and their bounds."""
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
     moved = np.empty((len(poses), 4))
@@ -162,14 +152,9 @@ def _cells_of_ground(
 
 @kernel
 def _add(
-    ground: NDArray[np.int16],
-    points: NDArray[np.uint16],
-    cells: Int,
-    col0: int,
-    row0: int,
-    sum_m: Float,
+    ground: NDArray[np.int16], points: NDArray[np.uint16], cells: Int, col0: int, row0: int, sum_m: Float,
     count: NDArray[np.int32],
-) -> None:
+) -> None:  # fmt: skip
     for i in range(len(ground)):
         row, col = cells[i, 1] - row0, cells[i, 0] - col0
         sum_m[row, col] += points[i] * (ground[i, 2] * 0.001)

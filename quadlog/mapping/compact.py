@@ -206,22 +206,10 @@ _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 @kernel
 def _keep_obstacles(
-    n: int,
-    width: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: UInt8,
-    slot: UInt8,
-    limits: Float32,
-    counts: bool,
-    key: NDArray[np.int32],
-    column: NDArray[np.int32],
-    table: NDArray[np.int32],
-    obstacle: Int16,
-    count: UInt8,
-    obstacle_slot: UInt8,
-) -> int:
+    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
+    counts: bool, key: NDArray[np.int32], column: NDArray[np.int32], table: NDArray[np.int32], obstacle: Int16,
+    count: UInt8, obstacle_slot: UInt8,
+) -> int:  # fmt: skip
     """One of the points that block in each cell of THIN_M, with the greatest height of them.
 
     Of neighbours in a row that lie in one cell only the first is looked at, unless it matters how many there are.
@@ -279,19 +267,9 @@ def _thin_cells(
 
 @kernel
 def _average_ground(
-    n: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: UInt8,
-    slot: UInt8,
-    limits: Float32,
-    table: NDArray[np.int32],
-    sums: Float32,
-    ground: Int16,
-    count: UInt16,
-    ground_slot: UInt8,
-) -> int:
+    n: int, dx_m: Float32, dy_m: Float32, z_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
+    table: NDArray[np.int32], sums: Float32, ground: Int16, count: UInt16, ground_slot: UInt8,
+) -> int:  # fmt: skip
     """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: (room, 4) x, y, z and count."""
     kept, mask = 0, np.int32(table.shape[1] - 1)
     x0, y0, per_cell = limits[_X], limits[_Y], limits[_PER_CELL]

@@ -100,18 +100,9 @@ class LogOddsMemory:
 
 @kernel
 def _remember(
-    top_mm: Int16,
-    lowest_ray_mm: Int16,
-    low_ms: Int16,
-    low_mm: Int16,
-    high_ms: Int16,
-    high_mm: Int16,
-    first_row: int,
-    first_col: int,
-    passed_ms: int,
-    clear_ms: int,
-    occupied: Grid,
-) -> None:
+    top_mm: Int16, lowest_ray_mm: Int16, low_ms: Int16, low_mm: Int16, high_ms: Int16, high_mm: Int16,
+    first_row: int, first_col: int, passed_ms: int, clear_ms: int, occupied: Grid,
+) -> None:  # fmt: skip
     none, settled = np.int16(0), min(np.int16(2 * _HIT_MS), clear_ms)
     rows, cols = top_mm.shape
     for row in range(rows):

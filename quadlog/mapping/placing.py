@@ -63,16 +63,9 @@ class ScanPlacer:
 
 @kernel
 def _raise_tops(
-    obstacle: NDArray[np.int16],
-    points: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    poses: Float,
-    unit_m: float,
-    place: Float,
-    min_points: int,
-    count: NDArray[np.int32],
-    top_mm: NDArray[np.int16],
-) -> None:
+    obstacle: NDArray[np.int16], points: NDArray[np.uint8], slot: NDArray[np.uint8], poses: Float, unit_m: float,
+    place: Float, min_points: int, count: NDArray[np.int32], top_mm: NDArray[np.int16],
+) -> None:  # fmt: skip
     """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
     radius.
     """

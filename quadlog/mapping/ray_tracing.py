@@ -92,27 +92,11 @@ def _sectors(returns: ClassifiedReturns) -> tuple[int, int]:
 
 @kernel
 def _gather(
-    n: int,
-    width: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    limits: Float32,
-    sectors: int,
-    together: int,
-    length_m: Float32,
-    rise: Float32,
-    place: NDArray[np.int32],
-    reach_m: Float32,
-    slope: Float32,
-    bin_slot: NDArray[np.uint8],
-    count: NDArray[np.uint8],
-    sector_slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slopes: NDArray[np.int16],
-) -> int:
+    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8],
+    slot: NDArray[np.uint8], limits: Float32, sectors: int, together: int, length_m: Float32, rise: Float32,
+    place: NDArray[np.int32], reach_m: Float32, slope: Float32, bin_slot: NDArray[np.uint8],
+    count: NDArray[np.uint8], sector_slot: NDArray[np.uint8], reach: NDArray[np.uint16], slopes: NDArray[np.int16],
+) -> int:  # fmt: skip
     """Fill count, sector_slot, reach and slopes, as in Rays; returns how many rays there are.
 
     width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
@@ -173,17 +157,9 @@ def _turn(x: np.float32, y: np.float32) -> np.float32:
 
 @inner
 def _bins(
-    size: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    limits: Float32,
-    sectors: int,
-    length_m: Float32,
-    rise: Float32,
-    place: NDArray[np.int32],
-) -> None:
+    size: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8], limits: Float32,
+    sectors: int, length_m: Float32, rise: Float32, place: NDArray[np.int32],
+) -> None:  # fmt: skip
     """Horizontal length and slope of each ray, and sector * BINS + bin.
 
     Of rays that count for nothing the length is infinite, the slope -infinity and the bin one more than there are.
@@ -248,22 +224,11 @@ class RayPlacer:
 
 @kernel
 def _place(
-    count: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slope: NDArray[np.int16],
-    unit_m: float,
-    lidar_base_m: Float,
-    poses: Float,
-    corner: Float,
-    outward: Float,
-    sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16],
-    dx: Float32,
-    step: NDArray[np.int32],
-    direction: NDArray[np.int32],
+    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
+    unit_m: float, lidar_base_m: Float, poses: Float, corner: Float, outward: Float, sector: NDArray[np.int32],
+    profile_mm: NDArray[np.int16], dx: Float32, step: NDArray[np.int32], direction: NDArray[np.int32],
     lowest_mm: NDArray[np.int16],
-) -> None:
+) -> None:  # fmt: skip
     """corner: the window's first column and row on the lattice, and the edge of a cell."""
     n, cell_m = len(poses), corner[2]
     moved_m = np.empty((5, n))
@@ -288,18 +253,10 @@ def _place(
 
 @inner
 def _draw_profiles(
-    count: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slope: NDArray[np.int16],
-    unit_m: float,
-    lidar_m: float,
-    moved: Float,
-    outward: Float,
-    cell_m: float,
-    sector: NDArray[np.int32],
+    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
+    unit_m: float, lidar_m: float, moved: Float, outward: Float, cell_m: float, sector: NDArray[np.int32],
     profile_mm: NDArray[np.int16],
-) -> None:
+) -> None:  # fmt: skip
     """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
     the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
 
@@ -348,15 +305,9 @@ def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: fl
 
 @inner
 def _look_up(
-    start_col: float,
-    start_row: float,
-    sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16],
-    dx: Float32,
-    step: NDArray[np.int32],
-    direction: NDArray[np.int32],
-    lowest_mm: NDArray[np.int16],
-) -> None:
+    start_col: float, start_row: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16], dx: Float32,
+    step: NDArray[np.int32], direction: NDArray[np.int32], lowest_mm: NDArray[np.int16],
+) -> None:  # fmt: skip
     """The height of each cell's sector at its distance from the start, both of the cell's middle."""
     rows, cols = lowest_mm.shape
     last, steps = np.float32(profile_mm.shape[1] - 1), profile_mm.shape[1]

@@ -171,21 +171,8 @@ def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ign
 
 @inner
 def _search(  # type: ignore[no-untyped-def]
-    padded,
-    records,
-    parent_step,
-    stack,
-    listed,
-    keys,
-    way,
-    heads,
-    steps,
-    width,
-    start,
-    goal_cell,
-    cutting,
-    is_open,
-):
+    padded, records, parent_step, stack, listed, keys, way, heads, steps, width, start, goal_cell, cutting, is_open,
+):  # fmt: skip
     """(cells of the path, its cost, expanded, generated, touched); way's last rows then hold the path.
 
     start is a flat index in the grid with its border, goal_cell (col, row) counts that too.
@@ -245,26 +232,9 @@ def _search(  # type: ignore[no-untyped-def]
 
 @kernel
 def _search_on(  # type: ignore[no-untyped-def]
-    blocked,
-    route,
-    dcol,
-    drow,
-    start,
-    goal,
-    kept_cells,
-    padded,
-    records,
-    parent_step,
-    stack,
-    listed,
-    keys,
-    way,
-    heads,
-    steps,
-    width,
-    cutting,
-    is_open,
-):
+    blocked, route, dcol, drow, start, goal, kept_cells, padded, records, parent_step, stack, listed, keys, way,
+    heads, steps, width, cutting, is_open,
+):  # fmt: skip
     """What _search gives for the whole path, and how many of its cells are the route's; -1 cells when none is kept.
 
     An empty route: the path is searched from start. One kernel, because compiling the search twice takes as long again,
