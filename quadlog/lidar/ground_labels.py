@@ -187,7 +187,7 @@ def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile:
         _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label, counts)
 
 
-def crop_to_view(image: Image, lidar_xy_m: tuple[float, float], field_of_view_deg: float, counts: Int) -> None:
+def crop_to_view(image: Image, lidar_xy_m: Float, field_of_view_deg: float, counts: Int) -> None:
     """Label CROPPED what lies beside a fan about base's x axis, and correct counts. [Following]"""
     n = image.rows * image.columns + image.n_others
     x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])

@@ -330,31 +330,24 @@ def _lay(
             n_valid += 1
             row_begins = first_cell[np.uint32(min(bins[j], last_key))]
             cell = np.int64(row_begins) + column[j]
-            if row_begins >= 0 and range_m[np.uint32(cell)] == nothing:
-                k = np.uint32(cell)
-                range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slots[j]
-                if keeps_points:
-                    point[k] = begin + j
-                continue
-            other = np.uint32(cells + n_others)
-            at = np.uint32(n_others)
-            n_others += 1
-            k = np.uint32(cell)
-            if row_begins < 0 or r >= range_m[k]:
-                other_range_m[at], cell_slot[other] = r, slots[j]
-                cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = x_out[j], y_out[j], z_out[j]
-                if keeps_points:
-                    point[other] = begin + j
-            else:
-                other_range_m[at], cell_slot[other] = range_m[k], cell_slot[k]
-                cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
-                range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slots[j]
-                if keeps_points:
-                    point[other], point[k] = point[k], begin + j
-            other_cell[at] = cell if row_begins >= 0 else -1 - column[j]
-            n_without += row_begins < 0
+            at = k = np.uint32(cell)
+            if row_begins < 0 or range_m[k] != nothing:
+                at, other = np.uint32(cells + n_others), np.uint32(n_others)
+                other_range_m[other], other_cell[other] = r, cell if row_begins >= 0 else -1 - column[j]
+                n_others += 1
+                n_without += row_begins < 0
+                if row_begins >= 0 and r < range_m[k]:
+                    # The nearer return takes the cell.
+                    other_range_m[other], cell_slot[at] = range_m[k], cell_slot[k]
+                    cell_dx_m[at], cell_dy_m[at], cell_z_m[at] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
+                    if keeps_points:
+                        point[at] = point[k]
+                    at = k
+            if at < cells:
+                range_m[at] = r
+            cell_dx_m[at], cell_dy_m[at], cell_z_m[at], cell_slot[at] = x_out[j], y_out[j], z_out[j], slots[j]
+            if keeps_points:
+                point[at] = begin + j
     if n_others > 0:
         next_range_m[:] = nothing
     for i in range(n_others):
