@@ -193,9 +193,12 @@ def crop_to_view(image: Image, lidar_xy_m: Float, field_of_view_deg: float, coun
     x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
     label = image.label[:n]
     label[~in_field_of_view(x_m, y_m, field_of_view_deg) & (label != _INVALID)] = _CROPPED
-    n_invalid = counts[_INVALID]
-    counts[:] = np.bincount(label, minlength=len(counts))
-    counts[_INVALID] = n_invalid
+    recount(label, counts)
+
+
+def recount(label: NDArray[np.uint8], counts: Int) -> None:
+    """Set counts (5,) to the number of labels of each class, but for INVALID: empty cells are no points."""
+    counts[1:] = np.bincount(label, minlength=len(counts))[1:]
 
 
 def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.ground_labels import recount
 from quadlog.lidar.range_image import Image
 from quadlog.messages import Float, Float32, Int
 
@@ -46,9 +47,7 @@ def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
     _measure(*places, cells, known, plane, height_m)
     label = image.label[:n]
     label[(label == PointClass.OBSTACLE) & (np.abs(height_m) <= _GROUND_M)] = PointClass.GROUND
-    n_invalid = counts[PointClass.INVALID]
-    counts[:] = np.bincount(label, minlength=len(counts))
-    counts[PointClass.INVALID] = n_invalid
+    recount(label, counts)
     return plane
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
-from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.compact import CompactScan, slot_transforms
 from quadlog.mapping.grid import FARTHEST_CELL, Window
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
 from quadlog.mapping.placing import NO_TOP, PlacedScan
@@ -136,10 +135,7 @@ def _cells_of_ground(
 ) -> None:  # fmt: skip
     """The lattice's cells (col, row) of the ground's means, and their bounds."""
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
-    moved = np.empty((len(poses), 4))
-    for k in range(len(poses)):
-        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
-        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    moved = slot_transforms(poses, unit_m)
     for i in range(len(ground)):
         at, x, y = slot[i], ground[i, 0] + 0.5, ground[i, 1] + 0.5
         col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)

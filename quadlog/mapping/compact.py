@@ -197,6 +197,16 @@ class ScanCompactor:
         self._ground_count, self._sums = np.zeros(room, np.uint16), np.zeros((room, 4), np.float32)
 
 
+@inner
+def slot_transforms(poses: Float, unit_m: float) -> Float:
+    """(K, 4) cosine and sine of the yaw times unit_m, and x, y, of poses (K, 3) x, y, yaw at the time slots."""
+    moved = np.empty((len(poses), 4))
+    for k in range(len(poses)):
+        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
+        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    return moved
+
+
 _X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH = 0, 1, 3, 4, 5, 6, 7
 _PER_THIN, _PER_CELL, _PER_UNIT = 8, 9, 10
 # So that sums of heights stay within 16 bits.

@@ -31,6 +31,7 @@ from quadlog.compiled import inlined, kernel
 from quadlog.planning.protocol import Bool, Cell, Plan, is_usable, no_plan
 from quadlog.planning.rules import Rules
 from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
+from quadlog.planning.search.heap_search import is_less
 
 CostType = np.dtype[np.int32] | np.dtype[np.int64]
 # Dearer than any way, by the type of the costs: 14 for each cell of a map of 8192 by 8192 is less.
@@ -80,11 +81,6 @@ def _step_cost(state, k):  # type: ignore[no-untyped-def]
     return state[STRAIGHT] if k < FIRST_DIAGONAL else state[DIAGONAL]
 
 
-@inlined
-def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
-    return f < than_f or (f == than_f and tie < than_tie)
-
-
 @kernel
 def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
     """Compiled once for its four callers."""
@@ -110,7 +106,7 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
     f, tie = keys[cell, 0], keys[cell, 1]
     while place > 0:
         above = heap[(place - 1) >> 1]
-        if not _is_less(f, tie, keys[above, 0], keys[above, 1]):
+        if not is_less(f, tie, keys[above, 0], keys[above, 1]):
             break
         heap[place] = above
         records[above, PLACE] = place + 1
@@ -119,8 +115,8 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
         child = 2 * place + 1
         if child + 1 < size:
             left, right = heap[child], heap[child + 1]
-            child += _is_less(keys[right, 0], keys[right, 1], keys[left, 0], keys[left, 1])
-        if child >= size or not _is_less(keys[heap[child], 0], keys[heap[child], 1], f, tie):
+            child += is_less(keys[right, 0], keys[right, 1], keys[left, 0], keys[left, 1])
+        if child >= size or not is_less(keys[heap[child], 0], keys[heap[child], 1], f, tie):
             break
         heap[place] = heap[child]
         records[heap[place], PLACE] = place + 1
@@ -261,11 +257,11 @@ def repair(  # type: ignore[no-untyped-def]
     while state[SIZE] > 0:
         cell = heap[0]
         f, tie = _key(records, state, target)
-        if records[target, RHS] <= records[target, G] and not _is_less(keys[cell, 0], keys[cell, 1], f, tie):
+        if records[target, RHS] <= records[target, G] and not is_less(keys[cell, 0], keys[cell, 1], f, tie):
             break
         # Since this key was made the target may have moved: then the cell waits for its turn.
         f, tie = _key(records, state, cell)
-        if _is_less(keys[cell, 0], keys[cell, 1], f, tie):
+        if is_less(keys[cell, 0], keys[cell, 1], f, tie):
             _settle(records, keys, heap, state, cell)
         else:
             _expand(padded, records, keys, heap, steps, state, cell, cutting)
