@@ -14,7 +14,7 @@ from benchmarks.figures import Figure, run_quadlog
 
 EQUAL, EQUAL_S = 8, 60
 SHORT, SHORT_S = 1000, 2
-# A sweep of fewer rays makes a recording small, so that the engine has most to do beside it.
+# Fewer rays make a recording small, so that the engine's share is largest.
 AZIMUTH_STEPS = 90
 TIMINGS = ("ms", "us")
 
@@ -49,7 +49,7 @@ def _engine(short: Path) -> Iterator[Figure]:
 
 
 def _recordings(folder: Path, count: int, seconds: int, options: tuple[str, ...]) -> Path:
-    """A folder of the same recording, so many times, and its configuration."""
+    """A folder with `count` links to the same recording, and its configuration."""
     folder.mkdir()
     make = ["synthesize", "follow", "--duration", str(seconds), *options, "-o", str(folder / "0.mcap")]
     run_quadlog(*make, "--config-output", str(folder / "quadlog.toml"))

@@ -20,7 +20,7 @@ _PIECE_WIDTH_M, _PIECE_RISE_M, _PIECE_RISE_PER_M = np.float32(2.5), np.float32(0
 _RAMP_SLOPE, _RAMP_AGREES, _RAMP_STEP_M = np.float32(0.12), np.float32(0.12), np.float32(0.3)
 
 _NOTHING, _PIECE, _NONE, _TURN = np.int8(0), np.int8(3), np.float32(0), np.float32(2 * np.pi)
-# A number of a type, which a plain 0 is not: with that, everything would be compiled twice.
+# Typed: a plain 0 would make numba compile everything twice.
 _ZERO: int = np.int64(0)  # type: ignore[assignment]
 # What the range does from one return to the next: to something farther, to something nearer, or nothing is near.
 _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
@@ -40,7 +40,7 @@ def drop_pieces(
     """
     n = _ZERO
     for c in range(len(kind)):
-        # Written whatever they are: a branch that is often guessed wrongly takes longer.
+        # Written unconditionally: a mispredicted branch takes longer.
         column[n], ranges_m[n] = c, range_m[c]
         n += kind[c] != _NOTHING
     if n == 0:
@@ -98,10 +98,10 @@ def _drop(
 
 STEEPEST = np.float32(0.47)
 """25 degrees: a ramp of 20 and what the gait tilts."""
-# Height off the line of the ground before it: sure ground, and what is still possible behind an obstacle.
+# Height off the line of the ground before it: certain ground, and possible ground behind an obstacle.
 _NEAR_M, _NEAR_PER_M, _BEHIND_PER_M = np.float32(0.04), np.float32(0.02), np.float32(0.05)
 _SLACK_M, _BACK_M = np.float32(0.03), np.float32(-0.05)
-# A wall: steeper than this up to a return of the next beams, and at least so much higher.
+# A wall: steeper than _WALL_SLOPE up to a return of the next beams, and at least _WALL_RISE_M higher.
 _WALL_SLOPE, _WALL_RISE_M, _WALL_BEAMS = np.float32(0.7), np.float32(0.05), 3
 _WALL_FOOT_M = np.float32(0.012)
 # Farther off, no return is at a wall's foot.
@@ -274,7 +274,7 @@ def _vote(
         if ayes == 0 or kind[c] == NOTHING or (wall[c] != _NO and off_m[c] > _WALL_FOOT_M):
             continue
         if votes[c] == ayes:
-            # All agree, at whatever distance.
+            # All agree, at any distance.
             ground[c] = _YES
             continue
         near_m = _VOTER_M + _VOTER_PER_M * distance_m[c]

@@ -169,7 +169,7 @@ def profile_height(
     return near + across[column] * (far - near)
 
 
-# Height off the ground of what is ground: after the walk said so, without it, and at the foot of a wall.
+# Largest height of ground points: found by the column walk, not found by it, and at the foot of a wall.
 _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
 _INVALID, _CROPPED, _OUTLIER = (np.uint8(each) for each in (PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER))
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
@@ -188,7 +188,7 @@ def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile:
 
 
 def crop_to_view(image: Image, lidar_xy_m: Float, field_of_view_deg: float, counts: Int) -> None:
-    """Label CROPPED what lies beside a fan about base's x axis, and correct counts. [Following]"""
+    """Label CROPPED the points outside a fan about base's x axis, and correct counts. [Following]"""
     n = image.rows * image.columns + image.n_others
     x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
     label = image.label[:n]

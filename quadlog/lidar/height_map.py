@@ -31,7 +31,7 @@ _GROUND_M = 0.06
 
 
 def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
-    """Fill height_m of an image in which `label_supported` labelled what is real, and label what is ground.
+    """Fill height_m of an image in which `label_supported` labelled outliers, and label the ground.
 
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.
@@ -96,7 +96,7 @@ def _grow(
             fits = near_plane and abs(z - nearest_z) <= _STEEPEST * nearest_m + _SLACK_M
         else:
             r = math.sqrt(x * x + y * y)
-            # Growth never starts on a wall, of which only a part may be in view.
+            # Growth never starts on a wall, which may be visible in part only.
             fits = r < _FIRST_M and not walled[a, b] and abs(z - floor_m) <= _FIRST_RISE_M + _FIRST_SLOPE * r
         if fits:
             cells[a, b, 0], cells[a, b, 1], cells[a, b, 2] = x, y, z

@@ -77,7 +77,7 @@ class Beams:
 
 
 def beams_by_ring(polar: Polar, ring: NDArray[np.uint16] | None, upright: bool) -> Beams | None:
-    """Beams as the driver numbers them, in whatever order; None where the numbers do not go with elevations."""
+    """Beams by the driver's ring numbers, in any order; None where these do not match the elevations."""
     if ring is None or ring.shape != polar.range_m.shape:
         return None
     return _sorted_beams(polar, ring.astype(np.uint16, copy=False), upright)
@@ -106,7 +106,7 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
 
 
 def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, NDArray[np.uint16]]:
-    """Beams that are none, and the number (N,) of each point's: bins of elevation, and about a point to a cell.
+    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to a cell.
 
     For clouds without beams; range_m, sine: (N,) by directions along base's axes from where the lidar stands.
     """
@@ -217,7 +217,7 @@ def _gather(
     range_m: Float32, sine: Float32, turn: Float32, beam: NDArray[np.uint16], count: Int, total: Float,
     squares: Float, first: Float, arcs: Int,
 ) -> None:  # fmt: skip
-    # A number too large for a beam names none.
+    # Numbers beyond MOST_BEAMS are ignored.
     for i in range(len(range_m)):
         b = np.int64(beam[i])
         if range_m[i] == 0 or b >= len(count):
@@ -233,7 +233,7 @@ def _gather(
 
 
 BLOCK = 1024
-"""Points of which the intermediate results stay in the fastest cache."""
+"""Points per block: its intermediate results fit the L1 cache."""
 _SCRATCH_ROWS = 5
 _HALF_BINS = np.float32(ELEVATION_BINS / 2)
 

@@ -33,19 +33,19 @@ from quadlog.lidar.ransac_plane import GroundPlane
 from quadlog.messages import Float, Float32, Int
 
 FEWEST_BEAMS = 3
-"""Below that no slope from beam to beam tells ground from walls: everything is an obstacle."""
+"""With fewer beams, slopes between beams cannot separate ground from walls: everything is an obstacle."""
 MOST_TILT_COSINE = 0.7
-"""A lidar that leans farther than 45 degrees has no columns to walk outwards along."""
+"""A lidar tilted by more than 45 degrees has no columns that lead outwards over the ground."""
 NEAR_FLOOR_M = 5.0
 SCANS_BETWEEN_LOOKS = 50
-"""How often the beams are looked for again although nothing seems to have changed."""
+"""The beams are searched for again at least this often."""
 # So many more points, as a share of the scan's, without a cell or a beam of their own than when the beams were found
 # mean that the sensor or its driver has changed.
 _CHANGED_SHARE = 0.03
 
 XyzM = tuple[Float32, Float32, Float32]
 Laid = tuple[XyzM, NDArray[np.uint16], NDArray[np.uint8], Beams, Float32, tuple[float, float], float]
-"""What `Image.lay` was given."""
+"""Arguments of `Image.lay`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class RangeImageSettings:
 
 @dataclass(slots=True)
 class _Known:
-    """What was found out about the sensor, and what a scan was like then: shares of points without a cell or a beam."""
+    """The sensor's beams, and the shares of points without a cell or a beam in the scan in which they were found."""
 
     beams: Beams
     route: Route
@@ -257,7 +257,7 @@ def _label_bins(space: _Space, transform: Float, counts: Int) -> Float:
         return _all_obstacles(space, lidar_z_m, counts)
     floor_m = 0.0
     if lidar_z_m <= MOUNT_KNOWN_M:
-        # The lowest twentieth of what is near lies on the floor, or on what stands for it.
+        # The lowest twentieth of the near points is taken for the floor.
         near_z_m = z_m[range_m < NEAR_FLOOR_M]
         floor_m = float(np.quantile(near_z_m, 0.05)) if len(near_z_m) else lidar_z_m
     label_supported(image, space.isolated, counts)
@@ -273,7 +273,7 @@ def _all_obstacles(space: _Space, lidar_z_m: float, counts: Int) -> Float:
 
 
 def _floor_below(isolated: Isolated, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
-    """Half of what the lowest beam that returns anything sees lies on the floor, unless the lidar is walled in."""
+    """Median height of the lowest beam with enough returns."""
     for row in np.flatnonzero(descending):
         seen = isolated.z_m[row][isolated.good[row] != 0]
         if len(seen) >= isolated.good.shape[1] // 20:

@@ -1,4 +1,4 @@
-"""What a map needs of a classified scan before the robot's poses are known, in some tens of kilobytes.
+"""Compact scans: the part of a classified scan that maps need, in some tens of kilobytes.
 
 Everything lies in base, levelled by the tilt at the time of the scan, and is not deskewed: each item carries the time
 slot in which it was measured, so that one rigid transform per slot puts it where it was.
@@ -58,7 +58,7 @@ class ObstacleSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompactSettings:
-    """What is kept of a scan.
+    """Parameters of compact scans.
 
     blocking: what counts as an obstacle. reach_m: what lies farther from the lidar is in no window. highest_m: how
     high above the ground rays still matter. ground_cell_m: edge of the cells over which ground returns are averaged.
@@ -132,7 +132,7 @@ class CompactScan:
 
 
 def _fixed(array: NDArray) -> NDArray:
-    """The array, read-only: for one kind of arrays what is compiled for it is compiled once."""
+    """The array, read-only, so that kernels are compiled for one kind of array."""
     array.flags.writeable = False
     return array
 
@@ -153,7 +153,7 @@ class ScanCompactor:
         self._grow(0, 1)
 
     def compact(self, returns: ClassifiedReturns, t_ns: int) -> CompactScan:
-        """What a map needs of a scan with the stamp t_ns; overwritten by the next one."""
+        """The compact form of a scan with the stamp t_ns; overwritten by the next one."""
         n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
         if n > len(self._obstacle) or width > len(self._key):
             self._grow(n + n // 8, width)
@@ -235,7 +235,7 @@ def _keep_obstacles(
         _thin_cells(size, dxs, dys, heights, label[begin:], limits, key)
         n_columns, before = 0, _NOWHERE
         for c in range(size):
-            # Written whatever they are: a branch that is often guessed wrongly takes longer.
+            # Written unconditionally: a mispredicted branch takes longer.
             column[n_columns] = c
             n_columns += (key[c] != _NOWHERE) & ((key[c] != before) | counts)
             before = key[c] if key[c] != _NOWHERE else before

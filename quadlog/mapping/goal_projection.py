@@ -43,7 +43,7 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> 
 
 
 def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> list[tuple[int, int]]:
-    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, none when there is none.
+    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, empty when there is none.
 
     Plain Python: growth is some cells deep, so there is little to search.
     """
@@ -92,7 +92,7 @@ class Projection(NamedTuple):
 
 
 def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
-    """The cell that stands for the goal (2,) in map, always one the robot can get to. [Planning, section 1.2]
+    """The reachable cell to plan to for a goal (2,) in map. [Planning, section 1.2]
 
     - A goal in the window, on a cell that can be reached, is its own cell.
     - Beyond the window, the line from the robot to the goal crosses its margin

@@ -44,7 +44,7 @@ _NO_ROUTE: Cells = np.empty((0, 2), dtype=np.int32)
 
 
 class BucketSearch:
-    """A* with its work arrays kept from call to call: 34 bytes a cell, of which only touched pages become memory."""
+    """A* with its work arrays kept from call to call: 34 bytes a cell, allocated as pages are touched."""
 
     def __init__(self, corner_cutting: bool = False) -> None:
         self._corner_cutting = corner_cutting
@@ -110,7 +110,7 @@ class BucketSearch:
 
 @inlined
 def _sort(keys, count):  # type: ignore[no-untyped-def]
-    """Sorts keys[:count] by insertion: a list comes nearly sorted, for what is linked later mostly has a smaller g."""
+    """Sorts keys[:count] by insertion: lists are nearly sorted, for cells linked later mostly have a smaller g."""
     for i in range(1, count):
         key = keys[i]
         j = i
@@ -270,7 +270,7 @@ def _search_on(  # type: ignore[no-untyped-def]
 
 
 def make_search(rules: Rules) -> BucketSearch | HeapSearch:
-    """The fastest search that goes by these rules."""
+    """The fastest search that supports these rules."""
     if (rules.costs, rules.heuristic, rules.ties) == ("integer", "octile", "larger_g"):
         return BucketSearch(rules.corner_cutting)
     return HeapSearch(rules)

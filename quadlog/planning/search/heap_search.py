@@ -1,4 +1,4 @@
-"""The compiled A* for everything the bucket queue cannot do: any heuristic, exact costs, either tie, dear cells.
+"""The compiled A* for rules that the bucket queue does not support: any heuristic, exact costs, either tie, danger.
 
 OPEN is a binary heap that holds each cell once and knows where. Cells once
 closed stay closed, as the papers print it; with the consistent octile or zero

@@ -53,7 +53,7 @@ class RosEncoder:
         text = (BUNDLED / package / "msg" / f"{name}.msg").read_text(encoding="utf-8")
         self._store.register(get_types_from_msg(HEADER_FIELD + text, LINKTRACK))
         if version == 1:
-            # rosbags knows tf's own package in ROS 2 only.
+            # rosbags has the tf2_msgs definitions for ROS 2 only.
             self._store.register(get_types_from_msg(_TF_MESSAGE, TYPE_NAMES[Transforms]))
 
     def definition(self, type_name: str) -> Definition:
