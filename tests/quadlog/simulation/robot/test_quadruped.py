@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.robot import ROBOTS
-from quadlog.simulation.robot.height_field import flat, slope
+from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf, quadruped_model
 from quadlog.simulation.robot.quadruped import DOF, Quadruped, roll_pitch_yaw
 
@@ -100,16 +100,6 @@ def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
     full = np.zeros((DOF, DOF))
     mujoco.mj_fullM(model.model, data, full)
     np.testing.assert_allclose(state.mass_matrix, full, atol=1e-12)
-
-
-def test_it_starts_on_its_feet_where_it_is_put():
-    up = quadruped_model(ROBOT, slope(0.1))
-    quadruped = Quadruped(up, 1.0, -2.0, 0.7)
-    state = quadruped.read()
-    np.testing.assert_allclose(state.position_m[:2] - [1.0, -2.0], 0, atol=ROBOT.standing_height_m * 0.11)
-    assert roll_pitch_yaw(state.rotation_body_to_map)[2] == pytest.approx(0.7)
-    hold(quadruped, 0.2)
-    assert quadruped.read().touches.all()
 
 
 def test_a_foot_touches_when_it_is_no_higher_than_its_radius(model):

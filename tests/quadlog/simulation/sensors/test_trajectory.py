@@ -11,11 +11,57 @@ from quadlog.simulation.sensors.trajectory import (
     Motion,
     OnTerrain,
     PacingWalk,
+    Route,
+    RouteWalk,
     Standing,
     position_in_map,
     turned_from_level,
     turned_into_map,
 )
+from quadlog.simulation.synthetic import follow
+
+STEP_S = 1e-4
+
+
+def walks():
+    route = Route(follow.WAYPOINTS_M)
+    return [
+        RouteWalk(route, 1.0, 0.7, sway_m=0.2, period_s=13.0),
+        PacingWalk((1.0, 2.0), (5.0, -1.0), period_s=10.0),
+    ]
+
+
+@pytest.mark.parametrize("walk", walks(), ids=["route", "pacing"])
+def test_motion_is_the_derivative_of_position(walk):
+    t_s = np.linspace(0.1, 90.0, 700)
+    motion, before, after = walk.at(t_s), walk.at(t_s - STEP_S), walk.at(t_s + STEP_S)
+    velocity = (after.position_m - before.position_m) / (2 * STEP_S)
+    heading = np.column_stack([np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)])
+    np.testing.assert_allclose(velocity, heading * motion.speed_mps[:, None], atol=1e-5)
+    turn = np.angle(np.exp(1j * (after.yaw_rad - before.yaw_rad))) / (2 * STEP_S)
+    np.testing.assert_allclose(motion.yaw_rate_radps, turn, atol=1e-4)
+    faster = (after.speed_mps - before.speed_mps) / (2 * STEP_S)
+    np.testing.assert_allclose(motion.acceleration_mps2, faster, atol=1e-6)
+
+
+def test_a_route_through_a_circle_has_its_length_and_curvature():
+    angle = 2 * np.pi * np.arange(60) / 60
+    route = Route(3.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    assert route.length_m == pytest.approx(6 * np.pi, rel=1e-5)
+    position, heading, curvature = route.at(np.linspace(0, route.length_m, 500))
+    np.testing.assert_allclose(np.linalg.norm(position, axis=1), 3.0, rtol=1e-5)
+    np.testing.assert_allclose(curvature, 1 / 3, rtol=2e-3)
+    np.testing.assert_allclose(
+        np.sum(position * np.column_stack([np.cos(heading), np.sin(heading)]), axis=1), 0, atol=2e-3
+    )
+
+
+def test_a_route_closes_and_goes_round_again():
+    route = Route(follow.WAYPOINTS_M)
+    first, second = route.at(np.array([0.5, 7.0])), route.at(np.array([0.5, 7.0]) + route.length_m)
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
 
 T_S = np.linspace(0.0, 20.0, 60)
 

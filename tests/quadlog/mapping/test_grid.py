@@ -42,11 +42,6 @@ def test_shift_moves_cells_between_windows(x0: float, y0: float, x1: float, y1: 
     assert after.origin_m - before.origin_m == pytest.approx(np.array(shift) * cell_m, abs=1e-9)
 
 
-def test_windows_slide_in_whole_cells_only() -> None:
-    windows = [window_around(np.array([x, 0.0]), 0.1, 200) for x in np.linspace(0, 0.35, 36)]
-    assert sorted({w.col0 for w in windows}) == [-100, -99, -98, -97]
-
-
 def test_windows_with_other_cells_share_no_lattice() -> None:
     with pytest.raises(ValueError, match="lattice"):
         Window(0, 0, 0.1, (3, 3)).shift_to(Window(0, 0, 0.2, (3, 3)))

@@ -4,10 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
-from quadlog.mapping.goal_projection import project_goal
+from quadlog.mapping.goal_projection import escape_start, project_goal
 from quadlog.mapping.grid import Window
+from quadlog.mapping.inflation import inflate
 
 WINDOW = Window(-20, 35, 0.1, (40, 60))
 
@@ -120,3 +121,53 @@ def test_nothing_to_plan_from_or_to_is_none() -> None:
 def test_goal_at_the_far_end_of_the_world() -> None:
     free = np.zeros((40, 60), dtype=np.bool_)
     assert project_goal(free, WINDOW, (30, 20), np.array([1e300, 5.55])) == ((59, 20), True)
+
+
+def costs_by_scipy(occupied: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+    rows, cols = occupied.shape
+    steps = []
+    for row in range(rows):
+        for col in range(cols):
+            for dr, dc in ((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b):
+                r, c = row + dr, col + dc
+                if not (0 <= r < rows and 0 <= c < cols) or occupied[r, c]:
+                    continue
+                if dr and dc and (occupied[row, c] or occupied[r, col]):
+                    continue
+                steps.append((row * cols + col, r * cols + c, 14 if dr and dc else 10))
+    steps = np.array(steps, dtype=np.int64).reshape(-1, 3)
+    graph = coo_matrix((steps[:, 2], (steps[:, 0], steps[:, 1])), shape=(rows * cols, rows * cols))
+    return dijkstra(graph.tocsr(), indices=start[1] * cols + start[0]).reshape(rows, cols)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.3), st.floats(0, 4))
+def test_agrees_with_scipys_dijkstra(seed: int, rows: int, cols: int, share: float, radius: float) -> None:
+    random = np.random.default_rng(seed)
+    occupied = random.random((rows, cols)) < share
+    blocked = inflate(occupied, radius)
+    start = (int(random.integers(cols)), int(random.integers(rows)))
+
+    escape = escape_start(occupied, blocked, start)
+
+    cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
+    if escape is None:
+        assert np.isinf(cost).all()
+        return
+    assert escape.path.dtype == np.int32
+    assert tuple(escape.path[0]) == start
+    assert tuple(escape.path[-1]) == escape.cell
+    assert not blocked[escape.cell[1], escape.cell[0]]
+    assert not occupied[escape.path[1:, 1], escape.path[1:, 0]].any()
+    steps = np.abs(np.diff(escape.path.astype(np.int64), axis=0))
+    assert (steps.max(axis=1, initial=0) == 1).all()
+    walked = sum(14 if both else 10 for both in (steps.sum(axis=1) == 2))
+    assert walked == cost.min()
+
+
+def test_walled_in_or_outside_is_none() -> None:
+    occupied = np.ones((5, 5), dtype=np.bool_)
+    occupied[2, 2] = False
+    assert escape_start(occupied, np.ones((5, 5), dtype=np.bool_), (2, 2)) is None
+    assert escape_start(occupied, occupied, (5, 2)) is None
+    assert escape_start(occupied, occupied, (-1, 2)) is None

@@ -108,10 +108,6 @@ def test_ring_scan_has_the_outliers_of_scipy_and_open3d(ring_scan, neighbours: i
     assert_same_set(ring_scan[0], neighbours, std_ratio)
 
 
-def test_scan_of_thirty_thousand_points_has_the_outliers_of_scipy_and_open3d(large_ring_scan) -> None:
-    assert_same_set(large_ring_scan)
-
-
 def test_real_scans_have_the_outliers_of_scipy_and_open3d(real_scans) -> None:
     for scans in real_scans.values():
         for scan in scans:
