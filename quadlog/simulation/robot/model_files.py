@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -199,16 +198,13 @@ def _prune(root: Element, path: Path) -> None:
             if root.tag == "mujoco":
                 parent[:] = []
             continue
-        parent[:] = [child for child in parent if child.tag in _KEPT[parent.tag] and not _is_odd(child)]
+        kept = [child for child in parent if child.tag in _KEPT[parent.tag]]
+        parent[:] = [child for child in kept if child.tag != "geom" or child.get("type", "") in _SHAPES]
         waiting += list(parent)
     for name, (tags, most) in MOST_PARTS.items():
         count = sum(1 for each in root.iter() if tags is None or each.tag in tags)
         if count > most:
             raise TooLarge(f"{path}: {name}", count, most)
-
-
-def _is_odd(child: Element) -> bool:
-    return child.tag == "geom" and child.get("type", "") not in _SHAPES
 
 
 def _take_meshes(root: Element, path: Path, folder: Path) -> dict[str, bytes]:
@@ -238,17 +234,13 @@ def limits_nm(spec: mujoco.MjSpec) -> dict[str, float]:
         if high > low:
             limits[joint.name] = float(min(-low, high))
     for actuator in spec.actuators:
-        for bounds, gain in _bounds(actuator):
+        gear = float(actuator.gear[0])
+        ranges = [(actuator.forcerange, gear)]
+        if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED:
+            # A motor's control is a torque as well.
+            ranges.append((actuator.ctrlrange, gear * float(actuator.gainprm[0])))
+        for bounds, gain in ranges:
             if bounds[1] > bounds[0]:
                 limit = float(min(-bounds[0], bounds[1])) * abs(gain)
                 limits[actuator.target] = min(limit, limits.get(actuator.target, limit))
     return {name: limit for name, limit in limits.items() if limit > 0}
-
-
-def _bounds(actuator: Any) -> list[tuple[Any, float]]:
-    """Ranges of torque and what they are multiplied by; a motor's control is one too."""
-    gear = float(actuator.gear[0])
-    bounds = [(actuator.forcerange, gear)]
-    if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED:
-        bounds.append((actuator.ctrlrange, gear * float(actuator.gainprm[0])))
-    return bounds

@@ -17,6 +17,7 @@ from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import GRAVITY_MPS2, JOINTS, LEGS, ROBOTS, SIDES, Robot
 from quadlog.messages import Float, Int
+from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf
 from quadlog.simulation.robot.model_files import without_log
@@ -210,17 +211,11 @@ class TrotWalk:
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """By the names of control.parquet. There is no course, hence no reference, no error and no command."""
-        three = {
-            **dict(zip(("x_m", "y_m", "z_m"), self.position_m.T, strict=True)),
-            **dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), self.rpy_rad.T, strict=True)),
-            **dict(zip(("vx_mps", "vy_mps"), self.velocity_mps.T, strict=True)),
-        }
+        motion = np.column_stack([self.position_m, self.rpy_rad, self.velocity_mps, self.yaw_rate_radps])
         return {
             "t_ns": self.t_ns,
-            **three,
-            "yaw_rate_radps": self.yaw_rate_radps,
-            **{f"tau_{joint:02d}_nm": self.torques_nm[:, joint] for joint in range(12)},
-            **{f"fz_{leg}_n": self.loads_n[:, leg] for leg in range(4)},
+            **dict(zip(TICK_COLUMNS[POSE:REFERENCE], motion.T, strict=True)),
+            **dict(zip(TICK_COLUMNS[EFFORT:FALLEN], np.column_stack([self.torques_nm, self.loads_n]).T, strict=True)),
             "fallen": self.fallen,
         }
 

@@ -113,17 +113,13 @@ class _Foot:
     radius_m: float
 
 
+@without_log()
 def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with the robot of an MJCF or URDF file.
 
     Legs are told by the beginning of their joints' names, see PREFIXES; joints along a leg by their order.
     Raises UnreadableFile, TooLarge, UnusableRobot.
     """
-    with without_log():
-        return _load(path, ground, friction)
-
-
-def _load(path: Path, ground: HeightField, friction: float) -> QuadrupedModel:
     spec = read_model(path)
     limits = limits_nm(spec)
     joints, feet, root = _find(spec, path)

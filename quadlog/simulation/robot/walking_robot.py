@@ -101,12 +101,9 @@ class WalkingRobot:
         rms = (math.sqrt(pitch_squared / ticks), math.sqrt(height_squared / ticks))
         return Effort(energy_j, distance_m, torque_max_nm, cut / (12 * ticks), *rms)
 
+    @without_log()
     def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
         """Walk for a number of ticks towards a speed and a yaw rate; a robot that has fallen does not move."""
-        with without_log():
-            self._walk(ticks, speed_mps, yaw_rate_radps)
-
-    def _walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
         for done in range(ticks):
             if self.fallen:
                 self.ticks += ticks - done

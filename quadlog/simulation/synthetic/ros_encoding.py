@@ -72,7 +72,8 @@ class RosEncoder:
     def _make(self, type_name: str, fields: Fields) -> Any:
         """A message from its fields, nested messages as dictionaries too; arrays that are not given are zeros."""
         values = {}
-        for name, (kind, of) in self._store.fielddefs[type_name][1]:
+        described: Any = self._store.fielddefs[type_name][1]
+        for name, (kind, of) in described:
             if kind == Nodetype.NAME:
                 values[name] = self._make(of, fields[name])
             elif kind == Nodetype.ARRAY and name not in fields:
