@@ -205,31 +205,19 @@ class _Statistics(NamedTuple):
 
 
 def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
-    beams = min(int(beam.max(initial=0)) + 1, MOST_BEAMS)
-    total, squares, first = np.zeros((3, beams))
-    statistics = _Statistics(np.zeros(beams, np.int64), total, squares, first, np.zeros((beams, _ARCS), np.int64))
-    _gather(polar.range_m, polar.sine, polar.turn, beam, *statistics)
-    return statistics
-
-
-@kernel
-def _gather(
-    range_m: Float32, sine: Float32, turn: Float32, beam: NDArray[np.uint16], count: Int, total: Float,
-    squares: Float, first: Float, arcs: Int,
-) -> None:  # fmt: skip
-    # Numbers beyond MOST_BEAMS are ignored.
-    for i in range(len(range_m)):
-        b = np.int64(beam[i])
-        if range_m[i] == 0 or b >= len(count):
-            continue
-        if count[b] == 0:
-            first[b] = sine[i]
-        # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
-        apart = sine[i] - first[b]
-        count[b] += 1
-        total[b] += apart
-        squares[b] += apart * apart
-        arcs[b, int(turn[i] * _ARCS)] += 1
+    """Numbers from MOST_BEAMS on are ignored."""
+    known = (polar.range_m > 0) & (beam < MOST_BEAMS)
+    number, sine = beam[known].astype(np.int64), polar.sine[known].astype(np.float64)
+    n = int(number.max(initial=0)) + 1
+    first = np.zeros(n)
+    # Of repeated indices the last assignment holds: in reverse order the first point.
+    first[number[::-1]] = sine[::-1]
+    # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
+    apart = sine - first[number]
+    total, squares = (np.bincount(number, weights, n) for weights in (apart, apart * apart))
+    arc = number * _ARCS + (polar.turn[known] * _ARCS).astype(np.int64)
+    arcs = np.bincount(arc, minlength=n * _ARCS).reshape(n, _ARCS)
+    return _Statistics(np.bincount(number, minlength=n), total, squares, first, arcs)
 
 
 BLOCK = 1024
