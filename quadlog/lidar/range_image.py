@@ -214,7 +214,7 @@ def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
     first[number[::-1]] = sine[::-1]
     # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
     apart = sine - first[number]
-    total, squares = (np.bincount(number, weights, n) for weights in (apart, apart * apart))
+    total, squares = (np.bincount(number, weights, n).astype(np.float64) for weights in (apart, apart**2))
     arc = number * _ARCS + (polar.turn[known] * _ARCS).astype(np.int64)
     arcs = np.bincount(arc, minlength=n * _ARCS).reshape(n, _ARCS)
     return _Statistics(np.bincount(number, minlength=n), total, squares, first, arcs)
