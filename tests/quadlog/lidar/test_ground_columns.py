@@ -44,7 +44,7 @@ def test_a_short_piece_that_stands_out_is_no_ground(shift: int) -> None:
     assert np.flatnonzero(kind == DROPPED).tolist() == sorted(piece.tolist())
 
 
-def test_what_lies_behind_the_ground_on_both_sides_stays() -> None:
+def test_ground_seen_between_two_objects_remains_ground() -> None:
     """It has something nearer at both ends: the ground seen between two things."""
     ground, _ = after_dropping(piece_range_m=5.5)
     assert ground.all()
@@ -64,7 +64,7 @@ def test_nothing_beside_it_is_as_good_as_something_farther() -> None:
 @pytest.mark.parametrize(
     ("piece", "off_m"), [(slice(100, 140), 0.12), (PIECE, 0.065)], ids=["wider than a thing", "no higher than noise"]
 )
-def test_what_is_wide_or_low_stays(piece: slice, off_m: float) -> None:
+def test_wide_or_low_pieces_remain_ground(piece: slice, off_m: float) -> None:
     ground, _ = after_dropping(piece, off_m=off_m)
     assert ground.all()
 

@@ -56,7 +56,7 @@ def test_beams_show_in_the_elevations(sweep) -> None:
     assert (beams.first_cell[bins] // beams.columns).tolist() == ring.tolist()
 
 
-def test_elevations_of_any_size_show_no_beams() -> None:
+def test_random_elevations_show_no_beams() -> None:
     random = np.random.default_rng(0)
     polar = to_polar(tuple(random.normal(0, 3, (3, 5000)).astype(np.float32)), RANGES_M)
     assert beams_by_elevation(polar, upright=True) is None
@@ -88,7 +88,7 @@ def test_every_point_gets_a_cell_of_its_own(sweep, columns: int, phase: float) -
 
 
 @pytest.mark.parametrize("nearer_first", [True, False])
-def test_of_two_points_in_a_cell_the_nearer_stands_for_it(sweep, nearer_first: bool) -> None:
+def test_a_cell_holds_its_nearest_return(sweep, nearer_first: bool) -> None:
     far, ring = sweep(360, 0.0, [-15.0, -5.0, 5.0], 8.0)
     near, _ = sweep(360, 0.0, [-15.0, -5.0, 5.0], 3.0)
     beams = beams_by_ring(to_polar(far, RANGES_M), ring, upright=True)

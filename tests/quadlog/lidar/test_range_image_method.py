@@ -184,7 +184,7 @@ def test_ring_numbers_may_come_in_any_order(scans, how: str) -> None:
 
 
 @pytest.mark.parametrize("ring", ["none", "random", "short", "column"])
-def test_rings_that_are_none_are_not_believed(scans, ring: str) -> None:
+def test_wrong_ring_numbers_are_ignored(scans, ring: str) -> None:
     scan = scans["wall_ahead"][0]
     n = len(scan.ring)
     wrong = {
@@ -327,7 +327,7 @@ def test_a_flat_scan_is_all_obstacles(ring: np.ndarray | None, mount: np.ndarray
 
 
 @pytest.mark.parametrize("ring", [None, np.zeros(720, dtype=np.uint16)], ids=["no rings", "rings"])
-def test_false_points_of_a_flat_scan_are_told(ring: np.ndarray | None) -> None:
+def test_outliers_of_a_flat_scan_are_found(ring: np.ndarray | None) -> None:
     range_m = np.full(720, 4.0)
     range_m[::40] = 2.5
     result = classify_scan_range_image(circle(range_m), ring, LEVEL, ALL_ROUND)

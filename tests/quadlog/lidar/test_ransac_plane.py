@@ -73,7 +73,7 @@ def test_ring_scan_agrees_with_open3d(ring_scan) -> None:
     ],
     ids=["empty", "one point", "one place", "one line", "fewer than min_points"],
 )
-def test_no_plane_is_none(cloud: np.ndarray) -> None:
+def test_degenerate_clouds_have_no_plane(cloud: np.ndarray) -> None:
     assert fit_ground(cloud, 0.1, 0.99, 0.3, 100, seed=0) is None
 
 
@@ -94,7 +94,7 @@ def test_heights_are_vertical_above_a_tilted_plane() -> None:
     assert heights == pytest.approx([0.0, 0.8, -0.2])
 
 
-def test_a_wall_is_no_floor_to_measure_from() -> None:
+def test_heights_are_not_measured_from_walls() -> None:
     wall = plane_of((-1.0, 0.0, 0.05), (6.0, 0.0, 0.0))
     assert not is_level(wall)
     assert is_level(plane_of((0.0, 0.9, 1.0), (0.0, 0.0, 0.0)))

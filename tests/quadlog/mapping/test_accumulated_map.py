@@ -125,7 +125,7 @@ def test_points_are_placed_in_map_by_the_pose(add_ground_height) -> None:
     assert terrain.height_m.tolist() == [[0.25]]
 
 
-def test_nothing_seen_is_none(add_ground_height) -> None:
+def test_a_map_without_ground_is_none(add_ground_height) -> None:
     ground = GroundHeight(0.2)
     add_ground_height(ground, np.empty((0, 2)), np.empty(0))
     assert ground.to_map() is None

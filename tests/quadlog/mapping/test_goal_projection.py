@@ -109,7 +109,7 @@ def test_walled_in_robot_gets_the_cell_nearest_to_the_goal() -> None:
     assert project_goal(blocked, WINDOW, (30, 20), WINDOW.centre_of(np.array([130, 20]))) == ((34, 20), True)
 
 
-def test_nothing_to_plan_from_or_to_is_none() -> None:
+def test_invalid_starts_and_goals_give_none() -> None:
     blocked = np.zeros((40, 60), dtype=np.bool_)
     blocked[20, 30] = True
     goal = WINDOW.centre_of(np.array([3, 3]))

@@ -163,7 +163,7 @@ def test_a_cell_called_crossed_has_a_ray_through_its_neighbourhood(
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30])
-def test_ends_that_are_nowhere_cross_nothing(compacted, placed, bad: float) -> None:
+def test_invalid_ray_ends_cross_no_cells(compacted, placed, bad: float) -> None:
     ends_m = [[bad, 0.0, 0.0], [0.0, bad, 0.0], [bad, bad, 0.0], [0.0, 0.0, 0.0]]
     for end_m, height_m in [(ends_m, np.zeros(4)), ([[5.0, 0.0, 0.0]], [np.nan]), (np.empty((0, 3)), [])]:
         compact = compacted(end_m, PointClass.GROUND, height_m)

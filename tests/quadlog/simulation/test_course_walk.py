@@ -92,7 +92,7 @@ def test_a_unicycle_on_a_circle_errs_as_pure_pursuit_does_in_steady_state():
     assert walk.control["yaw_rate_radps"][100:-200] == pytest.approx(0.6 / 5, rel=0.02)
 
 
-def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
+def test_steering_uses_measured_poses_and_errors_use_true_ones():
     late = _walk(BEND, _unicycle(BEND, replace(NONE, pose_lag_s=0.5)))
     calm = _walk(BEND, _unicycle(BEND))
     turns = [int(np.flatnonzero(walk.control["cmd_yaw_rate_radps"])[0]) for walk in (late, calm)]
@@ -101,7 +101,7 @@ def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
     np.testing.assert_allclose(away, late.control["error_m"], atol=1e-9)
 
 
-def test_the_look_ahead_goes_by_the_error_that_is_known():
+def test_the_look_ahead_uses_the_measured_error():
     class Told(FixedLookahead):
         heard: ClassVar[list[float]] = []
 
@@ -114,7 +114,7 @@ def test_the_look_ahead_goes_by_the_error_that_is_known():
     np.testing.assert_allclose(Told.heard[25:], control["cross_track_m"][:-25], atol=1e-9)
 
 
-def test_who_falls_at_the_end_has_not_arrived():
+def test_a_fall_at_the_end_is_no_arrival():
     class Stumbler(UnicycleRobot):
         @property
         def fallen(self):
@@ -148,7 +148,7 @@ def test_the_rate_is_that_of_the_ticks_and_each_is_watched():
     assert len(seen) == len(walk.control["t_ns"]) == 51
 
 
-def test_a_robot_without_a_body_has_the_speed_it_is_told_at_once():
+def test_a_unicycle_has_the_commanded_speed_at_once():
     control = _walk(BEND, _unicycle(BEND)).control
     np.testing.assert_array_equal(control["vx_mps"], control["cmd_v_mps"])
     np.testing.assert_array_equal(control["yaw_rate_radps"], control["cmd_yaw_rate_radps"])

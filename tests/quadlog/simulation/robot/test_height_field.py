@@ -50,7 +50,7 @@ def test_flat_and_sloping_ground():
 
 
 @pytest.mark.parametrize("band_m", [0.03, 0.06])
-def test_an_undulations_band_holds_95_percent_of_its_heights(band_m):
+def test_the_band_of_an_undulation_holds_95_percent_of_its_heights(band_m):
     heights = undulating(band_m, seed=3).height_m
     low, high = np.percentile(heights, [2.5, 97.5])
     assert high - low == pytest.approx(band_m, rel=1e-5)
@@ -59,7 +59,7 @@ def test_an_undulations_band_holds_95_percent_of_its_heights(band_m):
 
 
 @pytest.mark.parametrize("correlation_m", [0.25, 0.5])
-def test_an_undulations_correlation_falls_as_it_says(correlation_m):
+def test_undulation_has_the_given_correlation_length(correlation_m):
     # Averaged over seeds; the slack is what so many patches leave of chance.
     found = []
     for seed in range(6):
@@ -108,7 +108,7 @@ def test_a_runs_height_map_becomes_ground():
     st.tuples(st.floats(-9, 9), st.floats(-9, 9)),
     st.tuples(st.floats(0, 9), st.floats(0, 9)),
 )
-def test_over_an_extent_it_is_the_same_ground_and_not_much_more(seed, low, size):
+def test_cropping_to_an_extent_keeps_the_heights(seed, low, size):
     rng = np.random.default_rng(seed)
     ground = HeightField(rng.normal(size=rng.integers(3, 20, 2)).astype(np.float32), 0.3, (-2.0, 1.0))
     extent = Extent(*low, low[0] + size[0], low[1] + size[1])
@@ -123,7 +123,7 @@ def test_over_an_extent_it_is_the_same_ground_and_not_much_more(seed, low, size)
         assert last - first <= size[axis] + 3 * 0.3
 
 
-def test_a_slope_beyond_the_friction_cone_is_told():
+def test_slopes_beyond_the_friction_cone_are_reported():
     assert slope(math.radians(38)).too_steep_for(0.8) is None
     reason = slope(math.radians(40)).too_steep_for(0.8)
     assert reason is not None
@@ -153,6 +153,6 @@ def test_sizes_are_bounded_before_anything_is_allocated(monkeypatch):
 
 
 @pytest.mark.parametrize("heights", [[[0.0]], [[0.0, np.nan], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
-def test_what_is_no_ground_is_refused(heights):
+def test_invalid_height_fields_are_refused(heights):
     with pytest.raises(ValueError, match="a ground"):
         HeightField(np.array(heights, np.float32), 0.1, (0.0, 0.0))

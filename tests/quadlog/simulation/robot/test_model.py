@@ -42,7 +42,7 @@ def stand(quadruped: QuadrupedModel, qpos: np.ndarray, seconds: float) -> tuple[
 
 
 @robots
-def test_the_model_weighs_what_the_robot_does(robot):
+def test_mass_and_inertia_of_the_model_match_the_robot(robot):
     quadruped = quadruped_model(robot, flat())
     data = mujoco.MjData(quadruped.model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
@@ -115,7 +115,7 @@ def test_on_a_slope_it_stands_parallel_to_the_ground():
     assert (yaw, pitch, roll) == pytest.approx((0.3, -math.radians(15), 0.0), abs=1e-6)
 
 
-def test_the_ground_is_where_the_heights_say():
+def test_rays_hit_the_ground_at_its_heights():
     ground = s_course(seed=3)
     quadruped = quadruped_model(ROBOT, ground)
     data = mujoco.MjData(quadruped.model)

@@ -13,7 +13,7 @@ def _model():
     return quadruped_model(ROBOTS["tracking"], ground.flat())
 
 
-def test_the_robot_stays_in_the_picture_wherever_it_is():
+def test_the_camera_follows_the_robot():
     model = _model()
     joints = np.array([model.standing_at(0.0, 0.0), model.standing_at(7.0, -3.0, 2.0)])
     try:
@@ -27,7 +27,7 @@ def test_the_robot_stays_in_the_picture_wherever_it_is():
     assert (middle < 0.8 * border).all()
 
 
-def test_its_shadow_goes_along():
+def test_the_shadow_moves_with_the_robot():
     model = _model()
     try:
         pictures = frames.render_frames(
@@ -40,7 +40,7 @@ def test_its_shadow_goes_along():
     assert dark[1] == pytest.approx(dark[0], rel=0.02)
 
 
-def test_a_backend_that_is_not_there_is_an_error_with_its_reason(monkeypatch):
+def test_a_missing_backend_raises_with_its_reason(monkeypatch):
     monkeypatch.setattr(frames, "BACKENDS", ("none-such",))
     with pytest.raises(frames.CannotDraw, match=r"none-such: .*MUJOCO_GL"):
         frames.render_frames(_model().model, np.array([_model().standing_at(0.0, 0.0)]))

@@ -35,7 +35,7 @@ ROBOT = ROBOTS["foot"]
 
 
 @given(st.integers(0, 2**31 - 1))
-def test_all_is_within_its_spread_and_a_seed_draws_the_same_again(seed):
+def test_draws_lie_within_their_spreads_and_repeat_for_a_seed(seed):
     draw, again = (draw_trot(seed, 0.25, 0.1, 0.02) for _ in range(2))
     assert abs(draw.friction_share) <= 0.25
     assert abs(draw.radius_share) <= 0.1
@@ -44,7 +44,7 @@ def test_all_is_within_its_spread_and_a_seed_draws_the_same_again(seed):
     np.testing.assert_array_equal(draw.postures_rad, again.postures_rad)
 
 
-def test_many_seeds_fill_their_spreads():
+def test_draws_cover_their_spreads():
     draws = [draw_trot(seed, 0.25, 0.1, 0.02) for seed in range(200)]
     friction, radius = (
         np.array([getattr(draw, name) for draw in draws]) for name in ("friction_share", "radius_share")
@@ -83,13 +83,13 @@ def _knee() -> tuple[float, float]:
     return math.sqrt(LINK_M**2 - down**2), down
 
 
-def test_it_weighs_what_the_paper_says():
+def test_masses_are_those_of_the_paper():
     model = trot_model(TrotRobot())
     assert model.model.body_subtreemass[0] == pytest.approx(10, abs=1e-5)
     assert _leg_masses(TrotRobot()) == pytest.approx(LEG_KG, abs=1e-5)
 
 
-def test_gravity_tips_it_by_eq_8():
+def test_the_gravity_moment_is_that_of_eq_8():
     """M about x with M = 4 m, d of even rods: half as far behind as the knee, for thigh and shank alike."""
     behind, _ = _knee()
     moment = 4 * LEG_KG * 9.81 * behind / 2
@@ -98,7 +98,7 @@ def test_gravity_tips_it_by_eq_8():
     assert gravity_moment_nm(trot_model(TrotRobot())) == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_leg_turns_about_its_hip_as_two_rods_do():
+def test_the_hip_inertia_is_that_of_two_rods():
     """Even rods from z = 0 to -down and on to -2 down, at the side of the axis; the rod's own girth is small."""
     _, down = _knee()
     heights = (down**2 / 3, 7 * down**2 / 3)
@@ -123,19 +123,19 @@ def test_left_legs_are_heavier_by_the_spread_and_right_ones_lighter():
     assert _leg_masses(TrotRobot(leg_mass_spread=0.1)) == pytest.approx(LEG_KG * (1 + 0.1 * SIDES), abs=1e-5)
 
 
-def test_hips_are_off_against_one_another():
+def test_the_hip_offset_moves_left_hips_forward_and_right_ones_back():
     straight, off = (trot_model(TrotRobot(hip_offset_m=offset)) for offset in (0.0, 0.005))
     moved = (off.model.body_pos - straight.model.body_pos)[_bodies(off, "abduction")]
     np.testing.assert_allclose(moved, np.column_stack([0.005 * SIDES, np.zeros(4), np.zeros(4)]), atol=1e-15)
 
 
-def test_friction_and_feet_are_those_asked_for():
+def test_friction_and_foot_radius_are_those_of_the_settings():
     model = trot_model(TrotRobot(friction=0.55, foot_radius_m=0.018))
     assert model.model.geom_friction[[*model.foot_geoms, model.ground_geom], 0] == pytest.approx(0.55)
     assert model.model.geom_size[model.foot_geoms, 0] == pytest.approx(0.018)
 
 
-def test_motors_hold_angles():
+def test_motors_are_position_servos():
     """kp 300, kv 6: the torque at a joint that is off and moves."""
     model = trot_model(TrotRobot())
     data = mujoco.MjData(model.model)
@@ -204,7 +204,7 @@ def test_a_curve_out_of_reach_is_refused():
         joint_targets(PLAN, np.full(4, 0.5))
 
 
-def test_the_other_pair_first_mirrors_the_walk_to_a_nanometre(walk):
+def test_starting_with_the_other_pair_mirrors_the_walk(walk):
     other = _walk(1)
     mirror = [1, -1, 1]
     np.testing.assert_allclose(other.position_m, walk.position_m * mirror, atol=1e-9)
@@ -212,7 +212,7 @@ def test_the_other_pair_first_mirrors_the_walk_to_a_nanometre(walk):
     assert np.abs(walk.position_m[:, 1]).max() > 0.005
 
 
-def test_it_rests_and_then_walks_on(walk):
+def test_the_walk_rests_first_and_then_moves_forward(walk):
     assert len(walk.t_ns) == 32 * SAMPLES_HZ + 1
     assert walk.t_ns[-1] == 32_000_000_000
     assert np.ptp(walk.position_m[10:100, 0]) < 1e-3
@@ -248,7 +248,7 @@ def test_columns_are_those_of_the_table(walk):
     assert np.isfinite(np.column_stack(list(columns.values()))).all()
 
 
-def test_who_has_fallen_stays_fallen_also_on_its_feet():
+def test_the_fallen_flag_is_latched():
     model = trot_model(TrotRobot())
     world = model.model
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -259,7 +259,7 @@ def test_who_has_fallen_stays_fallen_also_on_its_feet():
     np.testing.assert_array_equal(fallen, np.arange(51) >= 21)
 
 
-def test_a_load_too_far_ahead_makes_it_fall_and_stay_so():
+def test_a_heavy_load_ahead_makes_the_robot_fall():
     walk = _walk(robot=TrotRobot(payload_kg=50.0, payload_x_m=0.4))
     assert walk.fallen[-1]
     first = int(np.argmax(walk.fallen))

@@ -53,7 +53,7 @@ def test_gyro_is_the_rate_of_the_true_yaw(by_topic):
     assert np.abs(rate).max() > 0.5
 
 
-def test_imu_yaw_is_the_true_yaw_from_another_north(recording, by_topic):
+def test_imu_yaw_is_the_true_yaw_with_offset_and_drift(recording, by_topic):
     t_s, _, true_yaw = truth(by_topic)
     difference = yaw([each.quat_xyzw for each in imu(by_topic)][::2]) - true_yaw
     drift, offset = np.polyfit(t_s, difference, 1)

@@ -66,7 +66,7 @@ def test_the_persons_points_move_with_the_person(recording, scans):
     assert seen > 400
 
 
-def test_noise_false_points_and_drop_outs_have_the_shares_they_say(recording, scans):
+def test_noise_false_points_and_dropouts_match_the_settings(recording, scans):
     error = np.concatenate([np.linalg.norm(s.cloud.xyz_m, axis=1) - s.range_m for s in scans])
     false = np.isnan(error)
     count = len(error)
@@ -156,7 +156,7 @@ def test_the_trunk_goes_where_the_walk_goes_and_the_legs_swing_about_it():
     assert 0.3 < np.linalg.norm(centres[:, 2] - centres[:, 3], axis=1).max() < 0.6
 
 
-def test_a_ray_that_looks_away_meets_nobody():
+def test_rays_pointing_away_do_not_hit_the_body():
     centres = part_centres(WALK, np.array([0.0]))
     origin = np.array([[0.0, 0.0, 1.0]])
     assert np.isfinite(ray_ranges(origin, np.array([[1.0, 0.0, 0.0]]), centres)).all()

@@ -24,7 +24,7 @@ def random_rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.tile([0.0, 0.0, 0.5], (count, 1)), directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def test_a_ray_ends_on_the_surface_it_says_it_hit(caster, distance_to):
+def test_hits_lie_on_the_surface_that_is_named(caster, distance_to):
     origins, directions = random_rays(4000)
     hits = caster.cast(origins, directions)
     ends = origins + directions * hits.range_m[:, None]
@@ -63,7 +63,7 @@ def test_sight_is_lost_exactly_where_the_segment_enters_something(caster, distan
     np.testing.assert_array_equal(caster.line_of_sight(start, end)[judged], ~blocked[judged])
 
 
-def test_what_hangs_has_an_underside_and_lets_rays_pass_below():
+def test_hanging_obstacles_have_an_underside():
     caster = RayCaster((Box(3.0, 0.0, 1.0, 1.0, 2.0, bottom_m=1.2), Cylinder(-3.0, 0.0, 0.5, 2.0, bottom_m=1.5)))
     ahead = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     from_m = np.array([[0.0, 0.0, 1.1], [0.0, 0.0, 1.3], [3.2, 0.1, 0.5], [-3.1, 0.2, 0.5]])
@@ -97,7 +97,7 @@ def wavy(seed: int = 0):
 @pytest.mark.parametrize(
     "terrain", [FLAT, slope(0.3), ramp(0.3, 2.0, 4.0), wavy()], ids=["flat", "slope", "ramp", "wavy"]
 )
-def test_a_ray_straight_down_ends_at_the_height_that_is_told(terrain):
+def test_vertical_rays_end_at_the_terrains_height(terrain):
     rng = np.random.default_rng(1)
     xy = np.concatenate([rng.uniform(-20, 20, (3000, 2)), rng.uniform(-150, 150, (300, 2))])
     above = np.column_stack([xy, np.full(len(xy), 60.0)])
@@ -113,7 +113,7 @@ def test_a_slope_and_a_ramp_rise_by_their_angle():
     np.testing.assert_allclose(ramp(0.3, 2.0, 4.0).height_at(xy), np.tan(0.3) * climbed_m, atol=1e-12)
 
 
-def test_undulation_has_the_band_and_the_correlation_it_says():
+def test_terrain_undulation_has_the_given_band_and_correlation():
     inner = np.arange(-10.0, 10.0, 0.2)
     grids = []
     for seed in range(12):
@@ -129,14 +129,14 @@ def test_undulation_has_the_band_and_the_correlation_it_says():
             assert np.mean(first * second) / heights.var() == pytest.approx(expected, abs=0.05)
 
 
-def test_undulation_fades_to_flat_ground_and_is_its_seeds():
+def test_terrain_undulation_fades_to_flat_ground_and_repeats_for_a_seed():
     edge = np.array([[3.0 + 15.0, 0.0], [3.0 - 16.0, 5.0], [0.0, 40.0], [150.0, 150.0]])
     np.testing.assert_allclose(wavy().height_at(edge), 0.0, atol=1e-12)
     np.testing.assert_array_equal(wavy(4).height_m, wavy(4).height_m)
     assert not np.array_equal(wavy(4).height_m, wavy(5).height_m)
 
 
-def test_open3d_comes_when_asked_and_not_before():
+def test_open3d_is_imported_lazily():
     program = (
         "import sys\n"
         "from quadlog.simulation.sensors.scene import import_open3d\n"
@@ -149,7 +149,7 @@ def test_open3d_comes_when_asked_and_not_before():
 
 @pytest.mark.skipif(importlib.util.find_spec("libusb_package") is None, reason="this platform's wheel needs no libusb")
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="no list of loaded libraries to look at")
-def test_libusb_comes_from_its_wheel_whatever_the_machine_has():
+def test_libusb_is_loaded_from_its_wheel():
     program = (
         "from quadlog.simulation.sensors.scene import import_open3d\nimport_open3d()\n"
         "assert 'libusb_package' in open('/proc/self/maps').read()\n"

@@ -78,7 +78,7 @@ def rotation(motion: Motion) -> Rotation:
     return Rotation.from_euler("ZYX", np.column_stack([motion.yaw_rad, motion.pitch_rad, motion.roll_rad]))
 
 
-def test_turning_is_scipys_rotation():
+def test_rotations_agree_with_scipy():
     motion, vectors = random_motion(), np.random.default_rng(1).normal(size=(200, 3))
     np.testing.assert_allclose(turned_into_map(motion, vectors), rotation(motion).apply(vectors), atol=1e-12)
     there = position_in_map(motion, vectors)
@@ -88,7 +88,7 @@ def test_turning_is_scipys_rotation():
     np.testing.assert_allclose(turned_from_level(motion, vectors), rotation(level).inv().apply(vectors), atol=1e-12)
 
 
-def test_quaternions_are_scipys():
+def test_quaternions_agree_with_scipy():
     motion = random_motion()
     ours = quat_from_euler(motion.yaw_rad, motion.pitch_rad, motion.roll_rad)
     np.testing.assert_allclose(np.linalg.norm(ours, axis=1), 1.0, atol=1e-12)

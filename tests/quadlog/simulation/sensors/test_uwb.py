@@ -50,7 +50,7 @@ def test_out_of_sight_the_path_is_longer_by_an_exponential_delay(recording):
         assert stats.kstest(error, mixed.cdf).pvalue > 1e-3
 
 
-def test_some_ranges_do_not_come(recording):
+def test_ranges_drop_out_at_the_given_share(recording):
     missing = np.mean([np.isnan(ranges.range_m).mean() for ranges in both_tags(recording)])
     assert missing == pytest.approx(0.02, abs=0.003)
     for ranges in both_tags(recording):

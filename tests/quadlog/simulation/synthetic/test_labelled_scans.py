@@ -131,7 +131,7 @@ def test_every_other_scan_is_tilted_by_the_gait_and_levelling_undoes_it():
 
 
 @pytest.mark.parametrize("name", ["undulating", "corridor", "forest"])
-def test_a_scan_is_its_seeds_and_its_numbers(scans, name):
+def test_scans_depend_on_seed_and_index(scans, name):
     again = list(labelled_scans(name, seed=7, n=2))
     for one, other in zip(scans[name], again, strict=False):
         np.testing.assert_array_equal(one.xyz_lidar_m, other.xyz_lidar_m)

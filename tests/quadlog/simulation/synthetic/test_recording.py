@@ -47,7 +47,7 @@ def test_a_longer_recording_begins_like_a_shorter_one_but_for_its_noise():
     np.testing.assert_array_equal(short.ranges[1].true_m, long.ranges[1].true_m[: len(short.ranges[1].t_ns)])
 
 
-def test_thinner_scans_leave_every_other_sensor_as_it_was():
+def test_the_number_of_rays_does_not_affect_other_sensors():
     thin, thick = (follow.synthesize(seed=0, duration_s=0.5, azimuth_steps=n) for n in (16, 64))
     for ours, theirs in zip(thin.ranges, thick.ranges, strict=True):
         np.testing.assert_array_equal(ours.range_m, theirs.range_m)

@@ -100,7 +100,7 @@ def test_a_moving_goal_is_met_where_it_is_then():
     assert np.ptp([instant.goal_xy_m[1] for instant in walk.instants]) > 1.0
 
 
-def test_waits_until_somebody_has_passed(monkeypatch):
+def test_the_robot_waits_until_a_moving_obstacle_has_passed(monkeypatch):
     """A corridor in which somebody stands for 5 s, then walks off: no other way leads through."""
     walls = [(-6.0, 0.6, 6.0, 1.2), (-6.0, -1.1, 6.0, -0.5), (-6.0, -1.1, -0.6, 1.2)]
     away = WaypointTrack(np.array([5, 8]) * 10**9, np.array([[1.0, 0.05], [1.0, 5.0]]))
@@ -123,7 +123,7 @@ def test_gives_up_when_walled_in():
         assert walk.plans[-1].found == (dilation_m == 0.1)
 
 
-def test_ends_after_so_many_replans(monkeypatch):
+def test_walks_end_at_the_limit_of_replans(monkeypatch):
     monkeypatch.setattr(replanning_walk, "MOST_REPLANS", 7)
     walk = walk_world(ground((4.0, 0.05)), make_planner("astar"))
     assert walk.outcome is Outcome.OUT_OF_REPLANS
@@ -131,7 +131,7 @@ def test_ends_after_so_many_replans(monkeypatch):
     assert len(walk.path_xy_m) == 8
 
 
-def test_at_the_goal_there_is_nothing_to_plan():
+def test_starting_at_the_goal_needs_no_plan():
     walk = walk_world(ground((0.01, 0.09)), make_planner("astar"))
     assert walk.outcome is Outcome.ARRIVED
     assert walk.plans == walk.instants == ()
@@ -148,6 +148,6 @@ def test_the_same_walk_for_the_same_seed_whatever_the_planner_did_before(leader)
     assert [plan.expanded for plan in one.plans] == [plan.expanded for plan in same.plans]
 
 
-def test_a_robot_that_walks_nothing_is_refused():
+def test_zero_cells_per_replan_are_refused():
     with pytest.raises(ValueError, match="at least 1, not 0"):
         walk_world(ground((4.0, 0.0)), make_planner("astar"), cells_per_replan=0)

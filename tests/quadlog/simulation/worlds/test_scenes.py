@@ -85,7 +85,7 @@ def test_a_star_changes_sides_where_ia_star_goes_on():
     assert sum(plan.from_scratch for plan in walk.plans) == 1
 
 
-def test_somebody_crosses_the_way():
+def test_the_moving_obstacle_crosses_the_way():
     world = SCENES["dynamic-obstacle"]()
     seconds = np.arange(8) * 10**9
     maps = [world.occupied_in(world.window, int(t_ns)) for t_ns in seconds]
@@ -163,7 +163,7 @@ def test_the_window_never_leaves_the_forest(density):
             assert world.window.contains(corners).all()
 
 
-def test_the_seed_alone_decides():
+def test_forests_depend_on_the_seed_only():
     one, same, other = (forest_world(0.2, np.random.default_rng([seed, 5])) for seed in (1, 1, 2))
     assert one.window == same.window
     np.testing.assert_array_equal(one.occupied, same.occupied)
@@ -172,6 +172,6 @@ def test_the_seed_alone_decides():
 
 
 @pytest.mark.parametrize("density", [-0.1, 2.01, math.inf, math.nan])
-def test_a_density_that_no_forest_has_is_refused(density):
+def test_densities_out_of_range_are_refused(density):
     with pytest.raises(ValueError, match=r"a forest has 0 to 2 trees per m2, not"):
         forest_world(density, np.random.default_rng(0))

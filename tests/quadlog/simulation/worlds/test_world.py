@@ -80,7 +80,7 @@ def test_a_window_shows_what_lies_at_its_places(seed, col0, row0):
             assert seen[row, col] == expected
 
 
-def test_looking_changes_nothing_of_the_world():
+def test_reading_a_window_does_not_change_the_world():
     disc = MovingDisc(standing(0.0, 1.5), 0.4)
     world = somewhere(np.random.default_rng(1), (disc,))
     before = world.occupied.copy()
@@ -95,7 +95,7 @@ def test_a_window_of_other_cells_is_refused():
         somewhere(np.random.default_rng(1)).occupied_in(Window(0, 0, 0.2, (10, 10)), 0)
 
 
-def test_a_track_goes_evenly_and_stands_before_and_after():
+def test_a_track_is_linear_between_its_waypoints():
     track = WaypointTrack(np.array([10, 20, 40]), np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 0.0]]))
     for t_ns, xy in {0: (0, 0), 10: (0, 0), 15: (0.5, 1), 20: (1, 2), 35: (1, 0.5), 99: (1, 0)}.items():
         np.testing.assert_allclose(track.at(t_ns), xy)
@@ -112,7 +112,7 @@ def test_distances_from_the_sides_and_a_corner():
     assert clearance(0.2, 0.05) == pytest.approx(-0.05)
 
 
-def test_turning_the_robot_is_turning_the_world():
+def test_clearance_is_invariant_under_rotation():
     rng = np.random.default_rng(0)
     cells = rng.uniform(-2, 2, (20, 2))
     yaw = 0.8
