@@ -1,4 +1,4 @@
-"""What `quadlog diff` found, as lines for people and as JSON for programs."""
+"""The differences of two runs as text and JSON."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NS = 1_000_000_000
 
 
 def diff_text(runs: RunDifference) -> str:
-    """The verdict first, then how the runs were made, then every stage; values are those of A | B."""
+    """The verdict, how the runs were made, then every stage; values are those of A | B."""
     return "\n".join(map(printable_line, _lines(runs))) + "\n"
 
 
@@ -47,7 +47,7 @@ def diff_json(runs: RunDifference) -> dict[str, Any]:
 
 
 def printable_line(line: str) -> str:
-    """The line with its indentation, whatever names from a recording are in it."""
+    """The line without control characters, with its indentation."""
     text = line.lstrip(" ")
     return " " * (len(line) - len(text)) + printable(text)
 
@@ -119,7 +119,7 @@ def _short(value: float) -> str:
 
 
 def _value(value: Any) -> str:
-    """Short enough for a line; JSON has every digit."""
+    """A value, shortened to fit a line."""
     if value is None:
         return "none"
     if isinstance(value, float):
@@ -129,7 +129,7 @@ def _value(value: Any) -> str:
 
 
 def _plain(content: Any, start_ns: int) -> Any:
-    """For JSON, which has no NaN and no infinity: the one becomes null, the other text. Instants get their seconds."""
+    """The content as JSON allows it: NaN becomes null, infinity text; rows also get their time in seconds."""
     if isinstance(content, dict):
         plain = {key: _plain(value, start_ns) for key, value in content.items()}
         if isinstance(plain.get("t_ns"), int) and "keys" in plain:

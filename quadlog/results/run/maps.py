@@ -1,11 +1,10 @@
-"""What a run keeps of its maps: the sequence `maps.npz`, one occupancy window per mapped scan; ground, clouds and
-dilution.
+"""Saved maps of a run: the sequence `maps.npz`, one occupancy window per mapped scan; ground, clouds and dilution.
 
 Row = y, column = x; the origin is the window's lower-left corner in map; the
 windows are undilated. Members: `t_ns (S,)`, `origin_m (S, 2)`, `cell_m`,
 `shape (2,)` and blocks `occupied_bits_000000 (maps of the block, rows,
 ceil(columns / 8))` of numpy.packbits rows. A block holds about 1 MB, so that
-writing and looking something up take the same little memory for any length.
+memory does not grow with the length of the sequence.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ _MAX_CELLS_PER_SIDE = 16384
 
 
 class MapsWriter:
-    """Takes one map after the other; the file appears when the `with` block ends without an error."""
+    """Writes maps one by one; the file appears when the `with` block ends without an error."""
 
     def __init__(self, path: Path, cell_m: float, shape: tuple[int, int]) -> None:
         self.path, self.cell_m, self.shape = path, cell_m, shape
@@ -134,7 +133,7 @@ class OccupancyMap(NamedTuple):
 class MapSequence:
     """The maps of a run: t_ns (S,), origin_m (S, 2), cell_m, shape (rows, columns); iterates over OccupancyMap.
 
-    Maps are unpacked when asked for; only the block last used stays in memory.
+    Maps are unpacked on access; only the last block used is kept in memory.
     """
 
     def __init__(self, path: Path) -> None:
@@ -220,7 +219,7 @@ class GroundMap:
 def write_cloud_samples(run: Path, samples: Iterable[CloudSample], classes: Sequence[str]) -> None:
     """`cloud_samples.npz`: the scans one after the other, scan k being rows offset[k] to offset[k + 1].
 
-    `classes[label]` is what a label means; it is saved too, so that the file explains itself.
+    `classes[label]` is the meaning of a label, and is saved, too.
     """
     kept = list(samples)
     with write_npz(run / "cloud_samples.npz") as npz:

@@ -13,7 +13,7 @@ def stages_until(last: str) -> tuple[str, ...]:
 
 
 def reused_words(reused: Sequence[str], last: str) -> str:
-    """How many are reused of the stages up to `last`; `ingest` opens the recording every time and is none of them."""
+    """The number and names of reused stages up to `last`; `ingest` is never reused."""
     stages = stages_until(last)[1:]
     names = f": {', '.join(reused)}" if reused else ""
     return f"reused {len(reused)} of {len(stages)} stages{names}"
