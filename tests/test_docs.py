@@ -155,7 +155,7 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     "quadlog metrics runs/yesterday": words("mean", "std"),
     "quadlog metrics --explain eta_m": words("eta_m"),
     "quadlog metrics runs/yesterday --explain success_rate": words("success_rate", "yesterday: "),
-    "quadlog replay bags/ -o winter --dry-run": words("run ", "2 of 2 to replay", " MB", "once one has run"),
+    "quadlog replay bags/ -o winter --dry-run": words("run ", "2 of 2 to replay", " MB", "unknown until"),
     "quadlog replay bags/ -o winter --jobs 4": lambda _: both("winter"),
     "quadlog replay bags/ -o winter --resume": kept,
 }

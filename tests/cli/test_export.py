@@ -24,16 +24,9 @@ def test_every_format_is_written_where_asked_and_listed(follow, tmp_path, ok):
 
 
 def test_evo_ape_reads_the_trajectory_and_finds_the_same_error(follow, tmp_path, ok):
-    out, result = tmp_path / "follow.tum", tmp_path / "evo.zip"
+    out, result, truth = tmp_path / "follow.tum", tmp_path / "evo.zip", follow / "reference.tum"
     ok("export", follow, "--to", "tum", "-o", out)
-    evo_ape = [
-        Path(sys.executable).with_name("evo_ape"),
-        "tum",
-        follow / "reference.tum",
-        out,
-        "--save_results",
-        result,
-    ]
+    evo_ape = [Path(sys.executable).with_name("evo_ape"), "tum", truth, out, "--save_results", result]
     # evo keeps its settings at home.
     environment = {**os.environ, "HOME": str(tmp_path)}
     subprocess.run([*map(str, evo_ape)], check=True, capture_output=True, env=environment)

@@ -50,7 +50,7 @@ def test_json_is_a_list_of_metrics_and_set_is_stronger_than_disturbed(path, tmp_
         (["bend.csv", "--controller", "none"], 2, "none"),
         (["bend.csv", "--terrain", "9cm"], 2, "9cm"),
         (["bend.csv", "--seeds", "0"], 2, "--seeds"),
-        (["bend.csv", "--set", "simulation.controller=none"], 2, "none"),
+        (["bend.csv", "--set", "simulation.controller=none"], 2, "without a controller"),
         (["bend.csv", "--controller", "pmw", "--set", "simulation.controller=kinematic"], 2, "differ"),
         (["bend.csv", "--terrain", "3cm", "--set", "simulation.terrain=6cm"], 2, "--terrain 3cm and --set simulation."),
         (["bend.csv", "--speed", "0.4", "--set", "pursuit.speed_mps=0.5"], 2, "--speed 0.4 and --set pursuit."),

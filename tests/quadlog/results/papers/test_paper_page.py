@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import io
 
-import pytest
 from markdown_it import MarkdownIt
 
 from quadlog.results.papers.page import (
@@ -13,7 +12,6 @@ from quadlog.results.papers.page import (
     Erratum,
     csv_text,
     errata_text,
-    format_value,
     latex_text,
     readme_text,
     section_text,
@@ -40,14 +38,6 @@ def test_the_csv_file_has_the_columns_of_the_contract_and_reads_back():
     assert list(read[0].values())[1:] == ["1.23", "1.23457", "1.2", "1.3", "0.0045678", "yes", "as_is & 5 %"]
     assert list(read[1].values())[1:] == ["2", "1e-07", "", "", "-2", "no", "why\nnot"]
     assert list(read[2].values())[1:] == ["", "0", "", "", "", "", ""]
-
-
-@pytest.mark.parametrize(
-    ("value", "digits", "text"),
-    [(None, 4, ""), (-0.0, 4, "0"), (0.123456, 4, "0.1235"), (5.2, 6, "5.2"), (1234567.0, 6, "1.23457e+06")],
-)
-def test_numbers_are_short_and_zero_has_no_sign(value, digits, text):
-    assert format_value(value, digits) == text
 
 
 def test_the_section_shows_everything():
