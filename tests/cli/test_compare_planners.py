@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import csv
-import io
 import json
 
 import pytest
@@ -47,16 +45,6 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog):
     assert ["fallback_share" in row for row in rows] == [False, True, True]
     assert "Rules of astar" in done.err
     assert "saved most" in done.err
-
-
-def test_csv_is_the_same_rows(small_map, ok):
-    arguments = ["compare-planners", small_map, *PLAN, "--start-cell", "0,0", "--goal-cell", "3,2"]
-    flat = json.loads(ok(*arguments, "--format", "json"))
-    rows = list(csv.DictReader(io.StringIO(ok(*arguments, "--format", "csv"))))
-    assert list(rows[0]) == COLUMNS.names
-    for row, expected in zip(rows, flat, strict=True):
-        for name in set(COLUMNS.names) - {"us_median", "us_p95"}:
-            assert row[name] == str(expected.get(name, "")), name
 
 
 @pytest.mark.parametrize(

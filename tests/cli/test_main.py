@@ -55,10 +55,11 @@ def test_plugins_are_listed_and_not_imported(install, ok):
     ]
 
 
-def test_completing_asks_for_no_version():
+def test_completing_asks_for_no_version(capsys):
     """The option's callback also runs while a command line is completed."""
     context = click.Context(click.Command("quadlog"), resilient_parsing=True)
     print_versions(context, click.Option(["--version"]), True)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_unknown_commands_and_missing_arguments_are_usage(refused):
