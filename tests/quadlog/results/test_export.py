@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
-from quadlog.results.export import export_run
+from quadlog.results.export import EXPORTERS, export_run
 from quadlog.results.run.tables import TABLES, read_table, write_table
 
 
@@ -74,7 +74,7 @@ def test_a_run_without_the_result_says_so(tmp_path: Path, to: str) -> None:
 
 
 def test_unknown_formats_and_impossible_places(tiny_run: Path, tmp_path: Path) -> None:
-    with pytest.raises(UnknownName, match="choose one of: csv, mcap, rosmap, tum"):
+    with pytest.raises(UnknownName, match=f"choose one of: {', '.join(sorted(EXPORTERS))}"):
         export_run(tiny_run, "kml", tmp_path / "out")
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(CannotWrite):

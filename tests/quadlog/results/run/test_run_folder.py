@@ -220,11 +220,12 @@ def test_a_claimed_run_loses_nothing_until_it_is_begun(tiny_run: Path, left_part
     assert tomllib.loads((tiny_run / "config.toml").read_text()) == {"planner": {"name": "astar"}}
 
 
-@pytest.mark.parametrize("dies_at", range(4))
+@pytest.mark.parametrize("dies_at", range(5))
 def test_a_run_that_is_begun_and_killed_is_unfinished_and_still_quadlogs(
     tiny_run: Path, monkeypatch: pytest.MonkeyPatch, dies_at: int
 ) -> None:
-    (tiny_run / "run.json").touch()
+    (tiny_run / "plots").mkdir()
+    (tiny_run / "plots" / "ranges.png").touch()
     removed, unlink = [], Path.unlink
 
     def dying_unlink(path: Path, missing_ok: bool = False) -> None:
