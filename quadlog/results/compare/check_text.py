@@ -66,11 +66,12 @@ def _key(name: str) -> str:
 def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
     """The document, in the schema that Jenkins plug-ins share; labels: distinct names of the runs.
 
-    A bound that does not hold and a run without bounds are failures; a run that cannot be read is an error.
+    A bound that does not hold and a run without bounds are failures; a run that cannot be read is an error. Control
+    characters and lone surrogates, which XML cannot hold, are replaced.
     """
     root = ET.Element("testsuites", name="quadlog check")
     for run, label in zip(runs, labels, strict=True):
-        root.append(_suite(run, _text(label)))
+        root.append(_suite(run, printable(label)))
     for count in ("tests", "failures", "errors"):
         root.set(count, str(sum(int(suite.get(count, 0)) for suite in root)))
     ET.indent(root)
@@ -80,13 +81,13 @@ def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
 def _suite(run: RunCheck, label: str) -> ET.Element:
     suite = ET.Element("testsuite", name=label, tests="0", failures="0", errors="0", skipped="0")
     if run.error is not None:
-        ET.SubElement(_case(suite, label, "run"), "error", type="run", message=_text(run.error))
+        ET.SubElement(_case(suite, label, "run"), "error", type="run", message=printable(run.error))
     elif not run.checks:
         ET.SubElement(_case(suite, label, "expectations"), "failure", type="expectations", message=NO_BOUNDS)
     for check in run.checks:
         case = _case(suite, label, check.bound.metric)
         if not check.holds:
-            message = _text(f"{check.bound.metric}: {check.reason}")
+            message = printable(f"{check.bound.metric}: {check.reason}")
             ET.SubElement(case, "failure", type="bound", message=message).text = message
     suite.set("tests", str(len(suite)))
     suite.set("failures", str(len(suite.findall("testcase/failure"))))
@@ -95,9 +96,4 @@ def _suite(run: RunCheck, label: str) -> ET.Element:
 
 
 def _case(suite: ET.Element, label: str, name: str) -> ET.Element:
-    return ET.SubElement(suite, "testcase", classname=label, name=_text(name))
-
-
-def _text(text: str) -> str:
-    """Without control characters and lone surrogates, which XML cannot hold."""
-    return printable(text)
+    return ET.SubElement(suite, "testcase", classname=label, name=printable(name))

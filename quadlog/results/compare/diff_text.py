@@ -17,6 +17,7 @@ from quadlog.results.compare.differences import (
     ValueDifference,
 )
 from quadlog.results.compare.run_diff import first_difference
+from quadlog.results.text.numbers import short
 
 _MOST_CHARS = 60
 _NS = 1_000_000_000
@@ -85,7 +86,7 @@ def _result_lines(result: ResultDifference, start_ns: int) -> Iterator[str]:
     names = max((len(each.column) for each in result.columns), default=0)
     counts = max((len(_rows(each.rows)) for each in result.columns), default=0)
     for each in result.columns:
-        most = f", at most {_short(each.largest)}" if each.largest is not None and each.rows > 1 else ""
+        most = f", at most {short(each.largest)}" if each.largest is not None and each.rows > 1 else ""
         values = _both(each.a, each.b, each.apart)
         where = f"{each.column:{names}}  {_rows(each.rows):>{counts}}, the first {_place(each.first, start_ns)}"
         yield f"        {where}: {values}{most}"
@@ -110,12 +111,8 @@ def _place(place: RowLocation, start_ns: int) -> str:
 
 
 def _both(a: Any, b: Any, apart: float | None) -> str:
-    by = f" (by {_short(apart)})" if apart is not None else ""
+    by = f" (by {short(apart)})" if apart is not None else ""
     return f"{_value(a)} | {_value(b)}{by}"
-
-
-def _short(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def _value(value: Any) -> str:

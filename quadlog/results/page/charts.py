@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.results.plots.control import COMMANDS, JOINTS, LEGS, LOOKAHEAD, POSTURE, Columns
 from quadlog.results.plots.run_data import RunData, Table, seen_around
 from quadlog.results.plots.style import COLORS, thin_line, thin_points
@@ -45,7 +45,7 @@ def panel(what: str, lines: Sequence[Line]) -> dict[str, Any] | None:
     if not lines:
         return None
     if all(line.seconds is lines[0].seconds for line in lines):
-        keep = np.unique(np.concatenate([_keep(line) for line in lines]))
+        keep = np.unique(np.concatenate([thin_line(line.values, PANEL_POINTS) for line in lines]))
         times, columns = lines[0].seconds[keep], [line.values[keep] for line in lines]
         joined = False
     else:
@@ -79,13 +79,9 @@ def to_script_json(content: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _keep(line: Line) -> Int:
-    return thin_line(line.values, PANEL_POINTS)
-
-
 def _merged(lines: Sequence[Line]) -> tuple[Float, list[Float]]:
     """The time stamps of all lines, sorted, and each line's values there, NaN where it has none."""
-    kept = [(line, _keep(line)) for line in lines]
+    kept = [(line, thin_line(line.values, PANEL_POINTS)) for line in lines]
     times = np.unique(np.concatenate([line.seconds[keep] for line, keep in kept]))
     columns = []
     for line, keep in kept:
@@ -214,10 +210,8 @@ def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], dict[
 def _panel(run: RunData, table: Table, columns: Columns) -> Panel:
     what, lines = columns
     seconds = run.seconds(table["t_ns"])
-    return panel(
-        what,
-        [Line(label, color, seconds, _floats(table[name])) for name, label, color in lines if name in table],
-    )
+    present = [line for line in lines if line[0] in table]
+    return panel(what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present])
 
 
 def _expanded(run: RunData) -> dict[str, Any] | None:
@@ -268,10 +262,6 @@ def _uwb_error(run: RunData) -> dict[str, Any] | None:
             lines.append(Line(source, color, seconds[mine], error_m[mine], points=source == "fixes"))
         panels.append(panel(f"error of tag {tag} (m)", lines))
     return _over_time(panels)
-
-
-def _floats(values: Any) -> Float:
-    return np.asarray(values, dtype=np.float64)
 
 
 _CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {

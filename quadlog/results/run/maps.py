@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,14 +240,14 @@ def read_cloud_samples(run: Path) -> tuple[list[CloudSample], list[str]]:
     xyz_m = npz.read("xyz_m", np.float32, (None, 3), _MAX_SAMPLE_BYTES)
     label = npz.read("label", np.uint8, (len(xyz_m),), _MAX_SAMPLE_BYTES)
     classes = npz.read("classes", "U16", (None,), 1 << 20).tolist()
-    pose = {name: _column(npz, name, len(t_ns)) for name in ("x_m", "y_m", "yaw_rad")}
+    pose = [npz.read(name, np.float64, (len(t_ns),), 8 * _MAX_SAMPLES + 4096) for name in ("x_m", "y_m", "yaw_rad")]
     if offset[0] != 0 or offset[-1] != len(xyz_m) or (np.diff(offset) < 0).any():
         raise NotARun(npz.path, "is damaged: offset does not fit xyz_m")
     if len(label) and label.max() >= len(classes):
         raise NotARun(npz.path, "is damaged: a label without a class")
     scans = [slice(first, last) for first, last in pairwise(offset.tolist())]
     samples = [
-        CloudSample(int(t_ns[k]), xyz_m[rows], label[rows], *(float(column[k]) for column in pose.values()))
+        CloudSample(int(t_ns[k]), xyz_m[rows], label[rows], *(float(column[k]) for column in pose))
         for k, rows in enumerate(scans)
     ]
     return samples, classes
@@ -274,7 +274,3 @@ def read_ground(run: Path) -> GroundMap:
     if not (np.isfinite(origin_m).all() and np.isfinite(cell_m) and cell_m > 0):
         raise NotARun(npz.path, "is damaged: a ground without a place or a size")
     return GroundMap(origin_m, cell_m, height_m, count)
-
-
-def _column(npz: NpzReader, name: str, length: int) -> NDArray[Any]:
-    return npz.read(name, np.float64, (length,), 8 * _MAX_SAMPLES + 4096)
