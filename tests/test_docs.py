@@ -344,7 +344,6 @@ def test_the_topics_of_derived_mcap_are_those_listed(toured):
     schema_of = {topic: schema for topics, schema in listed.items() for topic in re.findall(r"`([^`]+)`", topics)}
     with (toured[0] / "runs" / "yesterday" / "derived.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
-    assert summary is not None
     assert len(summary.channels) >= 8
     for channel in summary.channels.values():
         said = schema_of[re.sub(r"/\d+$", "/TAG", channel.topic)]
@@ -363,7 +362,6 @@ def test_what_is_mentioned_exists(page, code):
     assert second in COMMANDS
     with cli.make_context("quadlog", [second], resilient_parsing=True) as ctx:
         command = cli.get_command(ctx, second)
-    assert command is not None
     flags = {flag for parameter in command.params for flag in parameter.opts}
     assert {word for word in rest if word.startswith("-")} <= flags
 

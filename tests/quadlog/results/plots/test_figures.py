@@ -81,7 +81,6 @@ def test_a_figure_without_its_data_is_left_out(tiny_run: Path, name: str) -> Non
 def test_every_axis_says_its_unit(tiny_run: Path, change: Any, name: str) -> None:
     _with_a_body(tiny_run, change)
     figure = DRAW[name](RunData(tiny_run))
-    assert figure is not None
     horizontal = [axes.get_xlabel() for axes in figure.axes] + [figure.get_supxlabel()]
     vertical = [axes.get_ylabel() for axes in figure.axes] + [figure.get_supylabel()]
     for labels in (horizontal, vertical):
@@ -154,7 +153,6 @@ def test_many_tags_and_anchors_are_drawn_in_part_and_that_is_said(tiny_run: Path
         tiny_run / "ranges.parquet", TABLES["ranges"], many | {"range_m": 1.0, "predicted_m": 1.0, "weight": 1.0}
     )
     figure = DRAW["ranges"](RunData(tiny_run))
-    assert figure is not None
     assert len(figure.axes) == 4 * (1 + 12)
     words = " ".join(part.get_suptitle() for part in figure.subfigs)
     assert "6 tags, 4 shown" in words

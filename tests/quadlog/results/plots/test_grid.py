@@ -16,7 +16,6 @@ from quadlog.results.run.tables import read_table
 
 def _drawn(run: Path) -> Any:
     figure = draw_grid(RunData(run))
-    assert figure is not None
     whole, close = figure.axes
     return figure, whole, close, {str(line.get_label()): line for line in close.get_lines()}
 

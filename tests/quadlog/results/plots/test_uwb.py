@@ -21,7 +21,6 @@ from quadlog.storage.formats.tum import write_tum
 
 def axes_of(draw: Callable[[RunData], Figure | None], run: Path) -> Any:
     figure = draw(RunData(run))
-    assert figure is not None
     return figure.axes
 
 
