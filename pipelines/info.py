@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,16 +40,13 @@ def describe_recording(
     """
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
-        part, seen, unindexed = _look(recording, None if full else _budget(config), open_progress)
+        budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
+        part, seen, unindexed = _look(recording, budget, open_progress)
         uwb, warnings = _uwb(part, roles, config, whole=part is recording)
         info = _describe(recording, roles, seen)
         jumps = _back_warnings(seen, warnings)
         sampled = {"sampled": part is not recording}
         return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
-
-
-def _budget(config: Config) -> Budget:
-    return UWB_EXCERPT if config.uwb.anchors else EXCERPT
 
 
 def _look(
@@ -101,10 +99,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
         "messages_read": seen.messages_read,
         "start_ns": seen.start_ns,
         "end_ns": seen.end_ns,
-        "losses": [
-            {"cause": loss.cause, "detail": loss.detail, "topic": loss.topic, "count": loss.count}
-            for loss in recording.losses
-        ],
+        "losses": [asdict(loss) for loss in recording.losses],
         "warnings": [*recording.warnings, *_clock_warnings(seen)],
         "topics": [_topic_row(each, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
@@ -157,15 +152,6 @@ def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
-    return {
-        "name": topic.name,
-        "type": topic.type,
-        "messages": topic.messages,
-        "hz_min": topic.hz_min,
-        "hz_max": topic.hz_max,
-        "gaps": topic.gaps,
-        "longest_gap_s": topic.longest_gap_s,
-        "role": role,
-        "why": why,
-        "clock_offset_s": topic.clock_offset_s,
-    }
+    names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
+    row = {name: getattr(topic, name) for name in names}
+    return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}

@@ -149,8 +149,9 @@ def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict
     metrics, problems = _saved_metrics(run)
     said: list[str] = []
     if detail or problems:
-        found, damage = _from_samples(run, metrics if not problems else None)
-        problems += damage + _contradictions(run, metrics, found)
+        samples, errors = read_samples(run, SELF_EVIDENT if problems else metrics, may_lack=bool(problems))
+        found = _summaries(samples)
+        problems += [*dict.fromkeys(map(str, errors)), *_contradictions(run, metrics, found)]
         for name, summary in found.items():
             metrics[name] = _summarised(name, summary, metrics.get(name))
     if reference is not None:
@@ -174,14 +175,6 @@ def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
     }
     problems = [f"{run / 'metrics.json'}: is damaged: {', '.join(damaged[:5])} without a value"] if damaged else []
     return metrics, problems
-
-
-def _from_samples(run: Path, metrics: Mapping[str, Measured] | None) -> tuple[dict[str, SampleSummary], list[str]]:
-    if metrics is None:
-        samples, errors = read_samples(run, SELF_EVIDENT, may_lack=True)
-    else:
-        samples, errors = read_samples(run, metrics)
-    return _summaries(samples), list(dict.fromkeys(map(str, errors)))
 
 
 def _summaries(samples: Mapping[str, Samples]) -> dict[str, SampleSummary]:

@@ -9,7 +9,7 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -36,17 +36,14 @@ UNWIND_S = 2.0
 _leaving = threading.Event()
 
 
-def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
-    """Run in a worker: answer each pickled (call, args, kwargs) with DONE or RAISED; exit when the pipe is closed.
-
-    initializer: called before the first task.
-    """
+def serve_tasks(connection: Connection) -> None:
+    """Run in a worker: answer each pickled (call, args, kwargs) with DONE or RAISED; exit when the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the parent handles it
     signal.signal(signal.SIGTERM, _leave)
     sys.unraisablehook = _lost
     threading.Thread(target=_see_it_end, name="quadlog-leaving", daemon=True).start()
     threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
-    sending, begin = threading.Lock(), initializer
+    sending = threading.Lock()
 
     def send(packed: bytes) -> None:
         with sending:
@@ -59,9 +56,6 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
             except (EOFError, OSError):
                 break
             try:
-                if begin is not None:
-                    begin(*initargs)
-                    begin = None
                 call, args, kwargs = ForkingPickler.loads(task)
                 answer = _pack(DONE, call(*args, **kwargs))
             except Exception as error:
@@ -134,7 +128,6 @@ def _leave_with_parent() -> None:
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 # One heap for all threads of a worker: with glibc's own for each, it grows by 5 % with every recording.
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
-Initializer = tuple[Callable[..., object] | None, tuple[Any, ...]]
 
 # Threads share the environment, and starting a process reaps others, which another thread may be waiting for.
 _processes = threading.Lock()
@@ -143,11 +136,11 @@ _processes = threading.Lock()
 class LocalProcess:
     """A spawned process that answers tasks."""
 
-    def __init__(self, initializer: Initializer) -> None:
+    def __init__(self) -> None:
         """Spawned, because a forked process would inherit locks of libraries' threads."""
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = multiprocessing.Pipe()
-        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs, *initializer), daemon=True)
+        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs,), daemon=True)
         with _processes, _environment():
             self._process.start()
         theirs.close()
@@ -225,15 +218,9 @@ class LocalPool(Executor):
     workers at once. The standard library's pool would fail every task when one process dies.
     """
 
-    def __init__(
-        self,
-        workers: int,
-        initializer: Callable[..., object] | None = None,
-        initargs: tuple[Any, ...] = (),
-        listener: Listener | None = None,
-    ) -> None:
-        """initializer(*initargs) runs in each process before its first task; listener gets the messages of tasks."""
-        self._workers, self._initializer, self._listener = workers, (initializer, initargs), listener
+    def __init__(self, workers: int, listener: Listener | None = None) -> None:
+        """listener: called with each message of a task."""
+        self._workers, self._listener = workers, listener
         self._todo: deque[_Task] = deque()
         self._changed = threading.Condition()
         self._threads: list[threading.Thread] = []
@@ -307,18 +294,13 @@ class LocalPool(Executor):
                 self._forget(process)
                 process = self._start()
             kind, value = process.answer(packed, self._listener)
-        except WorkerDied as error:
-            self._forget(process)
-            process = None
-            task.future.set_exception(error)
-        except BaseException as error:  # not picklable, or raised by the listener
+        except BaseException as error:  # not picklable, raised by the listener, or WorkerDied
             if process is not None:
                 process.kill()
             self._forget(process)
-            process = None
             task.future.set_exception(error)
-        else:
-            (task.future.set_exception if kind == RAISED else task.future.set_result)(value)
+            return None
+        (task.future.set_exception if kind == RAISED else task.future.set_result)(value)
         return process
 
     def _next(self) -> _Task | None:
@@ -334,7 +316,7 @@ class LocalPool(Executor):
         with self._changed:
             if self._stopped:
                 raise WorkerDied(-signal.SIGTERM)
-            process = LocalProcess(self._initializer)
+            process = LocalProcess()
             self._running.add(process)
         return process
 
@@ -345,6 +327,6 @@ class LocalPool(Executor):
             process.end()
 
 
-def _kill(processes: Sequence[LocalProcess]) -> None:
+def _kill(processes: list[LocalProcess]) -> None:
     for process in processes:
         process.kill()

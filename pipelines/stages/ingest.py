@@ -49,12 +49,6 @@ MOST_WAITING = 8
 """Most clouds that wait for orientations; the oldest is then classified with the tilt known so far."""
 
 
-def read_small(recording: Recording, wanted: Gatherer, window: tuple[int | None, int | None]) -> None:
-    """The small topics alone."""
-    for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
-        wanted.take(gathered, recording.stamp)
-
-
 def read_all(
     recording: Recording,
     wanted: Gatherer,
@@ -162,7 +156,8 @@ def open_walk(
             walk = _read(
                 request, recording, describe, roles, run, clouds, before_clouds, tracked, stack, clock, progress
             )
-            _tell_ambiguities(walk)
+            if choices := walk.roles.choices("reference"):
+                walk.warn(f"no reference is used: {choices}")
             walk.say_what_is_new()
             try:
                 yield walk
@@ -209,7 +204,8 @@ def _read(
     first_cloud_ns: int | None = None
     if clouds is None and not tracked:
         with clock.stage("ingest"):
-            read_small(recording, wanted, window)
+            for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
+                wanted.take(gathered, recording.stamp)
     else:
         lidar = needed_lidar(roles)
         progress.begin("start-up", None)
@@ -287,12 +283,6 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),
     }
-
-
-def _tell_ambiguities(walk: ReplayContext) -> None:
-    """Warn of several possible references, of which none is used."""
-    if choices := walk.roles.choices("reference"):
-        walk.warn(f"no reference is used: {choices}")
 
 
 def _unless_ambiguous(roles: Roles, role: str) -> str | None:

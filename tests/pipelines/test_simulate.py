@@ -165,6 +165,8 @@ def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_
     control = [(each.run / "control.parquet").read_bytes() for each in (*one, *two)]
     assert control[:2] == control[2:]
     assert control[0] != control[1]
+    first, second = ((each.run / "ground.npz").read_bytes() for each in one)
+    assert first != second
 
 
 @pytest.mark.parametrize("controller", ["fpm", "pmw", "kinematic"])
@@ -201,7 +203,7 @@ def test_nothing_is_overwritten_unless_forced(path, tmp_path, undrawn):
     run = _simulate(request).run
     (run / "mine.txt").touch()
     before = (run / "control.parquet").stat().st_mtime_ns
-    with pytest.raises(AlreadyExists, match="--force allows it"):
+    with pytest.raises(AlreadyExists, match="use --force to replace it"):
         simulate(request, 1, Silent())
     assert (run / "control.parquet").stat().st_mtime_ns == before
     _simulate(replace(request, force=True))

@@ -16,7 +16,8 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet"),
     "report": ("metrics.json", "trajectory.tum"),
 }
-"""The files that each stage may leave, in the order of the stages."""
+"""The stages in order, and the files that each writes into the run folder."""
+
 STAGES = tuple(STAGE_FILES)
 
 
@@ -26,7 +27,7 @@ def stages_until(last: str) -> tuple[str, ...]:
 
 
 def reused_words(reused: Sequence[str], last: str) -> str:
-    """How many are reused of the stages up to `last`; `ingest` opens the recording every time and is none of them."""
+    """The number and names of reused stages up to `last`; `ingest` is never reused."""
     stages = stages_until(last)[1:]
     names = f": {', '.join(reused)}" if reused else ""
     return f"reused {len(reused)} of {len(stages)} stages{names}"
