@@ -65,7 +65,7 @@ class LidarOdometry:
         self._t_ns: list[int] = []
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
-        self._per_s = np.zeros(6)
+        self._per_s: Float = np.zeros(6)
 
     def take(self, t_ns: int, xyz_m: Float32, offset_ns: Int | None) -> None:
         """The next scan: points (N, 3) in upright axes about the robot, measured offset_ns (N,) after t_ns.
