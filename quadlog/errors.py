@@ -292,6 +292,13 @@ class NotARun(QuadlogError):
         super().__init__(f"{path}: {reason}")
 
 
+class PosesOnLine(QuadlogError):
+    """Poses on one line fit in any turn about it, so they cannot be aligned."""
+
+    def __init__(self) -> None:
+        super().__init__("poses on one line fit in any turn about it")
+
+
 class TooLarge(QuadlogError):
     """A size from an untrusted input exceeds what quadlog is willing to allocate."""
 

@@ -10,11 +10,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from quadlog.config.schema import Config
-from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
+from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Float, Int, PoseSeries
-from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
-from quadlog.metrics.positioning import Trajectory, associate, pair_samples
+from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
+from quadlog.metrics.positioning import Trajectory
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
@@ -66,7 +67,7 @@ def error_samples(t_ns: Int, error_m: Float) -> dict[str, Samples]:
     }
 
 
-REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", "ate_rmse_m", "rpe_rmse_m")
+REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", *TRAJECTORY_METRICS)
 _NS = 1_000_000_000
 _SEEN_M = 1e-3
 _LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
@@ -130,22 +131,18 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
 
     Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
     """
-    estimate, how = _trajectory_of(run), reference.how
-    truth = reference.trajectory
-    in_reference, in_estimate = associate(truth.t_ns, estimate.t_ns, how.max_difference_s, how.offset_s)
-    if len(in_reference) == 0:
+    estimate, how, truth = _trajectory_of(run), reference.how, reference.trajectory
+    options = how.max_difference_s, how.offset_s
+    try:
+        compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=how.planar)
+    except PosesOnLine as error:
+        raise NotARun(run, f"cannot be aligned with {reference.path}: {error}") from error
+    if compared is None:
         raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
-    said = [f"{reference.path}: {len(in_reference)} poses of {run} paired; {_ranges(truth.t_ns, estimate.t_ns, how)}"]
-    truth, estimate = truth.rows(in_reference), estimate.rows(in_estimate)
-    if how.align:
-        aligned = align_rigidly(estimate, truth)
-        if aligned is None:
-            raise NotARun(run, f"cannot be aligned with {reference.path}: poses on one line fit in any turn about it")
-        estimate = aligned
-    if how.planar:
-        truth, estimate = project_to_plane(truth), project_to_plane(estimate)
-    samples = {name: each for name, each in pair_samples(truth, estimate).items() if len(each.values)}
-    return Compared(samples, (*said, *_height_words(truth, estimate)))
+    n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
+    said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {compared.summary()}"]
+    said += [f"warning: {words}" for words in compared.warnings()]
+    return Compared(compared.samples, (*said, *_height_words(compared.truth, compared.estimate)))
 
 
 def _trajectory_of(run: Path) -> Trajectory:

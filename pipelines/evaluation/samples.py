@@ -10,6 +10,7 @@ import numpy as np
 
 from quadlog.errors import QuadlogError
 from quadlog.metrics.planning import SEARCH_METRICS, Replans, search_samples
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation.reference import (
@@ -94,9 +95,9 @@ _SOURCES = (
     _Source("plans.parquet", tuple(name for name in SEARCH_METRICS if name != "ratio_to_astar"), _plans),
     _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m"), saved_error_samples),
     _Source("fixes.parquet", ("uwb_residual_m",), residual_samples),
-    _Source("reference.tum", ("ate_rmse_m", "rpe_rmse_m"), _own_reference),
+    _Source("reference.tum", TRAJECTORY_METRICS, _own_reference),
 )
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""
 # The others need an incremental planner, or a reference in the frame of the poses, which no table tells.
-SELF_EVIDENT = SAMPLED - {"fallback_share", "ate_rmse_m", "rpe_rmse_m"}
+SELF_EVIDENT = SAMPLED - {"fallback_share", *TRAJECTORY_METRICS}

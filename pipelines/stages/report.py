@@ -13,7 +13,9 @@ from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import PoseSeries
 from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.planning import Replans, search_metrics
-from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
+from quadlog.metrics.positioning import Trajectory, uwb_metrics
+from quadlog.metrics.reference_offset import FRAME_METRICS, ReferenceComparison, compare_trajectories
+from quadlog.metrics.summary import metrics_of
 from quadlog.metrics.walking import TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
@@ -32,32 +34,34 @@ if TYPE_CHECKING:
     from quadlog.pipelines.request import ReplayRequest
 
 
-def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_frame: bool) -> Metrics:
-    """UWB residuals; with reference.tum also the fixes' and the poses' error against it.
+def positioning_metrics(run: Path, config: Config, robot_tag: int | None) -> Metrics:
+    """UWB residuals; with reference.tum also the fixes' error against it.
 
-    The reference is a pose of base; a fix is compared with where the tag, at
-    its place in base, must have been. Poses that are not in the reference's
-    frame have no ate_rmse_m: where they start would be most of it.
+    The reference is a pose of base; a fix is compared with where the tag, at its place in base, must have been.
     """
     reference = _read_reference(run)
-    metrics: Metrics = {}
-    if robot_tag is not None and has_table(run, "fixes"):
-        fixes = read_table(run, "fixes")
-        own = fixes["tag"] == robot_tag
-        error_m = None
-        if reference is not None:
-            truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
-            error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
-        metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
-    if reference is not None and has_table(run, "poses"):
-        poses = read_table(run, "poses")
-        if len(poses["t_ns"]) and poses["source"][0] != "fixed":
-            position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
-            estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
-            metrics |= trajectory_metrics(_trajectory(reference), estimate)
-            if not same_frame:
-                metrics.pop("ate_rmse_m", None)
-    return metrics
+    if robot_tag is None or not has_table(run, "fixes"):
+        return {}
+    fixes = read_table(run, "fixes")
+    own = fixes["tag"] == robot_tag
+    error_m = None
+    if reference is not None:
+        truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
+        error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
+    return uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
+
+
+def reference_comparison(run: Path) -> ReferenceComparison | None:
+    """The saved poses against the saved reference, in the plane; None without either, or without a pair in time."""
+    reference = _read_reference(run)
+    if reference is None or not has_table(run, "poses"):
+        return None
+    poses = read_table(run, "poses")
+    if len(poses["t_ns"]) == 0 or poses["source"][0] == "fixed":
+        return None
+    position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
+    estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
+    return compare_trajectories(_trajectory(reference), estimate)
 
 
 def planning_metrics(run: Path) -> Metrics:
@@ -144,9 +148,29 @@ def _realtime_factor(walk: ReplayContext, request: ReplayRequest) -> float | Non
 
 
 def _metrics(walk: ReplayContext) -> Metrics:
-    metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk), _in_reference_frame(walk))
+    metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk))
+    metrics |= _trajectory_metrics(walk)
     metrics |= planning_metrics(walk.run.path)
     metrics |= control_metrics(walk.run.path, walk.body)
+    return metrics
+
+
+def _trajectory_metrics(walk: ReplayContext) -> Metrics:
+    """Errors of the poses against the reference; a clock or a frame that differs from the reference's is warned of.
+
+    Poses in another frame than the reference by its name have no ate_rmse_m: where they start would be most of it.
+    """
+    compared = reference_comparison(walk.run.path)
+    if compared is None:
+        return {}
+    metrics = metrics_of(compared.samples)
+    if not _in_reference_frame(walk):
+        return {name: each for name, each in metrics.items() if name not in FRAME_METRICS}
+    warnings = compared.warnings()
+    if not warnings:
+        walk.note(f"against the reference: {compared.summary()}")
+    for words in warnings:
+        walk.warn(words)
     return metrics
 
 

@@ -156,6 +156,22 @@ _ENTRIES = (
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(
+        *("ate_time_corrected_rmse_m", "m", "ate_rmse_m with reference_time_offset_s added to the poses' times"),
+        *("√( 1/N Σ |p_i − p_ref(t_i + offset)|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *("ate_aligned_rmse_m", "m", "the same after the rigid motion that fits best; of the plane where heights lack"),
+        *("√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *(
+            "reference_time_offset_s",
+            "s",
+            "what to add to the poses' times to have the reference's",
+        ),
+        *("argmin over offset, R, t of Σ |R p_i + t − p_ref(t_i + offset)|²", _OURS, "poses compared"),
+    ),
+    MetricEntry(
         *("rpe_rmse_m", "m", "relative pose error from pair to pair, translation; equal to evo_rpe's rmse"),
         *("√( 1/N Σ |trans( (Q_i⁻¹ Q_i+1)⁻¹ (P_i⁻¹ P_i+1) )|² )", "[Sturm]", "steps between neighbouring pairs"),
     ),

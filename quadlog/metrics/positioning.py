@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, metrics_of
+from quadlog.metrics.summary import Samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +42,6 @@ def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) 
         mean_square = float(np.sum(residual_rms_m[fixed] ** 2 * n_ranges[fixed])) / ranges
         metrics["uwb_residual_m"] = Metric(mean_square**0.5, ranges, "m")
     return metrics
-
-
-def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_difference_s: float = 0.01) -> Metrics:
-    """ate_rmse_m and rpe_rmse_m (consecutive pairs), translation part, without alignment: both are in map already.
-
-    Absent when no, or for rpe_rmse_m only one, pair of poses lies within max_difference_s.
-    """
-    in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s)
-    return metrics_of(pair_samples(reference.rows(in_reference), estimate.rows(in_estimate)))
 
 
 def pair_samples(reference: Trajectory, estimate: Trajectory) -> dict[str, Samples]:

@@ -34,7 +34,8 @@ METRIC_NAMES = (
     *("cost_of_transport", "clearance_min_m", "collisions", "following_distance_mean_m", "lateral_drift_m"),
     *("yaw_rate_degps", "forward_m", "expanded_total", "generated_total", "expanded_mean", "ratio_to_astar"),
     *("fallback_share", "suboptimality_mean", "success_rate", "uwb_rmse_m", "uwb_bias_m", "uwb_residual_m"),
-    *("ate_rmse_m", "rpe_rmse_m", "realtime_factor"),
+    *("ate_rmse_m", "ate_time_corrected_rmse_m", "ate_aligned_rmse_m", "reference_time_offset_s", "rpe_rmse_m"),
+    "realtime_factor",
 )
 
 COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")

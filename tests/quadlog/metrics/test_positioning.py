@@ -7,7 +7,9 @@ from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.positioning import Trajectory, associate, positions_at, trajectory_metrics, uwb_metrics
+from quadlog.metrics.positioning import Trajectory, associate, positions_at, uwb_metrics
+from quadlog.metrics.reference_offset import compare_trajectories
+from quadlog.metrics.summary import metrics_of
 
 
 def trajectory(rng, t_ns):
@@ -27,7 +29,7 @@ def test_equal_to_evo(seed, counts, start_ns):
     rng = np.random.default_rng(seed)
     times_ns = [np.sort(rng.choice(3000, n, replace=False)) * 1_000_000 + start_ns for n in counts]
     reference, estimate = (trajectory(rng, t_ns) for t_ns in times_ns)
-    ours = trajectory_metrics(reference, estimate)
+    ours = metrics_of(compare_trajectories(reference, estimate).samples)
     paired = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01)
     ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
     ape.process_data(paired)
@@ -64,9 +66,9 @@ def test_an_offset_is_added_as_evo_adds_it(counts, offset_s):
 def test_trajectories_without_common_time_have_no_metrics():
     rng = np.random.default_rng(0)
     early, late = trajectory(rng, np.arange(5) * 10**8), trajectory(rng, np.arange(5) * 10**8 + 10**12)
-    assert trajectory_metrics(early, late) == {}
-    one = trajectory_metrics(early, trajectory(rng, np.array([10**8])))
-    assert set(one) == {"ate_rmse_m"}
+    assert compare_trajectories(early, late) is None
+    one = compare_trajectories(early, trajectory(rng, np.array([10**8])))
+    assert set(one.samples) == {"ate_rmse_m"}
 
 
 def test_uwb_by_hand():

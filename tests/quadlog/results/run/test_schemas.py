@@ -36,8 +36,8 @@ CONTRACT = {
     "cross_track_rmse_m heading_rmse_rad fallen pitch_rms_rad height_rms_m torque_max_nm torque_saturation_share "
     "cost_of_transport clearance_min_m collisions following_distance_mean_m lateral_drift_m yaw_rate_degps forward_m "
     "expanded_total generated_total expanded_mean ratio_to_astar fallback_share suboptimality_mean success_rate "
-    "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb "
-    "input_bytes worker",
+    "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m ate_time_corrected_rmse_m ate_aligned_rmse_m "
+    "reference_time_offset_s rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb input_bytes worker",
 }
 INTEGERS = {"tag", "anchor", "i", "expanded", "generated", "reused_cells", "t_ns", "n_ranges", "exit_code"}
 INTEGERS |= {"n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle", "n"}
