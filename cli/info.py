@@ -85,6 +85,9 @@ def print_info(info: dict[str, Any]) -> None:
         click.echo(printable(AmbiguousTopic(role, choices)))
     if info["links"]:
         _print_links(info["links"])
+    for anchor in info["anchors"]:
+        place = ", ".join(f"{axis}_m = {anchor[f'{axis}_m']:.3f}" for axis in "xyz")
+        click.echo(f"  anchor {anchor['id']} in {anchor['messages']} messages: {place}")
     if info["uwb_tags"]:
         _print_uwb(info)
 

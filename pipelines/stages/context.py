@@ -111,7 +111,8 @@ class ReplayContext:
     they are not read. used: role -> topics that were really used for it.
     body: of the re-simulated robot, None without one; what metrics need beyond the tables.
     keep: files of stages whose results are there already, as reused says; left: of all stages so far; read_before: what
-    reading the clouds had found, where they are not read again.
+    reading the clouds had found, where they are not read again. config: with the anchors that the messages place,
+    where none are configured; anchors_from_messages says so.
     """
 
     config: Config
@@ -140,6 +141,7 @@ class ReplayContext:
     keep: tuple[str, ...] = ()
     left: set[str] = field(default_factory=set)
     read_before: WhatWasRead | None = None
+    anchors_from_messages: bool = False
     _folder_begun: bool = False
     _said: set[str] = field(default_factory=set)
 

@@ -19,7 +19,7 @@ from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
 from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
-from quadlog.pipelines.stages.uwb import wants_uwb
+from quadlog.pipelines.stages.uwb import carries_anchors, wants_uwb, with_carried_anchors
 from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -186,8 +186,9 @@ def _read(
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
         first_ns, last_ns = _seen(recording, roles, streams, window, first_cloud_ns)
         described = describe()
+    effective = with_carried_anchors(config, streams.anchor_places)
     return ReplayContext(
-        config=config,
+        config=effective,
         seed=options.seed,
         run=run,
         input=described,
@@ -202,6 +203,7 @@ def _read(
         first_ns=first_ns,
         last_ns=last_ns,
         scanner=scanner,
+        anchors_from_messages=effective is not config,
     )
 
 
@@ -225,7 +227,7 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     """The small topics by role, as `gather` takes them. An ambiguity is raised where the role is needed."""
     position = config.topics.position
     chosen = position if position in {channel.topic for channel in recording.channels} else None
-    locates = wants_uwb(config)
+    locates = wants_uwb(config) or carries_anchors(recording, roles, config)
     # Under auto an odometry may have to be the position, and beside UWB it is the heading.
     needs_odometry = position in ("auto", "uwb", "odometry")
     # Elsewhere an IMU only tells scans how the body was tilted.

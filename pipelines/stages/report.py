@@ -217,6 +217,7 @@ def _record(walk: ReplayContext, request: ReplayRequest, startup_s: float) -> Ru
         realtime_factor=_realtime_factor(walk, request),
         reused=walk.reused,
         plugins=_plugins(walk, request),
+        anchors_from_messages=walk.anchors_from_messages,
     )
 
 

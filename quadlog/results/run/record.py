@@ -111,6 +111,7 @@ class RunRecord:
     losses, warnings, notes (choices that decided the result); stages; startup_s: imports and compilation, apart from
     the stages; realtime_factor: recorded_s / seconds in the stages, None when
     there is nothing to divide. reused: stages whose results an earlier replay had left. plugins: those that took part.
+    anchors_from_messages: whether the config's anchors are those that the recording's messages place.
     host and packages are filled in by themselves.
     run_format: which files with which columns a run folder has; see `run_folder.read_run_json`.
     """
@@ -132,6 +133,7 @@ class RunRecord:
     realtime_factor: float | None = None
     reused: Sequence[str] = ()
     plugins: Sequence[PluginRecord] = ()
+    anchors_from_messages: bool = False
     host: Mapping[str, Any] = field(default_factory=describe_host)
     packages: Mapping[str, str] = field(default_factory=package_versions)
     run_format: int = RUN_FORMAT
