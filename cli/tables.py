@@ -54,6 +54,9 @@ def print_table(table: PaperTable) -> None:
     """What the paper prints of a table, beside ours; all of ours where it prints nothing."""
     from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
 
+    if not table.rows:
+        click.echo(f"{table.name}: {table.sizes}")
+        return
     printed = [row for row in table.rows if row.paper is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
     _print_columns([SHOWN, *(shown_cells(row) for row in printed or table.rows)], RIGHT)

@@ -48,6 +48,7 @@ _LONGEST_GAP_S = 0.1  # bridged by a straight line, unless three usual gaps are 
 _MOST_OF_SPREAD = 0.25  # residual over the spread of positions: beyond, the two did not walk alike
 _LEAST_OF_SPEED = 0.1  # speed that no rigid motion explains, over speed
 _LEAST_OF_CURVATURE = 0.3  # of what that speed promises: below, most of it is noise
+_STANDING_MPS = 0.05  # below, a motion has no direction
 _FARTHEST_M = 1e7  # of positions; beyond, squares lose what is measured
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 
@@ -57,6 +58,8 @@ class TimeOffset:
     """offset_s: what to add to the estimate's times to have the reference's; None where it is not told, with why_not.
 
     samples_s: (K,) at t_ns (K,): what each sample says, whose mean is offset_s and whose scatter gives the interval.
+    forward_m: the shift along the direction of travel that would explain the offset as well, as of a wrong lever arm;
+    None where the speed varies enough to tell them apart.
     """
 
     offset_s: float | None
@@ -64,6 +67,7 @@ class TimeOffset:
     t_ns: Int
     samples_s: Float
     why_not: str = ""
+    forward_m: float | None = None
 
     def differs_from(self, offset_s: float) -> bool:
         """Whether the interval, made twice as wide, excludes another offset that is at least 0.01 s away.
@@ -176,7 +180,8 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     square_m2, spread_m2 = (float(np.mean(np.sum(each**2, axis=1))) for each in (residual_m, partner_m))
     if spread_m2 <= 0 or square_m2 > _MOST_OF_SPREAD**2 * spread_m2:
         return _unknown("it moved too little, or another way than the reference")
-    unexplained_mps = _without_rigid_motion(velocity_mps, partner_m)
+    motions = _rigid_motions(partner_m)
+    unexplained_mps = _without(velocity_mps, motions)
     told_m2ps2, speed_m2ps2 = (float(np.mean(np.sum(each**2, axis=1))) for each in (unexplained_mps, velocity_mps))
     if told_m2ps2 <= _LEAST_OF_SPEED**2 * speed_m2ps2:
         return _unknown("its motion is one that another place or direction explains as well as another time")
@@ -189,11 +194,47 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     interval = mean_interval_in_time(samples_s)
     if interval is None and np.ptp(samples_s) > 2 * _RESOLUTION_S:
         return _unknown("too short a walk to say how well it is known")
-    return TimeOffset(offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s)
+    forward_m = _forward_shift_m(offset_s, velocity_mps, residual_m, motions)
+    return TimeOffset(
+        offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s, forward_m=forward_m
+    )
 
 
-def _without_rigid_motion(velocity_mps: Float, position_m: Float) -> Float:
-    """Velocities (K, D) less the part that a small rigid motion of the centred positions (K, D) would give as well."""
+def _forward_shift_m(offset_s: float, velocity_mps: Float, residual_m: Float, motions: Float) -> float | None:
+    """The offset as a shift along the direction of travel, None where the offset is told with such a shift allowed for.
+
+    That is where the offset, estimated together with a constant shift forward and to the left, has the same sign and an
+    interval that excludes zero. motions (K, D, M) are allowed for as well.
+    """
+    speed_mps = np.linalg.norm(velocity_mps, axis=1, keepdims=True)
+    forward = velocity_mps / np.maximum(speed_mps, _STANDING_MPS)
+    left = np.zeros_like(forward)
+    left[:, 0], left[:, 1] = -forward[:, 1], forward[:, 0]
+    motions = np.concatenate([motions, forward[:, :, None], left[:, :, None]], axis=2)
+    told_mps = _without(velocity_mps, motions)
+    misses_m = _without(residual_m - velocity_mps * offset_s, motions)
+    information_m2ps2 = float(np.mean(np.sum(told_mps**2, axis=1)))
+    shift_m = offset_s * float(np.sqrt(np.mean(speed_mps**2)))
+    if information_m2ps2 <= _LEAST_OF_SPEED**2 * float(np.mean(speed_mps**2)):
+        return shift_m
+    together_s = -float(np.mean(np.sum(told_mps * misses_m, axis=1))) / information_m2ps2
+    influence_s = np.sum(told_mps * (misses_m + told_mps * together_s), axis=1) / information_m2ps2
+    interval = mean_interval_in_time(together_s + influence_s)
+    if interval is None:
+        return None if np.ptp(influence_s) <= 2 * _RESOLUTION_S else shift_m
+    return None if min(np.sign(offset_s) * np.array(interval)) > 0 else shift_m
+
+
+def _without(values: Float, motions: Float) -> Float:
+    """Values (K, D) less their part along motions (K, D, M)."""
+    flat = motions.reshape(values.size, -1)
+    weights, *_ = np.linalg.lstsq(flat, values.ravel(), rcond=None)
+    left: Float = values - (flat @ weights).reshape(values.shape)
+    return left
+
+
+def _rigid_motions(position_m: Float) -> Float:
+    """(K, D, M) what small rigid motions do to centred positions (K, D): D shifts, then the turns."""
     n, axes = position_m.shape
     turns = [(0, 1)] if axes == 2 else [(0, 1), (1, 2), (2, 0)]
     basis = np.zeros((n, axes, axes + len(turns)))
@@ -201,10 +242,7 @@ def _without_rigid_motion(velocity_mps: Float, position_m: Float) -> Float:
         basis[:, axis, axis] = 1
     for column, (first, second) in enumerate(turns, start=axes):
         basis[:, first, column], basis[:, second, column] = -position_m[:, second], position_m[:, first]
-    flat = basis.reshape(n * axes, -1)
-    weights, *_ = np.linalg.lstsq(flat, velocity_mps.ravel(), rcond=None)
-    left_mps: Float = velocity_mps - (flat @ weights).reshape(n, axes)
-    return left_mps
+    return basis
 
 
 def _thinned(t_ns: Int) -> Int:
@@ -267,7 +305,13 @@ class ReferenceComparison:
         """A line for a clock, and one for a frame, that differ from the reference's by more than can be chance."""
         words = [] if self.frame is None else [frame_offset_words(self.frame)]
         if self.offset.differs_from(self.given_offset_s):
-            words.insert(0, f"the reference's clock is not that of the poses: {self.summary()}")
+            what = "the reference's clock is not that of the poses"
+            if self.offset.forward_m is not None:
+                what = (
+                    f"the poses are late or early against the reference, or shifted by {self.offset.forward_m:+.3f} m "
+                    "along the direction of travel (a lever arm): the speed varies too little to tell which"
+                )
+            words.insert(0, f"{what}: {self.summary()}")
         return [each for each in words if each is not None]
 
     def summary(self) -> str:

@@ -132,7 +132,8 @@ def test_a_clock_that_is_a_little_off_is_warned_of_until_its_offset_is_given(tmp
     """0.11 s, with which nearly all poses still find a partner; the values are those that evo gives with it."""
     at_s, rng = np.arange(0, 60, 0.05), np.random.default_rng(0)
     turned_rad = 0.3 * at_s + 2 * np.sin(at_s / 4)
-    position_m = np.cumsum(0.03 * np.column_stack([np.cos(turned_rad), np.sin(turned_rad)]), axis=0)
+    step_m = (0.03 + 0.02 * np.sin(at_s / 5))[:, None]
+    position_m = np.cumsum(step_m * np.column_stack([np.cos(turned_rad), np.sin(turned_rad)]), axis=0)
     run = saved_walk(tmp_path / "walk", position_m + rng.normal(0, 0.03, position_m.shape))
     truth = tmp_path / "truth.tum"
     write_tum(truth, EPOCH_NS + NS * 11 // 100 + np.arange(len(position_m)) * NS // 20, *position_m.T, 0 * at_s)

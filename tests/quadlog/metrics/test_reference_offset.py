@@ -101,6 +101,26 @@ def test_no_offset_is_seldom_taken_for_one():
         assert not found.differs_from(0.0), seed
 
 
+def test_at_a_nearly_constant_speed_a_lever_arm_is_named_as_another_cause():
+    """A tag 6 cm ahead of where it is thought to be, at 0.6 m/s, looks like 0.1 s; at speeds that vary it does not."""
+    rng, at_s = np.random.default_rng(4), np.arange(0, 120, 0.05)
+    knots = np.arange(0, 123, 3)
+    course_rad = np.cumsum(np.interp(at_s, knots, rng.normal(0, 0.4, len(knots)))) * 0.05
+    ahead = np.column_stack([np.cos(course_rad), np.sin(course_rad), 0 * at_s])
+    noise_m = rng.normal(0, 0.02, ahead.shape) * [1, 1, 0]
+    for speeds_mps, steady in ((0.6 + 0 * at_s, True), (0.6 + 0.5 * np.sin(at_s / 4), False)):
+        true_m = np.cumsum(0.05 * speeds_mps[:, None] * ahead, axis=0)
+        late = estimate_time_offset(trajectory(at_s, true_m), trajectory(at_s - 0.1, true_m + noise_m))
+        shifted = estimate_time_offset(trajectory(at_s, true_m), trajectory(at_s, true_m + 0.06 * ahead + noise_m))
+        assert late.offset_s == pytest.approx(0.1, abs=0.02)
+        assert shifted.differs_from(0.0)
+        assert (late.forward_m is not None) == steady
+        assert shifted.forward_m is not None
+        if steady:
+            assert shifted.offset_s == pytest.approx(0.1, abs=0.02)
+            assert shifted.forward_m == pytest.approx(0.06, abs=0.01)
+
+
 AT_S = np.arange(0, 60, 0.05)
 NOTHING = 0 * AT_S
 
