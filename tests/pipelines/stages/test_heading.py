@@ -19,6 +19,7 @@ from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.ingest import open_walk
 from quadlog.pipelines.stages.position import locate_walk
+from quadlog.pipelines.stages.report import reference_comparison
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 
@@ -257,7 +258,8 @@ def test_a_causal_heading_comes_with_what_was_known_then(tmp_path):
 
 def test_a_reference_in_another_frame_is_told(tmp_path):
     with located(tmp_path, Made(imu_yaw=turned_imu, reference_shift_m=(1.0, -2.0))) as walk:
-        said = next(each for each in walk.warnings if "reference seems to lie in another frame" in each)
+        warnings = reference_comparison(walk.run.path).warnings()
+        said = next(each for each in warnings if "reference seems to lie in another frame" in each)
         assert "shifted by (" in said
 
 
