@@ -376,5 +376,8 @@ def _paired(
             raise PosesOnLine
         moved = aligned
     if planar:
-        truth, moved = project_to_plane(truth), project_to_plane(moved)
+        truth = project_to_plane(truth)
+        # A run's poses lie in the plane, and projecting them again would change their last digit.
+        if moved.position_m[:, 2].any() or moved.quat_xyzw[:, :2].any():
+            moved = project_to_plane(moved)
     return truth, moved

@@ -14,12 +14,12 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.geometry import interpolate_angle, quat_from_yaw, wrap_angle
 from quadlog.messages import Imu, Odometry, Pose, UwbRanges
+from quadlog.pipelines.evaluation.reference import compare_with_own_reference
 from quadlog.pipelines.executor.progress import Silent, StageClock
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.ingest import open_walk
 from quadlog.pipelines.stages.position import locate_walk
-from quadlog.pipelines.stages.report import reference_comparison
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 
@@ -258,7 +258,7 @@ def test_a_causal_heading_comes_with_what_was_known_then(tmp_path):
 
 def test_a_reference_in_another_frame_is_told(tmp_path):
     with located(tmp_path, Made(imu_yaw=turned_imu, reference_shift_m=(1.0, -2.0))) as walk:
-        warnings = reference_comparison(walk.run.path).warnings()
+        warnings = compare_with_own_reference(walk.run.path).warnings
         said = next(each for each in warnings if "reference seems to lie in another frame" in each)
         assert "shifted by (" in said
 
