@@ -289,8 +289,8 @@ class LifelongSearch:
 
     Counts: `expanded` are closed cells, the target included where this call settles it, as A* counts its goal; a cell
     counts twice when its way got dearer and was found again. `generated` are distinct cells that entered OPEN or were
-    expanded from it in this call; `touched` includes the steps looked at when a cell's cost is worked out again. `reused_cells` are those of the path that
-    were not in OPEN in this call.
+    expanded from it in this call; `touched` includes the steps looked at when a cell's cost is worked out again.
+    `reused_cells` are those of the path that were not in OPEN in this call.
     """
 
     def __init__(self, rules: Rules) -> None:

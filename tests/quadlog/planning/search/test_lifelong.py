@@ -112,7 +112,7 @@ def test_no_first_search_closes_fewer_cells_than_any_optimal_one_must(costs_from
     """Ties to the larger g: every cell with g + h below the optimal cost, and the goal; none with more."""
     rules = Rules(costs=costs)
     blocked, start, goal = drawn_question(seed, density)
-    f, best, reached = least_f(costs_from, blocked, *((goal, start) if name == "d_star_lite" else (start, goal)), rules)
+    f, best, _ = least_f(costs_from, blocked, *((goal, start) if name == "d_star_lite" else (start, goal)), rules)
     plan = make_planner(name, rules).plan(blocked, start, goal)
     if plan.found:
         assert plan.expanded >= np.count_nonzero(f < best * (1 - 1e-9)) + 1
