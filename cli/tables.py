@@ -54,7 +54,7 @@ def print_table(table: PaperTable) -> None:
     """What the paper prints of a table, beside ours; all of ours where it prints nothing."""
     from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
 
-    printed = [row for row in table.rows if row.paper is not None]
+    printed = [row for row in table.rows if row.paper is not None or row.reproduces is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
     _print_columns([SHOWN, *(shown_cells(row) for row in printed or table.rows)], RIGHT)
     click.echo(f"{table.reproduced}; {len(table.rows)} quantities in all")

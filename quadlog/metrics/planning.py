@@ -22,6 +22,7 @@ from quadlog.metrics.intervals import Interval, median_interval
 from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.planner_lead import Spending
 from quadlog.metrics.summary import Samples, finite_samples, metrics_of
+from quadlog.planning.path import arc_lengths
 from quadlog.planning.protocol import Bool
 
 COUNTS = ("expanded", "generated", "touched")
@@ -265,3 +266,34 @@ def search_samples(replans: Replans) -> dict[str, Samples]:
         "fallback_share": finite_samples(replans.t_ns[1:], replans.from_scratch[1:], "mean"),
         "suboptimality_mean": finite_samples(replans.t_ns, excess, "mean"),
     }
+
+
+def path_change_m(before_m: Float, after_m: Float) -> float:
+    """How far a new path (K, 2) lies from the one before (L, 2), both in map: the mean distance of its points from it.
+
+    Only as much of the new path counts as was left of the old one from where the new one begins: what is added beyond
+    is no change of mind. 0 for a path that goes on as planned.
+    """
+    arc_before, arc_after = arc_lengths(before_m), arc_lengths(after_m)
+    left = arc_before[-1] - arc_before[np.hypot(*(before_m - after_m[0]).T).argmin()]
+    return float(_distances_to_path(after_m[arc_after <= left + ROUNDING], before_m).mean())
+
+
+def _distances_to_path(points_m: Float, path_m: Float) -> Float:
+    """(N,) distances of points (N, 2) from a polyline (L, 2)."""
+    if len(path_m) == 1:
+        single: Float = np.hypot(*(points_m - path_m[0]).T)
+        return single
+    begin, step = path_m[:-1], np.diff(path_m, axis=0)
+    along = ((points_m[:, None] - begin) * step).sum(axis=2) / np.maximum((step**2).sum(axis=1), 1e-300)
+    nearest = begin + np.clip(along, 0.0, 1.0)[..., None] * step
+    distances: Float = np.hypot(*np.moveaxis(points_m[:, None] - nearest, 2, 0)).min(axis=1)
+    return distances
+
+
+def join_turn_rad(path_m: Float, joint: int) -> float:
+    """How much a path (K, 2) without repeats turns at the point `joint`, left or right alike; 0 at its ends."""
+    if not 0 < joint < len(path_m) - 1:
+        return 0.0
+    (ax, ay), (bx, by) = path_m[joint] - path_m[joint - 1], path_m[joint + 1] - path_m[joint]
+    return float(abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by)))

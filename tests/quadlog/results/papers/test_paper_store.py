@@ -11,13 +11,14 @@ from quadlog.results.papers.table import (
     RowGroup,
     SavedTable,
     TablePicture,
+    Verdict,
     json_bytes,
     load_saved,
     picture_file,
 )
 
 ORIGIN = Origin("code", False, 3)
-ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, False, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
+ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, Verdict.NO, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
 
 
 PICTURES = (TablePicture("site", "Alt", "Caption", b"\x89PNG"),)
@@ -42,7 +43,7 @@ def test_a_table_comes_back_as_it_was(tmp_path):
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 rows = st.builds(
-    PaperRow, st.text(), numbers, st.none() | numbers, reproduces=st.none() | st.booleans(), note=st.text()
+    PaperRow, st.text(), numbers, st.none() | numbers, reproduces=st.none() | st.sampled_from(Verdict), note=st.text()
 )
 
 
@@ -129,11 +130,20 @@ def test_rows_are_those_of_all_groups_and_named_once():
         table(groups[0], groups[0])
 
 
-def test_what_can_be_judged_is_counted():
-    rows = PaperRow("a", 1.0, 1.0, reproduces=True), PaperRow("b", 1.0, 2.0, reproduces=False), PaperRow("c", 1.0, 2.0)
-    assert table(RowGroup("x", "", rows)).judged == rows[:2]
-    assert table(RowGroup("x", "", rows)).reproduced == "1 of 2 printed numbers reproduce"
-    assert table(RowGroup("x", "", rows[2:])).reproduced == "the paper prints none"
+def test_what_can_be_compared_is_counted():
+    verdicts = [*Verdict, Verdict.YES, None]
+    rows = [PaperRow(str(number), 1.0, 2.0, reproduces=verdict) for number, verdict in enumerate(verdicts)]
+    made = table(RowGroup("x", "", tuple(rows)))
+    assert [made.count(verdict) for verdict in Verdict] == [2, 1, 1, 1]
+    assert made.comparable == 4
+    assert made.reproduced == "2 of 4 printed numbers reproduce, 1 undecided, 1 not comparable"
+    assert table(RowGroup("x", "", tuple(rows[:2]))).reproduced == "1 of 2 printed numbers reproduce"
+    assert table(RowGroup("x", "", tuple(rows[5:]))).reproduced == "the paper prints none"
+
+
+def test_a_verdict_is_one_of_four():
+    with pytest.raises(AssertionError):
+        PaperRow("a (m)", 1.0, 1.0, reproduces=True)
 
 
 def test_the_command_says_what_differs_from_the_defaults():
