@@ -64,16 +64,17 @@ def compare_samples(
 ) -> PaperRow:
     """A row beside a statistic of the runs (R,) that a paper prints; ours (N,), statistic: numpy's, with an axis.
 
-    Both scatter: it fails where the 95 % bootstrap interval of the difference leaves out 0, and is undecided where the
-    interval of ours holds the contrary of what is printed, or rests on fewer than FEWEST_VALUES runs.
+    Both scatter: it fails where the 95 % bootstrap interval of their difference leaves out 0, and where ours lies on
+    the other side of the contrary. It reproduces where the interval of ours holds the printed value and leaves out the
+    contrary, of FEWEST_VALUES runs or more.
     """
     value, interval = bootstrap_statistic(ours, statistic, rng)
     paper = float(statistic(printed, axis=0))
     drawn = [values[rng.integers(len(values), size=(RESAMPLES, len(values)))] for values in (ours, printed)]
     low, high = np.percentile(statistic(drawn[0], axis=1) - statistic(drawn[1], axis=1), [2.5, 97.5])
-    verdict = Verdict.YES if interval[0] > contrary or interval[1] < contrary else Verdict.UNDECIDED
-    # On the other side of the contrary than the printed number it is no weaker form of the claim but its opposite.
-    if not low <= 0 <= high or (verdict is Verdict.YES and (value > contrary) != (paper > contrary)):
+    is_clear = not interval[0] <= contrary <= interval[1]
+    verdict = Verdict.YES if is_clear and interval[0] <= paper <= interval[1] else Verdict.UNDECIDED
+    if not low <= 0 <= high or (is_clear and (value > contrary) != (paper > contrary)):
         verdict = Verdict.NO
     if len(ours) < FEWEST_VALUES:
         verdict = Verdict.UNDECIDED

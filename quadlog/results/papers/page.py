@@ -138,7 +138,8 @@ graphicx), and unrounded as `TABLE.json`.
   - *yes*: ours, rounded to the digits that the paper prints, is the printed number. Where runs are drawn, our interval
     holds it and leaves out the contrary (a ratio of 1, a change of 0; without a contrary: all of the interval lies
     within a fifth of the printed number);
-  - **✗ no**: our interval leaves out the printed number, or lies on the other side of what is claimed, with a note why;
+  - **✗ no**: our interval leaves out the printed number, or lies on the other side of what is claimed, with a note why.
+    Where the paper prints its runs one by one, their scatter counts as well as that of ours;
   - *undecided*: the interval holds both;
   - *not comparable*: the paper does not say how its number came about, or ours rests on that very number.
 
