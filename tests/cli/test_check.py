@@ -142,11 +142,11 @@ def test_a_recording_without_a_run_is_no_success(follow, bounds, tmp_path, capsy
     assert run(["replay", str(tmp_path / "season"), *what]) == 3
     capsys.readouterr()
     assert check(tmp_path / "runs", "--expect", bounds, "--junit", tmp_path / "junit.xml") == 1
-    assert "broken: was not replayed: its first bytes" in capsys.readouterr().err
+    assert "broken: was not replayed: not a recording" in capsys.readouterr().err
     assert len(list(ET.parse(tmp_path / "junit.xml").getroot().iter("error"))) == 1
     assert check(tmp_path / "runs" / "follow", "--expect", bounds) == 0
     assert run(["metrics", str(tmp_path / "runs")]) == 3
-    assert "broken: was not replayed: its first bytes" in capsys.readouterr().err
+    assert "broken: was not replayed: not a recording" in capsys.readouterr().err
     assert run(["metrics", str(tmp_path / "runs"), "--fail-if", "uwb_rmse_m>1e9"]) == 4
 
 

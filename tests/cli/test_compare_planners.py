@@ -102,7 +102,7 @@ def test_nothing_is_written_without_a_folder(tmp_path, small_map, monkeypatch, c
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*") if path.is_file()}
     capsys.readouterr()
     assert run([*arguments, "-o", "out"]) == 1
-    assert "out/README.md exists; --force allows it" in one_line(capsys)
+    assert "out/README.md exists: use --force to replace it" in one_line(capsys)
     assert {path: path.stat().st_mtime_ns for path in written} == written
     assert run([*arguments, "-o", "out", "--force"]) == 0
 

@@ -44,7 +44,7 @@ def test_the_same_run_has_the_same_bytes(write_run: Callable[[Path], Path], tmp_
 
 def test_an_existing_run_needs_a_flag(tiny_run: Path) -> None:
     before = content(tiny_run)
-    with pytest.raises(AlreadyExists, match=r"exists; --force \(start again\) or --resume \(complete it\) allows it"):
+    with pytest.raises(AlreadyExists, match="exists: use --force to replace it or --resume to continue"):
         RunFolder.create(tiny_run)
     assert content(tiny_run) == before
 
