@@ -57,7 +57,7 @@ def print_table(table: PaperTable) -> None:
     if not table.rows:
         click.echo(f"{table.name}: {table.sizes}")
         return
-    printed = [row for row in table.rows if row.paper is not None]
+    printed = [row for row in table.rows if row.paper is not None or row.reproduces is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
     left = [at for at, name in enumerate(SHOWN) if name not in RIGHT]
     for line in aligned([SHOWN, *(shown_cells(row) for row in printed or table.rows)], left):
