@@ -165,15 +165,12 @@ def _misfit_warning(result: TagResult, config: Config) -> str | None:
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
+    """Whether ranges are corrected, by how much, and why."""
     if not bias.significant.any():
-        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
-        return (
-            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
-            f"only to {std_m:.2f} m (a longer walk tells more)"
-        )
+        return f"tag {tag}: ranges are not corrected by anchor biases: {bias.reason}"
     links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
     words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
-    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
+    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}; {bias.reason}"
 
 
 def _range_warnings(counts: RangeCounts) -> list[str]:
