@@ -176,7 +176,7 @@ def reach_lines(links: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 
 def link_table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Names of the columns and the cells of `uwb`; an estimate that is not applied says why."""
+    """Names of the columns and the cells of `uwb`; an estimate is applied or not."""
     columns = ["tag", "anchor", "ranges", "residual m", "median m", "NLOS", "bias m", ""]
     cells = [_link_cells(row) for row in rows]
     if any(row["weak_first_path_share"] is not None for row in rows):
@@ -195,7 +195,7 @@ def _link_cells(row: dict[str, Any]) -> list[str]:
         f"{row['residual_median_m']:+.3f}",
         f"{100 * row['nlos_share']:.1f} %",
         bias,
-        "applied" if row["bias_applied"] else f"not applied: {row['why_not']}",
+        "applied" if row["bias_applied"] else "not applied",
     ]
 
 
@@ -209,12 +209,15 @@ def tag_lines(row: dict[str, Any]) -> Iterator[str]:
         axes = f"{row['ellipse_major_median_m']:.3f} x {row['ellipse_minor_median_m']:.3f} m"
         line += f"; median HDOP {row['hdop_median']:.2f}, median 95 % semi-axes {axes}"
     yield line
+    if row["nis"] is not None:
+        yield f"  normalised innovation squared {row['nis']:.2f} per range (1 where uwb.range_std_m is right)"
+    yield f"  biases: {row['calibration']}"
     for what, error in (("fixes", row["fix_error"]), ("track", row["track_error"])):
         if error is not None:
             yield (
                 f"  {what} against {row['reference']}: RMSE {error['rmse_m']:.3f} m, "
                 f"bias ({error['bias_x_m']:+.3f}, {error['bias_y_m']:+.3f}) m, "
-                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses"
+                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses, NEES {error['nees']:.1f}"
             )
 
 

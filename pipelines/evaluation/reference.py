@@ -14,7 +14,7 @@ from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
-from quadlog.metrics.positioning import Trajectory, associate, pair_samples
+from quadlog.metrics.positioning import Trajectory, associate, ellipse_samples, innovation_samples, pair_samples
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
@@ -43,11 +43,21 @@ def residual_samples(run: Path) -> dict[str, Samples]:
 
 
 def saved_error_samples(run: Path) -> dict[str, Samples]:
-    """Of uwb_rmse_m and uwb_bias_m against the recording's own reference, from uwb_errors.parquet."""
+    """Of the fixes' and the track's errors against the recording's own reference, from uwb_errors.parquet."""
     _, robot_tag = robot_tag_of(run)
-    table = read_table(run, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m"])
-    own = (table["tag"] == robot_tag) & (table["source"] == "fixes")
-    return error_samples(table["t_ns"][own], np.column_stack([table["error_x_m"][own], table["error_y_m"][own]]))
+    table = read_table(run, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m", "bound_m"])
+    fixes, track = ((table["tag"] == robot_tag) & (table["source"] == source) for source in ("fixes", "track"))
+    error_m = np.column_stack([table["error_x_m"], table["error_y_m"]])
+    of_track = ellipse_samples(table["t_ns"][track], np.hypot(*error_m[track].T), table["bound_m"][track])
+    return error_samples(table["t_ns"][fixes], error_m[fixes]) | of_track
+
+
+def saved_innovation_samples(run: Path) -> dict[str, Samples]:
+    """Of uwb_nis, from innovations.parquet."""
+    _, robot_tag = robot_tag_of(run)
+    table = read_table(run, "innovations", ["t_ns", "tag", "nis"])
+    own = table["tag"] == robot_tag
+    return innovation_samples(table["t_ns"][own], table["nis"][own])
 
 
 def error_samples(t_ns: Int, error_m: Float) -> dict[str, Samples]:

@@ -18,6 +18,7 @@ from quadlog.pipelines.evaluation.reference import (
     compare_trajectory,
     residual_samples,
     saved_error_samples,
+    saved_innovation_samples,
 )
 from quadlog.results.run.tables import read_table
 
@@ -92,7 +93,8 @@ _SOURCES = (
         "clearances.parquet", ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
     ),
     _Source("plans.parquet", tuple(name for name in SEARCH_METRICS if name != "ratio_to_astar"), _plans),
-    _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m"), saved_error_samples),
+    _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m", "uwb_nees", "uwb_coverage_95"), saved_error_samples),
+    _Source("innovations.parquet", ("uwb_nis",), saved_innovation_samples, newer=True),
     _Source("fixes.parquet", ("uwb_residual_m",), residual_samples),
     _Source("reference.tum", ("ate_rmse_m", "rpe_rmse_m"), _own_reference),
 )

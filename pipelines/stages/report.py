@@ -13,7 +13,14 @@ from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import PoseSeries
 from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.planning import Replans, search_metrics
-from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
+from quadlog.metrics.positioning import (
+    Trajectory,
+    ellipse_samples,
+    innovation_samples,
+    trajectory_metrics,
+    uwb_metrics,
+)
+from quadlog.metrics.summary import Samples, metrics_of
 from quadlog.metrics.walking import TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
@@ -49,6 +56,8 @@ def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_f
             truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
             error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
         metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
+    if robot_tag is not None:
+        metrics |= _consistency_metrics(run, robot_tag)
     if reference is not None and has_table(run, "poses"):
         poses = read_table(run, "poses")
         if len(poses["t_ns"]) and poses["source"][0] != "fixed":
@@ -58,6 +67,21 @@ def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_f
             if not same_frame:
                 metrics.pop("ate_rmse_m", None)
     return metrics
+
+
+def _consistency_metrics(run: Path, robot_tag: int) -> Metrics:
+    """How well errors fit the covariances of the robot's track: innovations always, errors where there is a truth."""
+    samples: dict[str, Samples] = {}
+    if has_table(run, "innovations"):
+        table = read_table(run, "innovations", ["t_ns", "tag", "nis"])
+        own = table["tag"] == robot_tag
+        samples |= innovation_samples(table["t_ns"][own], table["nis"][own])
+    if has_table(run, "uwb_errors"):
+        table = read_table(run, "uwb_errors")
+        own = (table["tag"] == robot_tag) & (table["source"] == "track")
+        distance_m = np.hypot(table["error_x_m"][own], table["error_y_m"][own])
+        samples |= ellipse_samples(table["t_ns"][own], distance_m, table["bound_m"][own])
+    return metrics_of(samples)
 
 
 def planning_metrics(run: Path) -> Metrics:

@@ -8,7 +8,8 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, metrics_of
+from quadlog.metrics.summary import Samples, finite_samples, metrics_of
+from quadlog.positioning.fix.dilution import CHI2_95
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,23 @@ def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) 
         mean_square = float(np.sum(residual_rms_m[fixed] ** 2 * n_ranges[fixed])) / ranges
         metrics["uwb_residual_m"] = Metric(mean_square**0.5, ranges, "m")
     return metrics
+
+
+def innovation_samples(t_ns: Int, nis: Float) -> dict[str, Samples]:
+    """Of uwb_nis, from the normalised innovations squared (T,) of a track's instants."""
+    return {"uwb_nis": finite_samples(t_ns, nis, "mean")}
+
+
+def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, Samples]:
+    """Of uwb_nees and uwb_coverage_95, from the lengths of errors (N,) and the reach of 95 % ellipses towards them.
+
+    An error e with covariance C is e^T C^-1 e = CHI2_95 (distance/bound)^2.
+    """
+    share = distance_m / bound_m
+    return {
+        "uwb_nees": finite_samples(t_ns, CHI2_95 * share**2, "mean"),
+        "uwb_coverage_95": finite_samples(t_ns, np.where(np.isfinite(share), share <= 1, np.nan), "mean"),
+    }
 
 
 def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_difference_s: float = 0.01) -> Metrics:

@@ -336,7 +336,9 @@ def _judge(log: RangeLog, pieces: list[_Piece], fit: _Fit, n: Int, anchors_m: Fl
     bias = AnchorBias(fit.bias_m, std_m, applied, n, float(np.sqrt(plain_m2)), float(np.sqrt(corrected_m2)))
     # By m/(m - 1) / (1 - h) the spread overstates the variance, as each of m links has a share h = 2/m in the place.
     share = (len(busy) - 2) / (len(busy) - 1)
-    lasting_m2 = share * (corrected_m2 if applied.any() else shared_m2) + _bias_variance(fit, anchors_m, n > 0)
+    left_m = np.zeros(len(n)) if applied.any() else fit.bias_m - _shared_bias(fit.bias_m)
+    bias_m2 = fit.covariance_m2 + np.outer(left_m, left_m)
+    lasting_m2 = share * (corrected_m2 if applied.any() else shared_m2) + _bias_variance(fit, bias_m2, anchors_m, n > 0)
     spread = PositionSpread(_model_variance(log.without(fit.bias_m), pieces, fit.weights), lasting_m2)
     return Calibration(bias, fit.bias_m - bias.applied_m, 0.0 if applied.any() else _shared_bias(fit.bias_m), spread)
 
@@ -364,11 +366,13 @@ def _model_variance(log: RangeLog, pieces: list[_Piece], weights: list[Float]) -
     return float(np.concatenate(traces).mean())
 
 
-def _bias_variance(fit: _Fit, anchors_m: Float, heard: np.ndarray) -> float:
-    """Trace of what the biases' covariance makes of places, mean over the log: G P G^T, G = (sum u u^T)^-1 U^T."""
+def _bias_variance(fit: _Fit, bias_m2: Float, anchors_m: Float, heard: np.ndarray) -> float:
+    """Trace of what biases with second moments P (A, A) do to places, mean over the log: G P G^T with
+    G = (sum u u^T)^-1 U^T.
+    """
     place_m = np.concatenate(fit.states)[:, :3]
     offset_m = place_m[:, None] - anchors_m[heard]
     unit = (offset_m / np.maximum(np.linalg.norm(offset_m, axis=2), 1e-9)[:, :, None])[:, :, :2]
     normal = np.einsum("tai,taj->tij", unit, unit) + 1e-6 * np.eye(2)
     reply = np.linalg.solve(normal, unit.transpose(0, 2, 1))
-    return float(np.einsum("tia,ab,tib->t", reply, fit.covariance_m2[np.ix_(heard, heard)], reply).mean())
+    return float(np.einsum("tia,ab,tib->t", reply, bias_m2[np.ix_(heard, heard)], reply).mean())

@@ -89,6 +89,7 @@ class TagResult:
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
+    shared_m: beyond that, what all links have in common, which the smoothed track alone does without.
     n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
     restart_ns, n_ranges, nis: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as
     measured.
@@ -105,6 +106,7 @@ class TagResult:
     track: Track
     bias: AnchorBias | None
     bias_m: Float
+    shared_m: float
     n_too_few: int
     n_degenerate: int
     n_untracked: int
@@ -239,6 +241,11 @@ class _Known:
     bias_m: Float
     calibration: Calibration | None
 
+    @property
+    def shared_m(self) -> float:
+        """The bias that all links share, where a smoother estimates it with the track."""
+        return self.calibration.shared_m if self.calibration is not None and self.settings.smooth else 0.0
+
     def calibrated(self, epochs: Epochs, flat: Fixes) -> _Known:
         """With what the whole log shows of the ranges beyond the known biases; starts from fixes at a given height."""
         rows, start, settings = self.rows, flat.solved & ~flat.outlier, self.settings
@@ -261,9 +268,9 @@ class _Known:
         """The tag's track, its predictions with the biases in them."""
         rows, start, settings = self.rows, fixes.solved & ~fixes.outlier, self.settings
         known = self.calibration
-        bias_m, usual_m = self.bias_m, None
+        bias_m, usual_m = self.bias_m + self.shared_m, None
         if known is not None and settings.smooth:
-            bias_m, usual_m = bias_m + known.shared_m, known.usual_m - known.shared_m
+            usual_m = known.usual_m - self.shared_m
         tracked = track_ranges(
             rows.t_ns,
             rows.column,
@@ -305,6 +312,7 @@ def _result(
         track=tracked.track,
         bias=bias,
         bias_m=known.bias_m,
+        shared_m=known.shared_m,
         n_too_few=int((fixes.n_ranges < fewest).sum()),
         n_degenerate=int(fixes.degenerate.sum()),
         n_untracked=int(np.isnan(tracked.predicted_m).sum()),

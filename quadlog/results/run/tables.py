@@ -34,6 +34,7 @@ METRIC_NAMES = (
     *("cost_of_transport", "clearance_min_m", "collisions", "following_distance_mean_m", "lateral_drift_m"),
     *("yaw_rate_degps", "forward_m", "expanded_total", "generated_total", "expanded_mean", "ratio_to_astar"),
     *("fallback_share", "suboptimality_mean", "success_rate", "uwb_rmse_m", "uwb_bias_m", "uwb_residual_m"),
+    *("uwb_nis", "uwb_nees", "uwb_coverage_95"),
     *("ate_rmse_m", "rpe_rmse_m", "realtime_factor"),
 )
 
@@ -81,6 +82,7 @@ TABLES: dict[str, pa.Schema] = {
         **_floats("nlos_share", "weak_first_path_share"),
     ),
     "uwb_errors": table_schema(t_ns="int", tag="int", source="text", **_floats("error_x_m", "error_y_m", "bound_m")),
+    "innovations": table_schema(t_ns="int", tag="int", n_ranges="int", nis="float"),
     "poses": table_schema(t_ns="int", **_floats("x_m", "y_m", "yaw_rad"), source="text"),
     "pose_uncertainty": table_schema(t_ns="int", **_floats("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "yaw_std_rad")),
     "target": table_schema(t_ns="int", **_floats("x_m", "y_m"), source="text"),
