@@ -171,7 +171,7 @@ def _join(log: RangeLog, stretches: list[Stretch], covariances: list[Float], spr
     place_m2, velocity_mps = covariance[:, :2, :2], states[:, 3:]
     own_m2 = float(np.trace(place_m2, axis1=1, axis2=2).mean()) if len(t_ns) else 1.0
     scale = (max(own_m2, spread.model_m2) + spread.lasting_m2) / own_m2
-    stamps_m2 = STAMP_STD_S**2 * velocity_mps[:, :, None] * velocity_mps[:, None, :]
+    stamps_m2 = STAMP_STD_S**2 * (velocity_mps[:, :, None] * velocity_mps[:, None, :])
     raised_m2 = scale * place_m2 + stamps_m2
     z_m: Float = np.full(len(t_ns), log.motion.height_m)
     z_std_m: Float = np.zeros(len(t_ns))

@@ -40,6 +40,8 @@ def test_only_the_robots_own_tag_counts(run):
     assert {name: (each.value, each.n) for name, each in errors.items()} == {
         "uwb_rmse_m": (pytest.approx(0.5), N // 2),
         "uwb_bias_m": (pytest.approx(0.5), N // 2),
+        "uwb_nees": (pytest.approx(81 * -2 * np.log(0.05)), N // 2),
+        "uwb_coverage_95": (0.0, N // 2),
     }
 
 

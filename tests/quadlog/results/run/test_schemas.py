@@ -17,6 +17,7 @@ CONTRACT = {
     "links": "tag anchor x_m y_m z_m n residual_rms_m residual_median_m bias_m bias_std_m bias_applied why_not "
     "nlos_share weak_first_path_share",
     "uwb_errors": "t_ns tag source error_x_m error_y_m bound_m",
+    "innovations": "t_ns tag n_ranges nis",
     "poses": "t_ns x_m y_m yaw_rad source",
     "pose_uncertainty": "t_ns cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad",
     "target": "t_ns x_m y_m source",
@@ -36,7 +37,8 @@ CONTRACT = {
     "cross_track_rmse_m heading_rmse_rad fallen pitch_rms_rad height_rms_m torque_max_nm torque_saturation_share "
     "cost_of_transport clearance_min_m collisions following_distance_mean_m lateral_drift_m yaw_rate_degps forward_m "
     "expanded_total generated_total expanded_mean ratio_to_astar fallback_share suboptimality_mean success_rate "
-    "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb "
+    "uwb_rmse_m uwb_bias_m uwb_residual_m uwb_nis uwb_nees uwb_coverage_95 "
+    "ate_rmse_m rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb "
     "input_bytes worker",
 }
 INTEGERS = {"tag", "anchor", "i", "expanded", "generated", "reused_cells", "t_ns", "n_ranges", "exit_code"}
