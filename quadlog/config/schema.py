@@ -89,7 +89,9 @@ class UwbConfig(Section):
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
-        True, description="constant bias of each anchor, estimated from the log, applied when significant"
+        True,
+        description="constant bias of each anchor, estimated with the track from the log, applied when positions "
+        "without one of the anchors agree better by 30 % with it",
     )
     smooth: bool = Field(
         True,
@@ -101,7 +103,8 @@ class UwbConfig(Section):
         "less), linear, weighted (linear with the full covariance), paper (linear as weighted in [Following])",
     )
     height: Literal["auto", "given", "solved"] = Field(
-        "auto", description="a tag's height: as given, or solved for; auto solves where the anchors' heights tell it"
+        "auto",
+        description="a tag's height: as given, or solved for; auto solves where the anchors' heights determine it",
     )
     mirror: Literal["refuse", "left", "right"] = Field(
         "refuse",
@@ -167,7 +170,7 @@ class LidarConfig(Section):
         None, gt=0, le=360, description="kept in front of the robot; unset: 180 for paper [Following], else 360"
     )
     deskew: bool = Field(True, description="undo the robot's motion during a scan, where its points carry times")
-    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry tells them")
+    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry gives them")
     min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
     max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
     outlier_neighbours: int = Field(

@@ -38,18 +38,9 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> 
     col, row = start_cell
     if not (0 <= col < cols and 0 <= row < rows):
         return None
-    way = _cheapest_way_out(occupied, blocked, col, row)
-    return Escape(way[-1], np.array(way, dtype=np.int32)) if way else None
-
-
-def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> list[tuple[int, int]]:
-    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, none when there is none.
-
-    Plain Python: growth is some cells deep, so there is little to search.
-    """
-    rows, cols = occupied.shape
+    # Dijkstra's search in plain Python: growth is a few cells deep, so there is little to search.
     solid, closed_off = occupied.tobytes(), blocked.tobytes()
-    start = start_row * cols + start_col
+    start = row * cols + col
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
     while waiting:
@@ -57,7 +48,8 @@ def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: 
         if at_cost > cost[at]:
             continue
         if not closed_off[at]:
-            return _way_to(came_from, at, cols)
+            way = _way_to(came_from, at, cols)
+            return Escape(way[-1], np.array(way, dtype=np.int32))
         row, col = divmod(at, cols)
         for dcol, drow in STEPS:
             c, r = col + dcol, row + drow
@@ -70,7 +62,7 @@ def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: 
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    return []
+    return None
 
 
 def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:
@@ -92,7 +84,7 @@ class Projection(NamedTuple):
 
 
 def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
-    """The cell that stands for the goal (2,) in map, always one the robot can get to. [Planning, section 1.2]
+    """The reachable cell to plan to for a goal (2,) in map. [Planning, section 1.2]
 
     - A goal in the window, on a cell that can be reached, is its own cell.
     - Beyond the window, the line from the robot to the goal crosses its margin

@@ -104,11 +104,9 @@ def effort_metrics(
 
 @dataclass(frozen=True, slots=True)
 class TrackedWalk:
-    """A walk of T ticks, (T,) each; NaN where there was nothing to measure, None where it does not apply.
+    """A walk of T ticks, (T,) each: columns of control.parquet, NaN where there was nothing to measure.
 
-    error_m, cross_track_m, time_error_m, heading_error_rad: columns of control.parquet.
-    clearance_m: from the body to the nearest obstacle, <= 0 in contact.
-    target_distance_m: to who is followed. fallen: None for a robot that cannot fall.
+    fallen: None for a robot that cannot fall.
     """
 
     t_ns: Int
@@ -116,8 +114,6 @@ class TrackedWalk:
     cross_track_m: Float
     time_error_m: Float
     heading_error_rad: Float
-    clearance_m: Float | None = None
-    target_distance_m: Float | None = None
     fallen: Bool | None = None
 
 
@@ -146,21 +142,17 @@ def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
         ("heading_rmse_rad", "rms", walk.heading_error_rad),
         ("fallen", "max", walk.fallen),
     )
-    samples = {
+    return {
         name: finite_samples(walk.t_ns, column, statistic) for name, statistic, column in columns if column is not None
     }
-    if walk.clearance_m is not None:
-        samples |= clearance_samples(walk.t_ns, walk.clearance_m)
-    if walk.target_distance_m is not None:
-        samples["following_distance_mean_m"] = finite_samples(walk.t_ns, walk.target_distance_m, "mean")
-    return samples
 
 
-def clearance_samples(t_ns: Int, clearance_m: Float) -> dict[str, Samples]:
-    """Of clearance_min_m and collisions, from ticks (T,).
+def clearance_samples(t_ns: Int, clearance_m: Float, target_distance_m: Float) -> dict[str, Samples]:
+    """Of clearance_min_m, collisions and following_distance_mean_m, from the columns (T,) of clearances.parquet.
 
-    Contact begins at a tick in contact whose tick before was not. Infinite clearance was measured too: there was no
-    obstacle, hence no collision, but no distance either; NaN is unknown, and no contact.
+    clearance_m: from the body to the nearest obstacle, <= 0 in contact; target_distance_m: to who is followed. Contact
+    at a tick in contact whose tick before was not. Infinite clearance was measured too: there was no obstacle,
+    hence no collision, but no distance either; NaN is unknown, and no contact.
     """
     contact = np.asarray(clearance_m) <= 0
     begins = contact & ~np.concatenate([[False], contact[:-1]])
@@ -168,4 +160,5 @@ def clearance_samples(t_ns: Int, clearance_m: Float) -> dict[str, Samples]:
     return {
         "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
         "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
+        "following_distance_mean_m": finite_samples(t_ns, target_distance_m, "mean"),
     }
