@@ -169,3 +169,18 @@ def test_a_height_the_anchors_cannot_see_stays_as_it_was_told(lab):
     np.testing.assert_allclose(got.z_m, lab.TAG_HEIGHT_M, atol=0.05)
     assert got.z_std_m.min() > 0.03
     assert got.z_std_m.max() <= 0.13
+
+
+def test_a_link_that_is_always_late_is_trusted_where_that_is_usual(lab):
+    """0.4 m on one link of four: late while nothing is known of it; the track is that of the ranges as they are."""
+    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 12, duration_s=20, rate_hz=25)
+    own = simulated.series.anchor == 2
+    simulated.series.range_m[own] += 0.4
+    doubted = track(lab, simulated, lab.SQUARE_M, smooth=True)
+    usual_m = np.array([0.0, 0.0, 0.4, 0.0])
+    usual = track(lab, simulated, lab.SQUARE_M, smooth=True, usual_m=usual_m)
+    assert np.median(doubted.weight[own]) < 0.5
+    assert np.median(usual.weight[own]) > 0.9
+    pulled_m = usual.track.position_m - simulated.truth_at(usual.track.t_ns)
+    away = usual.track.position_m - lab.SQUARE_M[2, :2]
+    assert 0.1 < np.mean((pulled_m * away).sum(axis=1) / np.hypot(*away.T)) < 0.35
