@@ -157,7 +157,7 @@ _ENTRIES = (
             "",
             "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
         ),
-        *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges by their weights", "[BarShalom]", "instants of the robot's track"),
+        *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
     ),
     MetricEntry(
         *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),

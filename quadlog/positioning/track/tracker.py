@@ -18,7 +18,7 @@ tells. Real recordings were 0.08 and 0.11 s off."""
 
 
 LEAST_TRUST = 1e-3
-"""Sum of weights from which on an instant has an innovation worth the name."""
+"""Mean weight of ranges below which a track rests on none of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class TrackedRanges:
     predicted_m: (N,), NaN off the track. weight: (N,), one for full trust, near zero for NLOS, zero off the track.
     restart_ns: (R,) where a track that had left its tag, although ranges kept coming, started anew.
     n_ranges, nis: (T,) of each of the track's instants, its ranges and the normalised innovation squared per range:
-    what they miss the filter's prediction by, by their weights; 1 on average where range_std_m and the motion are
-    right, somewhat less as weights are the lower the farther off a range is.
+    what they miss the filter's prediction by, by their weights over the mean weight; 1 on average where range_std_m
+    and the motion are right, somewhat less as weights are the lower the farther off a range is.
     """
 
     track: Track
@@ -150,12 +150,13 @@ def _gather(log: RangeLog, tracked: list[tuple[Stretch, Float]], spread: Positio
         rows = log.rows(stretch.begin, stretch.end)
         weight[rows], predicted_m[rows] = stretch.weight, predict_rows(log, stretch)[0]
         n_ranges.append(np.diff(log.first_row[stretch.begin : stretch.end + 1]))
-        trust = np.add.reduceat(stretch.weight, log.first_row[stretch.begin : stretch.end] - rows.start)
-        nis.append(stretch.filtered[:, INNOVATION] / np.maximum(trust, LEAST_TRUST))
+        nis.append(stretch.filtered[:, INNOVATION] / n_ranges[-1])
     stretches = [stretch for stretch, _ in tracked]
     restart_ns = np.array([log.instant_ns[each.begin] for each in stretches if each.restarted], dtype=np.int64)
     track = _join(log, stretches, [covariance for _, covariance in tracked], spread)
-    return TrackedRanges(track, predicted_m, weight, restart_ns, np.concatenate(n_ranges), np.concatenate(nis))
+    on_track = np.isfinite(predicted_m)
+    trust = max(float(weight[on_track].mean()), LEAST_TRUST) if on_track.any() else 1.0
+    return TrackedRanges(track, predicted_m, weight, restart_ns, np.concatenate(n_ranges), np.concatenate(nis) / trust)
 
 
 def _join(log: RangeLog, stretches: list[Stretch], covariances: list[Float], spread: PositionSpread) -> Track:
