@@ -194,12 +194,15 @@ def tag_lines(row: dict[str, Any]) -> Iterator[str]:
         axes = f"{row['ellipse_major_median_m']:.3f} x {row['ellipse_minor_median_m']:.3f} m"
         line += f"; median HDOP {row['hdop_median']:.2f}, median 95 % semi-axes {axes}"
     yield line
+    if row["nis"] is not None:
+        yield f"  normalised innovation squared {row['nis']:.2f} per range (1 where uwb.range_std_m is right)"
+    yield f"  biases: {row['calibration']}"
     for what, error in (("fixes", row["fix_error"]), ("track", row["track_error"])):
         if error is not None:
             yield (
                 f"  {what} against {row['reference']}: RMSE {error['rmse_m']:.3f} m, "
                 f"bias ({error['bias_x_m']:+.3f}, {error['bias_y_m']:+.3f}) m, "
-                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses"
+                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses, NEES {error['nees']:.1f}"
             )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadlog.errors import QuadlogError
 from quadlog.metrics.planning import Replans, search_samples
-from quadlog.metrics.positioning import residual_samples
+from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
@@ -89,6 +89,19 @@ def _residuals(run: _Run) -> dict[str, Samples]:
     return residual_samples(*(fixes[name][own] for name in ("t_ns", "residual_rms_m", "n_ranges")))
 
 
+def _innovations(run: _Run) -> dict[str, Samples]:
+    table = read_table(run.path, "innovations", ["t_ns", "tag", "nis"])
+    own = table["tag"] == run.robot.id
+    return innovation_samples(table["t_ns"][own], table["nis"][own])
+
+
+def _ellipses(run: _Run) -> dict[str, Samples]:
+    table = read_table(run.path, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m", "bound_m"])
+    own = (table["tag"] == run.robot.id) & (table["source"] == "track")
+    t_ns, x_m, y_m, bound_m = (table[name][own] for name in ("t_ns", "error_x_m", "error_y_m", "bound_m"))
+    return ellipse_samples(t_ns, np.hypot(x_m, y_m), bound_m)
+
+
 def _own_trajectory(run: _Run) -> dict[str, Samples]:
     return compare_trajectory(run.path, run.reference).samples
 
@@ -113,6 +126,8 @@ def _clearances(run: _Run) -> dict[str, Samples]:
 _SOURCES = (
     _Source(("fixes.parquet", "reference.tum"), ("uwb_rmse_m", "uwb_bias_m"), _own_fixes),
     _Source(("fixes.parquet",), ("uwb_residual_m",), _residuals),
+    _Source(("innovations.parquet",), ("uwb_nis",), _innovations, newer=True),
+    _Source(("uwb_errors.parquet",), ("uwb_nees", "uwb_coverage_95"), _ellipses, newer=True),
     _Source(("reference.tum",), TRAJECTORY_METRICS, _own_trajectory),
     _Source(
         ("plans.parquet",),

@@ -125,6 +125,10 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             texts.append(f"tag {result.tag}: {_velocity_words(result.velocity)}")
         if result.bias is not None and result.bias.n.any():
             texts.append(_bias_words(result.tag, result.bias, config))
+        if result.shared_m != 0:
+            texts.append(
+                f"tag {result.tag}: a bias of {result.shared_m:+.3f} m that all links share is estimated with its track"
+            )
     return texts
 
 
@@ -169,15 +173,12 @@ def _misfit_warning(result: TagResult, config: Config) -> str | None:
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
+    """Whether ranges are corrected, by how much, and why."""
     if not bias.significant.any():
-        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
-        return (
-            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
-            f"only to {std_m:.2f} m (a longer walk tells more)"
-        )
+        return f"tag {tag}: ranges are not corrected by anchor biases: {bias.reason}"
     links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
     words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
-    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
+    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}; {bias.reason}"
 
 
 def _range_warnings(counts: RangeCounts) -> list[str]:
@@ -342,12 +343,16 @@ def settings_of(config: Config) -> LocateSettings:
 
 
 def write_uwb(walk: ReplayContext, uwb: UwbPositions) -> None:
-    """fixes.parquet and ranges.parquet, tag after tag; and what tells how good they are."""
+    """fixes, ranges and innovations, tag after tag; and what tells how good they are."""
     with ExitStack() as stack:
         fixes = stack.enter_context(TableWriter(walk.run.path / "fixes.parquet", TABLES["fixes"]))
         ranges = stack.enter_context(TableWriter(walk.run.path / "ranges.parquet", TABLES["ranges"]))
+        innovations = stack.enter_context(TableWriter(walk.run.path / "innovations.parquet", TABLES["innovations"]))
         for result in uwb.located.tags:
             fixes.append(_fix_columns(result))
+            innovations.append(
+                {"t_ns": result.track.t_ns, "tag": result.tag, "n_ranges": result.n_ranges, "nis": result.nis}
+            )
             rows = result.ranges
             columns = {"t_ns": rows.t_ns, "anchor": rows.anchor, "range_m": rows.range_m}
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})

@@ -89,7 +89,9 @@ class UwbConfig(Section):
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
-        True, description="constant bias of each anchor, estimated from the log, applied when significant"
+        True,
+        description="constant bias of each anchor, estimated with the track from the log, applied when positions "
+        "without one of the anchors agree better by 30 % with it",
     )
     smooth: bool = Field(
         True,

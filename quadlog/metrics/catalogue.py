@@ -152,6 +152,23 @@ _ENTRIES = (
         *("√( Σ n_i residual_i² / Σ n_i ), n_i ranges in fix i", _OURS, "ranges"),
     ),
     MetricEntry(
+        *(
+            "uwb_nis",
+            "",
+            "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
+        ),
+        *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
+    ),
+    MetricEntry(
+        *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),
+        *("1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ", "[BarShalom]", "positions of the robot's tag with a truth"),
+    ),
+    MetricEntry(
+        *("uwb_coverage_95", "", "share of the truth that lies in the 95 % ellipses of the robot's track"),
+        *("share of eᵢᵀ Cᵢ⁻¹ eᵢ ≤ 5.99", _OURS, "positions of the robot's tag with a truth"),
+        worst_is_lowest=True,
+    ),
+    MetricEntry(
         *("ate_rmse_m", "m", "absolute trajectory error against a reference, translation; equal to evo_ape's rmse"),
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),

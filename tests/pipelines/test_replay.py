@@ -29,7 +29,7 @@ CONTRACT_FILES = {
     *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
     *("resim_paths.parquet", "stages.json"),
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
-    *("links.parquet", "dilution.npz", "uwb_errors.parquet", "pose_uncertainty.parquet"),
+    *("links.parquet", "dilution.npz", "uwb_errors.parquet", "innovations.parquet", "pose_uncertainty.parquet"),
 }
 SHORT_S = 3.0
 pytestmark = pytest.mark.usefixtures("without_pictures")  # but the shared runs have them

@@ -229,6 +229,7 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
     why_not = np.where(applied, "", "known to 0.09 m only")
     _table(path, "links", **links, why_not=why_not, weak_first_path_share=np.nan)
     errors: dict[str, Any] = {"t_ns": np.tile(t_ns, 2), "tag": 0, "source": np.repeat(["fixes", "track"], 40)}
+    _table(path, "innovations", t_ns=errors["t_ns"], tag=errors["tag"], n_ranges=4, nis=1.0)
     _table(path, "uwb_errors", **errors, error_x_m=0.03, error_y_m=np.tile([0.04, 0.4], 40), bound_m=0.2)
     spread = {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "yaw_std_rad": 0.02}
     _table(path, "pose_uncertainty", t_ns=t_ns, **spread)
