@@ -57,7 +57,7 @@ def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Sam
 
 
 def _control(run: Path) -> dict[str, Samples]:
-    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")
+    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
     table = read_table(run, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
     # A robot without joints cannot fall.
     fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
@@ -84,7 +84,7 @@ _SOURCES = (
         "control.parquet",
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
-            *("heading_rmse_rad", "fallen"),
+            *("heading_rmse_rad", "plan_error_m", "fallen"),
         ),
         _control,
     ),

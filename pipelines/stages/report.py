@@ -84,6 +84,7 @@ def control_metrics(run: Path, body: WalkedBody | None) -> Metrics:
         cross_track_m=control["cross_track_m"],
         time_error_m=control["time_error_m"],
         heading_error_rad=control["heading_error_rad"],
+        plan_error_m=control["plan_error_m"],
         clearance_m=near["clearance_m"],
         target_distance_m=near["target_distance_m"],
         fallen=None if body is None else control["fallen"],

@@ -27,23 +27,34 @@ class Escape(NamedTuple):
     path: NDArray[np.int32]
 
 
-def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> Escape | None:
-    """The nearest unblocked cell along a way that crosses no occupied cell; the start itself when it is not blocked.
+def escape_start(
+    occupied: Grid, blocked: Grid, start_cell: tuple[int, int], goal_cell: tuple[int, int] | None = None
+) -> Escape | None:
+    """An unblocked cell near by, along a way that crosses no occupied cell; the start itself when it is not blocked.
 
     `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a diagonal one needs both cells beside it
     unoccupied, as in planning. The robot's own cell counts as free even if something was seen in it: it stands there.
+    Without a goal it is the nearest such cell. With one, (col, row) anywhere, it is the one with the shortest way on to
+    the goal over free cells, the way out included, of those that cost at most DETOUR more: a robot should not turn back
+    to get out.
     None when the start lies outside the grid or is walled in.
     """
     rows, cols = blocked.shape
     col, row = start_cell
     if not (0 <= col < cols and 0 <= row < rows):
         return None
-    way = _cheapest_way_out(occupied, blocked, col, row)
+    way = _cheapest_way_out(occupied, blocked, col, row, goal_cell)
     return Escape(way[-1], np.array(way, dtype=np.int32)) if way else None
 
 
-def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: int) -> list[tuple[int, int]]:
-    """Dijkstra's search to the first unblocked cell: the cells (col, row) of the way, none when there is none.
+DETOUR = 20
+"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
+
+
+def _cheapest_way_out(
+    occupied: Grid, blocked: Grid, start_col: int, start_row: int, goal_cell: tuple[int, int] | None
+) -> list[tuple[int, int]]:
+    """Dijkstra's search to the unblocked cells: the cells (col, row) of the way to one, none when there is none.
 
     Plain Python: growth is some cells deep, so there is little to search.
     """
@@ -52,13 +63,21 @@ def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: 
     start = start_row * cols + start_col
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
+    best, best_cost, most = -1, 0, 0
     while waiting:
         at_cost, at = heappop(waiting)
         if at_cost > cost[at]:
             continue
-        if not closed_off[at]:
-            return _way_to(came_from, at, cols)
+        if best >= 0 and at_cost > most:
+            break
         row, col = divmod(at, cols)
+        if not closed_off[at]:
+            to_goal = 0 if goal_cell is None else _octile(goal_cell[0] - col, goal_cell[1] - row)
+            if best < 0:
+                most = at_cost + (DETOUR if goal_cell is not None and at != start else -1)
+            if best < 0 or at_cost + to_goal < best_cost:
+                best, best_cost = at, at_cost + to_goal
+            continue
         for dcol, drow in STEPS:
             c, r = col + dcol, row + drow
             if not (0 <= r < rows and 0 <= c < cols) or solid[r * cols + c]:
@@ -70,7 +89,13 @@ def _cheapest_way_out(occupied: Grid, blocked: Grid, start_col: int, start_row: 
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    return []
+    return _way_to(came_from, best, cols) if best >= 0 else []
+
+
+def _octile(cols: int, rows: int) -> int:
+    """The cost of a way over free cells."""
+    straight, diagonal = abs(abs(cols) - abs(rows)), min(abs(cols), abs(rows))
+    return 10 * straight + 14 * diagonal
 
 
 def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:

@@ -106,7 +106,7 @@ def effort_metrics(
 class TrackedWalk:
     """A walk of T ticks, (T,) each; NaN where there was nothing to measure, None where it does not apply.
 
-    error_m, cross_track_m, time_error_m, heading_error_rad: columns of control.parquet.
+    error_m, cross_track_m, time_error_m, heading_error_rad, plan_error_m: columns of control.parquet.
     clearance_m: from the body to the nearest obstacle, <= 0 in contact.
     target_distance_m: to who is followed. fallen: None for a robot that cannot fall.
     """
@@ -116,6 +116,7 @@ class TrackedWalk:
     cross_track_m: Float
     time_error_m: Float
     heading_error_rad: Float
+    plan_error_m: Float | None = None
     clearance_m: Float | None = None
     target_distance_m: Float | None = None
     fallen: Bool | None = None
@@ -144,6 +145,7 @@ def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
         ("max_error_m", "max", walk.error_m),
         ("cross_track_rmse_m", "rms", walk.cross_track_m),
         ("heading_rmse_rad", "rms", walk.heading_error_rad),
+        ("plan_error_m", "mean", walk.plan_error_m),
         ("fallen", "max", walk.fallen),
     )
     samples = {

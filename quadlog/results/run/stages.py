@@ -28,6 +28,8 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),
     "plan": ("plans.parquet", "paths.parquet", "astar.parquet"),
-    "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet"),
+    "control": (
+        *("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet", "contacts.parquet"),
+    ),
     "report": ("metrics.json", "trajectory.tum"),
 }

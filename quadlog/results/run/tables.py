@@ -30,7 +30,15 @@ def _floats(*names: str) -> dict[str, str]:
 
 METRIC_NAMES = (
     *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "completion_time_s", "max_error_m", "cross_track_rmse_m"),
-    *("heading_rmse_rad", "fallen", "pitch_rms_rad", "height_rms_m", "torque_max_nm", "torque_saturation_share"),
+    *(
+        "heading_rmse_rad",
+        "plan_error_m",
+        "fallen",
+        "pitch_rms_rad",
+        "height_rms_m",
+        "torque_max_nm",
+        "torque_saturation_share",
+    ),
     *("cost_of_transport", "clearance_min_m", "collisions", "following_distance_mean_m", "lateral_drift_m"),
     *("yaw_rate_degps", "forward_m", "expanded_total", "generated_total", "expanded_mean", "ratio_to_astar"),
     *("fallback_share", "suboptimality_mean", "success_rate", "uwb_rmse_m", "uwb_bias_m", "uwb_residual_m"),
@@ -99,10 +107,17 @@ TABLES: dict[str, pa.Schema] = {
         t_ns="int",
         **_floats("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps"),
         **_floats("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad"),
+        **_floats("plan_error_m"),
         **_floats("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps", *_TORQUES, *_FORCES),
         fallen="bool",
     ),
     "clearances": table_schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
+    "contacts": table_schema(
+        **dict.fromkeys(("t_ns", "end_ns"), "int"),
+        **_floats("x_m", "y_m", "clearance_m"),
+        cause="text",
+        collision="bool",
+    ),
     "summary": table_schema(
         recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES, *COST_NAMES), worker="text"
     ),
@@ -110,13 +125,15 @@ TABLES: dict[str, pa.Schema] = {
 
 # May be left out when writing, and are then null throughout: not every planner
 # knows the optimum, a kinematic robot has no torques, a run has not every metric.
-OPTIONAL = frozenset({"optimal_cost", "k_v", "k_w", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"})
+OPTIONAL = frozenset(
+    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"}
+)
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity has a meaning: nothing near, or nothing known. Elsewhere it is damage."""
 
 # Tables of before may lack these: read, they are NaN or empty.
-ADDED = {"summary": frozenset({*COST_NAMES, "worker"})}
+ADDED = {"summary": frozenset({*COST_NAMES, "worker"}), "control": frozenset({"plan_error_m"})}
 
 # Rows are cut into groups of this many whatever the size of the batches they
 # came in, so that the file depends on the data alone and memory stays flat.
