@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadlog.control.following.path import nearest_on_path
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float
 from quadlog.planning.protocol import Bool
@@ -24,23 +25,24 @@ OLD_PLAN = "no newer plan was found"
 UNSEEN = "the map did not show it at that instant"
 BEYOND_PLAN = "beyond the plan's end"
 PLANNED = "the plan leads there"
-BESIDE_PLAN = "beside the plan"
-TURNING = "on the plan, by the body's turn"
-CAUSES = (APPEARED, FELL, NO_PLAN, OLD_PLAN, UNSEEN, BEYOND_PLAN, PLANNED, BESIDE_PLAN, TURNING)
+CUT = "the robot cut a corner of its plan"
+TURNING = "the body turned beside its plan"
+CAUSES = (APPEARED, FELL, NO_PLAN, OLD_PLAN, BEYOND_PLAN, PLANNED, CUT, UNSEEN, TURNING)
 """Of a contact; where several hold, the first of them."""
-BESIDE_M = 0.05
-"""Farther from its plan than this a robot is beside it."""
+
+
+NS = 1_000_000_000
 
 
 class Contact(NamedTuple):
-    """The body touched an obstacle from t_ns until before end_ns.
+    """The body touched an obstacle from t_ns on, for duration_s.
 
     x_m, y_m: the cell's centre, the nearest one when the contact began, in map. clearance_m: the least, <= 0. cause: of
     CAUSES. collision: whether it counts; cells that first appear inside the body do not.
     """
 
     t_ns: int
-    end_ns: int
+    duration_s: float
     x_m: float
     y_m: float
     clearance_m: float
@@ -98,12 +100,15 @@ def _was_solid(before: tuple[Window, Bool], names: list[tuple[int, int]]) -> Boo
 
 
 class PlanInUse(NamedTuple):
-    """The plan (K, 2) in map that is followed: whether it was made on the present map, and how the robot is on it."""
+    """The plan (K, 2) in map that is followed: whether it was made on the present map, and what is left of it.
+
+    chord_m: (2, 2) from the robot to the point it aims at, in map.
+    """
 
     path_m: Float
     is_newest: bool
-    error_m: float
     remaining_m: float
+    chord_m: Float
 
 
 def cause_of(cell_m: Float, is_mapped: bool, fallen: bool, plan: PlanInUse | None, width_m: float) -> str:
@@ -114,13 +119,15 @@ def cause_of(cell_m: Float, is_mapped: bool, fallen: bool, plan: PlanInUse | Non
         return NO_PLAN
     if not plan.is_newest:
         return OLD_PLAN
-    if not is_mapped:
-        return UNSEEN
     if plan.remaining_m == 0.0:
         return BEYOND_PLAN
-    if float(np.hypot(*(plan.path_m - cell_m).T).min()) <= width_m / 2:
-        return PLANNED
-    return BESIDE_PLAN if plan.error_m > BESIDE_M else TURNING
+    x_m, y_m = cell_m.tolist()
+    from_plan_m, from_chord_m = (abs(nearest_on_path(way, x_m, y_m).distance_m) for way in (plan.path_m, plan.chord_m))
+    if from_plan_m <= width_m / 2:
+        return PLANNED if is_mapped else UNSEEN
+    if from_chord_m < from_plan_m:
+        return CUT
+    return TURNING if is_mapped else UNSEEN
 
 
 @dataclass(slots=True)
@@ -131,9 +138,9 @@ class ContactLog:
     _open: Contact | None = None
 
     def appeared(self, t_ns: int, end_ns: int, cell_m: Float, clearance_m: float) -> None:
-        """Cells appeared inside the body with the map at t_ns, the deepest at cell_m (2,); end_ns: of that map."""
+        """Cells appeared inside the body with the map of t_ns to end_ns, the deepest at cell_m (2,)."""
         x_m, y_m = cell_m.tolist()
-        self._contacts.append(Contact(t_ns, end_ns, x_m, y_m, clearance_m, APPEARED, False))
+        self._contacts.append(Contact(t_ns, (end_ns - t_ns) / NS, x_m, y_m, clearance_m, APPEARED, False))
 
     def tick(self, t_ns: int, clearance_m: float, where_and_why: Callable[[], tuple[Float, str]]) -> None:
         """The clearance at a tick, NaN where it is not known; where_and_why: the cell (2,) touched, and the cause."""
@@ -144,12 +151,12 @@ class ContactLog:
         else:
             cell_m, cause = where_and_why()
             x_m, y_m = cell_m.tolist()
-            self._open = Contact(t_ns, t_ns, x_m, y_m, clearance_m, cause, True)
+            self._open = Contact(t_ns, 0.0, x_m, y_m, clearance_m, cause, True)
 
     def end(self, t_ns: int) -> None:
         """The contact that goes on, if any, ends."""
         if self._open is not None:
-            self._contacts.append(self._open._replace(end_ns=t_ns))
+            self._contacts.append(self._open._replace(duration_s=(t_ns - self._open.t_ns) / NS))
             self._open = None
 
     @property

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.path import FreeSpace
-from quadlog.control.following.pure_pursuit import FollowState, PathFollower
+from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 
@@ -114,8 +114,10 @@ class FollowedPath:
         self.truth, self.known = PathFollower(path_m), PathFollower(path_m, space=space)
 
 
-def steer(row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, dt_s: float) -> None:
-    """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command for the next dt_s.
+def steer(
+    row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, dt_s: float
+) -> Command | None:
+    """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command for the next dt_s; returns that.
 
     Without a path the robot is told to stand. It is steered by the pose that it knows, disturbed as that may be; what
     is written of it is true.
@@ -123,6 +125,7 @@ def steer(row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: 
     row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
     row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
     known_x_m, known_y_m, known_yaw_rad = robot.disturbances.measured(robot.t_s, robot.pose).tolist()
+    command = None
     if path is not None:
         known = path.known.step(known_x_m, known_y_m, known_yaw_rad)
         ahead = lookahead.step(known.near.distance_m, dt_s, robot.velocity[0])
@@ -135,6 +138,7 @@ def steer(row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: 
     # A robot without a body has the speed that it is told at once.
     row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
     row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
+    return command
 
 
 def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.path import FreeSpace
-from quadlog.control.following.pure_pursuit import FollowState, PathFollower
+from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Int
@@ -132,6 +132,7 @@ class _State:
     cells: TouchableCells
     contacts: ContactLog = field(default_factory=ContactLog)
     held: HeldPlan | None = None
+    command: Command | None = None
     plan: FollowedPath | None = None
     planned_at_ns: int = 0
     plans: list[PlanRecord] = field(default_factory=list)
@@ -225,7 +226,7 @@ def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings
             walk.outside_ticks += 1
         on_plan = None if walk.plan is None else walk.plan.truth.step(x_m, y_m, yaw_rad)
         walk.contacts.tick(now_ns, row[CLEARANCE], partial(_where_and_why, walk, instant, body, centres_m, on_plan))
-        steer(row, robot, walk.plan, walk.lookahead, every * robot.tick_s)
+        walk.command = steer(row, robot, walk.plan, walk.lookahead, every * robot.tick_s)
         if on_plan is not None:
             row[PLAN_ERROR] = on_plan.error_m
         _write_reference(row, walk, now_ns)
@@ -253,8 +254,10 @@ def _where_and_why(
     col, row = instant.window.cell_of(cell_m)
     plan = None
     if walk.plan is not None and on_plan is not None:
-        is_newest = walk.planned_at_ns == instant.t_ns
-        plan = PlanInUse(walk.plan.truth.path, is_newest, on_plan.error_m, on_plan.remaining_m)
+        here_m = walk.robot.pose[:2]
+        aim_m = here_m if walk.command is None else np.array(walk.command[2:])
+        is_newest, chord_m = walk.planned_at_ns == instant.t_ns, np.stack([here_m, aim_m])
+        plan = PlanInUse(walk.plan.truth.path, is_newest, on_plan.remaining_m, chord_m)
     return cell_m, cause_of(cell_m, bool(instant.occupied[row, col]), walk.robot.fallen, plan, body.width_m)
 
 

@@ -113,10 +113,7 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "clearances": table_schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
     "contacts": table_schema(
-        **dict.fromkeys(("t_ns", "end_ns"), "int"),
-        **_floats("x_m", "y_m", "clearance_m"),
-        cause="text",
-        collision="bool",
+        t_ns="int", **_floats("duration_s", "x_m", "y_m", "clearance_m"), cause="text", collision="bool"
     ),
     "summary": table_schema(
         recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES, *COST_NAMES), worker="text"

@@ -66,7 +66,7 @@ def test_standing_still_nothing_is_ever_touched(seed):
 
 
 PATH = np.column_stack([np.linspace(0, 2, 41), np.zeros(41)])
-GOOD = PlanInUse(PATH, is_newest=True, error_m=0.0, remaining_m=1.0)
+GOOD = PlanInUse(PATH, is_newest=True, remaining_m=1.0, chord_m=PATH[[0, 20]])
 
 
 @pytest.mark.parametrize(
@@ -78,8 +78,9 @@ GOOD = PlanInUse(PATH, is_newest=True, error_m=0.0, remaining_m=1.0)
         ("the map did not show it at that instant", {"is_mapped": False}),
         ("beyond the plan's end", {"plan": GOOD._replace(remaining_m=0.0)}),
         ("the plan leads there", {"cell_m": np.array([1.0, 0.1])}),
-        ("beside the plan", {"plan": GOOD._replace(error_m=0.1)}),
-        ("on the plan, by the body's turn", {}),
+        ("the robot cut a corner of its plan", {"plan": GOOD._replace(chord_m=np.array([[0.5, 0.0], [1.5, 0.5]]))}),
+        ("the map did not show it at that instant", {"cell_m": np.array([1.0, 0.1]), "is_mapped": False}),
+        ("the body turned beside its plan", {}),
     ],
 )
 def test_causes(cause, given):
@@ -94,7 +95,7 @@ def test_a_contact_lasts_until_the_first_tick_without_it():
         log.tick(t_ns, clearance_m, lambda t_ns=t_ns: (np.array([t_ns, 0.0]), CAUSES[-1]))
     log.end(9)
     assert log.contacts == [
-        Contact(1, 4, 1.0, 0.0, -0.05, CAUSES[-1], True),
-        Contact(6, 7, 6.0, 0.0, -0.01, CAUSES[-1], True),
-        Contact(8, 9, 8.0, 0.0, -0.03, CAUSES[-1], True),
+        Contact(1, 3e-9, 1.0, 0.0, -0.05, CAUSES[-1], True),
+        Contact(6, 1e-9, 6.0, 0.0, -0.01, CAUSES[-1], True),
+        Contact(8, 1e-9, 8.0, 0.0, -0.03, CAUSES[-1], True),
     ]
