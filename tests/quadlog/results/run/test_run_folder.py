@@ -21,7 +21,7 @@ from quadlog.storage.atomic_write import part_prefix
 FILES = """
     run.json config.toml fixes.parquet ranges.parquet poses.parquet target.parquet scans.parquet maps.npz
     plans.parquet paths.parquet astar.parquet control.parquet clearances.parquet resim_plans.parquet resim_paths.parquet
-    cloud_samples.npz ground.npz
+    contacts.parquet cloud_samples.npz ground.npz
     links.parquet dilution.npz uwb_errors.parquet pose_uncertainty.parquet
     metrics.json stages.json report.html derived.mcap foxglove-layout.json trajectory.tum map.pgm map.yaml
 """.split()  # noqa: SIM905 - the contract's list, as one reads it

@@ -28,12 +28,14 @@ CONTRACT = {
     "resim_paths": "t_ns i x_m y_m smooth_x_m smooth_y_m",
     "astar": "t_ns expanded",
     "clearances": "t_ns clearance_m target_distance_m",
+    "contacts": "t_ns duration_s x_m y_m clearance_m cause collision",
     "control": "t_ns x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
-    "cross_track_m time_error_m heading_error_rad lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
+    "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
     "tau_00_nm tau_01_nm tau_02_nm tau_03_nm tau_04_nm tau_05_nm tau_06_nm tau_07_nm tau_08_nm tau_09_nm tau_10_nm "
     "tau_11_nm fz_0_n fz_1_n fz_2_n fz_3_n fallen",
     "summary": "recording exit_code reason eta_m sigma_m eta_time_m sigma_time_m completion_time_s max_error_m "
-    "cross_track_rmse_m heading_rmse_rad fallen pitch_rms_rad height_rms_m torque_max_nm torque_saturation_share "
+    "cross_track_rmse_m heading_rmse_rad plan_error_m fallen pitch_rms_rad height_rms_m torque_max_nm "
+    "torque_saturation_share "
     "cost_of_transport clearance_min_m collisions following_distance_mean_m lateral_drift_m yaw_rate_degps forward_m "
     "expanded_total generated_total expanded_mean ratio_to_astar fallback_share suboptimality_mean success_rate "
     "uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m rpe_rmse_m realtime_factor wall_s cpu_s peak_memory_mb "
@@ -41,7 +43,7 @@ CONTRACT = {
 }
 INTEGERS = {"tag", "anchor", "i", "expanded", "generated", "reused_cells", "t_ns", "n_ranges", "exit_code"}
 INTEGERS |= {"n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle", "n"}
-FLAGS = {"bias_applied", "outlier", "ground_found", "found", "from_scratch", "goal_projected"}
+FLAGS = {"bias_applied", "outlier", "ground_found", "found", "from_scratch", "goal_projected", "collision"}
 
 
 def test_there_are_exactly_these_tables() -> None:
