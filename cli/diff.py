@@ -1,4 +1,4 @@
-"""`quadlog diff`: whether two runs give the same results, and where they part."""
+"""`quadlog diff`: whether two runs have the same results, and where they differ first."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import PLACE, examples
+from quadlog.cli.terminal.parameters import AS_JSON, PATH_OR_URL, examples
 
 _AMOUNT = click.FloatRange(min=0)
 
 
 @click.command(
     name="diff",
-    short_help="Where two runs part: stage, instant, column, and by how much.",
+    short_help="Where two runs differ first: stage, time, column, and by how much.",
     epilog=examples(
         "quadlog diff runs/before runs/after",
         "quadlog diff runs/before runs/after --tolerance 1e-6 --json",
     ),
 )
-@click.argument("run_a", metavar="RUN_A", type=PLACE)
-@click.argument("run_b", metavar="RUN_B", type=PLACE)
-@click.option("--tolerance", metavar="X", type=_AMOUNT, default=0.0, help="Numbers no further apart are the same.")
-@click.option("--relative", metavar="X", type=_AMOUNT, default=0.0, help="Nor those apart by X of the larger one.")
-@click.option("--json", "as_json", is_flag=True, help="All of it as one JSON object on stdout.")
+@click.argument("run_a", metavar="RUN_A", type=PATH_OR_URL)
+@click.argument("run_b", metavar="RUN_B", type=PATH_OR_URL)
+@click.option("--tolerance", metavar="X", type=_AMOUNT, default=0.0, help="Absolute tolerance.")
+@click.option("--relative", metavar="X", type=_AMOUNT, default=0.0, help="Relative tolerance.")
+@AS_JSON
 def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json: bool) -> int:
-    """Compare two run folders: how they were made, then stage by stage what they saved.
+    """Compare two run folders: how they were made, then the saved results stage by stage.
 
-    For every stage, in order, each table whose values differ is named, with the first instant of each column that
-    does, both values, in how many rows, and the largest difference. Rows are matched by their time stamps.
+    For each stage, every table whose values differ is listed: the columns that differ, the time and both values of
+    the first difference, the number of rows, and the largest difference. Rows are matched by their time stamps.
 
-    Exit code 0: every saved result is the same, 4: one is not, 1: no finished run, or a damaged file in it.
-    How the runs were made does not count, so that two versions of quadlog can be held to give the same results:
-    a config, seed, option, version or input that differs is listed, and the code is still 0 when the results agree.
+    Exit code 0: all saved results are the same, 4: one differs, 1: a run is unfinished, or a file is damaged.
+    Differences in config, seed, options, versions and input are listed, but do not change the exit code, so that
+    two versions of quadlog can be compared.
 
-    Durations are never compared (ms, us, us_*, realtime_factor), nor pages, plots and derived.mcap, which show what
-    is compared already. NaN equals NaN. Both tolerances may be given: a number within either is the same.
+    Not compared: durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap, which repeat what the
+    tables hold. NaN equals NaN. With both tolerances, numbers within either of them are the same.
     """
     import math
 
@@ -48,7 +48,7 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     from quadlog.results.run.find_runs import runs_here
 
     if not math.isfinite(tolerance + relative):
-        raise UsageError("--tolerance and --relative are finite numbers")
+        raise UsageError("--tolerance and --relative must be finite numbers")
     with runs_here([run_a, run_b]) as found:
         here_a, here_b = found
         runs = diff_runs(here_a, here_b, Tolerance(tolerance, relative))

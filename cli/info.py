@@ -1,4 +1,4 @@
-"""`quadlog info`: what is in a recording, how regular it is, and how good its ranges are."""
+"""`quadlog info`: what a recording contains, how regular it is, and how good its ranges are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, examples
+from quadlog.cli.terminal.parameters import AS_JSON, CONFIG, MSG_PATH, PATH_OR_URL, examples, set_option
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
@@ -20,21 +20,19 @@ RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residua
 
 @click.command(
     name="info",
-    short_help="What is in a recording: topics, rates, roles and why, losses.",
+    short_help="Describe a recording: topics, rates, roles and why, losses.",
     epilog=examples(
         "quadlog info walk.mcap",
         "quadlog info walk.mcap --full -c quadlog.toml",
         "quadlog info s3://lab/walk.mcap --json",
     ),
 )
-@click.argument("recording", type=PLACE)
-@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in topics.lidar=/points.")
-@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
-@click.option(
-    "--full", is_flag=True, help="Read every message: all damage, clocks and UWB ranges; check where anchors stand."
-)
-@click.option("--json", "as_json", is_flag=True, help="Everything as one JSON object.")
+@click.argument("recording", type=PATH_OR_URL)
+@CONFIG
+@set_option("topics.lidar=/points")
+@MSG_PATH
+@click.option("--full", is_flag=True, help="Read all messages, to find all damage and to check the anchor positions.")
+@AS_JSON
 def command(
     recording: Path,
     config_path: Path | None,
@@ -43,10 +41,10 @@ def command(
     full: bool,
     as_json: bool,
 ) -> int:
-    """Per topic: type, count, rate, gaps, clock offset, role and why; and what was lost.
+    """List for each topic type, count, rate, gaps, clock offset, role and why; and what was lost.
 
-    Of a large recording only the index and a sample of the messages are read: counts, rates and gaps are those of
-    all messages; clock offsets, UWB ranges and damage are known from the sample alone. --full reads everything.
+    Of a large recording only the index and a sample of the messages are read: counts, rates and gaps cover all
+    messages; clock offsets, UWB ranges and damage only the sample. --full reads everything.
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import load_config
@@ -54,7 +52,7 @@ def command(
 
     config = load_config(config_path, overrides)
     info = describe_recording(recording, config, msg_path, full=full, open_progress=open_progress)
-    tell_health(info["warnings"], [(loss["topic"], loss["detail"]) for loss in info["losses"]])
+    report_health(info["warnings"], [(loss["topic"], loss["detail"]) for loss in info["losses"]])
     if as_json:
         click.echo(json.dumps(info, indent=2, allow_nan=False))
     else:
@@ -62,8 +60,8 @@ def command(
     return ExitCode.WITH_LOSS if info["losses"] else ExitCode.DONE
 
 
-def tell_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, str]]) -> None:
-    """One line on stderr for each warning, and for each loss, a topic and what happened."""
+def report_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, str]]) -> None:
+    """One line on stderr for each warning, and for each loss: topic and detail."""
     for line in warnings:
         click.echo(f"warning: {printable(line)}", err=True)
     for topic, detail in losses:
@@ -71,50 +69,39 @@ def tell_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, str]
 
 
 def print_info(info: dict[str, Any]) -> None:
-    """The object of `info --json` for people."""
-    click.echo(f"{printable(info['path'])}: {info['messages']} messages{_span(info)}")
-    if info["sampled"]:
-        click.echo(
-            f"sampled: clock offsets, UWB ranges and damage are known from {info['messages_read']} messages alone; "
-            "--full reads all"
-        )
-    rows = [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]]
-    if rows:
-        _print_table(COLUMNS, rows)
-    for role, choices in info["ambiguous"].items():
-        click.echo(printable(AmbiguousTopic(role, choices)))
-    if info["links"]:
-        _print_links(info["links"])
-    if info["uwb_tags"]:
-        _print_uwb(info)
-
-
-def _print_links(links: Sequence[dict[str, Any]]) -> None:
-    """Who ranges whom, and how far apart they were."""
-    click.echo(f"UWB: tags {_ids(links, 'tag')}; anchors {_ids(links, 'anchor')}")
-    for line in reach_lines(links):
-        click.echo(printable(line))
-
-
-def _print_uwb(info: dict[str, Any]) -> None:
-    """What only a log with known anchors has: its links, its tags, and where the geometry is good."""
+    """Print the object of `info --json` as text."""
+    _print_lines(_head_lines(info))
+    if info["topics"]:
+        _print_table(COLUMNS, [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]])
+    _print_lines(str(AmbiguousTopic(role, choices)) for role, choices in info["ambiguous"].items())
+    if links := info["links"]:
+        tags, anchors = (", ".join(map(str, sorted({link[end] for link in links}))) for end in ("tag", "anchor"))
+        _print_lines([f"UWB: tags {tags}; anchors {anchors}", *reach_lines(links)])
     if info["uwb"]:
         click.echo("")
         _print_table(*link_table(info["uwb"]))
-    lines = ["", *(line for row in info["uwb_tags"] for line in tag_lines(row))]
-    if info["dilution"] is not None:
-        lines += ["", *dilution_lines(info["dilution"])]
+    if info["uwb_tags"]:
+        _print_lines(["", *(line for row in info["uwb_tags"] for line in tag_lines(row))])
+        if info["dilution"] is not None:
+            _print_lines(["", *dilution_lines(info["dilution"])])
+
+
+def _print_lines(lines: Iterable[str]) -> None:
     for line in lines:
         click.echo(printable(line))
 
 
-def _span(info: dict[str, Any]) -> str:
-    if info["start_ns"] is None:
-        return ""
+def _head_lines(info: dict[str, Any]) -> Iterator[str]:
     from quadlog.recordings.formatting import instant
 
-    seconds = (info["end_ns"] - info["start_ns"]) * 1e-9
-    return f" in {seconds:.1f} s, {instant(info['start_ns'])} to {instant(info['end_ns'])}"
+    span = ""
+    if info["start_ns"] is not None:
+        seconds = (info["end_ns"] - info["start_ns"]) * 1e-9
+        span = f" in {seconds:.1f} s, {instant(info['start_ns'])} to {instant(info['end_ns'])}"
+    yield f"{info['path']}: {info['messages']} messages{span}"
+    if info["sampled"]:
+        read = f"{info['messages_read']} messages alone"
+        yield f"sampled: clock offsets, UWB ranges and damage are known from {read}; --full reads all"
 
 
 def _cells(topic: dict[str, Any]) -> list[str]:
@@ -131,24 +118,14 @@ def _cells(topic: dict[str, Any]) -> list[str]:
     ]
 
 
-def _ids(links: Sequence[dict[str, Any]], end: str) -> str:
-    return ", ".join(str(each) for each in sorted({link[end] for link in links}))
-
-
 def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
-        _print_rich(columns, rows)
+    """Aligned text; in a terminal with long cells folded."""
+    if not sys.stdout.isatty() or "NO_COLOR" in os.environ:
+        from quadlog.results.text.markup import aligned
+
+        left = [at for at, column in enumerate(columns) if column not in RIGHT]
+        click.echo("\n".join(aligned([columns, *rows], left)))
         return
-    widths = [max(len(row[i]) for row in (columns, *rows)) for i in range(len(columns))]
-    for row in (columns, *rows):
-        cells = [
-            cell.rjust(width) if column in RIGHT else cell.ljust(width)
-            for column, cell, width in zip(columns, row, widths, strict=True)
-        ]
-        click.echo("  ".join(cells).rstrip())
-
-
-def _print_rich(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -157,26 +134,26 @@ def _print_rich(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for column in columns:
         table.add_column(column, justify="right" if column in RIGHT else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*map(Text, row))
     Console().print(table)
 
 
-MOST_LINKS = 40  # as many lines of links as a terminal or two hold
-CELL = 6  # characters of a number of the map, with the space before it
+MOST_LINKS = 40  # lines of links that are printed
+CELL = 6  # characters of a number of the HDOP map, with the space before it
 
 
 def reach_lines(links: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Each link with its count and its shortest and longest range, or as many as fit, and how many more there are."""
+    """A line per link with its number of ranges and their span; at most MOST_LINKS of them."""
     for link in links[:MOST_LINKS]:
         ends = f"  {link['topic']}  tag {link['tag']}  anchor {link['anchor']}  {link['n']} ranges"
         known = link["range_min_m"] is not None
-        yield ends + (f"  {link['range_min_m']:.2f}..{link['range_max_m']:.2f} m" if known else "  none a number")
+        yield ends + (f"  {link['range_min_m']:.2f}..{link['range_max_m']:.2f} m" if known else "  no finite range")
     if len(links) > MOST_LINKS:
         yield f"  and {len(links) - MOST_LINKS} more links, all of them in --json"
 
 
 def link_table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Names of the columns and the cells of `uwb`; an estimate that is not applied says why."""
+    """Header and cells of the table of links; a bias that is not applied has the reason."""
     columns = ["tag", "anchor", "ranges", "residual m", "median m", "NLOS", "bias m", ""]
     cells = [_link_cells(row) for row in rows]
     if any(row["weak_first_path_share"] is not None for row in rows):
@@ -200,7 +177,7 @@ def _link_cells(row: dict[str, Any]) -> list[str]:
 
 
 def tag_lines(row: dict[str, Any]) -> Iterator[str]:
-    """How good a tag's fixes are by themselves, and against the reference if there is one."""
+    """Quality of a tag's fixes, and their errors where there is a reference."""
     name = f"tag {row['tag']}" + (f" ({row['role']})" if row["role"] else "")
     causes = {"with too few ranges": row["too_few_ranges"], "degenerate": row["degenerate"]}
     without = ", ".join(f"{count} {cause}" for cause, count in causes.items() if count)
@@ -219,7 +196,7 @@ def tag_lines(row: dict[str, Any]) -> Iterator[str]:
 
 
 def dilution_lines(dilution: dict[str, Any]) -> Iterator[str]:
-    """HDOP on a coarse map, north up, at the cells' centres."""
+    """HDOP at the centres of a coarse grid, north up."""
     cell_m, rows = dilution["cell_m"], dilution["hdop"]
     yield f"HDOP (std of a fix per std of a range) for a tag at {dilution['tag_height_m']:g} m; '-': no fix"
     labels = [f"{dilution['origin_y_m'] + (index + 0.5) * cell_m:g}" for index in range(len(rows))]
@@ -228,7 +205,7 @@ def dilution_lines(dilution: dict[str, Any]) -> Iterator[str]:
     for label, row in zip(reversed(labels), reversed(rows), strict=True):
         yield label.rjust(width) + " |" + "".join(_hdop(value).rjust(CELL) for value in row)
     x_labels = [f"{dilution['origin_x_m'] + (index + 0.5) * cell_m:g}" for index in range(len(rows[0]))]
-    yield " " * width + " +" + "-" * (CELL) * len(x_labels)
+    yield " " * width + " +" + "-" * CELL * len(x_labels)
     yield "x m".rjust(width) + "  " + "".join(label.rjust(CELL) for label in x_labels)
 
 

@@ -6,23 +6,23 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.info import tell_health
-from quadlog.cli.terminal.parameters import HERE, PLACE, examples
+from quadlog.cli.info import report_health
+from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, MSG_PATH, PATH_OR_URL, examples
 from quadlog.errors import AlreadyExists, ExitCode
 
 
 @click.command(
     name="init",
-    short_help="A commented config with what was detected filled in.",
+    short_help="Write a commented config with what was detected filled in.",
     epilog=examples(
         "quadlog init walk.mcap",
         "quadlog init walk.mcap -o lab.toml --force",
     ),
 )
-@click.argument("recording", type=PLACE)
-@click.option("-o", "--output", type=HERE, default=Path("quadlog.toml"), help="Where it is written.")
-@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@click.argument("recording", type=PATH_OR_URL)
+@click.option("-o", "--output", type=LOCAL_PATH, default=Path("quadlog.toml"), help="File to write.")
+@MSG_PATH
+@FORCE
 def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bool) -> int:
     """Write a commented config with what was detected in the recording filled in."""
     if output.exists() and not force:
@@ -31,7 +31,7 @@ def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bo
     from quadlog.pipelines.init import propose_config, write_new
 
     proposal = propose_config(recording, msg_path)
-    tell_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
+    report_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
     write_new(output, proposal.text, force=force)
     click.echo(str(output))
     return ExitCode.WITH_LOSS if proposal.losses else ExitCode.DONE

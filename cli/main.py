@@ -1,4 +1,4 @@
-"""The `quadlog` command: finds subcommands when they are asked for, turns errors into one line and an exit code."""
+"""The `quadlog` command: imports subcommands when needed, turns errors into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from quadlog.version import __version__
 
 
 def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
-    """A line for quadlog, for Python, for every package and for every plug-in; then the command ends."""
+    """Print the versions of quadlog, Python, packages and plug-ins, and exit."""
     if not asked or ctx.resilient_parsing:
         return
     from quadlog.config.plugins import all_plugins
     from quadlog.config.version import package_versions
+    from quadlog.results.text.markup import aligned
 
     click.echo(f"quadlog, version {__version__}")
     versions = {"python": platform.python_version(), **package_versions()}
-    width = max(map(len, versions))
-    for name, version in versions.items():
-        click.echo(f"{name:<{width}}  {version}")
+    for line in aligned([*versions.items()], left=(0, 1)):
+        click.echo(line)
     for each in all_plugins():
         click.echo(printable(f"{each.kind} {each.name}: {each.distribution} {each.version}"))
     ctx.exit()
@@ -41,14 +41,14 @@ _MAX_MESSAGE = 8000
 
 
 class LazyGroup(click.Group):
-    """A group whose commands live one per file and are imported when named, so that help stays instant."""
+    """A group with one file per command, imported when it is named, so that help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Every command, in the order a user meets them."""
+        """All commands, in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command object of cli/<name>.py, None for an unknown name."""
+        """The command of cli/NAME.py, None for an unknown name."""
         if name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(f"quadlog.cli.{name.replace('-', '_')}").command
@@ -72,18 +72,18 @@ class LazyGroup(click.Group):
     is_eager=True,
     expose_value=False,
     callback=print_versions,
-    help="Show the versions of quadlog, of what it builds on and of its plug-ins.",
+    help="Show the versions of quadlog, Python, packages and plug-ins, and exit.",
 )
 def cli() -> None:
-    """Replay what a quadruped logged through every algorithm worth comparing.
+    """Replay recordings of a quadruped robot through positioning, perception, planning and control, and compare.
 
-    Results go to stdout, talk to stderr. Exit codes: 0 done, 1 failed, 2 usage, 3 done with loss, 4 a check failed.
+    Results go to stdout, messages to stderr. Exit codes: 0 done, 1 failed, 2 usage, 3 done with loss, 4 a check failed.
     """
 
 
 def main() -> None:
-    """Entry point: a known error is one line on stderr, an unknown one a traceback, which is a bug in quadlog."""
-    # MuJoCo looks for a way to draw when it is imported, and fails where there is none; who draws, chooses.
+    """Entry point: a known error is one line on stderr; a traceback is a bug in quadlog."""
+    # MuJoCo looks for OpenGL when it is imported, and fails without it; code that renders chooses it itself.
     os.environ["MUJOCO_GL"] = "disable"
     take_one_interrupt()
     exit_code = run(sys.argv[1:])
@@ -108,11 +108,11 @@ def run(arguments: list[str]) -> int:
         click.echo(f"quadlog: {printable(clipped(error, _MAX_MESSAGE))}", err=True)
         return error.exit_code
     except BrokenPipeError:
-        # The reader of stdout (head, less) has gone: point stdout elsewhere so that the interpreter's exit is quiet.
+        # The reader of stdout (head, less) has gone: redirect stdout, so that the interpreter exits without an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.FAILED
     except OSError as error:
-        # A full disk, a folder without permission: a user's to mend. Anything else an OSError says just as well.
+        # A full disk or a missing permission, which the user can fix.
         where = f"{error.filename}: " if error.filename else ""
         click.echo(f"quadlog: {printable(where)}{error.strerror or error}", err=True)
         return ExitCode.FAILED
@@ -125,7 +125,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _interrupted_words(error: BaseException, arguments: list[str], started_s: float) -> str:
-    """By what a command was interrupted, and what is left of its work."""
+    """The signal that interrupted a command, and what it has left."""
     from quadlog.storage.atomic_write import complete_folders, remove_unfinished
 
     remove_unfinished()

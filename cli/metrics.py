@@ -1,4 +1,4 @@
-"""`quadlog metrics`: the metrics of saved runs, compared, checked and explained."""
+"""`quadlog metrics`: metrics of saved runs, compared, checked and explained."""
 
 from __future__ import annotations
 
@@ -7,29 +7,35 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, examples, say_skipped
-
-FORMATS = ("table", "json", "csv", "markdown", "latex")
+from quadlog.cli.terminal.parameters import FORMAT, LOCAL_PATH, PATH_OR_URL, examples, report_skipped
 
 
 @click.command(
     name="metrics",
-    short_help="The metrics of runs, compared, checked and explained.",
+    short_help="Print, compare, check and explain the metrics of runs.",
     epilog=examples(
         "quadlog metrics runs/walk --explain ate_rmse_m",
         "quadlog metrics runs --format csv",
         "quadlog metrics runs --reference truth.tum --fail-if 'ate_rmse_m>0.3'",
     ),
 )
-@click.argument("runs", nargs=-1, metavar="RUN...", type=PLACE)
-@click.option("--reference", type=HERE, metavar="FILE.tum", help="A trajectory that counts as true.")
-@click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' times (evo's --t_offset).")
-@click.option("--t-max-diff", type=click.FloatRange(min=0), default=0.01, metavar="S", help="Of a pair of poses.")
-@click.option("--align", is_flag=True, help="Move each trajectory onto the reference first (evo's --align).")
-@click.option("--project-to-plane", type=click.Choice(["xy"]), help="Compare without heights, roll and pitch.")
-@click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="On stdout.")
-@click.option("--fail-if", "fail_if", multiple=True, metavar="CONDITION", help="Exit 4 if it holds: 'eta_m>0.3'.")
-@click.option("--explain", metavar="METRIC", help="What it means, and when each run was at its worst.")
+@click.argument("runs", nargs=-1, metavar="RUN...", type=PATH_OR_URL)
+@click.option("--reference", type=LOCAL_PATH, metavar="FILE.tum", help="Ground-truth trajectory.")
+@click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' time stamps.")
+@click.option(
+    "--t-max-diff",
+    type=click.FloatRange(min=0),
+    default=0.01,
+    metavar="S",
+    help="Maximum time difference when pairing poses.",
+)
+@click.option("--align", is_flag=True, help="Align each trajectory with the reference first.")
+@click.option("--project-to-plane", type=click.Choice(["xy"]), help="Ignore height, roll and pitch.")
+@FORMAT
+@click.option(
+    "--fail-if", "fail_if", multiple=True, metavar="CONDITION", help="Exit with 4 if it holds, as in 'eta_m>0.3'."
+)
+@click.option("--explain", metavar="METRIC", help="Explain a metric and list the worst instants of each run.")
 def command(
     runs: tuple[Path, ...],
     reference: Path | None,
@@ -41,12 +47,13 @@ def command(
     fail_if: tuple[str, ...],
     explain: str | None,
 ) -> int:
-    """Print every metric of the runs RUN, from their saved files alone; nothing is written.
+    """Print the metrics of each RUN, a run folder or a folder of runs, from its saved files; nothing is written.
 
-    A RUN is a run folder, or a folder of them. One run is shown with the scatter of its samples, several side by side
-    with the spread between them; json is a flat object per run, csv a row per run and metric.
+    One run is shown with the statistics of its samples, several runs side by side with the statistics over the runs.
+    json prints a flat object per run, csv a row per run and metric.
 
-    A CONDITION is NAME OPERATOR NUMBER, with > >= < <= == or !=. A run that lacks the metric fails it, too.
+    --t-offset and --align are those of evo. A CONDITION is NAME OPERATOR NUMBER with > >= < <= == or !=; a run that
+    lacks the metric also fails.
     """
     from quadlog.errors import UsageError
     from quadlog.metrics.conditions import check_metric, parse_condition
@@ -55,7 +62,7 @@ def command(
     if explain is not None:
         check_metric(explain)
     if not runs and explain is None:
-        raise UsageError("quadlog metrics needs a RUN, a run folder or a folder of them; see  quadlog metrics --help")
+        raise UsageError("quadlog metrics needs a RUN, a run folder or a folder of runs; see  quadlog metrics --help")
     if not runs and conditions:
         raise UsageError("--fail-if needs a RUN")
     if explain is not None and to != "table":
@@ -74,7 +81,7 @@ def command(
 
     how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
     truth = None if reference is None else Reference.read(reference, how)
-    say_skipped(runs)
+    report_skipped(runs)
     with runs_here(runs, MEASURED) as found:
         outcome = measure_runs(found, truth, conditions, in_detail=True if to == "csv" else None)
         for line in (*outcome.said, *outcome.problems):

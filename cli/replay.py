@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, PLACE, SEED, PlannerName, examples, files
+from quadlog.cli.terminal import parameters
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.errors import UsageError, printable
 from quadlog.results.run.stages import STAGES
@@ -25,69 +25,71 @@ PRESETS = ("paper",)
 
 @click.command(
     name="replay",
-    short_help="Replay recordings through every stage, one run folder each.",
-    epilog=examples(
+    short_help="Replay recordings through all stages, one run folder each.",
+    epilog=parameters.examples(
         "quadlog replay walk.mcap -c quadlog.toml",
         "quadlog replay bags/ -c quadlog.toml --jobs 4 --resume",
         "quadlog replay walk.mcap --until map --set grid.cell_m=0.2 -o coarse",
     ),
 )
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", shell_complete=files())
-@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in uwb.tag_height_m=0.6.")
-@click.option("-o", "--output", type=PLACE, default=Path("runs"), help="Where run folders go.")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", shell_complete=parameters.files())
+@parameters.CONFIG
+@parameters.set_option("uwb.tag_height_m=0.6")
+@click.option("-o", "--output", type=parameters.PATH_OR_URL, default=Path("runs"), help="Folder for the run folders.")
 @click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
 @click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S."
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Replay S seconds."
 )
 @click.option(
-    "--preset", type=click.Choice(PRESETS), help="Methods and parameters of the papers; outranks the config file."
+    "--preset",
+    type=click.Choice(PRESETS),
+    help="Use the papers' methods and parameters, whatever the config file says.",
 )
+@click.option("--planner", type=parameters.PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME.")
 @click.option(
-    "--planner", type=PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME; see compare-planners."
-)
-@click.option(
-    "--controller", type=click.Choice([*CONTROLLERS, NO_CONTROLLER]), help="As --set simulation.controller=NAME."
+    "--controller",
+    type=click.Choice([*CONTROLLERS, NO_CONTROLLER]),
+    help="Controller, as --set simulation.controller=NAME.",
 )
 @click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Recordings replayed at a time; default: one per core.")
-@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to replay on, as in tcp://host:8786.")
-@click.option("--resume", is_flag=True, help="Keep finished runs, complete the others.")
-@click.option("--force", is_flag=True, help="Replace existing runs.")
-@click.option("--stamp", type=click.Choice(["header", "log"]), default="header", help="Whose clock counts.")
-@click.option("--msg-path", type=HERE, multiple=True, help="Folder of further .msg definitions.")
-@click.option("--seed", type=SEED, default=0, help="Of every random draw.")
-@click.option("--dry-run", is_flag=True, help="Say what would run, run nothing.")
-@click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Recordings in parallel. Default: number of cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, as in tcp://host:8786.")
+@click.option("--resume", is_flag=True, help="Keep finished runs and complete the others.")
+@parameters.FORCE
+@click.option(
+    "--stamp",
+    type=click.Choice(["header", "log"]),
+    default="header",
+    help="Timestamps to use: message header or log time.",
+)
+@parameters.MSG_PATH
+@parameters.seed_option()
+@click.option("--dry-run", is_flag=True, help="List what would be replayed, and stop.")
+@parameters.AS_JSON
 def command(
     recordings: tuple[str, ...],
     config_path: Path | None,
     overrides: tuple[str, ...],
     output: Path,
-    start_s: float | None,
-    duration_s: float | None,
     preset: str | None,
     planner: str | None,
     controller: str | None,
-    until: str,
     jobs: int | None,
     scheduler: str | None,
     resume: bool,
     force: bool,
-    stamp: Literal["header", "log"],
-    msg_path: tuple[Path, ...],
-    seed: int,
     dry_run: bool,
     as_json: bool,
+    **options: Any,
 ) -> int:
-    """Replay recordings through every stage, one run folder each.
+    """Replay recordings through all stages, one run folder each.
 
     A RECORDING is a .mcap, .bag or .db3 file, a ROS 2 bag folder, a folder of recordings, or @list.txt.
     """
     if resume and force:
         raise UsageError("--resume and --force exclude each other")
     if scheduler and jobs:
-        raise UsageError("--scheduler and --jobs exclude each other: a cluster has the workers it has")
+        raise UsageError("--scheduler and --jobs exclude each other: the cluster sets the number of workers")
 
     from quadlog.cli.terminal.progress_bars import open_batch_progress, open_progress
     from quadlog.config.file import Flag, configure
@@ -103,10 +105,11 @@ def command(
     config, notes = configure(config_path, overrides, preset=preset, flags=flags)
     for note in notes:
         click.echo(printable(note), err=True)
-    options = ReplayOptions(stamp, start_s, duration_s, until, seed, msg_path)
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
 
-    batch = plan_batch(recordings, output, config, options, existing, ("quadlog", *sys.argv[1:]), notes)
+    batch = plan_batch(
+        recordings, output, config, ReplayOptions(**options), existing, ("quadlog", *sys.argv[1:]), notes
+    )
     if dry_run:
         _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)
         return 0
@@ -134,7 +137,7 @@ def _print_plan(previewed: Sequence[Previewed], jobs: int | None, as_json: bool)
 
 
 def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
-    """All in one line; a cluster's workers are not counted, so its time is that of one."""
+    """The whole batch in one line; the workers of a cluster are unknown, so its time is that of one worker."""
     from quadlog.cli.terminal.progress_bars import duration_words
     from quadlog.pipelines.batch.plan import total_s
 
@@ -142,7 +145,7 @@ def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
     words = f"{len(todo)} of {len(previewed)} to replay, {sum(each.planned.size_bytes for each in todo) / 1e6:.1f} MB"
     expected_s = total_s(previewed, jobs or 1)
     if expected_s is None:
-        return f"{words}; how long that takes is known once one has run"
+        return f"{words}; the duration is unknown until one has been replayed"
     workers = min(jobs or 1, max(1, len(todo)))
     at_a_time = "1 worker" if workers == 1 else f"{workers} workers"
     return f"{words}; about {duration_words(expected_s)} with {at_a_time}"

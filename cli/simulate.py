@@ -1,4 +1,4 @@
-"""`quadlog simulate`: a quadruped walks a course in MuJoCo, one run folder for each seed."""
+"""`quadlog simulate`: a quadruped walks a course in MuJoCo, one run folder per seed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, SEED, examples, files
+from quadlog.cli.terminal import parameters
 from quadlog.config.controllers import CONTROLLERS
 
 TERRAINS = ("flat", "3cm", "6cm")
@@ -17,41 +17,45 @@ TROT = "trot-32s"
 
 
 def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | None) -> str | None:
-    """The name or the run folder as --set takes it: whatever a folder is called, with a ./ it is no other value."""
+    """The terrain as --set takes it: a folder gets a leading ./, so that its name is never read as another value."""
     if terrain is None or terrain in TERRAINS:
         return terrain
     if not Path(terrain).is_dir():
-        raise click.BadParameter(f"{terrain!r} is none of {', '.join(TERRAINS)}, and no run folder either.")
+        raise click.BadParameter(f"{terrain!r} is neither one of {', '.join(TERRAINS)} nor a run folder.")
     return terrain if Path(terrain).is_absolute() else f"./{terrain}"
 
 
 @click.command(
     name="simulate",
-    short_help="Walk a course with a simulated quadruped.",
-    epilog=examples(
+    short_help="Walk a course with a simulated quadruped in MuJoCo.",
+    epilog=parameters.examples(
         "quadlog simulate s-curve --controller fpmw --seeds 10",
         "quadlog simulate path.csv --terrain 3cm --disturbed --json",
     ),
 )
-@click.argument("course", metavar="COURSE", shell_complete=files("line", "circle", "s-curve", TROT))
-@click.option("--controller", type=click.Choice(list(CONTROLLERS)), help="As --set simulation.controller=NAME.")
+@click.argument("course", metavar="COURSE", shell_complete=parameters.files("line", "circle", "s-curve", TROT))
+@click.option(
+    "--controller", type=click.Choice(list(CONTROLLERS)), help="Controller, as --set simulation.controller=NAME."
+)
 @click.option(
     "--terrain",
     metavar=f"{'|'.join(TERRAINS)}|RUN",
     callback=_terrain,
-    shell_complete=files(*TERRAINS),
-    help="RUN: the ground that a run saw. Default: flat; the s-curve has its own.",
+    shell_complete=parameters.files(*TERRAINS),
+    help="Terrain, or a run folder whose ground map to walk on. Default: flat; the s-curve has its own.",
 )
-@click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Default: 0.6; the s-curve 0.5.")
-@click.option("--disturbed", is_flag=True, help="Pushes, wrong mass and velocity, a noisy and late pose.")
-@click.option("--seed", type=SEED, default=0, help="The first; draws ground and disturbances.")
-@click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="How many walks.")
-@click.option("-c", "--config", "config_path", type=HERE, help="A quadlog.toml.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One key, as in mpc.mu=0.5.")
-@click.option("-o", "--output", type=HERE, default=Path("runs"), help="Where run folders go.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Walks at a time; default: the number of cores.")
-@click.option("--force", is_flag=True, help="Replace existing runs.")
-@click.option("--json", "as_json", is_flag=True, help="Metrics as JSON on stdout.")
+@click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
+@click.option("--disturbed", is_flag=True, help="Add pushes, wrong mass and velocity, noisy and delayed poses.")
+@parameters.seed_option("First random seed, for terrain and disturbances.")
+@click.option(
+    "--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="Number of walks, one per seed."
+)
+@parameters.CONFIG
+@parameters.set_option("mpc.mu=0.5")
+@click.option("-o", "--output", type=parameters.LOCAL_PATH, default=Path("runs"), help="Folder for the run folders.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Walks in parallel. Default: number of cores.")
+@parameters.FORCE
+@parameters.AS_JSON
 def command(
     course: str,
     controller: str | None,
@@ -67,17 +71,17 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Walk a course with a simulated quadruped, one run folder for each seed.
+    """Walk a course with a simulated quadruped, one run folder per seed.
 
     A COURSE is line, circle or s-curve [Tracking], trot-32s [Foot], or a path: a TUM trajectory, or a CSV file with the
     columns x_m and y_m.
 
-    fpmw steers by the fuzzy look-ahead and walks by MPC and whole-body control, fpm without the latter, pmw with a
-    fixed look-ahead; kinematic is a point that does as it is told. A fall is a result, not a failure.
+    Controllers: fpmw has fuzzy look-ahead, MPC and whole-body control; fpm no whole-body control; pmw a fixed
+    look-ahead; kinematic is a point that follows its commands exactly. A fall is a result, not an error.
 
-    trot-32s is an experiment without a controller: joints driven along a foot curve, without and with a bulge aside.
-    Its runs are OUTPUT/trot-32s/baseline and OUTPUT/trot-32s/3d-curve, of several --seeds the folders seed-000 and so
-    on in these. Payload, leg masses, hips and the curve are set as in --set simulation.trot.payload_kg=1.2.
+    trot-32s is an experiment without a controller: joints follow a foot curve, once straight and once with a sideways
+    bulge. Its runs are OUTPUT/trot-32s/baseline and OUTPUT/trot-32s/3d-curve, with folders seed-000, … in these if
+    --seeds is above 1. Set payload, leg masses, hips and curve as in --set simulation.trot.payload_kg=1.2.
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import Flag, configure

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, SEED, examples
+from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, examples, seed_option
 from quadlog.simulation.synthetic.registry import SCENARIOS
 
 MAX_DURATION_S = 3600.0
@@ -21,37 +21,30 @@ MAX_AZIMUTH_STEPS = 4000
     ),
 )
 @click.argument("scenario", type=click.Choice(list(SCENARIOS)))
-@click.option("-o", "--output", required=True, type=HERE, help="The recording to write.")
+@click.option("-o", "--output", required=True, type=LOCAL_PATH, help="Recording to write.")
 @click.option(
     "--format",
     "container",
     type=click.Choice(["mcap", "bag", "db3"]),
-    help="Default: what the output's extension says.",
+    help="Container. Default: by the extension of the output.",
 )
 @click.option(
     "--duration",
     "duration_s",
     type=click.FloatRange(min=0.1, max=MAX_DURATION_S),
     default=20.0,
-    show_default=True,
-    help="Seconds recorded.",
+    metavar="S",
+    help="Length of the recording.",
 )
-@click.option(
-    "--seed",
-    type=SEED,
-    default=0,
-    show_default=True,
-    help="Draws every error, and what stands where in forest and corridor.",
-)
+@seed_option("Random seed, for sensor errors and the layout of forest and corridor.")
 @click.option(
     "--azimuth-steps",
     type=click.IntRange(min=16, max=MAX_AZIMUTH_STEPS),
     default=1875,
-    show_default=True,
-    help="Of one sweep, 16 rays each.",
+    help="Azimuths per lidar sweep, 16 rays each.",
 )
-@click.option("--config-output", type=HERE, help="Also write the quadlog.toml that replays the recording.")
-@click.option("--force", is_flag=True, help="Overwrite.")
+@click.option("--config-output", type=LOCAL_PATH, help="Also write the quadlog.toml for replaying it.")
+@FORCE
 def command(
     scenario: str,
     output: Path,
@@ -64,14 +57,14 @@ def command(
 ) -> None:
     """Write a recording with known ground truth.
 
-    A robot follows a walking person; the true poses are in the recording, as
+    A robot follows a walking person; their true poses are in the topics
     /truth/robot/pose and /truth/person/pose.
 
     follow: among boxes, walls and trees, on flat ground.
 
     forest: between trees, saplings and low branches, over uneven ground.
 
-    corridor: round the bends of a corridor two metres wide.
+    corridor: through a winding corridor two metres wide.
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.pipelines.simulation.synthesize import make_recording, synthesize

@@ -1,22 +1,21 @@
-"""`quadlog tables`: the papers' tables, measured again."""
+"""`quadlog tables`: measure the tables of the papers again."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from quadlog.cli.terminal.parameters import HERE, SEED, examples
+from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, examples, seed_option
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
     from quadlog.results.papers.table import PaperTable
 
-NAMES = f"TABLE is any of {', '.join(TABLES)}; without one, all of them are made."
-HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV file, a LaTeX file and pictures for each.
+NAMES = f"TABLE is any of {', '.join(TABLES)}. Default: all."
+HELP = f"""Measure the tables of the papers again; write README.md, and a CSV file, a LaTeX file and pictures for each.
 
 \b
 {textwrap.fill(NAMES, 76, break_on_hyphens=False)}
@@ -25,7 +24,7 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
 
 @click.command(
     name="tables",
-    short_help="The papers' tables: what they print beside what quadlog finds.",
+    short_help="Measure the papers' tables; print both results side by side.",
     help=HELP,
     epilog=examples(
         "quadlog tables --fast",
@@ -33,12 +32,12 @@ HELP = f"""Measure the tables of the papers again: a page README.md, and a CSV f
     ),
 )
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
-@click.option("-o", "--output", type=HERE, default=Path("tables"), help="Folder to write to.")
-@click.option("--fast", is_flag=True, help="Fewer draws and wider intervals; the page says so.")
-@click.option("--seed", type=SEED, default=0, help="Draws everything random.")
-@click.option("--force", is_flag=True, help="Replace what is there, if it would change.")
+@click.option("-o", "--output", type=LOCAL_PATH, default=Path("tables"), help="Folder to write to.")
+@click.option("--fast", is_flag=True, help="Fewer random draws, wider intervals.")
+@seed_option()
+@FORCE
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
-    """Make, write and print."""
+    """Measure, write and print the tables."""
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.pipelines.tables.make_tables import make_tables
 
@@ -51,21 +50,13 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
 
 
 def print_table(table: PaperTable) -> None:
-    """What the paper prints of a table, beside ours; all of ours where it prints nothing."""
+    """Print the rows that the paper has too; all rows where it has none."""
     from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
+    from quadlog.results.text.markup import aligned
 
     printed = [row for row in table.rows if row.paper is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
-    _print_columns([SHOWN, *(shown_cells(row) for row in printed or table.rows)], RIGHT)
+    left = [at for at, name in enumerate(SHOWN) if name not in RIGHT]
+    for line in aligned([SHOWN, *(shown_cells(row) for row in printed or table.rows)], left):
+        click.echo(f"  {line}")
     click.echo(f"{table.reproduced}; {len(table.rows)} quantities in all")
-
-
-def _print_columns(lines: Sequence[Sequence[str]], right: Sequence[str]) -> None:
-    header = lines[0]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    for line in lines:
-        cells = [
-            cell.rjust(width) if name in right else cell.ljust(width)
-            for cell, width, name in zip(line, widths, header, strict=True)
-        ]
-        click.echo("  " + "  ".join(cells).rstrip())

@@ -1,7 +1,8 @@
 """`make fuzz`: every target for its share of the time, then what was run and which lines it reached.
 
 python -m fuzzing --seconds 600 --seed 0 [TARGET...]       exit 1 at a finding, with its file and how to see it again
-python -m fuzzing replay TARGET FILE... [--examples N]     the cases in files, then N mutations of the seeds
+python -m fuzzing replay TARGET FILE...                    the cases in files
+python -m fuzzing test CORPUS [TARGET...]                  the cases in a folder, then a few mutations of the seeds
 """
 
 from __future__ import annotations

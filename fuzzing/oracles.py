@@ -28,7 +28,7 @@ def check(case: Callable[[bytes], None], data: bytes, most_cpu_s: float) -> None
     """Run one case; raises Finding, or whatever the case let through that is no QuadlogError.
 
     Time is the process's CPU time, so that a busy machine finds nothing; memory is how far the peak lies above what
-    the process held before. Warnings are errors: on a user's terminal they are noise of an input nobody looked at.
+    the process held before. Warnings are errors: on a user's terminal they would be noise.
     """
     held_bytes, started_s = _resident_bytes(), process_time()
     signal.setitimer(signal.ITIMER_PROF, most_cpu_s)
@@ -93,7 +93,7 @@ class _Peak:
 
 
 def _peak_bytes() -> int:
-    # What getrusage tells begins with the peak of the process that started this one.
+    # The peak of getrusage includes that of the parent process.
     return int(peak_memory_mb() * 1e6)
 
 

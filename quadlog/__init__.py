@@ -35,7 +35,7 @@ __all__ = ["QuadlogError", "Recording", "Run", "__version__", "load_run", "open_
 
 
 def __getattr__(name: str) -> Any:
-    """Imported when first asked for: numpy and pyarrow cost more than `quadlog --help`."""
+    """Imported on first use: numpy and pyarrow take longer than `quadlog --help`."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

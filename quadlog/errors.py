@@ -103,7 +103,7 @@ class QuadlogError(Exception):
     exit_code = ExitCode.FAILED
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """From another process a cause comes as it was: made anew it would take its line for its data."""
+        """Pickled with its attributes: exceptions are otherwise made again from their message alone."""
         return _as_it_was, (type(self), self.args, self.__dict__)
 
 
@@ -114,7 +114,7 @@ def _as_it_was(cls: type[QuadlogError], args: tuple[Any, ...], data: dict[str, A
 
 
 class UsageError(QuadlogError):
-    """The command line asks for something that does not exist or does not fit together."""
+    """The command line names something that does not exist, or options that contradict one another."""
 
     exit_code = ExitCode.USAGE
 
@@ -127,44 +127,41 @@ class Interrupted(QuadlogError):
         super().__init__(f"interrupted by {signal_name}" if signal_name else "interrupted")
 
 
-class RecordingNotFound(QuadlogError):
+class FileError(QuadlogError):
+    """A file, folder or URL (path) that cannot be used, and why in one phrase (reason)."""
+
+    template = "{path}: {reason}"
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(self.template.format(path=path, reason=reason))
+
+
+class RecordingNotFound(FileError):
     """No such file or folder, or a folder without recordings."""
 
     def __init__(self, path: Path | str, reason: str = "no such file or folder") -> None:
-        self.path = path
-        super().__init__(f"{path}: {reason}")
+        super().__init__(path, reason)
 
 
-class NotARecording(QuadlogError):
-    """The file exists, but is none of the containers quadlog reads."""
+class NotARecording(FileError):
+    """The file exists, but is not in a format that quadlog reads."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)")
+    template = "{path}: {reason} (quadlog reads .mcap, .bag, .db3 and ROS 2 bag folders)"
 
 
-class NothingReadable(QuadlogError):
-    """A recording so damaged, or so unknown, that not one message could be had from it."""
+class NothingReadable(FileError):
+    """A recording so damaged, or so unknown, that not one message could be read from it."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: nothing readable: {reason}")
+    template = "{path}: nothing readable: {reason}"
 
 
-class StorageUnknown(QuadlogError):
+class StorageUnknown(FileError):
     """A URL whose protocol quadlog does not know, or whose package is not installed."""
 
-    def __init__(self, url: str, reason: str) -> None:
-        self.url, self.reason = url, reason
-        super().__init__(f"{url}: {reason}")
 
-
-class StorageFailed(QuadlogError):
+class StorageFailed(FileError):
     """A server that cannot be reached, refuses, does not answer in time, or answers what cannot be right."""
-
-    def __init__(self, url: Path | str, reason: str) -> None:
-        self.url, self.reason = url, reason
-        super().__init__(f"{url}: {reason}")
 
 
 class StorageChanged(QuadlogError):
@@ -245,12 +242,8 @@ class InvalidConfigValue(QuadlogError):
         super().__init__(f"{source}: {key}: {reason}")
 
 
-class UnreadableConfig(QuadlogError):
+class UnreadableConfig(FileError):
     """A config file that is not there, or is not TOML."""
-
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
 
 
 class UnknownName(QuadlogError):
@@ -264,16 +257,16 @@ class UnknownName(QuadlogError):
 class AlreadyExists(QuadlogError):
     """An output that would be overwritten."""
 
-    def __init__(self, path: Path | str, flags: str = "--force") -> None:
+    def __init__(self, path: Path | str, flags: str = "--force to replace it") -> None:
         self.path = path
-        super().__init__(f"{path} exists; {flags} allows it")
+        super().__init__(f"{path} exists: use {flags}")
 
 
 class RunExists(AlreadyExists):
     """A run folder that is there already."""
 
     def __init__(self, run: Path | str) -> None:
-        super().__init__(run, "--force (start again) or --resume (complete it)")
+        super().__init__(run, "--force to replace it or --resume to continue")
 
 
 class RunOfAnother(QuadlogError):
@@ -284,12 +277,8 @@ class RunOfAnother(QuadlogError):
         super().__init__(f"{run}: is the run of {recording}; --force replaces it, another -o keeps it")
 
 
-class NotARun(QuadlogError):
+class NotARun(FileError):
     """A folder that is no finished run, or one with a damaged or missing file."""
-
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
 
 
 class TooLarge(QuadlogError):
@@ -300,16 +289,14 @@ class TooLarge(QuadlogError):
         super().__init__(f"{what}: {size} exceeds the limit of {limit}")
 
 
-class CannotWrite(QuadlogError):
+class CannotWrite(FileError):
     """An output that could not be written: a full disk, a missing permission, a folder in the way."""
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: cannot be written: {reason}")
+    template = "{path}: cannot be written: {reason}"
 
 
 class WorkerDied(QuadlogError):
-    """A process amid its task was killed, or ended by itself; exit_code as multiprocessing has it, -9 for SIGKILL."""
+    """A worker process ended during a task; exit_code as in multiprocessing, -9 for SIGKILL."""
 
     def __init__(self, exit_code: int) -> None:
         self.died_with = exit_code
@@ -319,15 +306,17 @@ class WorkerDied(QuadlogError):
 
 
 class ClusterWorkersDied(WorkerDied):
-    """One worker of a cluster after the other died amid the same task; the last one's address."""
+    """Several workers of a cluster died during the same task; last: address of the last one."""
 
     def __init__(self, tries: int, last: str) -> None:
-        QuadlogError.__init__(self, f"{tries} workers died amid the same task, at last {last} (out of memory?)")
-        self.how = f"lost {tries} times, at last {last}"
+        QuadlogError.__init__(
+            self, f"{tries} workers died during the same task, the last one at {last} (out of memory?)"
+        )
+        self.how = f"lost {tries} times, the last one at {last}"
 
 
 class ClusterUnusable(QuadlogError):
-    """A Dask scheduler that does not answer, or cannot be asked."""
+    """A Dask scheduler that does not answer or cannot be reached."""
 
     def __init__(self, address: str, reason: str) -> None:
         self.address, self.reason = address, reason
@@ -335,7 +324,7 @@ class ClusterUnusable(QuadlogError):
 
 
 class VersionsDiffer(QuadlogError):
-    """A worker with other versions than the one who asks; differing: (package, version there, version here)."""
+    """A worker with other package versions than this process; differing: (package, version there, version here)."""
 
     def __init__(self, worker: str, differing: Iterable[tuple[str, str, str]]) -> None:
         self.worker, self.differing = worker, list(differing)

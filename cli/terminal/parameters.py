@@ -1,6 +1,6 @@
-"""Kinds of arguments and what a shell completes for them; nothing heavy is imported for it.
+"""Arguments and options that commands share, and what a shell completes for them. Importing this is cheap.
 
-The scripts are click's own: `eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"`, and the same with zsh and fish.
+The completion scripts are click's own: `eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"`, likewise for zsh and fish.
 """
 
 from __future__ import annotations
@@ -19,29 +19,21 @@ from quadlog.storage.urls import is_url
 
 
 def examples(*commands: str) -> str:
-    """What a command's help ends with."""
+    """The end of a command's help."""
     return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
 
-
-SEED = click.IntRange(0, 2**32 - 1)
-"""What numpy and every other generator take."""
 
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def words(*choices: str) -> Complete:
-    """Of these words those that go on with what is typed."""
+    """Completes these words."""
     return lambda _ctx, _param, typed: [CompletionItem(each) for each in choices if each.startswith(typed)]
 
 
 def files(*choices: str) -> Complete:
-    """Files and folders, and of these words those that go on with what is typed."""
+    """Completes names of files and folders, and these words."""
     return lambda ctx, param, typed: [*words(*choices)(ctx, param, typed), CompletionItem(typed, type="file")]
-
-
-def planners(ctx: click.Context, param: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Planners of quadlog and of plug-ins."""
-    return words(*all_planners())(ctx, param, typed)
 
 
 def all_planners() -> tuple[str, ...]:
@@ -52,53 +44,63 @@ def all_planners() -> tuple[str, ...]:
 
 
 class PlannerName(click.Choice[str]):
-    """One of quadlog's own planners, or of a plug-in's, which are looked for when the name is none of quadlog's."""
+    """A planner of quadlog or of a plug-in; plug-ins are searched only for names that quadlog does not have."""
 
     def __init__(self) -> None:
         super().__init__(PLANNER_NAMES)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name. Fails with all there are."""
+        """The name. Fails with the names of all planners."""
         return value if value in PLANNER_NAMES else click.Choice(all_planners()).convert(value, param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Both kinds."""
-        return planners(ctx, param, incomplete)
+        """Planners of quadlog and of plug-ins."""
+        return words(*all_planners())(ctx, param, incomplete)
 
 
-class PathOrUrlType(click.Path):
-    """A path, or a URL, which becomes a RemotePath."""
+class PathType(click.Path):
+    """A path that is opened later, so that a file that cannot be read is an error of exit code 1, not of usage."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """See to_path. Fails for an empty text."""
-        _refuse_nothing(self, value, param, ctx)
-        return to_path(value) if is_url(value) else cast(Path, super().convert(value, param, ctx))
-
-
-class LocalPathType(click.Path):
-    """A path of this machine."""
+    def __init__(self, urls: bool) -> None:
+        """urls: whether a URL is allowed, which becomes a RemotePath."""
+        super().__init__(path_type=Path, readable=False)
+        self._urls = urls
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Fails for a URL, which would become a folder of a strange name, and for an empty text."""
-        _refuse_nothing(self, value, param, ctx)
-        if is_url(value):
-            self.fail("a path of this machine is needed here, no URL", param, ctx)
-        return cast(Path, super().convert(value, param, ctx))
+        """Fails for a URL where none is allowed, and for an empty text, as an unset shell variable gives it."""
+        if value == "":
+            self.fail("the path is empty", param, ctx)
+        if not is_url(value):
+            return cast(Path, super().convert(value, param, ctx))
+        if not self._urls:
+            self.fail("a local path is required here, not a URL", param, ctx)
+        return to_path(value)
 
 
-def _refuse_nothing(kind: click.Path, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> None:
-    """A shell's variable that is not set would stand for the current folder."""
-    if value == "":
-        kind.fail("an empty text names no place", param, ctx)
+PATH_OR_URL = PathType(urls=True)
+LOCAL_PATH = PathType(urls=False)
+
+FORMATS = ("table", "json", "csv", "markdown", "latex")
+FORMAT = click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="Format of the output.")
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+CONFIG = click.option("-c", "--config", "config_path", type=LOCAL_PATH, help="Configuration, a quadlog.toml.")
+MSG_PATH = click.option("--msg-path", type=LOCAL_PATH, multiple=True, help="Folder of further .msg definitions.")
+FORCE = click.option("--force", is_flag=True, help="Replace existing results.")
 
 
-# Not looked at here: what cannot be read is told in one line, not as wrong usage.
-PLACE = PathOrUrlType(path_type=Path, readable=False)
-HERE = LocalPathType(path_type=Path, readable=False)
+def set_option(example: str) -> Callable[[Any], Any]:
+    """The option --set."""
+    text = f"Set one key of the configuration, as in {example}; repeatable."
+    return click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help=text)
 
 
-def say_skipped(runs: Sequence[Path]) -> None:
-    """A line on stderr that names the files which `runs/*` gave beside the run folders."""
+def seed_option(text: str = "Random seed.") -> Callable[[Any], Any]:
+    """The option --seed, in the range that numpy's generators take."""
+    return click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help=text)
+
+
+def report_skipped(runs: Sequence[Path]) -> None:
+    """Name on stderr the plain files among the arguments that lie beside run folders, as `runs/*` gives them."""
     from quadlog.results.run.find_runs import files_beside_runs
 
     if skipped := files_beside_runs(runs):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from quadlog.errors import printable
+from quadlog.pipelines.executor.progress import Silent
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -20,11 +21,14 @@ if TYPE_CHECKING:
     from quadlog.pipelines.batch.progress import BatchCounts, BatchProgress
 
 MAX_NAME, MAX_LINES = 28, 32
-"""Of a recording's name as much as this is shown, and as many workers."""
+"""Characters shown of a recording's name, and lines of workers."""
 
 
-class WorkerLines:
-    """How much of the whole is done, and below it what each worker is at; failures and warnings above both."""
+class WorkerLines(Silent):
+    """A bar of the whole batch and a bar per worker; failures and warnings are printed above.
+
+    The report of the whole folder, which follows the batch, has no bar.
+    """
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -49,23 +53,17 @@ class WorkerLines:
     ) -> None:
         self._bars.stop()
 
-    def begin(self, stage: str, total: int | None) -> None:
-        """What follows the batch, a report of all, is not shown."""
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        """What follows the batch, a report of all, is not shown."""
-
     def say(self, text: str) -> None:
-        """One line above the others."""
+        """A line above the bars."""
         self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
 
     def expect(self, tally: BatchCounts, workers: int) -> None:
-        """The line of the whole, before those of the workers."""
+        """Add the bar of the whole batch."""
         self._tally, self._workers = tally, workers
         self._total = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, workers))
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """The line of a worker."""
+        """Update the bar of a worker."""
         worker, run = step["worker"], printable(step["run"])[:MAX_NAME]
         described = f"{run:<{MAX_NAME}} {step['stage']:<9}"
         shown = {"total": step["total"] or None, "completed": step["steps"], "words": step_words(step)}
@@ -78,7 +76,7 @@ class WorkerLines:
             self._bars.update(self._lines[worker], description=described, **shown)
 
     def finish(self, run: str, words: str) -> None:
-        """Its worker's line goes, until that has the next one; only what is not simply done is said."""
+        """Remove the bar of the run's worker; print the outcome unless it is `done`."""
         if words != "done":
             self.say(f"{run}: {words}")
         with self._changing:
@@ -90,7 +88,7 @@ class WorkerLines:
 
 
 def step_words(step: Mapping[str, Any]) -> str:
-    """How far a worker is within a stage, how fast, and where it works."""
+    """Steps of the stage, real-time factor, and name of the worker."""
     far = f"{step['steps']}/{step['total']}" if step["total"] else f"{step['steps']}" if step["steps"] else ""
     factor = step["realtime_factor"]
     rate = "" if factor is None else f"{factor:.1f}x real time"
@@ -98,7 +96,7 @@ def step_words(step: Mapping[str, Any]) -> str:
 
 
 def total_words(tally: BatchCounts, workers: int) -> str:
-    """How many are done and have failed, and the time left once it is known."""
+    """Numbers of finished and failed recordings, and the time left once it is known."""
     words = f"{tally.done}/{tally.recordings} recordings"
     words += f", {tally.failed} failed" if tally.failed else ""
     left_s = tally.left_s(workers)
@@ -106,7 +104,7 @@ def total_words(tally: BatchCounts, workers: int) -> str:
 
 
 def duration_words(seconds: float) -> str:
-    """Seconds, minutes and seconds, or hours and minutes."""
+    """Seconds, minutes, or hours and minutes."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
@@ -114,7 +112,7 @@ def duration_words(seconds: float) -> str:
 
 
 def open_batch_progress() -> AbstractContextManager[BatchProgress]:
-    """A line for each worker where stderr is a terminal, a line for each recording elsewhere."""
+    """A bar per worker where stderr is a terminal, a line per recording elsewhere."""
     from quadlog.pipelines.batch.progress import BatchLines
 
     if sys.stderr.isatty():
@@ -122,14 +120,8 @@ def open_batch_progress() -> AbstractContextManager[BatchProgress]:
     return nullcontext(BatchLines(lambda text: click.echo(printable(text), err=True)))
 
 
-class Spoken:
-    """Choices and warnings as plain lines, no bar: stderr is not a terminal."""
-
-    def begin(self, stage: str, total: int | None) -> None:
-        """A pipe needs no bar."""
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        """A pipe needs no bar."""
+class Lines(Silent):
+    """Choices and warnings as plain lines, for a stderr that is not a terminal."""
 
     def say(self, text: str) -> None:
         """One line on stderr."""
@@ -137,7 +129,7 @@ class Spoken:
 
 
 class Bars:
-    """One bar per stage."""
+    """A bar per stage."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -172,13 +164,13 @@ class Bars:
         self._steps, self._started = 0, time.perf_counter()
 
     def _complete(self) -> None:
-        """A stage whose number of steps nobody knew is full once it is over."""
+        """Show the last stage as full, also one of unknown length."""
         if self._task is not None:
             steps = max(self._steps, 1)
             self._bars.update(self._task, total=steps, completed=steps)
 
     def advance(self, recorded_s: float | None = None) -> None:
-        """One step further, with the rate so far."""
+        """One more step, with the mean rate."""
         if self._task is None:
             return
         self._steps += 1
@@ -189,10 +181,10 @@ class Bars:
         self._bars.update(self._task, advance=1, rate=rate)
 
     def say(self, text: str) -> None:
-        """One line above the bars."""
+        """A line above the bars."""
         self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
 
 
-def open_progress() -> AbstractContextManager[Bars] | AbstractContextManager[Spoken]:
+def open_progress() -> AbstractContextManager[Bars] | AbstractContextManager[Lines]:
     """Bars where stderr is a terminal, lines elsewhere."""
-    return Bars() if sys.stderr.isatty() else nullcontext(Spoken())
+    return Bars() if sys.stderr.isatty() else nullcontext(Lines())

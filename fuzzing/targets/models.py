@@ -49,25 +49,6 @@ def _joint(kind: str, parent: str, child: str, place: str, inside: str) -> str:
 
 
 MODEL_TOKENS = (
-    *(
-        b"nan",
-        b"inf",
-        b"1e300",
-        b"-1e300",
-        b"1e-300",
-        b"0 0 0",
-        b'size="',
-        b'class="',
-        b"<default>",
-        b"<frame>",
-        b"<geom/>",
-    ),
-    *(
-        b'type="mesh"',
-        b'<include file="robot.xml"/>',
-        b"<asset><mesh name='a' vertex='",
-        b"<joint/>",
-        b"<freejoint/>",
-        b"childclass=",
-    ),
+    *b'nan|inf|1e300|-1e300|1e-300|0 0 0|size="|class="|<default>|<frame>|<geom/>|type="mesh"'.split(b"|"),
+    *b"<include file=\"robot.xml\"/>|<asset><mesh name='a' vertex='|<joint/>|<freejoint/>|childclass=".split(b"|"),
 )

@@ -49,7 +49,8 @@ def container_seeds() -> list[bytes]:
 def damage(folder: Path, data: bytes) -> None:
     """A known recording after edits, made before it is opened or, by the first byte's highest bit, afterwards.
 
-    Nothing is found that was not in it, and what is missing is a loss.
+    No message is read that was not in it, what is missing is a loss, reading it again changes neither, and nothing
+    is written beside it.
     """
     kind = (data or b"\0")[0]
     name, sound = list(seeds.recordings().items())[kind % 0x80 % len(seeds.recordings())]
@@ -62,6 +63,10 @@ def damage(folder: Path, data: bytes) -> None:
         expect(found <= seeds.MESSAGES, f"{name}: {found} messages of {seeds.MESSAGES}")
         missing = found < seeds.MESSAGES
         expect(not missing or bool(container.losses), f"{name}: {found} of {seeds.MESSAGES} messages, no loss")
+        again = sum(1 for _ in container.messages())
+        expect(again == found, f"{name}: {found} messages, {again} when read again")
+        expect(len(set(container.losses)) == len(container.losses), f"{name}: a loss is reported twice")
+        expect([each.name for each in folder.iterdir()] == [path.name], f"{name}: a file was written beside it")
     if missing and crc32(data) % 16 == 0:
         code, _ = command("info", path, "--json", allowed=READ)
         expect(code is not ExitCode.DONE, f"{name}: info exits with 0 for {found} of {seeds.MESSAGES} messages")
@@ -101,21 +106,7 @@ def split_seeds() -> list[bytes]:
     return [text, text.replace(b"version: 5", b"version: 1"), b""]
 
 
-SPLIT_TOKENS = (
-    b".inf",
-    b"1e300",
-    b"&a ",
-    b"*a",
-    b"<<: ",
-    b"!!int ",
-    b"!!binary ",
-    b"? ",
-    b"- ",
-    b"[",
-    b"{",
-    b"zstd",
-    b"FILE",
-)
+SPLIT_TOKENS = (*b".inf|1e300|&a |*a|<<: |!!int |!!binary |? |- |[|{|zstd|FILE".split(b"|"),)
 
 
 def _split_folder(folder: Path) -> Path:
@@ -163,28 +154,10 @@ def definition_seeds() -> list[bytes]:
 
 
 DEFINITION_TOKENS = (
-    *(
-        b"float64",
-        b"string",
-        b"uint8[]",
-        b"[4096]",
-        b"[<=3]",
-        b"string<=9",
-        b"wstring",
-        b"time",
-        b"duration",
-        b"Header",
-    ),
-    *(
-        b"\n" + b"=" * 80 + b"\nMSG: ",
-        b"geometry_msgs/Pose",
-        b"int32 A=1\n",
-        b"sequence<",
-        b"struct ",
-        b"module ",
-        b"typedef ",
-    ),
-    *(b"const ", b"enum ", b"union ", b"@default (value=1)", b"#include", b"IDL: ", b"[4294967295]", b"int8 x -3\n"),
+    b"\n" + b"=" * 80 + b"\nMSG: ",
+    *b"float64|string|uint8[]|[4096]|[<=3]|string<=9|wstring|time|duration|Header|geometry_msgs/Pose".split(b"|"),
+    *b"int32 A=1\n|int8 x -3\n|sequence<|struct |module |typedef |const |enum |union |@default (value=1)".split(b"|"),
+    *b"#include|IDL: |[4294967295]".split(b"|"),
 )
 
 
@@ -241,14 +214,4 @@ def payload_seeds() -> list[bytes]:
     return [bytes([i]) + payload for i, payload in enumerate(kinds)] + extra
 
 
-PAYLOAD_TOKENS = (
-    b"1e400",
-    b"NaN",
-    b"null",
-    b"[]",
-    b"{}",
-    b'"x":',
-    b"\xff\xff\xff\x7f",
-    b"\0\0\xc0\x7f",
-    b"\0\0\0\0\0\0\xf8\x7f",
-)
+PAYLOAD_TOKENS = (*b'1e400 NaN null [] {} "x":'.split(), b"\xff\xff\xff\x7f", b"\0\0\xc0\x7f", b"\0\0\0\0\0\0\xf8\x7f")

@@ -49,25 +49,11 @@ def toml_seeds() -> list[bytes]:
         "grid.cell_m=0.1",
     ]
     configs = ["[uwb]\n" + anchors + tags, "[lidar.mount]\nx_m = 0.1\n[grid]\ncell_m = 0.2\n", commented_toml(Config())]
-    return (
-        [b"\0" + each.encode() for each in configs]
-        + [b"\1" + bounds.encode()]
-        + [b"\2" + each.encode() for each in settings]
-    )
+    texts = [*(b"\0" + each.encode() for each in configs), b"\1" + bounds.encode()]
+    return texts + [b"\2" + each.encode() for each in settings]
 
 
-TOML_TOKENS = (
-    b"nan",
-    b"inf",
-    b"-inf",
-    b"1e400",
-    b"9" * 5000,
-    b"0x7fffffffffffffff",
-    b"1979-05-27",
-    b"[[",
-    b"{a=",
-    b"'''",
-)
+TOML_TOKENS = (b"9" * 5000, *b"nan inf -inf 1e400 0x7fffffffffffffff 1979-05-27 [[ {a= '''".split())
 
 
 def maps(folder: Path, data: bytes) -> None:
@@ -86,20 +72,7 @@ MAP_YAML = (
     b"image: map.pgm\nmode: trinary\nresolution: 0.1\norigin: [-1.0, -2.0, 0.0]\nnegate: 0\n"
     b"occupied_thresh: 0.65\nfree_thresh: 0.25\n"
 )
-MAP_TOKENS = (
-    b".inf",
-    b".nan",
-    b"1e300",
-    b"1e-300",
-    b"&a ",
-    b"*a",
-    b"<<: *a",
-    b"scale",
-    b"raw",
-    b"!!int ",
-    b"IHDR",
-    b"tRNS",
-)
+MAP_TOKENS = (*b".inf|.nan|1e300|1e-300|&a |*a|<<: *a|scale|raw|!!int |IHDR|tRNS".split(b"|"),)
 _ANY = (ExitCode.DONE, ExitCode.FAILED, ExitCode.USAGE, ExitCode.WITH_LOSS)
 
 
@@ -164,18 +137,9 @@ def urls(folder: Path, data: bytes) -> None:
 
 def url_seeds() -> list[bytes]:
     """Stores, web servers, files, with and without secrets."""
-    found = [
-        "https://user:passw0rd@host:80/a/b.mcap?X-Sig=abcd&x=1#f",
-        "s3://key:secret@bucket/a.mcap",
-        "file:///tmp/a%20b.mcap",
-    ]
-    found += [
-        "abfs://c@account.net/a.mcap?sv=1&sig=abcd",
-        "gs://bucket/folder/*.mcap",
-        "memory://a/b",
-        "zip://a.mcap::https://h/a.zip",
-    ]
-    return [each.encode() for each in found]
+    found = ["https://user:passw0rd@host:80/a/b.mcap?X-Sig=abcd&x=1#f", "s3://key:secret@bucket/a.mcap"]
+    found += ["file:///tmp/a%20b.mcap", "abfs://c@account.net/a.mcap?sv=1&sig=abcd", "gs://bucket/folder/*.mcap"]
+    return [each.encode() for each in [*found, "memory://a/b", "zip://a.mcap::https://h/a.zip"]]
 
 
 URL_TOKENS = (b"://", b"@", b":", b"?", b"=", b"%2F", b"%", b"[::1]", b"::", b"..", b"file://")

@@ -1,4 +1,4 @@
-"""A web server on loopback that says strange things of a sound recording."""
+"""A web server on loopback that serves an undamaged recording with arbitrary response headers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _CUT = 0x80
 
 
 class _Handler(socketserver.BaseRequestHandler):
-    """One answer a connection; `head` is taken from the `after`-th one on, and with `cut` the body ends early."""
+    """One response a connection; `head` is used from the `after`-th one on, and with `cut` the body ends early."""
 
     head, after, cut, asked = b"", 0, False, 0
 
@@ -62,10 +62,10 @@ def _port() -> int:
 
 
 def answers(folder: Path, data: bytes) -> None:
-    """Any head of an answer, from the n-th answer on: what is read is what lies there, or the lack of it is told."""
+    """Any response head, from the n-th response on: messages are those of the file, and missing ones are a loss."""
     port = _port()
     flags = (data or b"\0")[0]
-    # Nowhere else is asked.
+    # No redirect to another server.
     _Handler.head = re.sub(rb"(?i)location|refresh|set-cookie", b"X-Other", data[1:])
     _Handler.after, _Handler.cut, _Handler.asked = flags & 3, bool(flags & _CUT), 0
     with open_container(to_path(f"http://127.0.0.1:{port}/walk.mcap")) as container:
@@ -75,5 +75,5 @@ def answers(folder: Path, data: bytes) -> None:
 
 
 def answer_seeds() -> list[bytes]:
-    """Every head, at once and after some sound answers, with a whole and a cut body."""
+    """Every head, from the first response on or after two valid ones, with a whole and a truncated body."""
     return [bytes([flags]) + head.encode() for head in _HEADS for flags in (0, 2, _CUT, _CUT | 2)]

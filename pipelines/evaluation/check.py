@@ -1,24 +1,23 @@
-"""The story of `quadlog check`: runs held against a file of bounds, or a file of bounds made from runs."""
+"""`quadlog check`: runs checked against a file of bounds, or a file of bounds proposed from runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
-from quadlog.errors import AlreadyExists, CannotWrite, UsageError
+from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, UsageError
 from quadlog.results.compare.check_text import junit_xml
 from quadlog.results.compare.expectations import Expectations, read_expectations, read_text
 from quadlog.results.compare.run_check import (
     HEADER,
     RunCheck,
-    SavedRun,
+    bound_names,
     check_run,
     merge_bounds,
     propose,
-    read_or_explain,
-    read_saved_run,
 )
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
+from quadlog.results.run.loaded_run import Run, load_run
 from quadlog.results.run.tables import METRIC_NAMES
 from quadlog.storage.atomic_write import write_whole
 
@@ -35,11 +34,11 @@ def check_runs(
         if junit.resolve() == expect.resolve():
             raise UsageError(f"--junit {junit} would replace the bounds of --expect")
         _refuse_existing(junit, force)
-    runs = [read_or_explain(run) for run in find_runs(paths)]
+    runs = [_load_or_explain(run) for run in find_runs(paths)]
     runs += [RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
-    readable = [run for run in runs if isinstance(run, SavedRun)]
+    readable = [run for run in runs if isinstance(run, Run)]
     expectations = read_expectations(expect, _known_metrics(readable))
-    checks = [check_run(run, expectations) if isinstance(run, SavedRun) else run for run in runs]
+    checks = [check_run(run, expectations) if isinstance(run, Run) else run for run in runs]
     _say_what_was_not_checked(expectations, readable, say)
     if junit is not None:
         _write(junit, junit_xml(checks, run_labels(Path(check.run) for check in checks)))
@@ -54,7 +53,7 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool) -> dict[str
     existing file what reading it raises.
     """
     _refuse_existing(expect, force)
-    runs = [read_saved_run(run) for run in find_runs(paths)]
+    runs = [load_run(run) for run in find_runs(paths)]
     text = HEADER
     if expect.exists():
         read_expectations(expect, _known_metrics(runs))
@@ -62,6 +61,16 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool) -> dict[str
     bounds = propose(runs)
     _write(expect, merge_bounds(text, bounds, expect).encode())
     return {name: len(each) for name, each in bounds.items()}
+
+
+def _load_or_explain(path: Path) -> Run | RunCheck:
+    """The run with its metrics, or a failed check if it cannot be read."""
+    try:
+        run = load_run(path)
+        _ = run.metrics  # read here, where damage is a failed check
+    except QuadlogError as error:
+        return RunCheck(str(path), path.resolve().name, error=str(error))
+    return run
 
 
 def _refuse_existing(path: Path, force: bool) -> None:
@@ -77,13 +86,13 @@ def _write(path: Path, content: bytes) -> None:
     write_whole(path, content)
 
 
-def _known_metrics(runs: Sequence[SavedRun]) -> Collection[str]:
+def _known_metrics(runs: Sequence[Run]) -> Collection[str]:
     """The contract's, and what else the runs have."""
     return {*METRIC_NAMES, *(name for run in runs for name in run.metrics)}
 
 
-def _say_what_was_not_checked(expectations: Expectations, runs: Sequence[SavedRun], say: Callable[[str], None]) -> None:
+def _say_what_was_not_checked(expectations: Expectations, runs: Sequence[Run], say: Callable[[str], None]) -> None:
     """A recording that lost its run would pass unseen otherwise; checking a few of many is no fault, though."""
-    given = {name for run in runs for name in run.names}
+    given = {name for run in runs for name in bound_names(run)}
     if unchecked := sorted(set(expectations.recordings) - given):
         say(f"not checked, no such run was given: {', '.join(unchecked)}")

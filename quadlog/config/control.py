@@ -87,7 +87,10 @@ class MpcConfig(Section):
     horizon: int = Field(10, ge=1, le=100, description="steps that are planned ahead")
     dt_s: float = Field(0.03, ge=0.001, le=1, description="length of a step")
     every_s: float = Field(
-        0.03, ge=0.001, le=1, description="forces are planned anew so often, and whenever other feet carry"
+        0.03,
+        ge=0.001,
+        le=1,
+        description="time between two plans of the forces; also planned whenever the feet on the ground change",
     )
     weight_rpy: PerAxis = Field(
         (25.0, 25.0, 12.0), description="of roll, pitch, yaw in rad; ours, for the paper has none"
@@ -129,7 +132,9 @@ class Wbc(Section):
     mu: float = Field(0.6, gt=0, le=10, description="friction that is counted on")
     f_min_n: float = Field(0.0, ge=0, le=1e5, description="a foot that stands presses at least so hard")
     f_max_n: float = Field(150.0, gt=0, le=1e5, description="and at most so hard")
-    weakest: float = Field(0.02, gt=0, le=1, description="directions in which a leg moves less are met weakly; ours")
+    weakest: float = Field(
+        0.02, gt=0, le=1, description="singular values of a leg's Jacobian below this are damped; ours"
+    )
 
     @model_validator(mode="after")
     def _forces_are_in_order(self) -> Wbc:
@@ -205,7 +210,7 @@ class Simulation(Section):
     controller: Literal[(*CONTROLLERS, NO_CONTROLLER)] = Field(  # type: ignore[valid-type]
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
-        "kinematic: a point that does as it is told, fixed look-ahead; none leaves the control stage out",
+        "kinematic: a point that follows every command, fixed look-ahead; none leaves the control stage out",
     )
     gait: Literal["walk", "trot", "flying_trot", "pronk", "bound"] = Field(
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"

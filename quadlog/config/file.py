@@ -112,7 +112,7 @@ def configure(
 
 
 def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
-    """The configuration with each key's meaning, as `quadlog init` writes it: keys that nobody set are comments.
+    """The configuration with each key's meaning, as `quadlog init` writes it: keys with default values are comments.
 
     notes: further comment lines, by dotted key or section name.
     """
@@ -211,18 +211,17 @@ def _parse_value(text: str) -> Any:
 def _refuse_contradiction(flag: Flag, typed: Sequence[Layer]) -> None:
     """Raises UsageError when --set gives the flag's key another value."""
     setters = [layer for layer in typed if _has(layer.table, flag.key.split("."))]
-    if setters and _value_at(_merged(setters), flag.key) != flag.value:
+    if setters and _flat(_merged(setters)).get(flag.key) != flag.value:
         raise UsageError(f"{flag.name} {flag.value} and {setters[-1].source} differ; use one of them")
 
 
 def _replaced(preset: Layer, file: Sequence[Layer], later: Sequence[Layer]) -> Iterator[str]:
     """A line with the keys of the file whose values the preset replaced, where there are any."""
-    before, after = _merged(file), _merged(later)
+    before, after = _flat(_merged(file)), _flat(_merged(later))
     keys = [
-        f"{key} = {_shown(_value_at(preset.table, key))} instead of {_shown(_value_at(before, key))}"
-        for key in _leaves(preset.table)
-        if _has(before, key.split(".")) and not _has(after, key.split("."))
-        if _value_at(before, key) != _value_at(preset.table, key)
+        f"{key} = {_shown(value)} instead of {_shown(before[key])}"
+        for key, value in _flat(preset.table).items()
+        if key in before and key not in after and before[key] != value
     ]
     if keys:
         yield f"{preset.source} replaces keys of {file[0].source}: {', '.join(keys)}"
@@ -233,19 +232,12 @@ def _shown(value: Any) -> str:
     return json.dumps(value, default=str)[:80]
 
 
-def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """The dotted keys of a nested table."""
+def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """The values of a nested table by dotted key."""
+    flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}"
-
-
-def _value_at(table: Any, key: str) -> Any:
-    for part in key.split("."):
-        table = table[part]
-    return table
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return flat
 
 
 def _merged(layers: Sequence[Layer]) -> dict[str, Any]:
@@ -257,13 +249,12 @@ def _merged(layers: Sequence[Layer]) -> dict[str, Any]:
 
 def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
     for key, value in table.items():
-        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
-            _merge(into[key], value)
-        elif isinstance(value, Mapping):
-            into[key] = {}
-            _merge(into[key], value)
-        else:
+        if not isinstance(value, Mapping):
             into[key] = value
+            continue
+        if not isinstance(into.get(key), dict):
+            into[key] = {}
+        _merge(into[key], value)
 
 
 def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
@@ -272,7 +263,8 @@ def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
     key = ".".join(loc) or "the file"
     source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
     if first["type"] == "extra_forbidden":
-        matches = difflib.get_close_matches(key, _valid_keys(loc), n=1, cutoff=0.0)
+        position = next((part for part in loc if part.isdigit()), "0")
+        matches = difflib.get_close_matches(key, sorted(_keys_of(Config, "", position)), n=1, cutoff=0.0)
         return UnknownConfigKey(key, matches[0] if matches else None, source)
     reason = first["msg"].removeprefix("Value error, ")
     given = first.get("input")
@@ -292,13 +284,8 @@ def _has(table: Any, loc: Sequence[str]) -> bool:
     return True
 
 
-def _valid_keys(loc: Sequence[str]) -> list[str]:
-    """Every dotted key of the model, with list positions as in loc."""
-    position = next((part for part in loc if part.isdigit()), "0")
-    return sorted(_keys_of(Config, "", position))
-
-
 def _keys_of(model: type[BaseModel], prefix: str, position: str) -> Iterator[str]:
+    """Every dotted key of the model, with this position in lists."""
     for key, field in model.model_fields.items():
         dotted = f"{prefix}{key}"
         yield dotted

@@ -41,7 +41,7 @@ class Plugin:
         """The object it names. Raises PluginUnusable where importing it fails, whatever the reason."""
         try:
             return self.entry_point.load()
-        except (Exception, SystemExit) as error:  # another's code: it may fail in any way
+        except (Exception, SystemExit) as error:  # foreign code: it may fail in any way
             raise self.unusable(f"cannot be loaded: {describe_failure(error)}") from error
 
     def unusable(self, reason: str) -> PluginUnusable:
@@ -75,7 +75,7 @@ def is_installed(group: str, name: str, distribution: str, version: str) -> bool
 def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
     """The plug-in of a name, None where there is none. taken: whether quadlog has that name itself.
 
-    Raises PluginNameTaken where quadlog or another distribution has the name as well: which is meant, nobody can tell.
+    Raises PluginNameTaken where quadlog or another distribution has the name as well.
     """
     found = _installed(group).get(name, ())
     if not found:

@@ -101,7 +101,8 @@ class UwbConfig(Section):
         "less), linear, weighted (linear with the full covariance), paper (linear as weighted in [Following])",
     )
     height: Literal["auto", "given", "solved"] = Field(
-        "auto", description="a tag's height: as given, or solved for; auto solves where the anchors' heights tell it"
+        "auto",
+        description="a tag's height: as given, or solved for; auto solves where the anchors' heights determine it",
     )
     mirror: Literal["refuse", "left", "right"] = Field(
         "refuse",
@@ -167,7 +168,7 @@ class LidarConfig(Section):
         None, gt=0, le=360, description="kept in front of the robot; unset: 180 for paper [Following], else 360"
     )
     deskew: bool = Field(True, description="undo the robot's motion during a scan, where its points carry times")
-    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry tells them")
+    level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry gives them")
     min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
     max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
     outlier_neighbours: int = Field(

@@ -143,7 +143,7 @@ class Clock:
             raise ClocksDiffer(self.path, apart_s, f"header stamps of {topic}", "others of the same topic")
 
     def warnings(self) -> list[str]:
-        """One line per oddity met so far."""
+        """One line for each kind of irregular stamp met so far."""
         zeros = [
             f"{topic}: {count} messages have the stamp 0; their log time is used"
             for topic, count in sorted(self.zero_stamps.items())

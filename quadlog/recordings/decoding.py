@@ -10,7 +10,7 @@ from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders import foxglove, imu, pose, uwb
+from quadlog.recordings.decoders import foxglove, pose, uwb
 from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
@@ -36,7 +36,7 @@ ROS: dict[str, Callable[[Any, str], Message]] = {
     "geometry_msgs/msg/TransformStamped": pose.decode_transform,
     "gtec_msgs/msg/Ranging": uwb.decode_ranging,
     "nav_msgs/msg/Odometry": pose.decode_odometry,
-    "sensor_msgs/msg/Imu": imu.decode_imu,
+    "sensor_msgs/msg/Imu": pose.decode_imu,
     "sensor_msgs/msg/Range": uwb.decode_range,
     "tf2_msgs/msg/TFMessage": pose.decode_tf,
     "uwb_driver/msg/UwbRange": uwb.decode_uwb_range,
@@ -48,7 +48,7 @@ IN_COLUMNS: dict[str, Ways] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": [(pose.POSE_WITH_COVARIANCE, pose.pose_in_columns)],
     "geometry_msgs/msg/TransformStamped": [(pose.TRANSFORM_STAMPED, pose.pose_in_columns)],
     "nav_msgs/msg/Odometry": [(pose.ODOMETRY, pose.odometry_in_columns)],
-    "sensor_msgs/msg/Imu": [(imu.IMU, imu.imu_in_columns)],
+    "sensor_msgs/msg/Imu": [(pose.IMU, pose.imu_in_columns)],
     "tf2_msgs/msg/TFMessage": [(pose.TF, pose.tf_in_columns)],
 }
 
@@ -98,7 +98,7 @@ def last_part(type_name: str) -> str:
 
 
 def decoder_plugin(type_name: str) -> Plugin | None:
-    """The plug-in that decodes a type, None where quadlog does or nobody. Raises PluginNameTaken."""
+    """The plug-in that decodes a type, None where there is none. Raises PluginNameTaken."""
     own = (BY_HAND, ROS, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
     taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
     return find_plugin(DECODERS, type_name, taken=taken)

@@ -51,19 +51,16 @@ def _expand(argument: str) -> list[Path]:
 
 def _match(path: Path) -> list[Path]:
     if isinstance(path, RemotePath):
-        return _match_remote(path)
+        remote = cast(Path, path)
+        if not path.has_pattern() or path.exists():
+            return [remote]
+        return _worth_opening(remote, [cast(Path, match) for match in path.matches()])
     argument = str(path)
     if path.exists() or not glob.has_magic(argument):
         return [Path(argument)]
     # A pattern may match much that is no recording; that is an error only when nothing else is left.
     matches = [Path(match) for match in sorted(glob.glob(argument, recursive=True))]  # noqa: PTH207 - also absolute ones
     return _worth_opening(path, matches)
-
-
-def _match_remote(path: RemotePath) -> list[Path]:
-    if not path.has_pattern() or path.exists():
-        return [cast(Path, path)]
-    return _worth_opening(cast(Path, path), [cast(Path, match) for match in path.matches()])
 
 
 def _worth_opening(pattern: Path, matches: list[Path]) -> list[Path]:

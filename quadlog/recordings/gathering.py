@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Self
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,14 +46,19 @@ class Many(NamedTuple):
 Gathered = One | Many
 
 
-class Within(NamedTuple):
-    """Instants with start_ns <= t_ns < end_ns; None where it is open."""
+@dataclass
+class Pass:
+    """One reading of some topics, of instants with start_ns <= t_ns < end_ns; None where it is open.
 
-    start_ns: int | None
-    end_ns: int | None
+    failed, zeros: topic -> messages met that could not be decoded, and stamps of 0.
+    """
+
+    start_ns: int | None = None
+    end_ns: int | None = None
+    failed: dict[str, int] = field(default_factory=dict)
+    zeros: dict[str, int] = field(default_factory=dict)
 
     def holds(self, t_ns: int) -> bool:
-        """Whether an instant is within."""
         return (self.start_ns is None or t_ns >= self.start_ns) and (self.end_ns is None or t_ns < self.end_ns)
 
     def held(self, t_ns: Int) -> np.ndarray:
@@ -74,11 +80,6 @@ class Waiting:
         self._tries = 0
         self._begin()
 
-    @classmethod
-    def for_channel(cls, channel: Channel) -> Self | None:
-        """None where the type is decoded one by one."""
-        return cls(channel) if ways_in_columns(channel) else None
-
     def take(self, order: int, raw: RawMessage) -> bool:
         """Whether the message may wait. Its payload is copied, so that no chunk is kept for it."""
         size = len(raw.payload)
@@ -95,7 +96,6 @@ class Waiting:
 
     @property
     def is_full(self) -> bool:
-        """Whether nothing more should wait."""
         return len(self._payloads) >= MOST_WAITING or self._bytes >= MOST_WAITING_BYTES
 
     def drain(self) -> tuple[Int, Int, list[bytes]]:
@@ -130,7 +130,6 @@ class Held:
         self._bytes = 0
 
     def take(self, order: int, raw: RawMessage) -> None:
-        """One more."""
         self._messages.append((order, raw))
         payload = raw.payload
         self._bytes += memoryview(payload.obj).nbytes if isinstance(payload, memoryview) else len(payload)
@@ -153,20 +152,19 @@ def timed_columns(
     columns: Sequence[Columns],
     order: Int,
     log_time_ns: Int,
-    within: Within,
-    zeros: dict[str, int],
+    reading: Pass,
 ) -> Iterator[Many]:
     """Columns with their times, those of transforms each with its own; stray stamps are left out. Raises ClocksDiffer.
 
     A message is within when its first time is.
     """
-    times = [clock.times_ns(topic, each.stamp_ns, log_time_ns, zeros) for each in columns]
+    times = [clock.times_ns(topic, each.stamp_ns, log_time_ns, reading.zeros) for each in columns]
     if not times:
         return
     first_ns, first_kept = times[-1]
     for t_ns, kept in reversed(times[:-1]):
         first_ns, first_kept = np.where(kept, t_ns, first_ns), first_kept | kept
-    held = within.held(first_ns)
+    held = reading.held(first_ns)
     for each, (t_ns, kept) in zip(columns, times, strict=True):
         if each.stamp_ns is not None and clock.stamp == "header" and not each.stamp_ns.all():
             t_ns = np.where(each.stamp_ns == 0, first_ns, t_ns)

@@ -1,4 +1,4 @@
-"""Decoders of plug-ins: what they are asked, and what their answers have to be before anything builds on them."""
+"""Decoders of plug-ins: their interface, and the validation of the messages they return."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def interpreter(decoder: MessageDecoder) -> Interpret:
             return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
         except DecodeError:
             raise
-        except (Exception, SystemExit) as error:  # another's code on a stranger's message
+        except (Exception, SystemExit) as error:  # foreign code on untrusted data
             raise DecodeError(topic, f"its plug-in failed: {describe_failure(error)}") from error
 
     return interpret

@@ -18,8 +18,8 @@ from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMess
 from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable
-from quadlog.recordings.gathering import Gathered, Held, One, Waiting, Within, timed_columns
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable, ways_in_columns
+from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
 
@@ -100,7 +100,7 @@ class Recording(ClosedOnExit):
 
     @property
     def losses(self) -> list[Loss]:
-        """What was in the recording and could not be had, each once."""
+        """What was in the recording and could not be read, each once."""
         undecodable = self._mixed() | self._undecodable
         own = [Loss("decode", f"cannot be decoded: {why}", topic) for topic, why in undecodable.items()]
         own += [
@@ -169,39 +169,35 @@ class Recording(ClosedOnExit):
     ) -> Iterator[Gathered]:
         wanted = self._sound_topics(topics)
         self._learn_clocks(wanted)
-        failed: dict[str, int] = {}
-        zeros: dict[str, int] = {}
-        within = Within(start_ns, end_ns)
+        reading = Pass(start_ns, end_ns)
         waiting: dict[int, Waiting | None] = {}
         held = Held()
         for order, raw in enumerate(self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns))):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
-                own = waiting[id(raw.channel)] = Waiting.for_channel(raw.channel)
+                own = waiting[id(raw.channel)] = Waiting(raw.channel) if ways_in_columns(raw.channel) else None
                 if own is not None and raw.channel.topic in prompt:
                     held.behind.append(own)
             if own is None or not own.take(order, raw):
                 held.take(order, raw)
                 if held.is_full:
-                    yield from self._held(held, within, failed, zeros)
+                    yield from self._held(held, reading)
             elif own.is_full:
-                yield from self._columns(own, within, failed, zeros)
-        yield from self._held(held, within, failed, zeros)
+                yield from self._columns(own, reading)
+        yield from self._held(held, reading)
         for left in waiting.values():
             if left is not None:
-                yield from self._columns(left, within, failed, zeros)
+                yield from self._columns(left, reading)
 
-    def _held(self, held: Held, within: Within, failed: dict[str, int], zeros: dict[str, int]) -> Iterator[Gathered]:
+    def _held(self, held: Held, reading: Pass) -> Iterator[Gathered]:
         """The single messages that are held, behind the columns of what they must not come before."""
         for each in held.behind:
-            yield from self._columns(each, within, failed, zeros)
+            yield from self._columns(each, reading)
         for order, raw in held.drain():
-            yield from self._singly(order, raw, within, failed, zeros)
+            yield from self._singly(order, raw, reading)
 
-    def _columns(
-        self, waiting: Waiting, within: Within, failed: dict[str, int], zeros: dict[str, int]
-    ) -> Iterator[Gathered]:
+    def _columns(self, waiting: Waiting, reading: Pass) -> Iterator[Gathered]:
         """All that waits on a channel; what does not fit into columns comes message by message, behind them."""
         channel, orders, log_times_ns, payloads = waiting.channel, *waiting.drain()
         if not payloads:
@@ -210,19 +206,15 @@ class Recording(ClosedOnExit):
         decoder = waiting.decoder(payloads[0], self._definitions)
         for rows, columns in () if decoder is None else decoder.decode(payloads):
             left[rows] = False
-            yield from timed_columns(
-                self.clock, channel.topic, columns, orders[rows], log_times_ns[rows], within, zeros
-            )
+            yield from timed_columns(self.clock, channel.topic, columns, orders[rows], log_times_ns[rows], reading)
         for row in np.flatnonzero(left).tolist():
             raw = RawMessage(channel, int(log_times_ns[row]), payloads[row])
-            yield from self._singly(int(orders[row]), raw, within, failed, zeros)
+            yield from self._singly(int(orders[row]), raw, reading)
 
-    def _singly(
-        self, order: int, raw: RawMessage, within: Within, failed: dict[str, int], zeros: dict[str, int]
-    ) -> Iterator[One]:
-        for message in self._decode_or_count(raw, failed, zeros):
+    def _singly(self, order: int, raw: RawMessage, reading: Pass) -> Iterator[One]:
+        for message in self._decode_or_count(raw, reading):
             timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
-            if timed is not None and within.holds(timed.t_ns):
+            if timed is not None and reading.holds(timed.t_ns):
                 yield One(order, timed.t_ns, timed.topic, timed.message)
 
     def _check_known(self, topics: Collection[str]) -> None:
@@ -231,12 +223,10 @@ class Recording(ClosedOnExit):
                 raise UnknownTopic(None, topic, sorted(self._channels_of))
 
     def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
-        wanted, within = self._sound_topics(topics), Within(start_ns, end_ns)
+        wanted, reading = self._sound_topics(topics), Pass(start_ns, end_ns)
         self._learn_clocks(wanted)
-        failed: dict[str, int] = {}
-        zeros: dict[str, int] = {}
         for raw in self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns)):
-            for one in self._singly(0, raw, within, failed, zeros):
+            for one in self._singly(0, raw, reading):
                 yield Timed(one.t_ns, one.topic, one.message)
 
     def log_window(
@@ -260,10 +250,9 @@ class Recording(ClosedOnExit):
 
         Clouds are checked as for use, but come without points.
         """
-        failed: dict[str, int] = {}
-        zeros: dict[str, int] = {}
+        reading = Pass()
         for raw in self.container.messages():
-            yield raw, self._decode_or_count(raw, failed, zeros, points=False) if is_decodable(raw.channel) else ()
+            yield raw, self._decode_or_count(raw, reading, points=False) if is_decodable(raw.channel) else ()
 
     def excerpt(self, budget: Budget) -> Recording | None:
         """The same with a bounded number of its messages, from places spread evenly; None where it is small.
@@ -291,7 +280,7 @@ class Recording(ClosedOnExit):
         """Why no message of a known type can be decoded, or None where some may be."""
         for channel in self.channels_of(topic):
             # Compiling a definition takes a millisecond, and thousands of topics may share one.
-            kind = channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema
+            kind = channel.identity[1:]
             if not is_decodable(channel):
                 continue
             if kind not in self._why_undecodable:
@@ -343,7 +332,7 @@ class Recording(ClosedOnExit):
             yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else None for message in decoded)
 
     def _learn_clocks(self, topics: Collection[str]) -> None:
-        """How far the first stamps of each topic lie from log time, once: what is usual cannot be told from one."""
+        """The usual offset of each topic's stamps from log time, from its first few stamps; computed once."""
         for topic in topics if self.stamp == "header" else ():
             if topic not in self._learned:
                 self._learned.add(topic)
@@ -353,20 +342,18 @@ class Recording(ClosedOnExit):
                 usual = -self.clock.usual_ns.get(topic, 0)
                 self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
 
-    def _decode_or_count(
-        self, raw: RawMessage, failed: dict[str, int], zeros: dict[str, int], *, points: bool = True
-    ) -> tuple[Message, ...]:
-        """What a message decodes to. failed, zeros: failures and zero stamps by topic; the pass with most is told."""
+    def _decode_or_count(self, raw: RawMessage, reading: Pass, *, points: bool = True) -> tuple[Message, ...]:
+        """What a message decodes to; of failures, the reading with most is reported."""
         topic = raw.channel.topic
         try:
             decoded = self._decode(raw, points=points)
         except DecodeError as error:
-            failed[topic] = failed.get(topic, 0) + 1
+            reading.failed[topic] = reading.failed.get(topic, 0) + 1
             most, why = self._failures.get(topic, (0, error.reason))
-            self._failures[topic] = max(most, failed[topic]), why
+            self._failures[topic] = max(most, reading.failed[topic]), why
             return ()
         for message in decoded:
-            self.clock.count_zero_stamps(topic, message, zeros)
+            self.clock.count_zero_stamps(topic, message, reading.zeros)
         return decoded
 
     def _decode(self, raw: RawMessage, *, points: bool = True) -> tuple[Message, ...]:
@@ -393,7 +380,7 @@ class Recording(ClosedOnExit):
         return known[1]
 
     def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:
-        """Ranges whose ends only the topic tells, with their ids."""
+        """Ranges with the ids of their ends, where only the topic gives these."""
         if ranges.tag is not None:
             return ranges
         if names_anchors(ranges):

@@ -122,7 +122,10 @@ class TransformTree:
             return None
         rotation, position = Rotation.identity(len(t_ns)), np.zeros((len(t_ns), 3))
         for edge, upwards in path:
-            turn, shift = _static_step(edge) if edge.static else _interpolated(*series[id(edge)], t_ns)
+            if edge.static:
+                turn, shift = Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
+            else:
+                turn, shift = _interpolated(*series[id(edge)], t_ns)
             if not upwards:
                 turn = turn.inv()
                 shift = -turn.apply(shift)
@@ -147,12 +150,6 @@ class TransformTree:
                     reached[there] = [*reached[here], (edge, upwards)]
                     queue.append(there)
         return reached.get(target)
-
-
-def _static_step(edge: Edge) -> tuple[Rotation, Float]:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
 
 
 def _interpolated(known_ns: Int, poses: Float, t_ns: Int) -> tuple[Rotation, Float]:

@@ -1,4 +1,4 @@
-"""The run folder: what is written, read back, drawn and exported.
+"""The run folder: written, read, drawn and exported.
 
 For users' scripts: `load_maps(run)`, `read_table(run, name)`, `read_run_json(run)`, `read_metrics(run)`.
 """
@@ -22,7 +22,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Imported when first asked for: numpy and pyarrow cost more than `quadlog --help`."""
+    """Import on first use, since numpy and pyarrow are slow to import."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

@@ -1,36 +1,42 @@
-"""Saved results in the formats of other tools, by name: one function and one line in EXPORTERS each."""
+"""Saved results in the formats of other tools: a function and one line in EXPORTERS each. Importing this is cheap."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName, csv_cell
-from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import TABLES, has_table, read_table
 from quadlog.storage.atomic_write import whole_file
-from quadlog.storage.formats.tum import write_tum
+
+
+class Exporter(NamedTuple):
+    """write(run, output, force) gives the files it wrote; suffix: end of the output's name where none is given."""
+
+    write: Callable[[Path, Path, bool], list[Path]]
+    suffix: str
 
 
 def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Path]:
-    """What was written of the run folder `run` as `to`: a file `output` (tum, mcap), or files in it (csv, rosmap).
+    """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap) or those in it.
 
-    Raises UnknownName for a format that EXPORTERS does not have, NotARun when
-    the run is not finished or lacks the result, AlreadyExists unless `force`, CannotWrite.
+    Raises UnknownName for an unknown format, NotARun when the run is unfinished or
+    lacks the result, AlreadyExists unless `force`, CannotWrite.
     """
+    from quadlog.results.run.run_folder import read_run_json
+
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    read_run_json(run)  # one that is not finished holds half of what it will
-    return EXPORTERS[to](run, output, force)
+    read_run_json(run)  # raises for a run that is not finished
+    return EXPORTERS[to].write(run, output, force)
 
 
 def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
-    """The robot's poses as a TUM trajectory; a walk along a course has no poses but its trajectory."""
+    """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
+    from quadlog.results.run.tables import has_table, read_table
+    from quadlog.storage.formats.tum import write_tum
+
     if not has_table(run, "poses"):
         return _copy(run, ["trajectory.tum"], [output], force)
     poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad"])
@@ -41,23 +47,22 @@ def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
 
 def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
     """Every table as `output/NAME.csv`, numbers in full precision, an empty field where there is no value."""
-    import pandas as pd  # half a second, for this one format
+    import pandas as pd
 
-    names = [name for name in TABLES if has_table(run, name)]
-    if not names:
-        raise NotARun(run, "has no tables")
+    from quadlog.results.run.tables import read_table
+
+    names = _tables(run)
     written = [output / f"{name}.csv" for name in names]
     _prepare(written, force)
     for name, path in zip(names, written, strict=True):
-        table = pd.DataFrame({column: _cells(values) for column, values in read_table(run, name).items()})
+        columns = read_table(run, name).items()
+        # Texts of a recording must not be taken for formulas by a spreadsheet.
+        table = pd.DataFrame(
+            {key: [*map(csv_cell, cells)] if cells.dtype == object else cells for key, cells in columns}
+        )
         with whole_file(path) as part:
             table.to_csv(part, index=False, lineterminator="\n")
     return written
-
-
-def _cells(values: NDArray[Any]) -> Any:
-    """A column as it stands in a CSV file; see csv_cell."""
-    return [csv_cell(each) for each in values] if values.dtype == object else values
 
 
 def export_rosmap(run: Path, output: Path, force: bool) -> list[Path]:
@@ -66,21 +71,30 @@ def export_rosmap(run: Path, output: Path, force: bool) -> list[Path]:
 
 
 def export_mcap(run: Path, output: Path, force: bool) -> list[Path]:
-    """What `derived.mcap` holds, made anew from the saved results."""
-    if not any(has_table(run, name) for name in TABLES):
-        raise NotARun(run, "has no tables")
+    """`derived.mcap`, written again from the saved results."""
+    from quadlog.results.foxglove.derived_mcap import write_derived
+
+    _tables(run)
     _prepare([output], force)
     return [write_derived(run, output)]
 
 
-Exporter = Callable[[Path, Path, bool], list[Path]]
-
-EXPORTERS: dict[str, Exporter] = {
-    "csv": export_csv,
-    "mcap": export_mcap,
-    "rosmap": export_rosmap,
-    "tum": export_tum,
+EXPORTERS = {
+    "csv": Exporter(export_csv, "csv"),
+    "mcap": Exporter(export_mcap, "derived.mcap"),
+    "rosmap": Exporter(export_rosmap, "rosmap"),
+    "tum": Exporter(export_tum, "trajectory.tum"),
 }
+
+
+def _tables(run: Path) -> list[str]:
+    """Names of the run's tables. Raises NotARun without any."""
+    from quadlog.results.run.tables import TABLES, has_table
+
+    names = [name for name in TABLES if has_table(run, name)]
+    if not names:
+        raise NotARun(run, "has no tables")
+    return names
 
 
 def _copy(run: Path, names: list[str], written: list[Path], force: bool) -> list[Path]:
@@ -95,7 +109,7 @@ def _copy(run: Path, names: list[str], written: list[Path], force: bool) -> list
 
 
 def _prepare(written: list[Path], force: bool) -> None:
-    """All is refused before anything is written."""
+    """Refuse existing files, and make folders, before anything is written."""
     for path in written:
         if path.exists() and not force:
             raise AlreadyExists(path)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, also after an exception, Ctrl-C or a kill, and with others in the folder."""
+"""Files that appear complete or not at all, also after an exception, Ctrl-C or a kill, and beside other writers."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def _runs(pid: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:
-        return True
+        pass  # of another user
     return True
 
 
@@ -212,6 +212,6 @@ def _publish(part: Path, path: Path) -> None:
             os.close(handle)
         part.replace(path)
     except FileNotFoundError as error:
-        raise CannotWrite(path, "its unfinished file, or the folder, was taken away by another process") from error
+        raise CannotWrite(path, "its unfinished file, or the folder, was removed by another process") from error
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 from quadlog.errors import StorageFailed
 from quadlog.storage.remote_object import RemoteObject
@@ -21,33 +21,8 @@ Span = tuple[int, int]
 """Offset and length."""
 
 
-class ByteSource(Protocol):
-    """An open file of known size."""
-
-    size: int
-
-    def read(self, offset: int, length: int) -> bytes:
-        """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails.
-
-        What lies behind a URL raises StorageFailed and StorageChanged instead: that is no damage of the file.
-        """
-        ...
-
-    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
-        """Small stretches that lie far apart: of a remote file no more than these is fetched, several at a time."""
-        ...
-
-    def release(self) -> None:
-        """Give the file descriptor back until something is read again."""
-        ...
-
-    def close(self) -> None:
-        """Release it."""
-        ...
-
-
 class LocalBytes:
-    """A file of this machine (ByteSource); safe to use from several threads."""
+    """An open file of this machine, of known size; safe to use from several threads."""
 
     watcher: Callable[[int, bytes], None] | None = None
     """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
@@ -62,13 +37,14 @@ class LocalBytes:
         self.size, self._identity = status.st_size, (status.st_dev, status.st_ino)
 
     def read(self, offset: int, length: int) -> bytes:
+        """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails."""
         data = self.read_unwatched(offset, length)
         if self.watcher is not None:
             self.watcher(offset, data)
         return data
 
     def read_unwatched(self, offset: int, length: int) -> bytes:
-        """The same, of which the watcher is not told."""
+        """The same without calling the watcher."""
         with self._lock:
             handle = self._opened()
             self._reading += 1
@@ -83,11 +59,11 @@ class LocalBytes:
                 self._close_if_unneeded()
 
     def read_each(self, spans: Sequence[Span]) -> list[bytes]:
-        """See ByteSource."""
+        """Small stretches that lie far apart."""
         return [self.read(offset, length) for offset, length in spans]
 
     def release(self) -> None:
-        """See ByteSource."""
+        """Give the file descriptor back until something is read again."""
         with self._lock:
             self._is_unneeded = True
             self._close_if_unneeded()
@@ -123,7 +99,7 @@ _AT_A_TIME = 16
 
 
 class RemoteBytes:
-    """An object that is read by range (ByteSource); safe to use from several threads."""
+    """An object behind a URL that is read by range, as LocalBytes; safe to use from several threads."""
 
     def __init__(self, remote: RemoteObject, size: int) -> None:
         self.size = size
@@ -135,7 +111,7 @@ class RemoteBytes:
         self._change = threading.Condition()
 
     def read(self, offset: int, length: int) -> bytes:
-        """See ByteSource."""
+        """The same. Raises StorageFailed and StorageChanged, which are no damage of the file."""
         end = min(offset + length, self.size)
         if offset >= end:
             return b""
@@ -147,20 +123,19 @@ class RemoteBytes:
         return data[begin : begin + end - offset]
 
     def read_each(self, spans: Sequence[Span]) -> list[bytes]:
-        """See ByteSource; nothing is kept."""
+        """The same: no more than these is fetched, several at a time, and nothing is kept."""
         ends = [(offset, min(offset + length, self.size)) for offset, length in spans]
         with ThreadPoolExecutor(_AT_A_TIME) as threads:
             return list(threads.map(lambda span: self._remote.fetch(*span) if span[0] < span[1] else b"", ends))
 
     def release(self) -> None:
-        """See ByteSource: what was fetched is kept."""
+        """Nothing to give back: what was fetched is kept."""
 
     def close(self) -> None:
-        """Give the room back."""
         self._kept.close()
 
     def _fetch_missing(self, first: int, last: int) -> dict[int, bytes]:
-        """Blocks that had to be fetched; afterwards the file has all others. What another thread fetches is awaited."""
+        """Fetch the blocks that are neither kept nor being fetched by another thread, and wait for the latter."""
         fetched: dict[int, bytes] = {}
         while True:
             with self._change:
@@ -185,9 +160,7 @@ class RemoteBytes:
         start, end = begin * BLOCK_BYTES, min(behind * BLOCK_BYTES, self.size)
         data = self._remote.fetch(start, end)
         if len(data) != end - start:
-            raise StorageFailed(
-                redacted(self._remote.url), f"{len(data)} bytes came where {end - start} were asked for"
-            )
+            raise StorageFailed(redacted(self._remote.url), f"{len(data)} bytes received, {end - start} requested")
         if self._keep(start, data):
             with self._change:
                 self._blocks.update(range(begin, behind))
@@ -203,7 +176,7 @@ class RemoteBytes:
             self._room -= len(data)
         try:
             written = os.pwrite(self._kept.fileno(), data, start)
-        except OSError:  # somebody else filled the disk: nothing more is kept
+        except OSError:  # the disk is full: nothing more is kept
             written = 0
         if written < len(data):
             self._room = 0
@@ -216,6 +189,9 @@ class RemoteBytes:
         except OSError:  # this machine's disk fails: no damage of a recording that lies elsewhere
             data = b""
         return data if len(data) == length else self._fetch(block, block + 1)[block]
+
+
+ByteSource = LocalBytes | RemoteBytes
 
 
 def _runs(blocks: list[int]) -> Iterator[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""One object behind a URL, in a bucket or on a web server: what its server tells of it, any stretch of its bytes."""
+"""One object behind a URL, in a bucket or on a web server: its metadata, and any range of its bytes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from dataclasses import dataclass
 from datetime import datetime
 from email.utils import parsedate_to_datetime
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
 from quadlog.storage.urls import explained, protocol_of, redacted
 
 _STREAMED_BYTES = 8 << 20
-# Of a server that never answers one knows after a minute and a half.
+# A server that never answers is given up after a minute and a half.
 CONNECT_S, READ_S = 10, 15
 _TRIES, _TRIES_WITHIN = 2, 3
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """What a server tells: size_bytes None where it does not; ranges: whether it gives parts."""
+    """Metadata of an object: size_bytes None where unknown; ranges: whether the server serves byte ranges."""
 
     size_bytes: int | None
     ranges: bool = True
@@ -30,41 +30,20 @@ class ObjectInfo:
     last_modified: str | None = None
 
     def modified_ns(self) -> int:
-        """The time of the last change, 0 where it is not told in a form that is known."""
+        """The time of the last change, 0 where it is missing or in an unknown form."""
         for parse in (datetime.fromisoformat, parsedate_to_datetime):
             with suppress(ValueError, TypeError):
                 return int(parse(self.last_modified or "").timestamp() * 1e9)
         return 0
 
 
-class RemoteObject(Protocol):
-    """An object as it was when it was opened; told is of that moment."""
-
-    url: str
-    told: ObjectInfo
-
-    def fetch(self, start: int, end: int) -> bytes:
-        """The bytes from start to end, end excluded; several threads may ask at once.
-
-        Raises StorageFailed, StorageChanged.
-        """
-        ...
-
-    def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
-        ...
-
-
 def open_object(url: str) -> RemoteObject:
     """The object behind a URL. Raises FileNotFoundError, StorageUnknown, StorageFailed."""
-    protocol = protocol_of(url)
-    if protocol in ("http", "https"):
-        return WebObject(url)
-    return BucketObject(url)
+    return WebObject(url) if protocol_of(url) in ("http", "https") else BucketObject(url)
 
 
 class BucketObject:
-    """An object of S3, or of any other system that fsspec knows (RemoteObject)."""
+    """An object of S3, or of any other system that fsspec knows. told: what its server said when it was opened."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -86,14 +65,17 @@ class BucketObject:
         self.told = told_by(info)
 
     def fetch(self, start: int, end: int) -> bytes:
-        """See RemoteObject."""
+        """The bytes from start to end, end excluded; several threads may ask at once.
+
+        Raises StorageFailed, StorageChanged.
+        """
         try:
             with explained(self.url):
                 if self._conditional is not None:
                     data = self._conditional._fetch_range(start, end)
                 else:
                     data = self._system.cat_file(self._path, start=start, end=end)
-                    # No condition can be sent along, so what is there now is compared after every part.
+                    # These systems have no conditional requests: the version is compared after every part.
                     self._system.invalidate_cache(self._path)
                     if told_by(self._system.info(self._path)) != self.told:
                         raise StorageChanged(redacted(self.url))
@@ -104,11 +86,11 @@ class BucketObject:
                 raise StorageChanged(redacted(self.url)) from None
             raise
         if len(data) != end - start:
-            raise StorageFailed(redacted(self.url), f"{len(data)} bytes came where {end - start} were asked for")
+            raise StorageFailed(redacted(self.url), f"{len(data)} bytes received, {end - start} requested")
         return bytes(data)
 
     def stream(self) -> Iterator[bytes]:
-        """See RemoteObject."""
+        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
         size = self.told.size_bytes or 0
         for start in range(0, size, _STREAMED_BYTES):
             yield self.fetch(start, min(start + _STREAMED_BYTES, size))
@@ -127,7 +109,7 @@ def _is_unmet_condition(error: BaseException) -> bool:
 
 
 def told_by(info: Mapping[str, Any]) -> ObjectInfo:
-    """What fsspec's info of a file tells; each system has names of its own for the version."""
+    """The metadata in fsspec's info of a file; each system has its own names for the version."""
     size = info.get("size")
     etag = next((str(info[name]) for name in ("ETag", "etag", "md5Hash", "content_md5") if info.get(name)), None)
     times = ("LastModified", "last_modified", "updated", "mtime", "modified", "created")
@@ -176,7 +158,7 @@ def _patience(protocol: str, quoted: bool) -> dict[str, Any]:
     if protocol in ("s3", "s3a"):
         retries = {"total_max_attempts": _TRIES_WITHIN, "mode": "standard"}
         waits = {"connect_timeout": CONNECT_S, "read_timeout": READ_S, "retries": retries}
-        # Listings are asked for anew: another machine may be writing there.
+        # Listings are not cached: another machine may be writing there.
         return {"config_kwargs": {**waits, **own.get("config_kwargs", {})}, "use_listings_cache": False}
     return {}
 
@@ -193,7 +175,7 @@ class _Again(Exception):
 
 
 class WebObject:
-    """A file behind http:// or https:// (RemoteObject)."""
+    """A file behind http:// or https://, as BucketObject."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -202,12 +184,10 @@ class WebObject:
             self.told = self._run(self._probe())
 
     def fetch(self, start: int, end: int) -> bytes:
-        """The bytes from start to end, end excluded. Raises StorageFailed, StorageChanged."""
         with self._still_there():
             return self._run(self._fetch(start, end))
 
     def stream(self) -> Iterator[bytes]:
-        """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
         with self._still_there():
             response = self._run(self._begin(self._condition(), None))
             try:
@@ -238,7 +218,7 @@ class WebObject:
         return {"If-Unmodified-Since": self.told.last_modified} if self.told.last_modified else {}
 
     def _compare(self, response: Any, size: int | None) -> None:
-        """Raise StorageChanged for an answer that tells another size or version of the whole file."""
+        """Raise StorageChanged for a response with another size or version of the whole file."""
         etag = response.headers.get("ETag", self.told.etag)
         # The date also beside equal ETags: some servers make theirs of the size alone.
         now, then = response.headers.get("Last-Modified"), self.told.last_modified
@@ -268,7 +248,7 @@ class WebObject:
         return await session.get(self._web.encode_url(self.url), headers=sent, **options)
 
     async def _probe(self) -> ObjectInfo:
-        """One byte tells size, version and whether ranges are understood, also where a signature allows GET alone."""
+        """Request one byte for size, version and support of ranges: a signature may allow GET alone."""
 
         async def look(response: Any) -> ObjectInfo:
             """What the answer to a question for one byte says of the whole."""
@@ -286,11 +266,11 @@ class WebObject:
 
     async def _fetch(self, start: int, end: int) -> bytes:
         async def take(response: Any) -> bytes:
-            """The body, once the answer says that it is the stretch asked for, of the same file."""
+            """The body of a response with the requested range of the same file."""
             first, last, size = self._content_range(response)
             self._compare(response, size)
             if (first, last) != (start, end - 1):
-                raise StorageFailed(redacted(self.url), "the server answers with another range than it was asked for")
+                raise StorageFailed(redacted(self.url), "the server returned another range than requested")
             return await response.content.readexactly(end - start)
 
         headers = {"Range": f"bytes={start}-{end - 1}", **self._condition()}
@@ -327,7 +307,7 @@ class WebObject:
                 self._refuse(response)
             return await take(response)
         finally:
-            # A whole file that nobody asked for is not read to its end.
+            # A whole file that was not requested is not read to its end.
             if response.status == 206:
                 response.release()
             else:
@@ -349,8 +329,11 @@ class WebObject:
     def _content_range(self, response: Any) -> tuple[int, int, int]:
         found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
         if found is None or found[1] is None or response.headers.get("Content-Encoding", "identity") != "identity":
-            raise StorageFailed(redacted(self.url), "the server sends a part without saying which")
+            raise StorageFailed(redacted(self.url), "the server sent a part without its range")
         first, last, size = int(found[1]), int(found[2]), int(found[3])
         if not first <= last < size:
-            raise StorageFailed(redacted(self.url), "the server sends a part that lies outside the file")
+            raise StorageFailed(redacted(self.url), "the server sent a range outside the file")
         return first, last, size
+
+
+RemoteObject = BucketObject | WebObject

@@ -55,7 +55,7 @@ def copy_object(remote: RemoteObject, target: Path) -> None:
                 raise TooLarge(f"{shown}: bytes to copy to {target.parent}", written, room)
             file.write(block)
     if told is not None and written != told:
-        raise StorageFailed(shown, f"{written} bytes came where the server had told of {told}")
+        raise StorageFailed(shown, f"{written} bytes received, {told} announced")
 
 
 def copied(remote: RemoteObject, name: str) -> tempfile.TemporaryDirectory[str]:
@@ -77,7 +77,7 @@ MAX_WHOLE_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True)
 class Stat:
-    """What `stat` gives; st_mtime_ns is 0 where the server does not tell it."""
+    """What `stat` gives; st_mtime_ns is 0 where the server does not report it."""
 
     st_size: int
     st_mtime_ns: int = 0
@@ -175,7 +175,7 @@ class RemotePath:
         if told is None:
             raise FileNotFoundError(str(self))
         if told.size_bytes is None:
-            raise StorageFailed(str(self), "the server does not tell its size")
+            raise StorageFailed(str(self), "the server does not report its size")
         return Stat(told.size_bytes, told.modified_ns())
 
     def look(self) -> RemoteEntry:

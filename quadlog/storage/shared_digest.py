@@ -8,7 +8,7 @@ import threading
 from quadlog.storage.byte_ranges import LocalBytes
 
 GAP_BYTES = 1 << 20
-"""What nobody reads between two stretches, as the indexes of messages, is read for the digest up to this length."""
+"""Gaps between two stretches, such as message indexes, are read for the digest up to this length."""
 MOST_WAITING_BYTES = 1 << 26
 _BLOCK_BYTES = 1 << 20
 

@@ -1,6 +1,4 @@
-"""What a user types as a place, a path or a URL; its secrets left out of every message, and its failures told in
-words.
-"""
+"""Paths and URLs as a user types them: their secrets are removed from messages, and failures are explained."""
 
 from __future__ import annotations
 
@@ -102,8 +100,8 @@ _REASONS = {
     "ClientPayloadError": _TOO_EARLY,
     "IncompleteReadError": _TOO_EARLY,
     "ResponseStreamingError": _TOO_EARLY,
-    "InvalidURL": "no URL that can be asked for",
-    "InvalidUrlClientError": "no URL that can be asked for",
+    "InvalidURL": "not a valid URL",
+    "InvalidUrlClientError": "not a valid URL",
     "TooManyRedirects": "the server redirects without end",
 }
 

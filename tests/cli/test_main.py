@@ -3,14 +3,26 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 
+import click
+import numpy
 import pytest
 from click.testing import CliRunner
 
-from quadlog.cli.main import COMMANDS, cli, run
+from quadlog.cli.main import COMMANDS, cli, print_versions, run
+from quadlog.config.plugins import DECODERS, PLANNERS
 from quadlog.version import __version__
 
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "numba", "pydantic", "rich", "rosbags", "mcap", "open3d")
+HEAVY += ("mujoco", "foxglove")
+BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "quadprog", "scipy")
+
+
+def command_of(name: str) -> click.Command:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    return command
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
@@ -21,45 +33,49 @@ def test_help_imports_nothing_heavy(arguments):
         f"assert code == 0, code\nprint([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stderr == "[]\n"
-    assert done.returncode == 0
+    assert (done.stderr, done.returncode) == ("[]\n", 0)
 
 
-def test_version(capsys):
-    assert run(["--version"]) == 0
-    assert __version__ in capsys.readouterr().out
+def test_versions_are_quadlogs_and_those_of_its_packages(ok):
+    first, *rest = ok("--version").splitlines()
+    assert first == f"quadlog, version {__version__}"
+    told = dict(line.split() for line in rest)
+    assert told["python"] == sys.version.split()[0]
+    assert told["numpy"] == numpy.__version__
+    assert {name: told[name] for name in BUILT_ON} == {name: version(name) for name in BUILT_ON}
 
 
-def test_unknown_command_is_usage(capsys):
-    assert run(["replya"]) == 2
-    assert "replya" in capsys.readouterr().err
+def test_plugins_are_listed_and_not_imported(install, ok):
+    points = {PLANNERS: {"zigzag": "zig:Zigzag", "astar": "zig:A"}, DECODERS: {"a.B": "zig:b"}}
+    install("quadlog-zig", "0.7", points, {"zig": "raise SystemExit(9)"})
+    assert ok("--version").splitlines()[-3:] == [
+        "planner astar: quadlog-zig 0.7",
+        "planner zigzag: quadlog-zig 0.7",
+        "decoder a.B: quadlog-zig 0.7",
+    ]
 
 
-def test_missing_argument_is_usage():
-    assert run(["replay"]) == 2
+def test_completing_asks_for_no_version(capsys):
+    """The option's callback also runs while a command line is completed."""
+    context = click.Context(click.Command("quadlog"), resilient_parsing=True)
+    print_versions(context, click.Option(["--version"]), True)
+    assert capsys.readouterr() == ("", "")
 
 
-def test_a_known_error_is_one_line_and_the_exit_code_is_one(tmp_path, capsys):
-    assert run(["info", str(tmp_path / "none.mcap")]) == 1
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("quadlog: ")
-    assert captured.err.count("\n") == 1
-    assert "none.mcap" in captured.err
+def test_unknown_commands_and_missing_arguments_are_usage(refused):
+    assert "replya" in refused(2, "replya")
+    refused(2, "replay")
 
 
-def test_every_command_says_what_it_does():
-    for name in COMMANDS:
-        command = cli.get_command(None, name)  # type: ignore[arg-type]
-        assert command is not None
-        assert command.name == name
-        assert command.help
+def test_a_known_error_is_one_line_and_the_exit_code_is_one(tmp_path, refused):
+    assert "none.mcap" in refused(1, "info", tmp_path / "none.mcap")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_ends_with_examples_that_the_command_takes(name):
-    command = cli.get_command(None, name)  # type: ignore[arg-type]
-    assert command is not None
+def test_help_says_what_it_does_and_ends_with_examples_that_the_command_takes(name):
+    command = command_of(name)
+    assert command.name == name
+    assert command.help
     shown = CliRunner().invoke(command, ["--help"]).output
     examples = shown[shown.index("\n  Examples:\n") :].splitlines()[2:]
     assert examples
@@ -69,6 +85,16 @@ def test_help_ends_with_examples_that_the_command_takes(name):
         assert command.make_context(name, arguments).params
 
 
+def test_options_of_one_meaning_are_declared_alike():
+    """The same flag has the same short form, type and default wherever a command has it; help may differ."""
+    options = [each for name in COMMANDS for each in command_of(name).params if isinstance(each, click.Option)]
+    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force"):
+        alike = [each for each in options if flag in each.opts]
+        assert len(alike) > 1
+        kinds = {(*each.opts, str(each.type), str(each.default), each.multiple, each.is_flag) for each in alike}
+        assert len(kinds) == 1, kinds
+
+
 def test_a_closed_pipe_ends_quietly():
     script = f"{sys.executable} -c 'from quadlog.cli.main import main; main()' --help | head -n 1"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
@@ -76,35 +102,28 @@ def test_a_closed_pipe_ends_quietly():
     assert done.stdout.startswith("Usage: quadlog")
 
 
-@pytest.mark.parametrize("error", [MemoryError(), MemoryError("no room\nfor an array"), OSError(12, "no memory")])
-def test_a_lack_of_memory_is_one_line(error, monkeypatch, capsys):
+def failing(monkeypatch, error):
     def fail(*_arguments, **_options):
         raise error
 
     monkeypatch.setattr(cli, "main", fail)
-    assert run(["info"]) == 1
-    said = capsys.readouterr().err
-    assert (said.startswith("quadlog: "), "memory" in said, said.count("\n")) == (True, True, 1)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("no room\nfor an array"), OSError(12, "no memory")])
+def test_a_lack_of_memory_is_one_line(error, monkeypatch, refused):
+    failing(monkeypatch, error)
+    assert "memory" in refused(1, "info")
 
 
 def test_what_is_no_lack_of_memory_stays_a_traceback(monkeypatch):
-    def fail(*_arguments, **_options):
-        raise ValueError("a bug")
-
-    monkeypatch.setattr(cli, "main", fail)
+    failing(monkeypatch, ValueError("a bug"))
     with pytest.raises(ValueError, match="a bug"):
         run(["info"])
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_who_is_interrupted_is_told_how_to_go_on_where_that_can_be(name, monkeypatch, capsys):
-    def interrupted(*_arguments, **_options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli, "main", interrupted)
-    assert run([name]) == 1
-    said = capsys.readouterr().err
+def test_an_interrupted_command_says_how_to_go_on_where_that_can_be(name, monkeypatch, refused):
+    failing(monkeypatch, KeyboardInterrupt())
+    said = refused(1, name)
     assert said.startswith("quadlog: interrupted; nothing half-written was left")
-    command = cli.get_command(None, name)  # type: ignore[arg-type]
-    assert command is not None
-    assert ("--resume" in said) == any("--resume" in option.opts for option in command.params)
+    assert ("--resume" in said) == any("--resume" in option.opts for option in command_of(name).params)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.cli.main import run
+from quadlog.cli.terminal.parameters import FORMATS
 from quadlog.results.run.record import InputRecord, RunRecord
 from quadlog.results.run.run_folder import RunFolder
 from quadlog.results.run.tables import TABLES, write_table
@@ -34,36 +34,38 @@ def runs(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
-def test_json_is_what_the_contract_says(runs, capsys):
-    assert run(["metrics", str(runs), "--format", "json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_json_is_what_the_contract_says(runs, ok):
+    found = json.loads(ok("metrics", runs, "--format", "json"))
     assert [each["run"] for each in found] == [str(runs / f"walk-{number}") for number in range(3)]
     assert [set(each) for each in found] == [{"run", "eta_m"}] * 3
     assert found[0]["eta_m"] == pytest.approx(0.1, abs=0.01)
 
 
-@pytest.mark.parametrize("to", ["table", "csv", "markdown", "latex"])
-def test_other_formats_name_every_run(runs, capsys, to):
-    assert run(["metrics", str(runs), "--format", to]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    assert all(f"walk-{number}" in captured.out for number in range(3))
+@pytest.mark.parametrize("to", FORMATS)
+def test_every_format_names_every_run_and_takes_any_unit(runs, quadlog, to):
+    code, out, err = quadlog("metrics", runs, "--format", to)
+    assert (code, err) == (0, "")
+    assert all(f"walk-{number}" in out for number in range(3))
+    metrics = {"eta_m": {"value": 0.1, "n": 200, "unit": "\ud800"}}
+    (runs / "walk-0" / "metrics.json").write_text(json.dumps(metrics))
+    done = quadlog("metrics", runs / "walk-0", "--format", to)
+    assert done.code in (0, 3)
+    assert "eta" in done.out
 
 
-def test_csv_always_has_the_samples(runs, capsys):
-    assert run(["metrics", str(runs), "--format", "csv"]) == 0
-    header, *rows = csv.reader(capsys.readouterr().out.splitlines())
+def test_csv_always_has_the_samples(runs, ok):
+    header, *rows = csv.reader(ok("metrics", runs, "--format", "csv").splitlines())
     assert len(rows) == 3
     assert all(float(dict(zip(header, row, strict=True))["p95"]) > 0.1 for row in rows)
 
 
-def test_a_condition_that_holds_is_exit_code_4(runs, capsys):
-    assert run(["metrics", str(runs), "--fail-if", "eta_m > 0.5"]) == 0
-    assert capsys.readouterr().err == ""
-    assert run(["metrics", str(runs), "--fail-if", "eta_m>0.25", "--fail-if", "sigma_m>1", "--format", "json"]) == 4
-    captured = capsys.readouterr()
-    json.loads(captured.out)
-    lines = captured.err.splitlines()
+def test_a_condition_that_holds_is_exit_code_4(runs, quadlog):
+    done = quadlog("metrics", runs, "--fail-if", "eta_m > 0.5")
+    assert (done.code, done.err) == (0, "")
+    done = quadlog("metrics", runs, "--fail-if", "eta_m>0.25", "--fail-if", "sigma_m>1", "--format", "json")
+    assert done.code == 4
+    json.loads(done.out)
+    lines = done.err.splitlines()
     assert lines[0] == f"--fail-if {runs}/walk-0: sigma_m > 1: cannot be told, the run has no sigma_m"
     assert f"--fail-if {runs}/walk-2: eta_m > 0.25 holds: 0.3" in lines[2]
     assert len(lines) == 4
@@ -82,62 +84,44 @@ def test_a_condition_that_holds_is_exit_code_4(runs, capsys):
         (["--t-max-diff", "-1"], "--t-max-diff"),
     ],
 )
-def test_wrong_usage_is_one_line(runs, capsys, arguments, words):
-    assert run(["metrics", str(runs), *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert words in captured.err
+def test_wrong_usage(runs, refused, arguments, words):
+    assert words in refused(2, "metrics", runs, *arguments)
 
 
-def test_without_a_run_there_is_only_the_explanation(capsys):
-    assert run(["metrics", "--explain", "sigma_m"]) == 0
-    assert "[Tracking] eq. 47" in capsys.readouterr().out
-    assert run(["metrics"]) == 2
-    assert run(["metrics", "--explain", "eta_m", "--fail-if", "eta_m>1"]) == 2
+def test_without_a_run_there_is_only_the_explanation(ok, refused):
+    assert "[Tracking] eq. 47" in ok("metrics", "--explain", "sigma_m")
+    refused(2, "metrics")
+    refused(2, "metrics", "--explain", "eta_m", "--fail-if", "eta_m>1")
 
 
-def test_the_worst_instants_are_shown(runs, capsys):
-    assert run(["metrics", str(runs / "walk-1"), "--explain", "eta_m"]) == 0
-    out = capsys.readouterr().out
+def test_the_worst_instants_are_shown(runs, ok):
+    out = ok("metrics", runs / "walk-1", "--explain", "eta_m")
     assert "walk-1: 0.2" in out
     assert len(out.splitlines()) == 11
 
 
-def test_a_reference_gives_ate_and_another_clock_is_refused(runs, tmp_path, capsys):
+def test_a_reference_gives_ate_and_another_clock_is_refused(runs, tmp_path, quadlog, ok, refused):
     walk, truth = runs / "walk-0", tmp_path / "truth.tum"
+    with_truth = ["metrics", walk, "--reference", truth]
     write_tum(truth, T_NS, np.sqrt(T_NS / 1e9), np.zeros(200), np.zeros(200))
-    assert run(["metrics", str(walk), "--reference", str(truth), "--format", "json"]) == 0
-    captured = capsys.readouterr()
-    assert json.loads(captured.out)[0]["ate_rmse_m"] == pytest.approx(0.1, abs=0.01)
-    assert "200 poses" in captured.err
+    done = quadlog(*with_truth, "--format", "json")
+    assert json.loads(done.out)[0]["ate_rmse_m"] == pytest.approx(0.1, abs=0.01)
+    assert "200 poses" in done.err
     truth.write_text(truth.read_text().replace(" 0.0 0.0 0.0 0.0 ", " 0.0 0.3 0.0 0.0 "))
     for extra, expected_m in (([], 0.3), (["--project-to-plane", "xy"], 0.1)):
-        assert run(["metrics", str(walk), "--reference", str(truth), "--format", "json", *extra]) == 0
-        assert json.loads(capsys.readouterr().out)[0]["ate_rmse_m"] == pytest.approx(expected_m, abs=0.02)
+        found = json.loads(ok(*with_truth, "--format", "json", *extra))
+        assert found[0]["ate_rmse_m"] == pytest.approx(expected_m, abs=0.02)
     write_tum(truth, T_NS + 10**18, np.sqrt(T_NS / 1e9), np.zeros(200), np.zeros(200))
-    assert run(["metrics", str(walk), "--reference", str(truth)]) == 1
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert "no offset can be told: too short" in captured.err
-    assert run(["metrics", str(walk), "--reference", str(truth), "--t-offset", "1e9"]) == 0
+    assert "no offset can be" in refused(1, *with_truth)
+    ok(*with_truth, "--t-offset", "1e9")
 
 
-def test_a_damaged_run_is_told_and_is_exit_code_3(runs, capsys):
+def test_a_damaged_run_is_named_and_is_exit_code_3(runs, quadlog):
     (runs / "walk-1" / "run.json").write_text("")
-    assert run(["metrics", str(runs)]) == 3
-    captured = capsys.readouterr()
-    assert "walk-2" in captured.out
-    assert captured.err.count("\n") == 1
-    assert "walk-1/run.json: is damaged" in captured.err
-
-
-@pytest.mark.parametrize("to", ["table", "json", "csv", "markdown", "latex"])
-def test_a_unit_that_is_no_text_is_shown_as_far_as_it_goes(runs, capsys, to):
-    metrics = {"eta_m": {"value": 0.1, "n": 200, "unit": "\ud800"}}
-    (runs / "walk-0" / "metrics.json").write_text(json.dumps(metrics))
-    assert run(["metrics", str(runs / "walk-0"), "--format", to]) in (0, 3)
-    assert "eta" in capsys.readouterr().out
+    code, out, err = quadlog("metrics", runs)
+    assert (code, err.count("\n")) == (3, 1)
+    assert "walk-2" in out
+    assert "walk-1/run.json: is damaged" in err
 
 
 def test_pandas_is_not_loaded(runs):

@@ -10,38 +10,25 @@ from pathlib import Path
 
 import pytest
 
-from quadlog.cli.main import run
-
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml")]
 
 
-def test_metrics_go_to_stdout_and_talk_to_stderr(tmp_path, capsys):
-    code = run(["replay", *FOLLOW, "-o", str(tmp_path / "runs"), "--until", "position", "--duration", "1"])
-    captured = capsys.readouterr()
-    assert code == 0
-    assert "uwb_rmse_m" in captured.out
-    assert str(tmp_path / "runs" / "follow" / "report.html") in captured.out
-    assert "robot position from uwb" in captured.err
-    assert "robot position" not in captured.out
-
-
-def test_json_is_a_list_of_flat_objects(tmp_path, capsys):
-    arguments = ["--until", "position", "--duration", "1", "--json"]
-    assert run(["replay", *FOLLOW, "-o", str(tmp_path / "runs"), *arguments]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert len(rows) == 1
-    assert rows[0]["run"] == str(tmp_path / "runs" / "follow")
-    assert rows[0]["exit_code"] == 0
-    assert isinstance(rows[0]["uwb_residual_m"], float)
-    assert "eta_m" not in rows[0]
-
-
-def test_dry_run_writes_nothing(tmp_path, capsys):
-    assert run(["replay", *FOLLOW, "-o", str(tmp_path / "runs"), "--dry-run", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
+    arguments = ["replay", *FOLLOW, "-o", tmp_path / "runs", "--until", "position", "--duration", "1"]
+    rows = json.loads(ok(*arguments, "--dry-run", "--json"))
     assert rows[0]["action"] == "run"
     assert not (tmp_path / "runs").exists()
+    code, out, err = quadlog(*arguments)
+    assert code == 0
+    assert "uwb_rmse_m" in out
+    assert str(tmp_path / "runs" / "follow" / "report.html") in out
+    assert "robot position from uwb" in err
+    assert "robot position" not in out
+    (row,) = json.loads(ok(*arguments, "--json", "--force"))
+    assert (row["run"], row["exit_code"]) == (str(tmp_path / "runs" / "follow"), 0)
+    assert isinstance(row["uwb_residual_m"], float)
+    assert "eta_m" not in row
 
 
 @pytest.mark.parametrize(
@@ -53,42 +40,33 @@ def test_dry_run_writes_nothing(tmp_path, capsys):
         (["--planner", "a_star"], 2, "'a_star' is not one of 'astar', "),
         (["--controller", "mpc"], 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'none'"),
         (["--preset", "papers"], 2, "'paper"),
-        (
-            ["--planner", "astar", "--set", "planner.name=lpa_star"],
-            2,
-            "--planner astar and --set planner.name=lpa_star",
-        ),
+        (["--planner", "astar", "--set", "planner.name=lpa_star"], 2, "--planner astar and --set planner."),
         (["--controller", "fpm", "--set", "simulation.controller=none"], 2, "--controller fpm and --set simulation."),
         (["--set", "topics.lidar=/points"], 1, "/lidar/points"),
         (["--set", "topics.lidar=/odom"], 1, "/odom is nav_msgs/msg/Odometry"),
     ],
 )
-def test_mistakes_are_one_line_that_names_the_remedy(tmp_path, capsys, arguments, code, says):
-    assert run(["replay", *FOLLOW, "-o", str(tmp_path / "runs"), *arguments]) == code
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert says in captured.err
-    assert "Traceback" not in captured.err
+def test_mistakes_name_the_remedy(tmp_path, refused, arguments, code, says):
+    assert says in refused(code, "replay", *FOLLOW, "-o", tmp_path / "runs", *arguments)
     assert not (tmp_path / "runs" / "follow" / "run.json").exists()
 
 
-def test_a_planner_of_a_plug_in_is_a_choice(tmp_path, install, capsys):
+def test_a_planner_of_a_plug_in_is_a_choice(tmp_path, install, ok, refused):
     install("quadlog-zig", "1.0", {"quadlog.planners": {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
-    output = ["-o", str(tmp_path / "runs"), "--dry-run"]
-    assert run(["replay", *FOLLOW, *output, "--planner", "zigzag"]) == 0
-    assert run(["replay", *FOLLOW, *output, "--planner", "zagzig"]) == 2
-    assert "'zigzag'" in capsys.readouterr().err
+    command = ["replay", *FOLLOW, "-o", tmp_path / "runs", "--dry-run", "--planner"]
+    ok(*command, "zigzag")
+    assert "'zigzag'" in refused(2, *command, "zagzig")
 
 
-def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, capsys):
+def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, quadlog, ok):
     toml, output = tmp_path / "quadlog.toml", ["--until", "ingest", "--duration", "1", "--preset", "paper"]
-    assert run(["init", FOLLOW[0], "-o", str(toml)]) == 0
-    capsys.readouterr()
+    ok("init", FOLLOW[0], "-o", toml)
     records = []
     for name in ("defaults", "changed"):
-        assert run(["replay", FOLLOW[0], "-c", str(toml), "-o", str(tmp_path / name), *output]) == 0
+        done = quadlog("replay", FOLLOW[0], "-c", toml, "-o", tmp_path / name, *output)
+        assert done.code == 0
         records.append(json.loads((tmp_path / name / "follow" / "run.json").read_text()))
-        said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("preset paper")]
+        said = [line for line in done.err.splitlines() if line.startswith("preset paper")]
         assert [note for note in records[-1]["notes"] if note.startswith("preset paper")] == said
         toml.write_text(toml.read_text().replace('# method = "gauss_newton"', 'method = "huber"'))
     assert [each["config"]["uwb"]["method"] for each in records] == ["paper", "paper"]
@@ -111,7 +89,7 @@ def wait_for(path: Path, process: subprocess.Popen) -> None:
 
 
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, capsys):
+def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, ok):
     process = start(tmp_path)
     run_folder = tmp_path / "runs" / "follow"
     wait_for(run_folder / "fixes.parquet", process)
@@ -126,7 +104,6 @@ def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, c
         assert err.splitlines()[-1].startswith("quadlog: interrupted")
         assert visible == {path.name for path in run_folder.iterdir()}
 
-    capsys.readouterr()
-    assert run(["replay", *FOLLOW, "-o", str(tmp_path / "runs"), "--until", "map", "--resume"]) == 0
+    ok("replay", *FOLLOW, "-o", tmp_path / "runs", "--until", "map", "--resume")
     assert (run_folder / "run.json").exists()
     assert not [path.name for path in run_folder.iterdir() if path.name.startswith(".")]

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import pytest
 
-from quadlog.cli.main import run
 from quadlog.pipelines.executor import dask_cluster
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -31,60 +30,48 @@ def two(tmp_path):
     return [*recordings, "-c", str(FIXTURES / "follow.toml"), "-o", str(tmp_path / "runs")]
 
 
-def test_failures_are_the_last_lines_with_a_count(tmp_path, two, capsys):
-    for name in ("broken", "empty"):
-        (tmp_path / f"{name}.bag").write_text("no bag")
-        two.insert(0, str(tmp_path / f"{name}.bag"))
-    assert run(["replay", *two, "--until", "ingest", "--jobs", "1"]) == 3
-    captured = capsys.readouterr()
-    last = captured.err.splitlines()[-3:]
-    assert last[0] == "2 of 4 recordings failed:"
-    assert [line.split(": ")[0].strip() for line in last[1:]] == [
-        str(tmp_path / f"{n}.bag") for n in ("broken", "empty")
-    ]
-    assert str(tmp_path / "runs" / "a") in captured.out
-    assert "broken" not in captured.out
+def test_failures_are_the_last_lines_with_a_count(tmp_path, two, quadlog):
+    bad = [str(tmp_path / f"{name}.bag") for name in ("broken", "empty")]
+    for path in bad:
+        Path(path).write_text("no bag")
+    done = quadlog("replay", *bad, *two, "--until", "ingest", "--jobs", "1")
+    assert done.code == 3
+    first, *last = done.err.splitlines()[-3:]
+    assert first == "2 of 4 recordings failed:"
+    assert [line.split(": ")[0].strip() for line in last] == bad
+    assert str(tmp_path / "runs" / "a") in done.out
+    assert "broken" not in done.out
 
 
-def test_a_dry_run_tells_the_time_of_all_once_one_has_run(two, capsys):
-    assert run(["replay", *two, "--dry-run"]) == 0
-    out = capsys.readouterr().out
+def test_a_dry_run_estimates_the_time_once_one_has_run(two, quadlog, ok):
+    out = ok("replay", *two, "--dry-run")
     assert "2 of 2 to replay, " in out.splitlines()[-1]
-    assert "how long that takes is known once one has run" in out
-    assert run(["replay", *two[:1], *two[2:], "--until", "ingest"]) == 0
-    capsys.readouterr()
-    assert run(["replay", *two, "--until", "ingest", "--resume", "--dry-run", "--jobs", "2"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    assert "unknown until one has been replayed" in out
+    ok("replay", *two[:1], *two[2:], "--until", "ingest")
+    again = ["replay", *two, "--until", "ingest", "--dry-run"]
+    lines = ok(*again, "--resume", "--jobs", "2").splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["skip", "run"]
-    assert lines[-1].startswith("1 of 2 to replay, ")
-    assert "; about " in lines[-1]
-    assert lines[-1].endswith(" with 1 worker")  # the other one would have nothing to do
-    assert run(["replay", *two, "--until", "ingest", "--force", "--dry-run", "--jobs", "1000000000"]) == 0
-    assert capsys.readouterr().out.endswith(" with 2 workers\n")
-    assert run(["replay", *two, "--until", "ingest", "--resume", "--dry-run", "--json"]) == 0
-    captured = capsys.readouterr()
-    rows = json.loads(captured.out)
-    assert rows[0]["expected_s"] == 0
-    assert rows[1]["expected_s"] > 0
-    assert rows[1]["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size
-    assert "1 of 2 to replay" in captured.err
+    # A second worker would have nothing to do.
+    assert re.fullmatch(r"1 of 2 to replay, .*; about .* with 1 worker", lines[-1])
+    assert ok(*again, "--force", "--jobs", "1000000000").endswith(" with 2 workers\n")
+    done = quadlog(*again, "--resume", "--json")
+    kept, new = json.loads(done.out)
+    assert kept["expected_s"] == 0 < new["expected_s"]
+    assert new["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size
+    assert "1 of 2 to replay" in done.err
 
 
-def test_a_scheduler_has_its_own_workers(two, capsys):
-    assert run(["replay", *two, "--scheduler", "tcp://127.0.0.1:1", "--jobs", "2"]) == 2
-    assert "--scheduler and --jobs exclude each other" in capsys.readouterr().err
-
-
-def test_an_address_without_a_scheduler_is_one_line(two, capsys, monkeypatch):
+def test_a_scheduler_that_cannot_be_used_is_one_line(two, refused, monkeypatch):
+    said = refused(2, "replay", *two, "--scheduler", "tcp://127.0.0.1:1", "--jobs", "2")
+    assert "--scheduler and --jobs exclude each other" in said
     monkeypatch.setattr(dask_cluster, "ANSWER_S", 0.2)
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{closed.getsockname()[1]}"
-        assert run(["replay", *two, "--scheduler", address]) == 1
-    assert capsys.readouterr().err == f"quadlog: --scheduler {address}: no Dask scheduler has answered within 0.2 s\n"
+        said = refused(1, "replay", *two, "--scheduler", address)
+    assert said == f"quadlog: --scheduler {address}: no Dask scheduler has answered within 0.2 s\n"
     assert not Path(two[-1]).exists()
-    assert run(["replay", *two, "--scheduler", "my cluster"]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+    refused(1, "replay", *two, "--scheduler", "my cluster")
 
 
 def start(arguments, **options):
@@ -94,7 +81,7 @@ def start(arguments, **options):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, capsys, number):
+def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, ok, number):
     process = start([*two, "--jobs", "2", "--until", "map"], start_new_session=True)
     while not list(tmp_path.glob("runs/*/poses.parquet")):  # at least one worker is in the midst of its work
         assert process.poll() is None, process.communicate()
@@ -110,10 +97,10 @@ def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path
     assert "Traceback" not in err
     assert not list((tmp_path / "runs").rglob("*.part"))
     assert not list((tmp_path / "runs").rglob("run.json"))
-    assert run(["replay", *two, "--jobs", "1", "--until", "position", "--resume"]) == 0
+    ok("replay", *two, "--jobs", "1", "--until", "position", "--resume")
 
 
-def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, capsys):
+def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, ok):
     """A limit on the size of files stands for the disk: what writes gets the same kind of error."""
     most = 20_000
 
@@ -129,4 +116,4 @@ def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_p
     assert "--resume goes on" in err
     assert "Traceback" not in err
     assert not list((tmp_path / "runs").rglob("run.json"))
-    assert run(["replay", *two, "--jobs", "1", "--until", "position", "--resume"]) == 0
+    ok("replay", *two, "--jobs", "1", "--until", "position", "--resume")

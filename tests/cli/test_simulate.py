@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.cli.main import run
 from quadlog.cli.simulate import TERRAINS
 from quadlog.cli.simulate import _terrain as option_terrain
 from quadlog.config.file import load_config
+from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.pipelines.simulation.courses import BANDS_M
 from quadlog.results.run.maps import GroundMap, read_ground, write_ground
+from quadlog.simulation.robot import trot as trot_walk
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]
 
@@ -23,49 +24,47 @@ def path(tmp_path):
     return path
 
 
-def test_prints_a_table_and_where_the_reports_are(path, tmp_path, capsys):
-    assert run(["simulate", str(path), *QUICK, "--seeds", "2", "--jobs", "1", "--disturbed", "-o", str(tmp_path)]) == 0
-    out = capsys.readouterr().out
+def test_prints_a_table_and_where_the_reports_are(path, tmp_path, ok):
+    out = ok("simulate", path, *QUICK, "--seeds", "2", "--jobs", "1", "--disturbed", "-o", tmp_path)
     lines = out.splitlines()
     assert lines[0] == f"{tmp_path / 'bend-kinematic'}: bend, kinematic"
     assert [line.split()[0] for line in lines[2:6]] == ["0", "1", "mean", "std"]
     assert lines[6:] == [str(tmp_path / "bend-kinematic" / f"seed-00{seed}" / "report.html") for seed in (0, 1)]
 
 
-def test_json_is_a_list_of_metrics_and_nothing_else(path, tmp_path, capsys):
-    assert run(["simulate", str(path), *QUICK, "--seed", "5", "--speed", "0.4", "--json", "-o", str(tmp_path)]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
-    assert row["seed"] == 5
-    assert row["run"] == str(tmp_path / "bend-kinematic" / "seed-005")
-    assert row["completion_time_s"] == pytest.approx(1.4 / 0.4, abs=0.3)
+def test_json_is_a_list_of_metrics_and_set_is_stronger_than_disturbed(path, tmp_path, ok):
+    settings = ["--disturbed", "--set", "simulation.disturbances.pose_noise_m=0", "--seed", "5", "--speed", "0.4"]
+    (row,) = json.loads(ok("simulate", path, *QUICK, *settings, "--json", "-o", tmp_path))
+    run = tmp_path / "bend-kinematic" / "seed-005"
+    assert (row["seed"], row["run"]) == (5, str(run))
+    assert row["completion_time_s"] == pytest.approx(1.4 / 0.4, abs=0.5)
     assert "torque_max_nm" not in row
-
-
-def test_set_is_stronger_than_disturbed(path, tmp_path):
-    settings = ["--disturbed", "--set", "simulation.disturbances.pose_noise_m=0"]
-    assert run(["simulate", str(path), *QUICK, *settings, "-o", str(tmp_path)]) == 0
-    disturbances = json.loads((tmp_path / "bend-kinematic" / "seed-000" / "run.json").read_text())["config"][
-        "simulation"
-    ]["disturbances"]
+    disturbances = json.loads((run / "run.json").read_text())["config"]["simulation"]["disturbances"]
     assert (disturbances["pose_noise_m"], disturbances["pose_lag_s"]) == (0.0, 0.1)
 
 
-def test_usage_errors_exit_with_2(path, tmp_path, capsys):
-    output = ["-o", str(tmp_path / "runs")]
-    assert run(["simulate"]) == 2
-    assert run(["simulate", str(path), "--controller", "none", *output]) == 2
-    assert run(["simulate", str(path), "--terrain", "9cm", *output]) == 2
-    assert run(["simulate", str(path), "--seeds", "0", *output]) == 2
-    assert run(["simulate", str(path), "--set", "simulation.controller=none", *output]) == 2
-    for flag, value, key in (
-        ("--controller", "pmw", "simulation.controller=kinematic"),
-        ("--terrain", "3cm", "simulation.terrain=6cm"),
-        ("--speed", "0.4", "pursuit.speed_mps=0.5"),
-    ):
-        assert run(["simulate", str(path), flag, value, "--set", key, *output]) == 2
-        assert f"{flag} {value} and --set {key} differ" in capsys.readouterr().err
-    assert run(["simulate", "lin", *output]) == 1
-    assert "trot-32s" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ([], 2, "COURSE"),
+        (["bend.csv", "--controller", "none"], 2, "none"),
+        (["bend.csv", "--terrain", "9cm"], 2, "9cm"),
+        (["bend.csv", "--seeds", "0"], 2, "--seeds"),
+        (["bend.csv", "--set", "simulation.controller=none"], 2, "without a controller"),
+        (["bend.csv", "--controller", "pmw", "--set", "simulation.controller=kinematic"], 2, "differ"),
+        (["bend.csv", "--terrain", "3cm", "--set", "simulation.terrain=6cm"], 2, "--terrain 3cm and --set simulation."),
+        (["bend.csv", "--speed", "0.4", "--set", "pursuit.speed_mps=0.5"], 2, "--speed 0.4 and --set pursuit."),
+        (["lin"], 1, "trot-32s"),
+        (["trot-32s", "--controller", "fpm"], 2, "trot-32s takes no"),
+        (["trot-32s", "--terrain", "3cm"], 2, "trot-32s takes no"),
+        (["trot-32s", "--speed", "0.5"], 2, "trot-32s takes no"),
+        (["trot-32s", "--disturbed"], 2, "trot-32s takes no"),
+        (["trot-32s", "--set", "simulation.trot.payload=1"], 1, "simulation.trot.payload_kg"),
+    ],
+)
+def test_mistakes(path, tmp_path, monkeypatch, refused, arguments, code, says):
+    monkeypatch.chdir(tmp_path)
+    assert says in refused(code, "simulate", *arguments, "-o", "runs")
     assert not (tmp_path / "runs").exists()
 
 
@@ -79,22 +78,22 @@ def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeyp
         assert Path(load_config(None, [f"simulation.terrain={terrain}"], {}).simulation.terrain).samefile(name)
 
 
-def test_a_walk_on_a_runs_ground_says_so(path, tmp_path, monkeypatch, capsys):
+def test_a_walk_on_a_runs_ground_says_so(tmp_path, monkeypatch, quadlog, refused):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk").mkdir()
     height_m = np.zeros((5, 60))
     write_ground(tmp_path / "walk", GroundMap(np.array([-5.0, -0.5]), 0.2, height_m, np.full(height_m.shape, 99)))
     (tmp_path / "walk.csv").write_text("0,0\n0,1.5\n")
-    assert run(["simulate", "walk.csv", *QUICK, "--terrain", "walk", "-o", "out"]) == 0
-    said = capsys.readouterr().err
+    done = quadlog("simulate", "walk.csv", *QUICK, "--terrain", "walk", "-o", "out")
+    assert done.code == 0
+    said = done.err
     record = json.loads((tmp_path / "out" / "walk-kinematic" / "seed-000" / "run.json").read_text())
     assert len(record["notes"]) == len(record["warnings"]) == 1
     assert f"warning: {record['warnings'][0]}" in said
     assert "the ground that walk saw" in said
-    assert (
-        run(["simulate", "walk.csv", *QUICK, "--terrain", "out/walk-kinematic/seed-000", "-o", "out", "--force"]) == 2
-    )
-    assert "cannot be the terrain of the walk that replaces it" in capsys.readouterr().err
+    itself = ["--terrain", "out/walk-kinematic/seed-000", "-o", "out", "--force"]
+    said = refused(2, "simulate", "walk.csv", *QUICK, *itself)
+    assert "cannot be the terrain of the walk that replaces it" in said
     assert read_ground(tmp_path / "out" / "walk-kinematic" / "seed-000").cell_m == 0.2
 
 
@@ -107,15 +106,45 @@ def test_a_walk_on_a_runs_ground_says_so(path, tmp_path, monkeypatch, capsys):
         ("", "holds no point"),
     ],
 )
-def test_a_bad_path_is_one_line_that_says_where(tmp_path, capsys, text, said):
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
-    assert run(["simulate", str(path), *QUICK, "-o", str(tmp_path)]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
+def test_a_bad_path_is_one_line_that_says_where(tmp_path, refused, text, said):
+    (tmp_path / "bad.csv").write_text(text)
+    error = refused(1, "simulate", tmp_path / "bad.csv", *QUICK, "-o", tmp_path)
     assert said in error
     assert "bad.csv" in error
 
 
 def test_what_is_offered_is_what_there_is():
     assert set(TERRAINS) == {"flat", *BANDS_M}
+
+
+@pytest.fixture
+def short_trot(monkeypatch):
+    monkeypatch.setattr(trot_walk, "TROT_S", 2.0)
+    monkeypatch.setattr(trot_folder, "write_plots", lambda *_: {})
+
+
+@pytest.mark.usefixtures("short_trot")
+def test_trot_has_a_row_for_each_curve(tmp_path, ok):
+    settings = ["--set", "simulation.trot.payload_kg=1.2", "--set", "simulation.trot.payload_y_m=-0.1"]
+    settings += ["--set", "results.frames=0", "--seed", "5"]
+    rows = json.loads(ok("simulate", "trot-32s", *settings, "--json", "-o", tmp_path))
+    assert [row["controller"] for row in rows] == ["baseline", "3d-curve"]
+    for row in rows:
+        run = tmp_path / "trot-32s" / row["controller"]
+        assert (row["run"], row["seed"]) == (str(run), 5)
+        saved = json.loads((run / "metrics.json").read_text())
+        for name in ("lateral_drift_m", "yaw_rate_degps", "forward_m"):
+            assert row[name] == saved[name]["value"]
+
+
+@pytest.mark.usefixtures("short_trot")
+def test_trot_has_a_table_for_each_curve(tmp_path, ok):
+    arguments = ["--set", "results.frames=0", "--seeds", "2", "--jobs", "1", "-o", tmp_path]
+    lines = ok("simulate", "trot-32s", *arguments).splitlines()
+    baseline = tmp_path / "trot-32s" / "baseline"
+    assert lines[0] == f"{baseline}: trot-32s, baseline"
+    assert "yaw deg/s" in lines[1]
+    assert [line.split()[0] for line in lines[2:6]] == ["0", "1", "mean", "std"]
+    assert lines[6] == str(baseline / "seed-000" / "report.html")
+    assert f"{tmp_path / 'trot-32s' / '3d-curve'}: trot-32s, 3d-curve" in lines
+    assert "trot-32s/3d-curve" in "".join(ok("simulate", "--help").split())

@@ -29,16 +29,6 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_everything_the_contract_names_is_written(made):
-    names = {path.name for path in made.iterdir()}
-    assert {"README.md", "following-uwb.csv", "following-uwb.json", "following-uwb.tex"} <= names
-    assert {name for name in names if name.endswith(".png")} == {
-        "following-uwb-site.png",
-        "following-uwb-efficiency.png",
-    }
-    assert not any(name.startswith(".") for name in names)
-
-
 def test_the_csv_file_holds_what_the_contract_says(made):
     with (made / "following-uwb.csv").open(newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
@@ -57,6 +47,9 @@ def test_the_csv_file_holds_what_the_contract_says(made):
 
 
 def test_the_page_shows_the_pictures_that_are_there_and_says_that_it_is_fast(made):
+    names = {path.name for path in made.iterdir()}
+    pictures = {"following-uwb-site.png", "following-uwb-efficiency.png"}
+    assert names == {"README.md", *(f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex")), *pictures}
     page = (made / "README.md").read_text(encoding="utf-8")
     assert "`quadlog tables following-uwb --fast`" in page
     assert "**A fast run" in page
@@ -71,16 +64,15 @@ def test_a_second_run_writes_the_same_bytes(made, tmp_path):
         assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
 
 
-def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, capsys):
-    assert run(["tables", "following-uwb", "-o", str(tmp_path), "--fast", "--seed", "2"]) == 0
-    captured = capsys.readouterr()
-    lines = captured.out.splitlines()
+def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
+    code, out, err = quadlog("tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2")
+    lines = out.splitlines()
+    assert (code, err) == (0, "following-uwb: fast run, seed 2\n")
     assert lines[0].startswith("following-uwb: ")
     assert "(fast run)" in lines[0]
     assert any("station 3" in line and line.endswith("no") for line in lines)
     assert "printed numbers reproduce" in lines[-2]
     assert lines[-1].startswith(str(tmp_path / "README.md"))
-    assert captured.err == "following-uwb: fast run, seed 2\n"
 
 
 def test_where_the_paper_prints_nothing_all_of_ours_is_printed(capsys):
@@ -95,36 +87,25 @@ def test_where_the_paper_prints_nothing_all_of_ours_is_printed(capsys):
     assert last == "the paper prints none; 2 quantities in all"
 
 
-def test_what_was_measured_before_is_printed_again_and_not_measured(made, capsys, monkeypatch):
-    assert run(["tables", "following-uwb", "-o", str(made), "--fast", "--force"]) == 0
-    first = capsys.readouterr()
+def test_what_was_measured_before_is_printed_again_and_not_measured(made, quadlog, monkeypatch):
+    first = quadlog("tables", "following-uwb", "-o", made, "--fast", "--force")
     before = {path.name: path.read_bytes() for path in made.iterdir()}
     monkeypatch.setattr(following_uwb, "make_table", None)
-    assert run(["tables", "following-uwb", "-o", str(made), "--fast"]) == 0
-    second = capsys.readouterr()
-    assert second.out == first.out
+    second = quadlog("tables", "following-uwb", "-o", made, "--fast")
+    assert (first.code, second.code, second.out) == (0, 0, first.out)
     assert second.err == "measured before, and nothing has changed since: following-uwb\n"
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
 
 
-def test_nothing_is_overwritten_without_force(made, capsys):
+def test_nothing_is_overwritten_without_force(made, refused):
     before = {path.name: path.read_bytes() for path in made.iterdir()}
-    assert run(["tables", "following-uwb", "-o", str(made), "--fast", "--seed", "5"]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "--force" in error
+    assert "--force" in refused(1, "tables", "following-uwb", "-o", made, "--fast", "--seed", "5")
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
 
 
-def test_an_unknown_table_is_wrong_usage_and_the_known_ones_are_listed(tmp_path, capsys):
-    assert run(["tables", "following-uvb", "-o", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
+def test_every_table_is_offered(tmp_path, ok, refused):
+    error = refused(2, "tables", "following-uvb", "-o", tmp_path / "out")
     assert "following-uvb" in error
-    assert all(name in error for name in TABLES)
+    out = ok("tables", "--help")
+    assert all(name in error and name in out for name in TABLES)
     assert not (tmp_path / "out").exists()
-
-
-def test_help_names_every_table(capsys):
-    assert run(["tables", "--help"]) == 0
-    out = capsys.readouterr().out
-    assert all(name in out for name in TABLES)

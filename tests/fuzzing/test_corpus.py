@@ -16,7 +16,7 @@ OF_FILES = ("toml", "maps", "lines", "models", "run-files", "run-values", "pages
 
 
 @pytest.mark.parametrize("targets", [OF_RECORDINGS, OF_FILES], ids=["recordings", "files"])
-def test_what_was_found_once_stays_mended(targets):
+def test_the_corpus_and_a_few_mutations_pass(targets):
     # In a process of its own, because it limits its memory.
     command = [sys.executable, "-m", "fuzzing", "test", str(CORPUS), *targets]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)

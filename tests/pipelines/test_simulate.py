@@ -186,7 +186,7 @@ def test_nothing_is_overwritten_unless_forced(path, tmp_path, undrawn):
     run = _simulate(request).run
     (run / "mine.txt").touch()
     before = (run / "control.parquet").stat().st_mtime_ns
-    with pytest.raises(AlreadyExists, match="--force allows it"):
+    with pytest.raises(AlreadyExists, match="use --force to replace it"):
         simulate(request, 1, Silent())
     assert (run / "control.parquet").stat().st_mtime_ns == before
     _simulate(replace(request, force=True))

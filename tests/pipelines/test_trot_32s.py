@@ -130,7 +130,7 @@ def test_nothing_is_overwritten_unless_forced(tmp_path, short):
     request = _request(tmp_path)
     run = trot_32s(request, 1, Silent())[1].run
     (run / "mine.txt").touch()
-    with pytest.raises(AlreadyExists, match="--force allows it"):
+    with pytest.raises(AlreadyExists, match="use --force to replace it"):
         trot_32s(request, 1, Silent())
     trot_32s(replace(request, force=True), 1, Silent())
     assert (run / "mine.txt").exists()

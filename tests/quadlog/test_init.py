@@ -28,7 +28,7 @@ def test_everything_offered_is_there_and_documented():
     assert quadlog.load_run is quadlog.load_run
 
 
-def test_what_type_checkers_are_told_is_what_there_is():
+def test_type_checking_imports_match_lazy_imports():
     """The imports under TYPE_CHECKING and the table of homes name the same objects."""
     text = inspect.getsource(quadlog)
     for name, home in quadlog._HOMES.items():
@@ -39,10 +39,9 @@ def test_what_type_checkers_are_told_is_what_there_is():
 
 def test_signatures_are_typed():
     for function in (quadlog.replay, quadlog.load_run, quadlog.open_recording):
-        hints = set(typing.get_type_hints(function))
-        assert hints == {*inspect.signature(function).parameters, "return"}
+        assert set(typing.get_type_hints(function)) == {*inspect.signature(function).parameters, "return"}
 
 
-def test_what_there_is_not_is_an_attribute_error():
+def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="module 'quadlog' has no attribute 'nothing'"):
         _ = quadlog.nothing

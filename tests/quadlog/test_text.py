@@ -16,7 +16,7 @@ NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20)
 
 
 @given(st.text())
-def test_what_is_shown_is_one_line_that_no_terminal_obeys(text: str) -> None:
+def test_printable_text_has_no_control_characters(text: str) -> None:
     shown = printable(text)
     assert shown.isprintable()
     assert len(shown) == len(text)
@@ -59,9 +59,3 @@ def test_a_flag_pasted_into_a_shell_names_the_very_same_topics(names: list[str])
     option, override = shlex.split(flag)
     assert option == "--set"
     assert load_config(None, [override], environ={}).topics.uwb == names
-
-
-@given(NAMES)
-def test_a_flag_for_one_topic_gives_one_name(name: str) -> None:
-    override = shlex.split(set_flag("topics.lidar", [name]))[1]
-    assert load_config(None, [override], environ={}).topics.lidar == name

@@ -31,7 +31,7 @@ from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperTable, TablePicture
 from quadlog.results.plots import style
 from quadlog.results.plots.scans import CLASS_COLOR
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
 
 if TYPE_CHECKING:

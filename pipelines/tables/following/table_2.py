@@ -30,7 +30,7 @@ from quadlog.planning.path import arc_lengths
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import make_planner
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import FOLLOWING_CELLS, SCENES
 from quadlog.simulation.worlds.world import GROWTH_M, WaypointTrack, World, occupied_centres

@@ -31,7 +31,7 @@ from quadlog.pipelines.tables.pictures import drawn
 from quadlog.positioning.fix.dilution import CHI2_95
 from quadlog.results.papers.table import PaperTable, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,7 +24,7 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_COST, STEP_ROW
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 from quadlog.simulation.worlds.scenes import SCENES
 from quadlog.simulation.worlds.world import CELL_M, World
 

@@ -34,7 +34,7 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
 from quadlog.simulation.worlds.replanning_walk import (
     MOST_REPLANS,

@@ -31,7 +31,7 @@ from quadlog.pipelines.tables.planning.planner_walks import (
 )
 from quadlog.planning.rules import TIES
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 
 CLAIMED = 5.0
 """[Planning] says that IA* is more than so many times as efficient."""

@@ -38,7 +38,7 @@ from quadlog.pipelines.tables.tracking.walks import (
 )
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

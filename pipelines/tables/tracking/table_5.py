@@ -38,7 +38,7 @@ from quadlog.pipelines.tables.tracking.walks import (
     walk_all,
 )
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots.style import count
+from quadlog.results.text.numbers import count
 
 CONTROLLERS = (Steering("FpMW", "fpmw"), Steering("FpM", "fpm"), Steering("pMW", "pmw"))
 TUNED = Steering("tuned rules", "fpmw", HONEST.l0_m, HONEST)

@@ -30,11 +30,13 @@ from quadlog.recordings.containers.chunks import (
     Listed,
     LostPiece,
     Piece,
+    PieceFormat,
     Scan,
     losses_of,
+    span_of,
 )
 from quadlog.recordings.containers.compression import decompress
-from quadlog.recordings.containers.container import Channel, Loss
+from quadlog.recordings.containers.container import Channel, Loss, shared_channels
 from quadlog.recordings.formatting import ros2_type_name
 from quadlog.storage.byte_ranges import ByteSource
 
@@ -44,6 +46,9 @@ _MAX_HEADER_BYTES = 1 << 20
 HEAD_BYTES = 512
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
+_NUMBER_BYTES = {b"op": 1, b"index_pos": 8, b"chunk_pos": 8} | dict.fromkeys(
+    (b"conn", b"ver", b"count", b"size", b"conn_count", b"chunk_count"), 4
+)
 _INDEX_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 
 Fields = dict[bytes, memoryview]
@@ -77,17 +82,18 @@ class Frame:
 def read_frame(file: ByteSource, position: int, size: int) -> Frame:
     """The record at position, without its data. Raises Damaged where there is none."""
     (length,) = _U32.unpack(read_at(file, position, 4))
-    return _frame(read_at(file, position, length + 8, _MAX_HEADER_BYTES), position, size)
+    return parse_frame(read_at(file, position, length + 8, _MAX_HEADER_BYTES), position, size)
 
 
-def _frame(head: bytes, position: int, size: int) -> Frame:
+def parse_frame(head: bytes, position: int, size: int) -> Frame:
+    """The same from its first bytes, which must hold the header. size: of the file. Raises Damaged."""
     cursor = Cursor(head)
     fields = read_fields(cursor.take(cursor.u32()))
     data_length = cursor.u32()
     data_offset = position + cursor.position
     if data_offset + data_length > size:
         raise Damaged("a record reaches beyond the end of the file")
-    return Frame(u8(fields, b"op"), fields, data_offset, data_length)
+    return Frame(number(fields, b"op"), fields, data_offset, data_length)
 
 
 def records(data: memoryview) -> Iterator[tuple[Fields, int, int]]:
@@ -120,16 +126,9 @@ def read_fields(header: memoryview) -> Fields:
     return fields
 
 
-def u8(fields: Fields, name: bytes) -> int:
-    return _number(fields, name, 1)
-
-
-def u32(fields: Fields, name: bytes) -> int:
-    return _number(fields, name, 4)
-
-
-def u64(fields: Fields, name: bytes) -> int:
-    return _number(fields, name, 8)
+def number(fields: Fields, name: bytes) -> int:
+    """The field of this name, a whole number of the size that the format gives it. Raises Damaged."""
+    return int.from_bytes(_value(fields, name, _NUMBER_BYTES[name]), "little")
 
 
 def time_ns(fields: Fields, name: bytes) -> int:
@@ -146,37 +145,28 @@ def read_connection(header: Fields, data: memoryview) -> Connection:
     definition = bytes(_value(fields, b"message_definition"))
     type_name = ros2_type_name(text(fields, b"type"))
     return Connection(
-        u32(header, b"conn"), text(header, b"topic"), type_name, definition, bytes(_value(fields, b"md5sum"))
+        number(header, b"conn"), text(header, b"topic"), type_name, definition, bytes(_value(fields, b"md5sum"))
     )
 
 
 def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, dict[int, int]]:
     """Offset, start and end (ns), and messages for each connection of a chunk. Raises Damaged."""
-    if u32(header, b"ver") != 1:
-        raise Damaged(f"a chunk index of version {u32(header, b'ver')} is unknown")
-    pairs = u32(header, b"count")
+    if number(header, b"ver") != 1:
+        raise Damaged(f"a chunk index of version {number(header, b'ver')} is unknown")
+    pairs = number(header, b"count")
     if len(data) != 8 * pairs:
         raise Damaged(f"a chunk index names {pairs} connections in {len(data)} bytes")
     cursor, counts = Cursor(data), {}
     for _ in range(pairs):
-        number = cursor.u32()
-        counts[number] = cursor.u32()
+        connection = cursor.u32()
+        counts[connection] = cursor.u32()
     if len(counts) != pairs:
         raise Damaged("a chunk index names a connection twice")
-    return u64(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
+    return number(header, b"chunk_pos"), time_ns(header, b"start_time"), time_ns(header, b"end_time"), counts
 
 
-def read_chunk_frame(file: ByteSource, position: int, size: int) -> Frame:
-    """The chunk's record at position, without its data. Raises Damaged."""
-    return _of_chunk(read_frame(file, position, size))
-
-
-def chunk_frame(head: bytes, position: int, size: int) -> Frame:
-    """The same from the chunk's first HEAD_BYTES, which hold the header of any that a recorder writes."""
-    return _of_chunk(_frame(head, position, size))
-
-
-def _of_chunk(frame: Frame) -> Frame:
+def chunk_of(frame: Frame) -> Frame:
+    """The record, which must be a chunk. Raises Damaged."""
     if frame.op != CHUNK:
         raise Damaged("where the index has a chunk there is none")
     return frame
@@ -185,28 +175,23 @@ def _of_chunk(frame: Frame) -> Frame:
 def read_chunk(file: ByteSource, frame: Frame) -> Body:
     """A chunk's decompressed records. Raises Damaged."""
     data = memoryview(read_at(file, frame.data_offset, frame.data_length))
-    return Body(decompress(text(frame.fields, b"compression"), data, chunk_size(frame)), len(data))
-
-
-def chunk_size(frame: Frame) -> int:
-    """How many bytes a chunk declares to hold. Raises Damaged."""
-    return u32(frame.fields, b"size")
+    return Body(decompress(text(frame.fields, b"compression"), data, number(frame.fields, b"size")), len(data))
 
 
 def list_messages(indexes: memoryview) -> Listed:
     """The messages of a chunk by the index records behind it. Raises Damaged."""
     runs: dict[int, memoryview] = {}
     for fields, begin, end in records(indexes):
-        if u8(fields, b"op") == INDEX:
-            number = u32(fields, b"conn")
-            if u32(fields, b"ver") != 1 or end - begin != u32(fields, b"count") * _INDEX_ENTRY.itemsize:
+        if number(fields, b"op") == INDEX:
+            connection = number(fields, b"conn")
+            if number(fields, b"ver") != 1 or end - begin != number(fields, b"count") * _INDEX_ENTRY.itemsize:
                 raise Damaged("a message index is damaged")
-            if number in runs:
+            if connection in runs:
                 raise Damaged("the message index of a chunk names a connection twice")
-            runs[number] = indexes[begin:end]
+            runs[connection] = indexes[begin:end]
     rows = np.frombuffer(b"".join(runs.values()), _INDEX_ENTRY)
     t_ns = rows["seconds"].astype(np.int64) * 10**9 + rows["nanoseconds"]
-    counts = {number: len(run) // _INDEX_ENTRY.itemsize for number, run in runs.items()}
+    counts = {connection: len(run) // _INDEX_ENTRY.itemsize for connection, run in runs.items()}
     return Listed(counts, t_ns, rows["offset"].astype(np.int64))
 
 
@@ -215,9 +200,9 @@ def message_entries(body: Body) -> Entries:
     found = EntryList(body)
     for fields, begin, end in records(body.data):
         found.count_record()
-        op = u8(fields, b"op")
+        op = number(fields, b"op")
         if op == MESSAGE:
-            found.add(time_ns(fields, b"time"), begin, end, u32(fields, b"conn"))
+            found.add(time_ns(fields, b"time"), begin, end, number(fields, b"conn"))
         elif op != CONNECTION:
             raise Damaged(f"it holds a record of kind {op}, which may have been a message")
     return found.entries()
@@ -228,10 +213,6 @@ def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview
     if value is None or (length is not None and len(value) != length):
         raise Damaged(f"a record lacks its field {name.decode()}")
     return value
-
-
-def _number(fields: Fields, name: bytes, length: int) -> int:
-    return int.from_bytes(_value(fields, name, length), "little")
 
 
 class BagScan(Scan):
@@ -260,8 +241,8 @@ class BagScan(Scan):
     def _step(self, position: int) -> int:
         frame = read_frame(self._file, position, self._size)
         if frame.op == MESSAGE:
-            number, t_ns = u32(frame.fields, b"conn"), time_ns(frame.fields, b"time")
-            self._take_loose(position, frame.end, t_ns, number)
+            t_ns = time_ns(frame.fields, b"time")
+            self._take_loose(position, frame.end, t_ns, number(frame.fields, b"conn"))
             return frame.end
         self._close_loose()
         if frame.op == CHUNK:
@@ -279,20 +260,17 @@ class BagScan(Scan):
             body = read_chunk(self._file, frame)
             entries = message_entries(body)
             for fields, begin, stop in records(body.data):
-                if u8(fields, b"op") == CONNECTION:
+                if number(fields, b"op") == CONNECTION:
                     self._connect(read_connection(fields, body.data[begin:stop]))
         except Damaged as damage:
-            self.lost.append(LostPiece(self._unread(position, frame), damage, None))
+            # It lies between the last message before it and an end that nothing says.
+            last_ns = max((piece.end_ns for piece in self.pieces), default=0)
+            self.lost.append(LostPiece(Piece(position, frame.end - position, last_ns, last_ns), damage, None))
             return
         if len(entries):
             piece = entries.piece(position, frame.end - position)
             self.pieces.append(piece)
             self.counts.update(piece.counts or {})
-
-    def _unread(self, position: int, frame: Frame) -> Piece:
-        """A damaged chunk, between the last message before it and an end nobody knows."""
-        last_ns = max((piece.end_ns for piece in self.pieces), default=0)
-        return Piece(position, frame.end - position, last_ns, last_ns)
 
     def _connect(self, connection: Connection) -> None:
         self._kept.keep(connection.number, len(connection.definition))
@@ -302,51 +280,38 @@ class BagScan(Scan):
 def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
     """The bag in these bytes, which are the reader's from here on; path is its name.
 
-    Raises NothingReadable when it is encrypted, or damaged without a message that can be had.
+    Raises NothingReadable when it is encrypted, or damaged without a readable message.
     """
-    try:
-        contents = _contents(path, file, file.size)
-        serious = [loss for loss in contents.losses if loss.cause != "index"]
-        if not contents.pieces and serious:
-            raise NothingReadable(path, serious[-1].detail)
-    except BaseException:
-        file.close()
-        raise
-    return ChunkedReader(path, contents, BagFormat(file, file.size), file)
+    contents = _contents(path, file, file.size)
+    serious = [loss for loss in contents.losses if loss.cause != "index"]
+    if not contents.pieces and serious:
+        raise NothingReadable(path, serious[-1].detail)
+    return ChunkedReader(path, contents, BagFormat(file), file)
 
 
-class BagFormat:
-    """How a piece of a bag is read (PieceFormat)."""
+class BagFormat(PieceFormat):
+    """How a piece of a bag is read."""
 
-    def __init__(self, file: ByteSource, size: int) -> None:
-        self._file, self._size = file, size
-
-    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
-        if piece.loose:
-            data = memoryview(read_at(self._file, piece.offset, piece.length))
-            return Body(data, len(data))
-        frame = read_chunk_frame(self._file, piece.offset, self._size)
-        if at_most is not None and chunk_size(frame) > at_most:
+    def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
+        frame = chunk_of(read_frame(self.file, piece.offset, self.file.size))
+        if at_most is not None and number(frame.fields, b"size") > at_most:
             return None
-        return read_chunk(self._file, frame)
+        return read_chunk(self.file, frame)
 
     def entries(self, body: Body) -> Entries:
         return message_entries(body)
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
+        """See PieceFormat. Chunk headers are read as well: only they say where a chunk ends and its index begins."""
         if any(not piece.index_end for piece in pieces):
             raise Damaged("the bag has no index")
-        # Where a chunk ends only its header tells.
         heads = [(each.offset, min(HEAD_BYTES, each.index_end - each.offset)) for each in pieces]
         chunks = [
-            chunk_frame(head, piece.offset, self._size)
-            for head, piece in zip(read_each_at(self._file, heads), pieces, strict=True)
+            chunk_of(parse_frame(head, piece.offset, self.file.size))
+            for head, piece in zip(read_each_at(self.file, heads), pieces, strict=True)
         ]
         spans = [(chunk.end, piece.index_end - chunk.end) for chunk, piece in zip(chunks, pieces, strict=True)]
-        return [list_messages(memoryview(index)) for index in read_each_at(self._file, spans)]
-
-    def counts(self, piece: Piece) -> Mapping[int, int] | None:
-        return piece.counts
+        return [list_messages(memoryview(index)) for index in read_each_at(self.file, spans)]
 
 
 def _contents(path: Path, file: ByteSource, size: int) -> Contents:
@@ -365,8 +330,7 @@ def _assemble(connections: Iterable[Connection], pieces: list[Piece], losses: li
     for piece in pieces:
         declared.update(piece.counts or {})
     held = [piece for piece in pieces if not piece.is_empty]
-    span = (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
-    return Contents(held, _channels(connections, declared), declared, span, losses)
+    return Contents(held, _channels(connections, declared), declared, span_of(held), losses)
 
 
 def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connection], list[Piece]]:
@@ -376,7 +340,7 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
         raise Damaged("the bag's header is damaged")
     if bytes(header.fields.get(b"encryptor", b"")):
         raise NothingReadable(path, "the bag is encrypted; decrypt it first  (rosbag decrypt)")
-    index_offset = u64(header.fields, b"index_pos")
+    index_offset = number(header.fields, b"index_pos")
     if index_offset == 0:
         raise Damaged("the bag was never closed and has no index  (rosbag reindex writes one)")
     if index_offset > size:
@@ -384,13 +348,13 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     connections, pieces = [], []
     section = memoryview(read_at(file, index_offset, size - index_offset, MAX_INDEX_BYTES))
     for fields, begin, end in records(section):
-        op = u8(fields, b"op")
+        op = number(fields, b"op")
         if op == CONNECTION:
             connections.append(read_connection(fields, section[begin:end]))
         elif op == CHUNK_INFO:
             offset, start_ns, end_ns, counts = read_chunk_info(fields, section[begin:end])
             pieces.append(Piece(offset, 0, start_ns, end_ns, "", frozenset(counts), counts))
-    expected = u32(header.fields, b"conn_count"), u32(header.fields, b"chunk_count")
+    expected = number(header.fields, b"conn_count"), number(header.fields, b"chunk_count")
     distinct = {connection.number for connection in connections}, {piece.offset for piece in pieces}
     if expected != (len(distinct[0]), len(distinct[1])) or len(pieces) != len(distinct[1]):
         raise Damaged("the bag's index is not whole")
@@ -400,7 +364,7 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     pieces.sort(key=lambda piece: piece.offset)
     for piece in pieces:
         if piece.is_empty:
-            body = read_chunk(file, read_chunk_frame(file, piece.offset, size))
+            body = read_chunk(file, chunk_of(read_frame(file, piece.offset, size)))
             if len(message_entries(body)):
                 raise Damaged("the bag's index calls a chunk empty that has messages")
     behind = [*(piece.offset for piece in pieces[1:]), index_offset]
@@ -409,12 +373,9 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
 
 def _channels(connections: Iterable[Connection], counts: Mapping[int, int]) -> dict[int, Channel]:
     """Connection ids to Channels: publishers of one topic share one, unless they disagree on the type."""
-    alike: dict[tuple[str, str, bytes], list[Connection]] = {}
+    definition_of: dict[tuple[str, str, bytes], bytes] = {}
+    identities = []
     for each in sorted(connections, key=lambda connection: connection.number):
-        alike.setdefault((each.topic, each.type_name, each.md5sum), []).append(each)
-    merged = {}
-    for (topic, type_name, _), group in alike.items():
-        count = sum(counts.get(each.number, 0) for each in group)
-        shared = Channel(topic, type_name, "ros1", "ros1msg", group[0].definition, count)
-        merged.update(dict.fromkeys((each.number for each in group), shared))
-    return merged
+        definition = definition_of.setdefault((each.topic, each.type_name, each.md5sum), each.definition)
+        identities.append((each.number, (each.topic, each.type_name, "ros1", "ros1msg", definition)))
+    return shared_channels(identities, lambda number: counts.get(number, 0))

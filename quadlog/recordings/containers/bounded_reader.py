@@ -1,4 +1,4 @@
-"""Reading bytes that nobody vouches for: every length is checked before it is believed."""
+"""Reads untrusted bytes: every length is checked before it is used."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from quadlog.storage.byte_ranges import ByteSource, Span
 
-# Far above what recorders write (chunks of 1 to 16 MB), far below what hurts.
+# Far above what recorders write (chunks of 1 to 16 MB), far below the memory of any machine.
 MAX_CHUNK_BYTES = 1 << 29
 MAX_INDEX_BYTES = 1 << 28
 MAX_DEFINITION_BYTES = 1 << 26

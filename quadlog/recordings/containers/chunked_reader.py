@@ -73,22 +73,22 @@ class FirstBodies:
         return self._bodies.get(piece.offset)
 
     def keep(self, piece: Piece, body: Body) -> None:
-        """Keep the body as long as there is room; what once had none ends the beginning."""
+        """Keep the body as long as there is room; the first one that does not fit is the last."""
         if piece.offset not in self._bodies:
             self._room -= len(body.data)
             if self._room >= 0:
                 self._bodies[piece.offset] = body
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all bodies."""
         self._bodies.clear()
         self._room = _FIRST_BYTES
 
 
 class Bodies:
-    """Bodies of the due pieces, which are asked for in order of their start; memory stays bounded.
+    """Bodies of the due pieces, requested in order of their start; memory stays bounded.
 
-    The next ones are read ahead once a second one is asked for: a look at the first messages ends before.
+    The next ones are read ahead from the second request on: reading only the first messages ends before.
     """
 
     def __init__(self, form: PieceFormat, due: Iterable[Piece], first: FirstBodies) -> None:
@@ -188,7 +188,7 @@ _LISTED_AT_ONCE = 64
 
 
 class ChunkedReader(ClosedOnExit):
-    """Reads pieces through their index: those outside the asked time and topics are never touched.
+    """Reads pieces through their index: those outside the requested time and topics are not read.
 
     A piece that turns out damaged is a loss, and the others are still read.
     Counts that the file declares are compared once all of a topic was read. file: the bytes it is read from.
@@ -293,19 +293,19 @@ class ChunkedReader(ClosedOnExit):
         return max(sum(piece.length for piece in pieces), max(ends, default=0) - min(ends, default=0))
 
     def entries_of(self, piece: Piece, body: Body) -> Entries:
-        """All messages of a body, and what is odd about them noted. Raises Damaged."""
+        """All messages of a body; anomalies are recorded. Raises Damaged."""
         entries = self._form.entries(body)
         self._examine(piece, entries)
         return entries
 
     def lose(self, piece: Piece, damage: Damaged, read: int) -> None:
-        """Notes a damaged piece of which so many messages were read nevertheless."""
-        counts = piece.counts if piece.counts is not None else self._form.counts(piece)
+        """Record a damaged piece; read: how many of its messages were read nevertheless."""
+        counts = self._form.counts(piece)
         missing = None if counts is None else max(sum(counts.values()) - read, 0)
         self._lost[piece.offset] = LostPiece(piece, damage, missing)
 
     def _examine(self, piece: Piece, entries: Entries) -> None:
-        """Notes what is odd about a body: times outside its index's range, jumps, unknown channels."""
+        """Record the anomalies of a body: times outside its index's range, jumps, unknown channels."""
         if not len(entries):
             return
         self._read_something = True
@@ -316,7 +316,7 @@ class ChunkedReader(ClosedOnExit):
             self._undeclared[piece.offset] = Counter({number: counts[number] for number in sorted(unknown)})
 
     def _examine_times(self, piece: Piece, t_ns: Int, offsets: Int) -> None:
-        """Notes what is odd about the log times of a piece's messages; offsets: where these lie in it."""
+        """Record the anomalies of the log times of a piece's messages; offsets: their places in it."""
         if not len(t_ns):
             return
         earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
@@ -337,7 +337,7 @@ class ChunkedReader(ClosedOnExit):
         explained: Counter[int] = Counter()
         for piece in due:
             if piece.offset in self._lost:
-                counts = piece.counts if piece.counts is not None else self._form.counts(piece)
+                counts = self._form.counts(piece)
                 if counts is None:
                     return
                 explained.update(counts)
@@ -396,7 +396,6 @@ class _PieceMessages:
         self._given = 0
 
     def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        """See Source."""
         try:
             entries = self._opened()
             times_ns = entries.log_times_ns

@@ -8,13 +8,14 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Int
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged, KeptDefinitions
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged, KeptDefinitions, read_at
 from quadlog.recordings.containers.container import Channel, Loss
 from quadlog.recordings.formatting import instant, several
 from quadlog.storage.byte_ranges import ByteSource
@@ -54,9 +55,14 @@ class Piece:
         return (start_ns is None or self.end_ns >= start_ns) and (end_ns is None or self.start_ns < end_ns)
 
 
-def start_of(piece: Piece) -> int:
-    """The order in which pieces are read."""
-    return piece.start_ns
+def span_of(pieces: Sequence[Piece]) -> tuple[int, int] | None:
+    """Log times of the first and the last message in pieces that are not empty."""
+    held = [piece for piece in pieces if not piece.is_empty]
+    return (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
+
+
+start_of = attrgetter("start_ns")
+"""Sort key of pieces: the order in which they are read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,24 +219,35 @@ class Scan:
         self.losses.append(Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}"))
 
 
-class PieceFormat(Protocol):
-    """What differs between the formats."""
+class PieceFormat:
+    """How the pieces of a file are read: what differs between the formats."""
+
+    def __init__(self, file: ByteSource) -> None:
+        self.file = file
 
     def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
-        """The piece's body, checked and decompressed; None for one of more than at_most bytes. Raises Damaged."""
-        ...
+        """The piece's body, checked and decompressed; None for a chunk of more than at_most bytes. Raises Damaged."""
+        return self.load_loose(piece) if piece.loose else self.load_chunk(piece, at_most)
+
+    def load_loose(self, piece: Piece) -> Body:
+        """The same of records outside chunks."""
+        return Body(memoryview(read_at(self.file, piece.offset, piece.length)), piece.length)
+
+    def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
+        """The same of a chunk."""
+        raise NotImplementedError
 
     def entries(self, body: Body) -> Entries:
         """All messages of a body in file order. Raises Damaged."""
-        ...
+        raise NotImplementedError
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
         """All messages of each by its message index, bodies unread except those of loose pieces. Raises Damaged."""
-        ...
+        raise NotImplementedError
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
-        """Messages for each channel id, had without reading the body; None where nothing says."""
-        ...
+        """Messages for each channel id without reading the body, None where nothing says."""
+        return piece.counts
 
 
 @dataclass

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import lz4.frame
 import zstandard
@@ -111,19 +111,7 @@ class _PerThread(threading.local):
 _per_thread = _PerThread()
 
 
-class _Stream(Protocol):
-    """One frame of lz4, or one stream of bz2."""
-
-    @property
-    def eof(self) -> bool: ...
-
-    @property
-    def unused_data(self) -> bytes | None: ...
-
-    def decompress(self, data: bytes | memoryview, max_length: int) -> bytes: ...
-
-
-def _inflate_streams(new: Callable[[], _Stream], data: memoryview, size: int) -> bytes | bytearray:
+def _inflate_streams(new: Callable[[], Any], data: memoryview, size: int) -> bytes | bytearray:
     """All streams in data, one after the other; the libraries' own functions would grow without a bound."""
     body: bytes | bytearray = b""
     rest: bytes | memoryview | None = data

@@ -1,6 +1,4 @@
-"""What every container reader offers: channels, raw messages as a stream in order of time, and an honest list of
-losses.
-"""
+"""Interface of all container readers: channels, raw messages in order of log time, and the losses."""
 
 from __future__ import annotations
 
@@ -30,6 +28,11 @@ class Channel:
     schema_encoding: str
     schema: bytes
     count: int | None = None
+
+    @property
+    def identity(self) -> Identity:
+        """All but its count."""
+        return self.topic, self.type_name, self.message_encoding, self.schema_encoding, self.schema
 
 
 class RawMessage(NamedTuple):
@@ -82,7 +85,7 @@ def spread(among: int, count: int) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Something that was in the recording, or should have been, and could not be had. Exit code 3.
+    """Something that was in the recording, or should have been, and could not be read. Exit code 3.
 
     cause is a stable word (``truncated``, ``crc``, ``missing-split``, ``count``, ``decode``, ...);
     detail one line for people: what was lost, from when to when.
@@ -187,7 +190,7 @@ def shared_channels(
 class Source(Protocol):
     """Messages in order of log time. next_ns: there is none before; None once there is none left.
 
-    Whether a source keeps a message back is its own affair: what waits must not hold the bytes of a whole chunk.
+    A source may keep a message back, but not the bytes of a whole chunk.
     """
 
     next_ns: int | None
@@ -200,7 +203,7 @@ class Source(Protocol):
 def merge_by_time(sources: Iterable[Source]) -> Iterator[RawMessage]:
     """Messages of all sources in order of log time; of equal times, those of the earlier source come first.
 
-    A source is asked for its first message when its time has come, so memory holds only sources that overlap.
+    A source is opened when its first message is due, so memory holds only sources that overlap in time.
     """
     heap: list[tuple[int, int, Source]] = []
     for order, source in enumerate(sources):
@@ -228,7 +231,6 @@ class Stream:
         self._waiting: RawMessage | None = None
 
     def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        """See Source."""
         if self._messages is None:
             self._messages = self._open_stream()
         if self._waiting is not None:

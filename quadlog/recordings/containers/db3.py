@@ -15,11 +15,9 @@ import re
 import shutil
 import sqlite3
 import tempfile
-from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from copy import copy
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,7 +25,6 @@ from urllib.parse import quote
 import numpy as np
 
 from quadlog.errors import NotARecording, NothingReadable, TooLarge, clipped
-from quadlog.messages import Int
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, MAX_NAME_BYTES, MAX_TIME_NS, Damaged
 from quadlog.recordings.containers.chunks import JUMP_NS
 from quadlog.recordings.containers.container import (
@@ -121,14 +118,10 @@ def _pending_changes(path: Path) -> dict[str, Path]:
     pending = {}
     for suffix in _PENDING:
         places = (each.with_name(each.name + suffix) for each in (path.resolve(), path))
-        found = next((place for place in places if _has_bytes(place)), None)
+        found = next((place for place in places if place.is_file() and place.stat().st_size > 0), None)
         if found is not None:
             pending[suffix] = found
     return pending
-
-
-def _has_bytes(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > 0
 
 
 def _copy(path: Path, pending: dict[str, Path]) -> tempfile.TemporaryDirectory:
@@ -180,45 +173,6 @@ _REQUIRED = {
 _MAX_ROWS = 1 << 20
 
 
-@dataclass
-class SqliteTables:
-    """Topic ids of the file to Channels, the span of log times, and what was found wrong on the way."""
-
-    channel_of: dict[int, Channel]
-    span_ns: tuple[int, int] | None
-    losses: list[Loss] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
-def read_tables(path: Path, connection: sqlite3.Connection) -> SqliteTables:
-    """Raises NotARecording when the database is not that of a ROS 2 bag, or too damaged to tell."""
-    try:
-        _require_tables(path, connection)
-        topics = _rows(connection, "SELECT id, name, type, serialization_format FROM topics ORDER BY id")
-    except sqlite3.Error as error:
-        raise NotARecording(path, f"SQLite cannot read its tables ({error})") from None
-    tables = SqliteTables({}, None)
-    definitions = _definitions(connection)
-    counts = _counts(connection, tables)
-    identities: list[tuple[int, Identity]] = []
-    unusable = []
-    for number, name, kind, encoding in topics:
-        if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
-            identities.append((number, (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))))
-        else:
-            unusable.append(number)
-    if unusable:
-        first = clipped(repr(unusable[0]))
-        detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
-        tables.losses.append(Loss("damaged", detail))
-    tables.channel_of = shared_channels(identities, lambda number: None if counts is None else counts.get(number, 0))
-    orphans = sum(count for number, count in (counts or {}).items() if number not in tables.channel_of)
-    if orphans:
-        tables.losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
-    tables.span_ns = _span(connection)
-    return tables
-
-
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= MAX_NAME_BYTES
 
@@ -250,23 +204,30 @@ def _definitions(connection: sqlite3.Connection) -> dict[str, tuple[str, bytes]]
     return {kind: (encoding, definition.encode()) for kind, encoding, definition in known if definition}
 
 
-def _counts(connection: sqlite3.Connection, tables: SqliteTables) -> dict[int, int] | None:
+def _span_ns(connection: sqlite3.Connection) -> tuple[int, int] | None:
+    """The smallest and the largest log time, None where no row has one or the file is damaged."""
+    query = f"SELECT {{}}(timestamp) FROM messages WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS}"  # noqa: S608
     try:
-        return dict(_rows(connection, "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-    except sqlite3.Error as error:
-        tables.losses.append(Loss("damaged", f"messages cannot be counted ({error})"))
+        first_ns, last_ns = (_rows(connection, query.format(each))[0][0] for each in ("MIN", "MAX"))
+    except sqlite3.Error:
         return None
+    return (first_ns, last_ns) if isinstance(first_ns, int) and isinstance(last_ns, int) else None
 
 
-def _span(connection: sqlite3.Connection) -> tuple[int, int] | None:
-    ends = []
-    for which in ("MIN", "MAX"):
-        query = f"SELECT {which}(timestamp) FROM messages WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS}"  # noqa: S608
-        try:
-            ends.append(_rows(connection, query)[0][0])
-        except sqlite3.Error:
-            return None
-    return (ends[0], ends[1]) if all(isinstance(end, int) for end in ends) else None
+def _clock_warnings(connection: sqlite3.Connection) -> list[str]:
+    """No warning or one: rows that were written after rows more than a second later in time."""
+    query = (
+        "SELECT MAX(latest - timestamp) FROM "  # noqa: S608
+        "(SELECT timestamp, MAX(timestamp) OVER (ORDER BY rowid ROWS UNBOUNDED PRECEDING) AS latest "
+        f"FROM messages NOT INDEXED WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS})"
+    )
+    try:
+        back_ns = _rows(connection, query)[0][0] or 0
+    except sqlite3.Error:
+        return []
+    if back_ns <= JUMP_NS:
+        return []
+    return [f"log time goes back in the file, by up to {back_ns / 1e9:.3f} s; messages come in order of log time"]
 
 
 def _rows(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
@@ -276,11 +237,22 @@ def _rows(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
 _BATCH_ROWS = 1 << 14
 
 
+def _row(connection: sqlite3.Connection, row_id: int) -> tuple[int, bytes] | None:
+    """Log time and payload of a message, None where it is damaged."""
+    try:
+        row = connection.execute("SELECT timestamp, data FROM messages WHERE rowid = ?", (row_id,)).fetchone()
+    except (sqlite3.Error, OverflowError, MemoryError):
+        return None
+    if row is None or not isinstance(row[0], int) or not isinstance(row[1], bytes):
+        return None
+    return row
+
+
 def open_sqlite(path: Path) -> SqliteReader:
-    """Opens a `.db3`. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be had."""
+    """Opens a `.db3`. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be read."""
     database = open_database(path)
     try:
-        return SqliteReader(path, database, read_tables(path, database.connection))
+        return SqliteReader(path, database)
     except BaseException:
         database.close()
         raise
@@ -289,60 +261,89 @@ def open_sqlite(path: Path) -> SqliteReader:
 class SqliteReader(ClosedOnExit):
     """Reads messages one by one in order of (timestamp, id); a damaged row costs itself, not those behind it."""
 
-    def __init__(self, path: Path, database: OpenDatabase, tables: SqliteTables) -> None:
-        self.path = path
+    def __init__(self, path: Path, database: OpenDatabase) -> None:
+        self.path, self.close = path, database.close
         self.losses: list[Loss] = []
         if database.missing_bytes:
-            self.losses.append(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
-        self.losses += tables.losses
-        self.warnings: list[str] = [*database.warnings, *tables.warnings]
-        self.close, self.span_ns = database.close, tables.span_ns
-        self._database, self._tables = database, tables
+            self._report(Loss("truncated", f"the last {several(database.missing_bytes, 'byte')} are missing"))
+        self._database = database
         self._passes = 0
         # Of an excerpt: row ids at which its places begin, and the rows of each.
         self._places: list[int] | None = None
         self._rows_of_place = 0
-        self.channels = tuple(dict.fromkeys(tables.channel_of.values()))
+        self._channel_of = self._read_topics()
+        self.channels = tuple(dict.fromkeys(self._channel_of.values()))
+        self.span_ns = _span_ns(self._connection)
+        self.warnings = database.warnings + _clock_warnings(self._connection)
         self._refuse_foreign_encodings()
+
+    def _read_topics(self) -> dict[int, Channel]:
+        """Topic ids to Channels. Raises NotARecording when the file is not a ROS 2 bag, or too damaged to tell."""
+        try:
+            _require_tables(self.path, self._connection)
+            query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+            topics = _rows(self._connection, query)
+        except sqlite3.Error as error:
+            raise NotARecording(self.path, f"SQLite cannot read its tables ({error})") from None
+        definitions = _definitions(self._connection)
+        counts: dict[int, int] | None = None
+        try:
+            counts = dict(_rows(self._connection, "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        except sqlite3.Error as error:
+            self._report(Loss("damaged", f"messages cannot be counted ({error})"))
+        identities: list[tuple[int, Identity]] = []
+        unusable = []
+        for number, name, kind, encoding in topics:
+            if isinstance(number, int) and all(_is_name(each) for each in (name, kind, encoding)):
+                identities.append((number, (name, ros2_type_name(kind), encoding, *definitions.get(kind, ("", b"")))))
+            else:
+                unusable.append(number)
+        if unusable:
+            first = clipped(repr(unusable[0]))
+            detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
+            self._report(Loss("damaged", detail))
+        channel_of = shared_channels(identities, lambda number: None if counts is None else counts.get(number, 0))
+        orphans = sum(count for number, count in (counts or {}).items() if number not in channel_of)
+        if orphans:
+            self._report(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
+        return channel_of
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """See Container. Messages that are not CDR are left out: opening already reported them."""
-        self._passes += 1
-        try:
-            yield from self._messages(topics, start_ns, end_ns)
-        finally:
-            self._passes -= 1
-
-    def _messages(
-        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[RawMessage]:
         wanted = {
             number: channel
-            for number, channel in self._tables.channel_of.items()
+            for number, channel in self._channel_of.items()
             if channel.message_encoding == "cdr" and (topics is None or channel.topic in topics)
         }
-        tally: Counter[Channel] = Counter()
-        damaged: Counter[Channel] = Counter()
-        clock = _Clock()
-        for number, row_id in self._keys(sorted(wanted), start_ns, end_ns):
-            channel = wanted[number]
-            row = self._row(row_id)
-            if row is None:
-                damaged[channel] += 1
-                continue
-            clock.see(row[0], row_id)
-            tally[channel] += 1
-            yield RawMessage(channel, row[0], row[1])
-        for channel, count in damaged.items():
+        read: Counter[int] = Counter()
+        damaged: Counter[int] = Counter()
+        connection = self._connection
+        self._passes += 1
+        try:
+            for number, row_id in self._keys(sorted(wanted), start_ns, end_ns):
+                row = _row(connection, row_id)
+                if row is None:
+                    damaged[number] += 1
+                    continue
+                read[number] += 1
+                yield RawMessage(wanted[number], *row)
+        finally:
+            self._passes -= 1
+        is_whole = start_ns is None and end_ns is None
+        for channel, count in self._by_channel(damaged).items():
             self._report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
-        if self._places is None:
-            self.warnings += [each for each in clock.warnings() if each not in self.warnings]
-        if damaged and not tally and topics is None and start_ns is None and end_ns is None:
+        if damaged and not read and topics is None and is_whole:
             raise NothingReadable(self.path, f"none of {several(damaged.total(), 'row')} can be read")
-        if start_ns is None and end_ns is None and self._places is None:
-            self._compare_counts(set(wanted.values()), tally + damaged)
+        if is_whole and self._places is None:
+            self._compare_counts(set(wanted.values()), self._by_channel(read + damaged))
+
+    def _by_channel(self, counts: Counter[int]) -> Counter[Channel]:
+        total: Counter[Channel] = Counter()
+        for number, count in counts.items():
+            total[self._channel_of[number]] += count
+        return total
 
     def log_times(self) -> Iterator[LogTimes]:
         """See Container. A walk over the table: payloads that do not fit beside their row are not touched."""
@@ -352,18 +353,16 @@ class SqliteReader(ClosedOnExit):
 
     def _listed_times(self) -> Iterator[LogTimes]:
         query = (
-            "SELECT topic_id, timestamp, rowid FROM messages "  # noqa: S608
+            "SELECT topic_id, timestamp FROM messages "  # noqa: S608
             f"WHERE timestamp BETWEEN 0 AND {MAX_TIME_NS} ORDER BY timestamp, rowid"
         )
         tally: Counter[Channel] = Counter()
-        clock = _Clock()
         try:
             cursor = self._connection.execute(query)
             while rows := cursor.fetchmany(_BATCH_ROWS):
-                numbers, t_ns, row_ids = np.array(rows, np.int64).T
-                clock.see_all(t_ns, row_ids)
+                numbers, t_ns = np.array(rows, np.int64).T
                 for number in np.unique(numbers).tolist():
-                    channel = self._tables.channel_of[number]
+                    channel = self._channel_of[number]
                     times = LogTimes(int(t_ns[0]), channel, t_ns[numbers == number])
                     tally[channel] += len(times.t_ns)
                     yield times
@@ -371,7 +370,6 @@ class SqliteReader(ClosedOnExit):
             raise Damaged(f"the rows cannot be listed ({error})") from None
         if any((channel.count or 0) != tally[channel] for channel in self.channels):
             raise Damaged("not every row has a usable time")
-        self.warnings += [each for each in clock.warnings() if each not in self.warnings]
 
     def excerpt(self, budget: Budget) -> SqliteReader | None:
         """See Container. A place is some rows that were written one after the other."""
@@ -387,18 +385,20 @@ class SqliteReader(ClosedOnExit):
 
     def _extent(self) -> tuple[int, int, int]:
         """The first and the last row id, and the bytes of the file."""
+        # The ends in two queries: for both at once SQLite would walk the table.
+        queries = (
+            "SELECT MIN(rowid) FROM messages",
+            "SELECT MAX(rowid) FROM messages",
+            "PRAGMA page_count",
+            "PRAGMA page_size",
+        )
         try:
-            # Each on its own: of both at once SQLite would walk the table.
-            (first,) = self._connection.execute("SELECT MIN(rowid) FROM messages").fetchone()
-            (last,) = self._connection.execute("SELECT MAX(rowid) FROM messages").fetchone()
-            (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
-            (page_bytes,) = self._connection.execute("PRAGMA page_size").fetchone()
+            first, last, pages, page_bytes = (self._connection.execute(query).fetchone()[0] for query in queries)
         except sqlite3.Error:
             return 0, 0, 0
         return first or 0, last or 0, pages * page_bytes
 
     def release(self) -> None:
-        """See Container."""
         if self._passes == 0:
             self._database.release()
 
@@ -431,7 +431,7 @@ class SqliteReader(ClosedOnExit):
                 self._report(Loss("truncated", f"reading ended early ({second})"))
 
     def _excerpted_keys(self, among: str, chosen: tuple[str, int, int]) -> list[tuple[int, int]]:
-        """The same of an excerpt."""
+        """Topic and row id of each message of an excerpt, in order of log time."""
         place = "SELECT topic_id, rowid, timestamp FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT ?"
         query = f"SELECT timestamp, rowid, topic_id FROM ({place}) WHERE {among}"  # noqa: S608
         keys: set[tuple[int, int, int]] = set()
@@ -441,15 +441,6 @@ class SqliteReader(ClosedOnExit):
         except (sqlite3.Error, OverflowError) as error:
             self._report(Loss("damaged", f"rows cannot be reached ({error})"))
         return [(number, row_id) for _, row_id, number in sorted(keys)]
-
-    def _row(self, row_id: int) -> tuple[int, bytes] | None:
-        try:
-            row = self._connection.execute("SELECT timestamp, data FROM messages WHERE rowid = ?", (row_id,)).fetchone()
-        except (sqlite3.Error, OverflowError, MemoryError):
-            return None
-        if row is None or not isinstance(row[0], int) or not isinstance(row[1], bytes):
-            return None
-        return row
 
     def _refuse_foreign_encodings(self) -> None:
         """Names every topic that is not CDR. Raises NothingReadable when that leaves no message."""
@@ -470,52 +461,3 @@ class SqliteReader(ClosedOnExit):
     def _report(self, loss: Loss) -> None:
         if loss not in self.losses:
             self.losses.append(loss)
-
-
-class _Clock:
-    """Finds rows written after rows that are more than a second later in time, while rows come in order of time."""
-
-    def __init__(self) -> None:
-        self.jump_ns = 0
-        # Rows of the last second that were compared, and new ones behind them.
-        self._t_ns, self._row_ids = array("q"), array("q")
-        self._compared = 0
-        # Of all rows before these, the one written last, and its time.
-        self._last_id, self._last_ns = -1, 0
-
-    def see(self, t_ns: int, row_id: int) -> None:
-        """One row."""
-        self._t_ns.append(t_ns)
-        self._row_ids.append(row_id)
-        if len(self._t_ns) - self._compared >= _BATCH_ROWS:
-            self.compare()
-
-    def see_all(self, t_ns: Int, row_ids: Int) -> None:
-        """Rows (N,)."""
-        self._t_ns.extend(t_ns.tolist())
-        self._row_ids.extend(row_ids.tolist())
-        self.compare()
-
-    def compare(self) -> None:
-        """Hold new rows against all that are more than a second older."""
-        t_ns, row_ids = np.array(self._t_ns, np.int64), np.array(self._row_ids, np.int64)
-        if len(t_ns) == 0:
-            return
-        highest = np.maximum.accumulate(np.concatenate([[self._last_id], row_ids]))
-        highest_row = np.maximum.accumulate(np.where(np.diff(highest) > 0, np.arange(len(t_ns)), -1))
-        highest_ns = np.concatenate([[self._last_ns], np.where(highest_row < 0, self._last_ns, t_ns[highest_row])])
-        older = np.searchsorted(t_ns, t_ns[self._compared :] - JUMP_NS)
-        back_ns = np.where(highest[older] > row_ids[self._compared :], t_ns[self._compared :] - highest_ns[older], 0)
-        self.jump_ns = max(self.jump_ns, int(back_ns.max(initial=0)))
-        dropped = int(np.searchsorted(t_ns, t_ns[-1] - JUMP_NS))
-        self._last_id, self._last_ns = int(highest[dropped]), int(highest_ns[dropped])
-        self._t_ns, self._row_ids = self._t_ns[dropped:], self._row_ids[dropped:]
-        self._compared = len(self._t_ns)
-
-    def warnings(self) -> list[str]:
-        """No warning or one."""
-        self.compare()
-        if not self.jump_ns:
-            return []
-        back_s = self.jump_ns / 1e9
-        return [f"log time goes back in the file, by {back_s:.3f} s or more; messages come in order of log time"]

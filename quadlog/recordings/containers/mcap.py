@@ -19,7 +19,7 @@ from quadlog.recordings.containers.bounded_reader import (
     read_each_at,
 )
 from quadlog.recordings.containers.chunked_reader import ChunkedReader
-from quadlog.recordings.containers.chunks import Body, Contents, Entries, Listed, Piece, losses_of
+from quadlog.recordings.containers.chunks import Body, Contents, Entries, Listed, Piece, PieceFormat, losses_of, span_of
 from quadlog.recordings.containers.compression import SUPPORTED
 from quadlog.recordings.containers.container import Channel, Identity, Loss, shared_channels
 from quadlog.recordings.containers.mcap_records import ChunkIndex, McapChannel, Schema, Statistics
@@ -51,8 +51,8 @@ class McapSummary:
         )
 
 
-def read_summary(file: ByteSource, size: int) -> tuple[McapSummary | None, list[Loss]]:
-    """The summary, or None and the loss that says why it is not there."""
+def read_summary(file: ByteSource, size: int) -> tuple[McapSummary, list[Loss]]:
+    """The summary, or an empty one and the loss that says why it is not there."""
     try:
         footer_offset = size - len(mcap.MAGIC) - _FOOTER_BYTES
         footer = read_at(file, footer_offset, _FOOTER_BYTES + len(mcap.MAGIC))
@@ -73,7 +73,7 @@ def read_summary(file: ByteSource, size: int) -> tuple[McapSummary | None, list[
         return _parse(section), []
     except Damaged as damage:
         cause = damage.cause if damage.cause in ("truncated", "summary") else "summary"
-        return None, [Loss(cause, f"{damage.reason}; everything was read from the first byte on instead")]
+        return McapSummary(), [Loss(cause, f"{damage.reason}; everything was read from the first byte on instead")]
 
 
 def _parse(section: bytes) -> McapSummary:
@@ -98,28 +98,18 @@ _ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
 def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
     """The MCAP file in these bytes, which are the reader's from here on; path is its name.
 
-    Raises NothingReadable when it is damaged and holds no message that can be had.
+    Raises NothingReadable when it is damaged and has no readable message.
     """
-    try:
-        contents = _contents(file, file.size)
-        _refuse_if_nothing_is_left(path, contents)
-    except BaseException:
-        file.close()
-        raise
+    contents = _contents(file, file.size)
+    _refuse_if_nothing_is_left(path, contents)
     return ChunkedReader(path, contents, McapFormat(file), file)
 
 
-class McapFormat:
-    """How a piece of an MCAP file is read (PieceFormat)."""
+class McapFormat(PieceFormat):
+    """How a piece of an MCAP file is read."""
 
-    def __init__(self, file: ByteSource) -> None:
-        self._file = file
-
-    def load(self, piece: Piece, at_most: int | None = None) -> Body | None:
-        """See PieceFormat: a chunk, or loose messages as they stand."""
-        if piece.loose:
-            return self._load_loose(piece)
-        record = memoryview(read_at(self._file, piece.offset, piece.length))
+    def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
+        record = memoryview(read_at(self.file, piece.offset, piece.length))
         if len(record) < mcap.FRAME.size:
             raise Damaged("the index gives it no room")
         if mcap.FRAME.unpack_from(record) != (mcap.CHUNK, len(record) - mcap.FRAME.size):
@@ -129,47 +119,42 @@ class McapFormat:
             return None
         return mcap.read_chunk(content)
 
-    def _load_loose(self, piece: Piece) -> Body:
-        return Body(memoryview(read_at(self._file, piece.offset, piece.length)), piece.length)
-
     def entries(self, body: Body) -> Entries:
         return mcap.message_entries(body)
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
         ends = [piece.offset + piece.length for piece in pieces]
         spans = [(end, max(piece.index_end - end, 0)) for piece, end in zip(pieces, ends, strict=True)]
-        indexes = read_each_at(self._file, spans)
+        indexes = read_each_at(self.file, spans)
         return [
-            self.entries(self._load_loose(piece)).listed() if piece.loose else mcap.list_messages(memoryview(index))
+            self.entries(self.load_loose(piece)).listed() if piece.loose else mcap.list_messages(memoryview(index))
             for piece, index in zip(pieces, indexes, strict=True)
         ]
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:
-        behind = piece.offset + piece.length
-        return message_index_counts(self._file, behind, self._file.size)
+        if piece.counts is not None:
+            return piece.counts
+        return message_index_counts(self.file, piece.offset + piece.length, self.file.size)
 
 
 def _contents(file: ByteSource, size: int) -> Contents:
     summary, losses = read_summary(file, size)
-    warnings: list[str] = []
-    if summary is not None and not summary.is_complete():
-        warnings.append("the summary is not complete enough to search by; the whole file was read to open it")
-    indexed = summary is not None and summary.is_complete()
-    scan = McapScan(file, size, summary.chunks if summary is not None and indexed else [])
+    indexed, statistics = summary.is_complete(), summary.statistics
+    told = "the summary is not complete enough to search by; the whole file was read to open it"
+    warnings = [] if indexed or losses else [told]
+    scan = McapScan(file, size, summary.chunks if indexed else [])
     losses += losses_of(scan.lost) + scan.losses
     if read_at(file, 0, len(mcap.MAGIC)) != mcap.MAGIC:
         losses.append(Loss("damaged", "the file's first 8 bytes are not MCAP's magic, the last 8 are"))
     losses += _check_loose_messages(file, scan)
-    statistics = summary.statistics if summary is not None else None
-    told = statistics.channel_counts if statistics is not None and (indexed or statistics.channel_counts) else None
-    if summary is not None and indexed and statistics is not None and statistics.messages:
-        span: tuple[int, int] | None = (min(statistics.start_ns, MAX_TIME_NS), min(statistics.end_ns, MAX_TIME_NS))
-    else:
-        held = [piece for piece in scan.pieces if not piece.is_empty]
-        span = (min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)) if held else None
-    declared = told if told is not None else dict(scan.counts)
-    channel_of = _channels(summary or McapSummary(), scan, declared, warnings)
-    return Contents(scan.pieces, channel_of, declared, span, losses, warnings)
+    declared: Mapping[int, int] = scan.counts
+    span_ns = span_of(scan.pieces)
+    if statistics is not None and (indexed or statistics.channel_counts):
+        declared = statistics.channel_counts
+    if statistics is not None and indexed and statistics.messages:
+        span_ns = min(statistics.start_ns, MAX_TIME_NS), min(statistics.end_ns, MAX_TIME_NS)
+    channel_of = _channels(summary, scan, declared, warnings)
+    return Contents(scan.pieces, channel_of, declared, span_ns, losses, warnings)
 
 
 def _channels(
@@ -177,9 +162,8 @@ def _channels(
 ) -> dict[int, Channel]:
     """Channel ids of the file to Channels; ids that differ in nothing share one."""
     schemas = {**summary.schemas, **scan.schemas}
-    found = {**summary.channels, **scan.channels}
     identities = []
-    for number, channel in sorted(found.items()):
+    for number, channel in sorted({**summary.channels, **scan.channels}.items()):
         schema = schemas.get(channel.schema)
         if schema is None and channel.schema:
             warnings.append(f"{channel.topic}: its message definition (schema {channel.schema}) is not in the file")
@@ -208,7 +192,7 @@ def _check_loose_messages(file: ByteSource, scan: McapScan) -> list[Loss]:
         return []
     at_risk = sum(sum((piece.counts or {}).values()) for piece in loose)
     detail = f"the data section's checksum (CRC) does not match; any of {several(at_risk, 'message')} outside chunks"
-    return [Loss("crc", f"{detail} may be wrong, which one cannot be told")]
+    return [Loss("crc", f"{detail} may be wrong; which ones is unknown")]
 
 
 def _refuse_if_nothing_is_left(path: Path, contents: Contents) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from isal.isal_zlib import crc32
@@ -18,13 +18,14 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 
 MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
+STATISTICS_HEAD = struct.Struct("<QHIIIIQQ")
 INDEX_HEAD = struct.Struct("<BQHI")
+MESSAGE_INDEX_HEAD = struct.Struct("<HI")
 CHUNK_PLACE = struct.Struct("<QQQQ")
 MAP_ENTRY = struct.Struct("<HQ")
 
 
-@dataclass(frozen=True, slots=True)
-class Schema:
+class Schema(NamedTuple):
     """A message definition; number is its id in the file."""
 
     number: int
@@ -33,8 +34,7 @@ class Schema:
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class McapChannel:
+class McapChannel(NamedTuple):
     """A topic; schema is 0 where it has none."""
 
     number: int
@@ -43,8 +43,7 @@ class McapChannel:
     message_encoding: str
 
 
-@dataclass(frozen=True, slots=True)
-class ChunkIndex:
+class ChunkIndex(NamedTuple):
     """Where a chunk lies and what it spans. channels is empty where no message index was written."""
 
     start_ns: int
@@ -56,8 +55,7 @@ class ChunkIndex:
     compression: str
 
 
-@dataclass(frozen=True, slots=True)
-class Statistics:
+class Statistics(NamedTuple):
     """How much there is, as the writer counted it."""
 
     messages: int
@@ -96,16 +94,9 @@ def read_chunk_index(content: memoryview) -> ChunkIndex:
 
 def read_statistics(content: memoryview) -> Statistics:
     cursor = Cursor(content)
-    messages, schemas, channels = cursor.u64(), cursor.u16(), cursor.u32()
-    cursor.take(8)  # attachments and metadata: nothing quadlog reads
-    chunks, start_ns, end_ns = cursor.u32(), cursor.u64(), cursor.u64()
+    *counts, start_ns, end_ns = STATISTICS_HEAD.unpack(cursor.take(STATISTICS_HEAD.size))
+    messages, schemas, channels, _, _, chunks = counts  # without attachments and metadata: nothing quadlog reads
     return Statistics(messages, schemas, channels, chunks, start_ns, end_ns, _map_u16_u64(cursor))
-
-
-def read_message_index(content: memoryview) -> tuple[int, int]:
-    """Channel id, and how many messages of it the chunk holds."""
-    cursor = Cursor(content)
-    return cursor.u16(), cursor.u32() // 16
 
 
 def list_messages(indexes: memoryview) -> Listed:

@@ -142,16 +142,12 @@ class McapScan(Scan):
                 self._define(opcode, record)
         except Damaged as damage:
             piece = Piece(position, end - position, start_ns, end_ns)
-            self.lost.append(LostPiece(piece, damage, self._indexed_messages(end)))
+            counts = message_index_counts(self._file, end, self._size)
+            self.lost.append(LostPiece(piece, damage, None if counts is None else sum(counts.values())))
             return
         piece = entries.piece(position, end - position)
         self.pieces.append(piece)
         self.counts.update(piece.counts or {})
-
-    def _indexed_messages(self, position: int) -> int | None:
-        """How many messages the index records right behind a chunk name."""
-        counts = message_index_counts(self._file, position, self._size)
-        return None if counts is None else sum(counts.values())
 
 
 def message_index_counts(file: ByteSource, position: int, size: int) -> dict[int, int] | None:
@@ -163,8 +159,8 @@ def message_index_counts(file: ByteSource, position: int, size: int) -> dict[int
             if opcode != mcap.MESSAGE_INDEX or position + length > size:
                 break
             # Six bytes tell the channel and the size of the list; the list itself is not needed.
-            number, messages = mcap.read_message_index(memoryview(read_at(file, position + mcap.FRAME.size, 6)))
-            counts[number] = counts.get(number, 0) + messages
+            number, list_bytes = mcap.MESSAGE_INDEX_HEAD.unpack(read_at(file, position + mcap.FRAME.size, 6))
+            counts[number] = counts.get(number, 0) + list_bytes // 16
             position += mcap.FRAME.size + length
     except Damaged:
         return None

@@ -1,4 +1,4 @@
-"""From a path to the reader of what it holds, told by its first bytes and not by its name."""
+"""Opens a recording with the reader of its format, which its first bytes determine, not its name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _HEAD_BYTES = 32
 MOST_CHANNELS = 4096  # a topic each, or nearly; each costs a row, a look for its role and perhaps a loss
 
-# What else people hand over, and what they should do with it.
+# Other formats, and what to do with them.
 _HINTS = (
     (b"\x1f\x8b", "a gzip file; decompress it first  (gunzip)"),
     (b"BZh", "a bzip2 file; decompress it first  (bunzip2)"),
@@ -92,7 +92,7 @@ def _open_remote(remote_path: RemotePath) -> Container:
     except FileNotFoundError:
         raise RecordingNotFound(path, "no such file on the server") from None
     if remote.told.size_bytes is None or not remote.told.ranges:
-        what = "does not tell the file's size" if remote.told.ranges else "gives no parts of files"
+        what = "does not report the file's size" if remote.told.ranges else "does not serve byte ranges"
         return _open_copy(path, remote, [f"the server {what}; the whole file was copied before it was read"])
     file = RemoteBytes(remote, remote.told.size_bytes)
     with _closed_on_error(file):
@@ -131,7 +131,7 @@ def _open_chunked(path: Path, file: ByteSource, head: bytes) -> Container:
         return read_bag(path, file)
     if not head:
         raise NotARecording(path, "the file is empty (0 bytes)")
-    hint = next((words for magic, words in _HINTS if head.startswith(magic)), "its first bytes are none of a recording")
+    hint = next((words for magic, words in _HINTS if head.startswith(magic)), "not a recording: unknown file format")
     raise NotARecording(path, hint)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
 
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, clipped
@@ -17,10 +18,8 @@ from quadlog.recordings.containers.compression import unpack_messages, unpacked_
 from quadlog.recordings.containers.container import (
     NOTHING,
     Budget,
-    Channel,
     ClosedOnExit,
     Container,
-    Identity,
     LogTimes,
     Loss,
     RawMessage,
@@ -65,10 +64,13 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
 
 
 def _parse(said: dict[str, Plain]) -> BagMetadata:
-    files = [PurePosixPath(_name(each, "a file's name")).name for each in _entries(said, "relative_file_paths")]
+    files = [
+        PurePosixPath(_name(each, "a file's name")).name
+        for each in list_of(said.get("relative_file_paths"), "relative_file_paths")
+    ]
     topic_counts: dict[str, int] = {}
     encodings: dict[str, str] = {}
-    for each in _entries(said, "topics_with_message_count"):
+    for each in list_of(said.get("topics_with_message_count"), "topics_with_message_count"):
         entry = mapping_of(each, "a topic")
         topic = mapping_of(entry.get("topic_metadata"), "topic_metadata")
         name = _name(topic.get("name"), "a topic's name")
@@ -84,10 +86,6 @@ def _parse(said: dict[str, Plain]) -> BagMetadata:
         encodings=encodings,
         compressed_messages=mode.upper() == "MESSAGE" and scheme == "zstd",
     )
-
-
-def _entries(said: dict[str, Plain], key: str) -> list[Plain]:
-    return list_of(said.get(key), key)
 
 
 def _name(value: Plain, what: str, default: str | None = None) -> str:
@@ -155,11 +153,12 @@ def _choose_files(
     named = [by_name[name] for name in dict.fromkeys(metadata.files) if name in by_name]
     missing = [name for name in dict.fromkeys(metadata.files) if name not in by_name]
     unnamed = [path for path in present if path not in named]
+    shown = _shortened([path.name for path in unnamed])
     if unnamed and split_sequence([*named, *unnamed]):
-        warnings.append(f"{METADATA_NAME} does not name {_listed(unnamed)}, read all the same")
+        warnings.append(f"{METADATA_NAME} does not name {shown}, read all the same")
         named = split_sequence([*named, *unnamed])
     elif unnamed:
-        warnings.append(f"{_listed(unnamed)} not read: {METADATA_NAME} does not name it as part of the recording")
+        warnings.append(f"{shown} not read: {METADATA_NAME} does not name it as part of the recording")
     return named, _missing(missing, f"{METADATA_NAME} names it")
 
 
@@ -175,12 +174,12 @@ def _gaps(sequence: list[Path]) -> list[str]:
 def _missing(names: list[str], reason: str) -> list[Loss]:
     if not names:
         return []
-    shown = ", ".join(names[:_NAMED_AT_MOST]) + (", ..." if len(names) > _NAMED_AT_MOST else "")
-    return [Loss("missing-split", f"{several(len(names), 'file')} of the recording missing: {shown} ({reason})")]
+    detail = f"{several(len(names), 'file')} of the recording missing: {_shortened(names)} ({reason})"
+    return [Loss("missing-split", detail)]
 
 
-def _listed(paths: list[Path]) -> str:
-    return ", ".join(path.name for path in paths[:_NAMED_AT_MOST]) + (", ..." if len(paths) > _NAMED_AT_MOST else "")
+def _shortened(names: list[str]) -> str:
+    return ", ".join(names[:_NAMED_AT_MOST]) + (", ..." if len(names) > _NAMED_AT_MOST else "")
 
 
 class SplitReader(ClosedOnExit):
@@ -201,7 +200,7 @@ class SplitReader(ClosedOnExit):
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
         self._own_losses, self._own_warnings = losses, warnings
-        own = ((channel, _identity(channel)) for part in parts for channel in part.channels)
+        own = ((channel, channel.identity) for part in parts for channel in part.channels)
         # Each part's channels to the recording's.
         self._merged = shared_channels(own, lambda channel: channel.count)
         self.channels = tuple(dict.fromkeys(self._merged.values()))
@@ -217,7 +216,6 @@ class SplitReader(ClosedOnExit):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """See Container."""
         sources = [
             Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
             for part in self._parts
@@ -231,15 +229,13 @@ class SplitReader(ClosedOnExit):
             raise self._empty_parts[0]
 
     def log_times(self) -> Iterator[LogTimes]:
-        """See Container."""
         try:
-            for times in heapq.merge(*(part.log_times() for part in self._parts), key=_floor_ns):
+            for times in heapq.merge(*(part.log_times() for part in self._parts), key=attrgetter("floor_ns")):
                 yield times._replace(channel=self._merged[times.channel])
         finally:
             self._collect()
 
     def excerpt(self, budget: Budget) -> SplitReader | None:
-        """See Container."""
         count = min(budget.places, len(self._parts))
         chosen = set(spread(len(self._parts), count))
         shared = budget.shared(max(count, 1))
@@ -332,11 +328,3 @@ class SplitReader(ClosedOnExit):
             *self._own_warnings,
             *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
         ]
-
-
-def _floor_ns(times: LogTimes) -> int:
-    return times.floor_ns
-
-
-def _identity(channel: Channel) -> Identity:
-    return channel.topic, channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema

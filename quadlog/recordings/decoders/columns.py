@@ -18,20 +18,8 @@ Wanted = Mapping[str, int]
 bits, ABSENT where there must be no such field. In the order of the definition."""
 TEXT, ABSENT, WHOLE = 0, -1, -2
 
-DTYPES = {
-    "bool": "?",
-    "byte": "u1",
-    "char": "u1",
-    "int8": "i1",
-    "int16": "i2",
-    "int32": "i4",
-    "int64": "i8",
-    "uint8": "u1",
-    "uint16": "u2",
-    "uint32": "u4",
-    "uint64": "u8",
-    "float32": "f4",
-    "float64": "f8",
+DTYPES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8"} | {
+    f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)
 }
 CDR_ORDER = {b"\0\0": ">", b"\0\1": "<"}
 CDR_SLACK = 3  # bytes by which writers may fill a payload up
@@ -132,16 +120,6 @@ class Layout:
             values[:, at : at + count] = np.ndarray((len(payloads), count), dtype, payloads, begin, strides)
             at += count
         return values
-
-
-def learn_layout(fields: tuple[Flat, ...], payload: bytes, encoding: str) -> Layout:
-    """The layout of a payload encoded as ``ros1`` or ``cdr``. Raises Misfit for all that rosbags would refuse."""
-    walk = _Walk(payload, encoding != "ros1")
-    walk.along(fields)
-    left = len(payload) - walk.at
-    if left > (CDR_SLACK if walk.cdr else 0):
-        raise Misfit(f"{left} bytes are left over")
-    return Layout(tuple(walk.fixed), tuple(walk.texts), tuple(walk.numbers))
 
 
 @dataclass
@@ -279,8 +257,13 @@ class ColumnDecoder:
         self._known: dict[int, list[Layout]] = {}
 
     def learn(self, payload: bytes) -> Layout:
-        """The layout of a payload, kept for others like it. Raises Misfit."""
-        layout = learn_layout(self._fields, payload, self._encoding)
+        """The layout of a payload, kept for others like it. Raises Misfit for all that rosbags would refuse."""
+        walk = _Walk(payload, self._encoding != "ros1")
+        walk.along(self._fields)
+        left = len(payload) - walk.at
+        if left > (CDR_SLACK if walk.cdr else 0):
+            raise Misfit(f"{left} bytes are left over")
+        layout = Layout(tuple(walk.fixed), tuple(walk.texts), tuple(walk.numbers))
         if sum(map(len, self._known.values())) == KEPT_LAYOUTS:
             self._known.clear()
         self._known.setdefault(len(payload), []).append(layout)

@@ -150,7 +150,7 @@ def protobuf_deserialiser(channel: Channel) -> Callable[[Payload], Any]:
     schema = Schema(id=1, name=channel.type_name, encoding="protobuf", data=channel.schema)
     try:
         decode = DecoderFactory().decoder_for("protobuf", schema)
-    except Exception as error:  # descriptors from strangers fail in many ways
+    except Exception as error:  # untrusted descriptors fail in many ways
         reason = f"{channel.type_name}: its descriptors cannot be used ({type(error).__name__})"
         raise DecodeError(channel.topic, reason) from error
     assert decode is not None  # only for other encodings

@@ -70,15 +70,12 @@ class PayloadReader:
         return int(value)
 
     def uint8(self) -> int:
-        """One byte."""
         return self.number("B", 1)
 
     def uint32(self) -> int:
-        """Four bytes."""
         return self.number("I", 4)
 
     def uint64(self) -> int:
-        """Eight bytes."""
         return self.number("Q", 8)
 
     def skip(self, size: int) -> int:

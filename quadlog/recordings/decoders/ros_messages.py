@@ -173,7 +173,7 @@ class _FirstFitting:
                 if len(payload) > most_bytes:
                     raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
                 message = deserialise(payload)
-            except Exception as error:  # generated code on a stranger's bytes: any failure is this message's
+            except Exception as error:  # generated code on untrusted bytes: any failure is this message's
                 reason = reason or error
                 continue
             if len(self.ways) > 1:

@@ -1,6 +1,6 @@
 """Message definitions as text become checked type tables.
 
-Definitions come from strangers, and rosbags turns them into Python code. What
+Definitions are untrusted, and rosbags turns them into Python code. What
 reaches it here has been parsed, bounded and stripped first: names are plain
 identifiers, constants are dropped, only types the message needs are kept,
 and references neither dangle nor loop. Parsing takes rosbags about 1 ms a
@@ -50,7 +50,7 @@ class BadDefinition(ValueError):
     """A definition that cannot be used; says why."""
 
 
-@lru_cache(maxsize=64)  # asked for by decoders of single messages and of columns, and by topics of one type
+@lru_cache(maxsize=64)  # used by both kinds of decoders, and by all topics of one type
 def parse_definition(text: bytes | str, type_name: str, encoding: str) -> Types:
     """Every type in one definition text, not to be changed. encoding: ``ros1msg``, ``ros2msg`` or ``ros2idl``."""
     if len(text) > LARGEST_DEFINITION_BYTES:

@@ -1,4 +1,4 @@
-"""Checks as lines for people, as JSON for programs, and as JUnit XML for a CI."""
+"""Checks as text, JSON and JUnit XML."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from quadlog.results.compare.run_check import NO_BOUNDS, BoundCheck, RunCheck
 
 
 def check_text(runs: Sequence[RunCheck]) -> str:
-    """A paragraph for each run, a line for each bound."""
+    """A paragraph per run with a line per bound."""
     return "".join(f"{line}\n" for run in runs for line in _lines(run))
 
 
 def check_json(runs: Sequence[RunCheck]) -> list[dict[str, Any]]:
     """A list with one object per run: `run, name, holds, bounds`, and `error` where it could not be read.
 
-    Of a bound: `metric, min, max, value, holds, reason`, absent where there is none.
+    A bound has `metric, min, max, value, holds, reason`, those that apply.
     """
     return [_run_json(run) for run in runs]
 
@@ -59,19 +59,19 @@ def _range(check: BoundCheck) -> str:
 
 
 def _key(name: str) -> str:
-    """As TOML wants it, which takes JSON's quotes."""
+    """A TOML key, quoted if necessary; JSON's quotes are valid in TOML."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
-    """The document, by the schema that Jenkins's plug-ins share; labels: what tells the runs apart, one each.
+    """The document, in the schema that Jenkins plug-ins share; labels: distinct names of the runs.
 
-    A bound that does not hold is a failure, as is a run of which nothing is
-    expected; a run that cannot be read is an error.
+    A bound that does not hold and a run without bounds are failures; a run that cannot be read is an error. Control
+    characters and lone surrogates, which XML cannot hold, are replaced.
     """
     root = ET.Element("testsuites", name="quadlog check")
     for run, label in zip(runs, labels, strict=True):
-        root.append(_suite(run, _text(label)))
+        root.append(_suite(run, printable(label)))
     for count in ("tests", "failures", "errors"):
         root.set(count, str(sum(int(suite.get(count, 0)) for suite in root)))
     ET.indent(root)
@@ -81,13 +81,13 @@ def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
 def _suite(run: RunCheck, label: str) -> ET.Element:
     suite = ET.Element("testsuite", name=label, tests="0", failures="0", errors="0", skipped="0")
     if run.error is not None:
-        ET.SubElement(_case(suite, label, "run"), "error", type="run", message=_text(run.error))
+        ET.SubElement(_case(suite, label, "run"), "error", type="run", message=printable(run.error))
     elif not run.checks:
         ET.SubElement(_case(suite, label, "expectations"), "failure", type="expectations", message=NO_BOUNDS)
     for check in run.checks:
         case = _case(suite, label, check.bound.metric)
         if not check.holds:
-            message = _text(f"{check.bound.metric}: {check.reason}")
+            message = printable(f"{check.bound.metric}: {check.reason}")
             ET.SubElement(case, "failure", type="bound", message=message).text = message
     suite.set("tests", str(len(suite)))
     suite.set("failures", str(len(suite.findall("testcase/failure"))))
@@ -96,9 +96,4 @@ def _suite(run: RunCheck, label: str) -> ET.Element:
 
 
 def _case(suite: ET.Element, label: str, name: str) -> ET.Element:
-    return ET.SubElement(suite, "testcase", classname=label, name=_text(name))
-
-
-def _text(text: str) -> str:
-    """Without control characters and lone surrogates, which XML cannot hold."""
-    return printable(text)
+    return ET.SubElement(suite, "testcase", classname=label, name=printable(name))

@@ -1,4 +1,4 @@
-"""What `quadlog diff` found, as lines for people and as JSON for programs."""
+"""The differences of two runs as text and JSON."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from quadlog.results.compare.differences import (
     ValueDifference,
 )
 from quadlog.results.compare.run_diff import first_difference
+from quadlog.results.text.numbers import short
 
 _MOST_CHARS = 60
 _NS = 1_000_000_000
 
 
 def diff_text(runs: RunDifference) -> str:
-    """The verdict first, then how the runs were made, then every stage; values are those of A | B."""
+    """The verdict, how the runs were made, then every stage; values are those of A | B."""
     return "\n".join(map(printable_line, _lines(runs))) + "\n"
 
 
@@ -47,7 +48,7 @@ def diff_json(runs: RunDifference) -> dict[str, Any]:
 
 
 def printable_line(line: str) -> str:
-    """The line with its indentation, whatever names from a recording are in it."""
+    """The line without control characters, with its indentation."""
     text = line.lstrip(" ")
     return " " * (len(line) - len(text)) + printable(text)
 
@@ -85,7 +86,7 @@ def _result_lines(result: ResultDifference, start_ns: int) -> Iterator[str]:
     names = max((len(each.column) for each in result.columns), default=0)
     counts = max((len(_rows(each.rows)) for each in result.columns), default=0)
     for each in result.columns:
-        most = f", at most {_short(each.largest)}" if each.largest is not None and each.rows > 1 else ""
+        most = f", at most {short(each.largest)}" if each.largest is not None and each.rows > 1 else ""
         values = _both(each.a, each.b, each.apart)
         where = f"{each.column:{names}}  {_rows(each.rows):>{counts}}, the first {_place(each.first, start_ns)}"
         yield f"        {where}: {values}{most}"
@@ -110,16 +111,12 @@ def _place(place: RowLocation, start_ns: int) -> str:
 
 
 def _both(a: Any, b: Any, apart: float | None) -> str:
-    by = f" (by {_short(apart)})" if apart is not None else ""
+    by = f" (by {short(apart)})" if apart is not None else ""
     return f"{_value(a)} | {_value(b)}{by}"
 
 
-def _short(value: float) -> str:
-    return f"{value:.4g}"
-
-
 def _value(value: Any) -> str:
-    """Short enough for a line; JSON has every digit."""
+    """A value, shortened to fit a line."""
     if value is None:
         return "none"
     if isinstance(value, float):
@@ -129,7 +126,7 @@ def _value(value: Any) -> str:
 
 
 def _plain(content: Any, start_ns: int) -> Any:
-    """For JSON, which has no NaN and no infinity: the one becomes null, the other text. Instants get their seconds."""
+    """The content as JSON allows it: NaN becomes null, infinity text; rows also get their time in seconds."""
     if isinstance(content, dict):
         plain = {key: _plain(value, start_ns) for key, value in content.items()}
         if isinstance(plain.get("t_ns"), int) and "keys" in plain:

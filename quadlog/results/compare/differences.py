@@ -1,4 +1,4 @@
-"""What `quadlog diff` says of two runs, from a single value up to the whole, and when two values are the same."""
+"""Differences between two runs, from single values up to whole runs, and the comparison of values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ValueDifference:
 
 @dataclass(frozen=True, slots=True)
 class RowLocation:
-    """Which row of a result: its instant, None where rows have none, and the other columns that tell it apart."""
+    """A row of a result: its time stamp, None if rows have none, and its other key columns."""
 
     t_ns: int | None
     keys: tuple[tuple[str, Any], ...] = ()
@@ -35,7 +35,7 @@ class RowLocation:
 
 @dataclass(frozen=True, slots=True)
 class ColumnDifference:
-    """A column: how many rows differ, the first of them in time with both values, and the largest difference.
+    """A column: number of rows that differ, the first of them in time with both values, the largest difference.
 
     apart and largest are None for text and truth values, and where no differing row has a number in both runs.
     """
@@ -51,7 +51,7 @@ class ColumnDifference:
 
 @dataclass(frozen=True, slots=True)
 class OnlyRows:
-    """Rows that one run alone has: how many, and the first of them in time."""
+    """Rows that only one run has: their number, and the first of them in time."""
 
     rows: int
     first: RowLocation
@@ -61,8 +61,8 @@ class OnlyRows:
 class ResultDifference:
     """One saved result, a table mostly, in two runs.
 
-    only_in: the run that alone has it. rows_a and rows_b: their lengths, where
-    it has rows. start_ns: the first instant in either.
+    only_in: the run that has it if the other does not. rows_a and rows_b: numbers of rows, if it has rows. start_ns:
+    the first time stamp in either.
     """
 
     name: str
@@ -77,21 +77,21 @@ class ResultDifference:
 
     @property
     def lone_rows(self) -> list[tuple[RunLetter, OnlyRows]]:
-        """Rows that one run alone has, with that run."""
+        """Rows that only one run has, with the letter of that run."""
         both: tuple[tuple[RunLetter, OnlyRows | None], ...] = (("A", self.only_in_a), ("B", self.only_in_b))
         return [(letter, only) for letter, only in both if only is not None]
 
     @property
     def same(self) -> bool:
-        """Whether nothing of it differs."""
+        """Whether there is no difference."""
         return not (self.only_in or self.values or self.only_in_a or self.only_in_b or self.columns)
 
 
 @dataclass(frozen=True, slots=True)
 class FirstDifference:
-    """Where two runs part: the first stage that differs, and in it the earliest instant, then the first column.
+    """The first difference of two runs: the first stage that differs, then the earliest instant, then the first column.
 
-    column: None where a whole result or a row is in one run alone, which only_in names then.
+    column: None if a whole result or row is in only one run, named by only_in.
     """
 
     stage: str
@@ -106,10 +106,9 @@ class FirstDifference:
 
 @dataclass(frozen=True, slots=True)
 class RunDifference:
-    """Two runs. origins: by what (config, input, ...) was different in how they were made.
+    """Two runs. origins: differences in how they were made, by kind (config, input, ...).
 
-    stages: of each stage the results that at least one run has, in order, the
-    same ones too. start_ns: the first instant of all.
+    stages: the results that at least one run has, equal ones included, by stage. start_ns: the first time stamp.
     """
 
     a: str
@@ -120,7 +119,7 @@ class RunDifference:
 
     @property
     def same(self) -> bool:
-        """Whether every result is the same; how the runs were made does not count."""
+        """Whether all results are the same, however the runs were made."""
         return all(result.same for results in self.stages.values() for result in results)
 
 
@@ -161,7 +160,7 @@ def _apart(a: NDArray[Any], b: NDArray[Any]) -> Float:
     if a.dtype.kind == "f":
         with np.errstate(invalid="ignore", over="ignore"):
             return np.abs(a - b, dtype=np.float64)
-    # Larger less smaller, read as unsigned: right also where the difference does not fit the type.
+    # Larger minus smaller as unsigned numbers: right even if the difference overflows int64.
     larger, smaller = np.maximum(a, b), np.minimum(a, b)
     return (larger.astype(np.int64) - smaller.astype(np.int64)).view(np.uint64).astype(np.float64)
 
@@ -206,5 +205,5 @@ def _compare(key: str, a: Mapping[str, Any], b: Mapping[str, Any], tolerance: To
 
 
 def _is_number(value: Any) -> bool:
-    """Whether arithmetic can be done with it; JSON has integers of any length."""
+    """Whether it is a number that fits 64 bits; JSON allows longer integers."""
     return isinstance(value, float) or (isinstance(value, int) and type(value) is not bool and abs(value) < 1 << 63)

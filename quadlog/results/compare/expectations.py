@@ -1,4 +1,4 @@
-"""Bounds on metrics, as the TOML file of `quadlog check` has them.
+"""Bounds on metrics, from the TOML file of `quadlog check`.
 
 [default]                       # for every run
 success_rate = { min = 0.99 }
@@ -27,7 +27,7 @@ _SIDES = ("min", "max")
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """From least to most, both included; None where that side is open."""
+    """An interval from least to most, both included; None for an open side."""
 
     metric: str
     least: float | None = None
@@ -44,13 +44,13 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Expectations:
-    """The bounds of a file, by metric: those for all runs, and by name those of runs of that name."""
+    """The bounds of a file, by metric: for all runs, and for runs by name."""
 
     default: Mapping[str, Bound]
     recordings: Mapping[str, Mapping[str, Bound]]
 
     def bounds_for(self, names: Sequence[str]) -> tuple[Bound, ...]:
-        """What a run with these names is held to: what a later name says of a metric replaces what was said before."""
+        """The bounds for a run with these names; bounds of a later name replace those before."""
         bounds = dict(self.default)
         for name in names:
             bounds |= self.recordings.get(name, {})
@@ -79,7 +79,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_expectations(text: str, source: str, metrics: Collection[str]) -> Expectations:
-    """As read_expectations, from text; source: what errors call it."""
+    """As read_expectations, from text; source: its name in errors."""
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # a TOMLDecodeError, or an integer of too many digits

@@ -1,4 +1,4 @@
-"""Two runs' files compared that are no tables: maps, trajectories, grids, samples, pictures."""
+"""Comparison of saved files by kind: tables, maps, trajectories, grids, samples, pictures, metrics."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def compare_dilution(name: str, a: Path, b: Path, tolerance: Tolerance) -> Resul
 def _compare_grids(
     name: str, cells: list[Columns], places: list[dict[str, float]], tolerance: Tolerance
 ) -> ResultDifference:
-    """Where the grids lie and, if that is the same, their cells; else cell by cell would compare different ground."""
+    """The positions of the grids and, if these are the same, their cells."""
     if values := compare_values(places[0], places[1], tolerance):
         return ResultDifference(name, values=values)
     columns = [column for column in cells[0] if column not in {"row", "column"}]
@@ -116,7 +116,7 @@ def compare_map_yaml(name: str, a: Path, b: Path, tolerance: Tolerance) -> Resul
 
 
 def _yaml_values(path: Path) -> dict[str, object]:
-    """Numbers and lists of numbers read as JSON, which they are too; all else is text."""
+    """Numbers and lists of numbers are parsed as JSON, all else is text."""
     values: dict[str, object] = {}
     for line in _content(path).decode("utf-8", "replace").splitlines():
         key, _, text = line.partition(":")
@@ -158,7 +158,7 @@ def _kind(maps: MapSequence) -> dict[str, float]:
 
 
 def _compare_cells(a: MapSequence, b: MapSequence) -> ColumnDifference | None:
-    """Map by map, two of them in memory; not of windows that lie elsewhere, whose cells are other ground."""
+    """Map by map, two in memory at a time; windows at different positions are not compared."""
     match = match_rows("maps.npz", {"t_ns": a.t_ns}, {"t_ns": b.t_ns})
     moved_m = np.abs(a.origin_m[match.a] - b.origin_m[match.b]).max(axis=1, initial=0.0)
     occupied_a, occupied_b, apart = np.zeros((3, len(match.a)), np.int64)
@@ -169,8 +169,6 @@ def _compare_cells(a: MapSequence, b: MapSequence) -> ColumnDifference | None:
     return column_difference("cells", keys, apart > 0, apart.astype(np.float64), occupied_a, occupied_b)
 
 
-"""Pictures, pages and derived.mcap are left out: they show nothing that is not in these."""
-
 KEYS: dict[str, tuple[str, ...]] = {
     "fixes": ("t_ns", "tag"),
     "ranges": ("t_ns", "tag", "anchor"),
@@ -179,11 +177,11 @@ KEYS: dict[str, tuple[str, ...]] = {
     "paths": ("t_ns", "i"),
     "resim_paths": ("t_ns", "i"),
 }
-"""The columns that tell a table's rows apart, where it is not t_ns alone."""
+"""Key columns of tables whose key is not t_ns."""
 
 
 def is_timing(name: str) -> bool:
-    """Whether a column or metric is a duration, which no two runs share."""
+    """Whether a column or metric is a duration, which differs in every run."""
     return name in {"ms", "us", "realtime_factor"} or name.startswith("us_")
 
 
@@ -198,13 +196,13 @@ def compare_files(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDi
 def _compare_parquet(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDifference:
     keys = KEYS.get(name, ("t_ns",))
     columns = [column for column in TABLES[name].names if column not in keys and not is_timing(column)]
-    # Whatever a column holds is compared: damage that reading would refuse elsewhere is a difference here.
+    # Numbers too large for other uses are compared, too.
     one, other = (read_table(run, name, largest=math.inf) for run in (a, b))
     return compare_tables(name, one, other, keys, columns, tolerance)
 
 
 def _compare_metrics(name: str, a: Path, b: Path, tolerance: Tolerance) -> ResultDifference:
-    """Values by the metric's name; of how many samples as `NAME.n` and the unit as `NAME.unit`, where both have it."""
+    """Values by name of the metric; if both runs have it, also its `NAME.n` and `NAME.unit`."""
     one, other = (
         {metric: content for metric, content in read_metrics(run).items() if not is_timing(metric)} for run in (a, b)
     )

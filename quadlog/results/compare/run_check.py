@@ -1,4 +1,4 @@
-"""Saved metrics of a run held against the bounds that are expected of them; bounds proposed from a run."""
+"""Saved metrics of runs checked against bounds; bounds proposed from runs."""
 
 from __future__ import annotations
 
@@ -13,37 +13,28 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from quadlog.errors import CannotWrite, QuadlogError
+from quadlog.errors import CannotWrite
 from quadlog.results.compare.expectations import Bound, Expectations
-from quadlog.results.run.run_folder import read_metrics, read_run_json
+from quadlog.results.run.loaded_run import Run
 
 NO_BOUNDS = "no bounds are expected of this run"
 
 
 @dataclass(frozen=True, slots=True)
-class SavedRun:
-    """What a check needs of a run. names: those its bounds may stand under, the more particular one last."""
-
-    path: Path
-    names: tuple[str, ...]
-    metrics: Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True)
 class BoundCheck:
-    """A bound, and the value it was held against: None when the run does not have that metric, and it cannot hold."""
+    """A bound and the run's value: None when the run does not have the metric, and the bound does not hold."""
 
     bound: Bound
     value: float | None
 
     @property
     def holds(self) -> bool:
-        """Whether there is a value, and it lies within the bound."""
+        """Whether there is a value within the bound."""
         return self.value is not None and self.bound.holds(self.value)
 
     @property
     def reason(self) -> str:
-        """Why it does not hold; empty where it does."""
+        """Why the bound does not hold; empty if it does."""
         if self.value is None:
             return "the run does not have this metric"
         if self.bound.least is not None and self.value < self.bound.least:
@@ -55,7 +46,7 @@ class BoundCheck:
 
 @dataclass(frozen=True, slots=True)
 class RunCheck:
-    """A run with all its bounds. error: why it could not be read, else None."""
+    """The checks of one run. error: why it could not be read, else None."""
 
     run: str
     name: str
@@ -64,42 +55,28 @@ class RunCheck:
 
     @property
     def holds(self) -> bool:
-        """Whether there was something to hold, and all of it does: a run of which nothing is expected never passes."""
+        """Whether all bounds hold. A run without any bounds does not pass."""
         return self.error is None and bool(self.checks) and all(check.holds for check in self.checks)
 
 
-def read_saved_run(run: Path) -> SavedRun:
-    """Metrics and names of a finished run. Raises NotARun, UnknownRunFormat.
+def bound_names(run: Run) -> tuple[str, ...]:
+    """The names under which a file of bounds may list the run, the most specific one last.
 
-    A run goes by the name of its folder. A simulated walk whose folder is its
-    seed goes by the folder above (`line-fpmw`), and by both (`line-fpmw/seed-000`).
+    This is the name of its folder. A simulated walk in a seed folder is listed by the folder above (`line-fpmw`) or
+    by both (`line-fpmw/seed-000`).
     """
-    record = read_run_json(run)
-    place = run.resolve()
-    course = place.parent.name
-    names = (course, f"{course}/{place.name}") if _is_seed(place.name, record) else (place.name,)
-    return SavedRun(run, names, {name: float(metric["value"]) for name, metric in read_metrics(run).items()})
+    place = run.path.resolve()
+    options = run.record.get("options")
+    if place.name.startswith("seed-") and isinstance(options, dict) and "course" in options:
+        return place.parent.name, f"{place.parent.name}/{place.name}"
+    return (place.name,)
 
 
-def read_or_explain(run: Path) -> SavedRun | RunCheck:
-    """The run, or the check that it fails because it cannot be read."""
-    try:
-        return read_saved_run(run)
-    except QuadlogError as error:
-        return RunCheck(str(run), run.resolve().name, error=str(error))
-
-
-def check_run(run: SavedRun, expectations: Expectations) -> RunCheck:
-    """Hold the run against what is expected of it."""
-    bounds = expectations.bounds_for(run.names)
-    return RunCheck(
-        str(run.path), run.names[-1], tuple(BoundCheck(bound, run.metrics.get(bound.metric)) for bound in bounds)
-    )
-
-
-def _is_seed(folder: str, record: Mapping[str, Any]) -> bool:
-    options = record.get("options")
-    return folder.startswith("seed-") and isinstance(options, dict) and "course" in options
+def check_run(run: Run, expectations: Expectations) -> RunCheck:
+    """Check the run's metrics against the bounds of its names. Raises NotARun for damaged metrics."""
+    names, metrics = bound_names(run), {name: float(value) for name, value in run.metrics.items()}
+    checks = tuple(BoundCheck(bound, metrics.get(bound.metric)) for bound in expectations.bounds_for(names))
+    return RunCheck(str(run.path), names[-1], checks)
 
 
 HEADER = """\
@@ -109,34 +86,33 @@ HEADER = """\
 
 _MARGIN = Decimal("0.1")
 _DIGITS = 3
-_LEAST_MARGIN = Decimal("0.0001")  # rounding errors of another machine are not a change for the worse
+_LEAST_MARGIN = Decimal("0.0001")  # allows for rounding errors on another machine
 _SHARE_MARGIN = Decimal("0.01")
 
 _COUNTS = frozenset({"fallen", "collisions"})
 _SHARES = frozenset({"success_rate", "fallback_share", "torque_saturation_share", "suboptimality_mean"})
 _LARGER_IS_BETTER = frozenset({"success_rate", "clearance_min_m", "ratio_to_astar"})
 _NEITHER_IS_BETTER = frozenset({"following_distance_mean_m", "lateral_drift_m", "yaw_rate_degps", "forward_m"})
-_OF_THE_MACHINE = frozenset({"realtime_factor"})
+_MACHINE_DEPENDENT = frozenset({"realtime_factor"})
 
 
-def propose(runs: Sequence[SavedRun]) -> dict[str, tuple[Bound, ...]]:
+def propose(runs: Sequence[Run]) -> dict[str, tuple[Bound, ...]]:
     """Bounds by name, from all runs of that name, of the metrics that each of them has.
 
-    Only the side that is worse is bounded, where one is. The margin beyond the
-    worst run is a tenth of its value, at least 0.0001; for a share 0.01, for a
-    count nothing. Bounds are rounded outwards to three digits. realtime_factor
-    has none, for it depends on the machine.
+    Only the worse side is bounded, where a metric has one. The margin beyond the worst run is 10 % of its value, at
+    least 0.0001; 0.01 for shares, 0 for counts. Bounds are rounded outwards to three digits. realtime_factor has no
+    bound, because it depends on the machine.
     """
-    by_name: dict[str, list[SavedRun]] = {}
+    by_name: dict[str, list[Mapping[str, float]]] = {}
     for run in runs:
-        by_name.setdefault(run.names[0], []).append(run)
+        by_name.setdefault(bound_names(run)[0], []).append(run.metrics)
     return {name: _propose_for(each) for name, each in by_name.items()}
 
 
 def merge_bounds(text: str, bounds: Mapping[str, Sequence[Bound]], path: Path) -> str:
-    """The TOML `text`, which `path` holds, with these bounds set; all else in it, comments too, stays as it is.
+    """The TOML `text` of the file `path` with these bounds set; comments and all else are kept.
 
-    Raises CannotWrite for a file laid out so that this cannot be done.
+    Raises CannotWrite for a layout in which this cannot be done.
     """
     expected: dict[str, Any] = tomllib.loads(text)
     for name, each in bounds.items():
@@ -154,15 +130,13 @@ def merge_bounds(text: str, bounds: Mapping[str, Sequence[Bound]], path: Path) -
         if tomllib.loads(merged.encode().decode()) == expected:
             return merged
     except (TOMLKitError, ValueError, TypeError, AttributeError, RecursionError):
-        pass  # it was not made for every layout that TOML allows
-    raise CannotWrite(path, "no bounds can be added to a file laid out like this; write them to another one")
+        pass  # tomlkit does not support every layout that TOML allows
+    raise CannotWrite(path, "no bounds can be added to a file of this layout; write them to another file")
 
 
-def _propose_for(runs: Sequence[SavedRun]) -> tuple[Bound, ...]:
-    shared = [name for name in runs[0].metrics if all(name in run.metrics for run in runs)]
-    return tuple(
-        _bound(name, [run.metrics[name] for run in runs]) for name in sorted(shared) if name not in _OF_THE_MACHINE
-    )
+def _propose_for(runs: Sequence[Mapping[str, float]]) -> tuple[Bound, ...]:
+    shared = set(runs[0]).intersection(*runs[1:]) - _MACHINE_DEPENDENT
+    return tuple(_bound(name, [float(metrics[name]) for metrics in runs]) for name in sorted(shared))
 
 
 def _bound(metric: str, values: Sequence[float]) -> Bound:

@@ -1,4 +1,4 @@
-"""Two run folders compared: how they were made, then stage by stage what they saved."""
+"""Comparison of two run folders: how they were made, then their saved results stage by stage."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def diff_runs(a: Path, b: Path, tolerance: Tolerance) -> RunDifference:
 
 
 def first_difference(runs: RunDifference) -> FirstDifference | None:
-    """Where the two runs part, None where they do not.
+    """The first difference of two runs, None if there is none.
 
-    In the first stage that differs: a result that one run lacks before the
-    earliest instant, and that before what has no instant.
+    Within the first stage that differs, missing results come first, then the earliest time stamp, then values without
+    a time stamp.
     """
     for stage, results in runs.stages.items():
         candidates = [each for result in results for each in _candidates(stage, result)]
@@ -55,7 +55,7 @@ def first_difference(runs: RunDifference) -> FirstDifference | None:
 def _compare_stage(files: tuple[str, ...], a: Path, b: Path, tolerance: Tolerance) -> Iterator[ResultDifference]:
     for name in files:
         in_a, in_b = (a / name).is_file(), (b / name).is_file()
-        # Every run has metrics: without them it is damaged, which their reading says.
+        # Every run has metrics; reading them raises NotARun if they are missing.
         if (in_a and in_b) or name == "metrics.json":
             yield compare_files(name, a, b, tolerance)
         elif in_a or in_b:
@@ -63,11 +63,11 @@ def _compare_stage(files: tuple[str, ...], a: Path, b: Path, tolerance: Toleranc
 
 
 def _origins(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run was made from and with, by kind; the command, paths and the machine's name are anyone's own."""
+    """How a run was made, by kind; without command, paths and host name."""
     host = _table(record, "host")
     versions = {"quadlog": record.get("quadlog_version"), **{key: host.get(key) for key in ("python", "system")}}
     recording = _table(record, "input")
-    # As InputRecord.fingerprint: a date tells two objects apart only where there is no ETag.
+    # As InputRecord.fingerprint: a date is compared only if there is no ETag.
     fingerprint = [key for key in ("sha256", "etag", "last_modified") if recording.get(key) is not None][:1]
     return {
         "config": record.get("config"),
@@ -79,7 +79,7 @@ def _origins(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _what_was_read(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The topics in their roles, with their messages, and what was lost."""
+    """Roles of topics with their numbers of messages, and losses."""
     topics = record.get("topics")
     entries = [each for each in topics if isinstance(each, dict)] if isinstance(topics, list) else []
     used = {f"{each.get('role')} {each.get('topic')}": each.get("messages") for each in entries}

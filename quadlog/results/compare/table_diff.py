@@ -1,6 +1,4 @@
-"""Two tables compared row by row: which rows match, which column differs where first, in how many rows, and by how
-much at most.
-"""
+"""Comparison of two tables row by row: matching rows, and the differences of each column."""
 
 from __future__ import annotations
 
@@ -25,12 +23,12 @@ from quadlog.results.compare.differences import (
 Columns = dict[str, NDArray[Any]]
 
 MAX_ROWS_AT_ONCE = 20_000_000
-"""More rows are not matched by their keys, which takes several times the memory of the tables."""
+"""Limit for matching rows by their keys, which takes several times the memory of the tables."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowMatch:
-    """Row a[k] of the one is row b[k] of the other, in the one's order; the rest is in one of them only."""
+    """Row a[k] of one table matches row b[k] of the other, in the order of a; only_a, only_b: the other rows."""
 
     a: Int
     b: Int
@@ -41,7 +39,7 @@ class RowMatch:
 def match_rows(name: str, a: Columns, b: Columns) -> RowMatch:
     """Match rows of the result `name` by key columns, (N,) each of a and (M,) each of b, in any order.
 
-    Of rows with the same key the first of the one belongs to the first of the other, and so on. Raises TooLarge.
+    Rows of the same key are matched in their order. Raises TooLarge.
     """
     count_a, count_b = (len(next(iter(keys.values()))) for keys in (a, b))
     if all(np.array_equal(a[key], b[key]) for key in a):
@@ -115,7 +113,7 @@ def _only(keys: Columns, rows: Int) -> OnlyRows | None:
 
 
 def _first(keys: Columns, rows: Int) -> int:
-    """The first of these rows in time; tables may be in order of tag, so that it is not the first in the file."""
+    """The first of these rows in time, which need not be the first in the file."""
     return int(rows[np.argmin(keys["t_ns"][rows])]) if "t_ns" in keys else int(rows[0])
 
 

@@ -1,4 +1,4 @@
-"""`derived.mcap`: everything a run found out, as messages on the input's clock, for Foxglove to show beside it.
+"""`derived.mcap`: the results of a run as messages on the input's clock, for Foxglove.
 
 Messages carry the SDK's schemas and encodings; the file itself is written by
 the mcap package, whose channel numbers depend on nothing but the order here.
@@ -43,7 +43,7 @@ class Topic(NamedTuple):
 
 
 def write_derived(run: Path, path: Path | None = None, record: RunRecord | None = None) -> Path:
-    """`derived.mcap` of the run folder `run`, or `path`, from saved results alone; what a run has not is left out.
+    """`derived.mcap` of the run folder `run`, or `path`, from saved results; missing results are left out.
 
     Topics: /quadlog/{tf, tf_static, pose, target, map, scan, path, path_smooth, cells, log}, /quadlog/uwb/anchors,
     /quadlog/uwb/fix/<tag>, and /quadlog/resim/{tf, pose, path, path_smooth, error}, all of Foxglove's own schemas.
@@ -61,7 +61,7 @@ def write_derived(run: Path, path: Path | None = None, record: RunRecord | None 
         topics = list(_topics(run, record))
         channels = [_register(writer, topic) for topic in topics]
         sequence = [0] * len(topics)
-        # Merged as streams: the maps of a long run never lie in memory together.
+        # Merged as streams, so that the maps of a long run are not in memory at once.
         streams = [_numbered(k, topic) for k, topic in enumerate(topics)]
         try:
             for t_ns, k, message in heapq.merge(*streams, key=lambda entry: entry[:2]):
@@ -131,7 +131,7 @@ def _path_topics(run: Path, table: str, prefix: str, color: str) -> Iterator[Top
 
 
 def _mount(run: Path, record: RunRecord | None, start: int) -> content.Columns | None:
-    """The lidar's configured place in base, as one pose; None where it is not configured: the input's tf may tell."""
+    """The configured pose of the lidar in base, as one row; None if it is not configured."""
     try:
         mount = record.config.get("lidar", {}).get("mount", {}) if record is not None else {}
         place = {name: float(mount.get(name, 0.0)) for name in ("x_m", "y_m", "z_m")}
@@ -145,7 +145,7 @@ def _mount(run: Path, record: RunRecord | None, start: int) -> content.Columns |
 
 
 def _said(run: Path, record: RunRecord | None) -> Iterator[tuple[fox.LogLevel, str, str]]:
-    """What the run lost, what it warned of, and its metrics."""
+    """Losses, warnings and metrics of the run."""
     if record is not None:
         for loss in record.losses:
             yield fox.LogLevel.Error, "loss", f"{loss.detail} ({loss.topic})" if loss.topic else loss.detail
@@ -164,6 +164,6 @@ def _register(writer: Writer, topic: Topic) -> int:
 
 
 def _numbered(k: int, topic: Topic) -> Iterator[tuple[int, int, bytes]]:
-    """The topic's messages with its number, so that equal times come in the order of the topics."""
+    """The topic's messages with its number, so that messages of equal time are in the order of the topics."""
     for t_ns, message in topic.messages:
         yield t_ns, k, message

@@ -1,4 +1,4 @@
-"""`foxglove-layout.json`: a Foxglove layout that shows `derived.mcap` at once, in the form the app itself exports."""
+"""`foxglove-layout.json`: a Foxglove layout for `derived.mcap`, in the format that the app exports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from quadlog.results.run.run_folder import to_json
 from quadlog.results.run.tables import has_table, read_table
 from quadlog.storage.atomic_write import write_whole
 
-_VIEW_M, _MARGIN = 10.0, 1.3  # how high the view is at least, and how much more than the walk it shows
+_VIEW_M, _MARGIN = 10.0, 1.3  # least height of the view; ratio of the view to the walk
 
 _MAP = {"colorMode": "gradient", "colorField": "occupied", "minValue": 0, "maxValue": 1, "drawBehind": True}
 _MAP |= {"gradient": ["#00000000", "#404040ff"]}
@@ -58,7 +58,7 @@ def _topics(path: Path) -> set[str]:
 
 
 def _walked_m(run: Path) -> Float:
-    """Places (N, 2) of the robot and its target that have to be in view."""
+    """Positions (N, 2) of robot and target that must be in view."""
     tables = [name for name in ("poses", "target", "control") if has_table(run, name)]
     columns = [read_table(run, name, ["x_m", "y_m"]) for name in tables]
     places = np.concatenate([np.zeros((0, 2)), *(np.column_stack([each["x_m"], each["y_m"]]) for each in columns)])
@@ -72,7 +72,7 @@ def _layout(topics: Collection[str], walked_m: Float) -> dict[str, Any]:
     if "/quadlog/resim/error" in topics:
         panels["Plot!error"] = _plot("Tracking error [m]", "/quadlog/resim/error", ERRORS)
     if "/quadlog/log" in topics:
-        # The app's own name for its Log panel, from the days when it showed /rosout alone.
+        # The app's internal name of its Log panel.
         panels["RosOut!log"] = {"topicToRender": "/quadlog/log", "minLogLevel": 1, "searchTerms": []}
     scene, *beside = panels
     return {
@@ -85,7 +85,7 @@ def _layout(topics: Collection[str], walked_m: Float) -> dict[str, Any]:
 
 
 def _column(panels: list[str]) -> Any:
-    """The panels one below the other, each as high as the others."""
+    """The panels in a column, equally high."""
     column: Any = panels[-1]
     for number, panel in enumerate(reversed(panels[:-1]), start=2):
         column = _split("column", panel, column, 100 / number)
@@ -97,7 +97,7 @@ def _split(direction: str, first: str, second: Any, percentage: float) -> dict[s
 
 
 def _scene(topics: Collection[str], walked_m: Float) -> dict[str, Any]:
-    """The whole walk from above, x to the right and y upwards as on quadlog's own maps."""
+    """The whole walk from above, x to the right and y up, as in the figures."""
     low, high = (walked_m.min(axis=0), walked_m.max(axis=0)) if len(walked_m) else (np.zeros(2), np.zeros(2))
     x, y = ((low + high) / 2).tolist()
     shown = {name: settings for name, settings in SHOWN.items() if name in topics}
@@ -126,7 +126,7 @@ def _scene(topics: Collection[str], walked_m: Float) -> dict[str, Any]:
 
 
 def _plot(title: str, topic: str, names: tuple[str, ...]) -> dict[str, Any]:
-    """Of a topic of vectors, whose parts are so named."""
+    """A plot of a topic of vectors; names: labels of x, y and z."""
     colors = (ROBOT, TARGET, PLAN)
     return {
         "foxglovePanelTitle": title,

@@ -65,9 +65,9 @@ def grids(maps: MapSequence) -> Stream:
 
 
 def log_lines(lines: Iterable[tuple[fox.LogLevel, str, str]], t_ns: int) -> Stream:
-    """`foxglove.Log` for each (level, name, words), all at the start so that they are there whatever is shown."""
+    """`foxglove.Log` for each (level, name, words), all at the start time, so that they are always shown."""
     for level, name, words in lines:
-        # Half a surrogate pair, as JSON may hold one, is no text that can be encoded.
+        # JSON may contain lone surrogates, which cannot be encoded.
         words = words.encode("utf-8", "replace").decode()
         yield t_ns, fox.Log(timestamp=timestamp(t_ns), level=level, message=words, name=name).encode()
 
@@ -99,13 +99,13 @@ def _timed_poses(columns: Columns) -> Iterator[tuple[int, fox.Vector3, fox.Quate
 
 
 def _blocks(columns: Columns) -> Iterator[dict[str, NDArray[Any]]]:
-    """The columns in pieces, since Python's numbers take ten times the memory of numpy's."""
+    """The columns in blocks, since Python's numbers take ten times the memory of numpy's."""
     for first in range(0, len(columns["t_ns"]), _BLOCK_ROWS):
         yield {name: column[first : first + _BLOCK_ROWS] for name, column in columns.items()}
 
 
 def upright_pose(x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> fox.Pose:
-    """A place, turned about z alone."""
+    """A pose with a rotation about z only."""
     turn = fox.Quaternion(x=0.0, y=0.0, z=math.sin(yaw_rad / 2), w=math.cos(yaw_rad / 2))
     return fox.Pose(position=fox.Vector3(x=x_m, y=y_m, z=z_m), orientation=turn)
 
@@ -124,7 +124,7 @@ _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 
 
 def paths(columns: Columns, prefix: str, color: str) -> Stream:
-    """`foxglove.SceneUpdate` for each instant of a paths table: one line, which takes the place of the one before.
+    """`foxglove.SceneUpdate` for each instant of a paths table: one line, which replaces the one before.
 
     prefix: "" or "smooth_"; color: #rrggbb.
     """

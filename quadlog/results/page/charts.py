@@ -1,4 +1,4 @@
-"""The charts of a run that can be zoomed and read off: figure's name -> panels over time, from the saved tables."""
+"""Interactive charts of a run, from its saved tables: name of the figure -> panels over time."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.results.plots.control import COMMANDS, JOINTS, LEGS, LOOKAHEAD, POSTURE, Columns
 from quadlog.results.plots.run_data import RunData, Table, seen_around
 from quadlog.results.plots.style import COLORS, thin_line, thin_points
 
 PANEL_POINTS = 800
-"""Of one line over the whole run: some two for each pixel of a phone, and the extremes between them."""
+"""Points per line: about two per pixel of a phone, extremes included."""
 
 _DIGITS = 4
-"""Numbers are rounded to so many digits of what their line spans: finer than a pixel."""
+"""Numbers are rounded to this many digits of their line's span, which is finer than a pixel."""
 _TIME_DIGITS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """seconds, values (N,): one line of a panel; points: drawn as points, which nothing joins."""
+    """One line of a panel: seconds, values (N,); points: drawn as unconnected points."""
 
     label: str
     color: str
@@ -36,16 +36,16 @@ class Line:
 
 
 def panel(what: str, lines: Sequence[Line]) -> dict[str, Any] | None:
-    """One panel, or None where no line has a value.
+    """One panel, or None if no line has a value.
 
-    what: what the panel shows, with its unit. Lines need not share their instants: a line has no value (None) at
-    those of another; the page joins what is on both sides of it, except across a gap of the line's own.
+    what: quantity and unit. Lines may have different time stamps: a line has no value (None) at the time stamps of
+    another; the page connects its neighbouring values, but not across a gap of the line itself.
     """
     lines = [line for line in lines if np.isfinite(line.values).any()]
     if not lines:
         return None
     if all(line.seconds is lines[0].seconds for line in lines):
-        keep = np.unique(np.concatenate([_keep(line) for line in lines]))
+        keep = np.unique(np.concatenate([thin_line(line.values, PANEL_POINTS) for line in lines]))
         times, columns = lines[0].seconds[keep], [line.values[keep] for line in lines]
         joined = False
     else:
@@ -71,21 +71,17 @@ def rounded(values: Float) -> list[float | None]:
 
 
 def to_script_json(content: Any) -> str:
-    """JSON that can stand inside <script type="application/json">: nothing in it ends the element or opens another.
+    """JSON that is safe inside <script type="application/json">: it cannot end the element or open another.
 
-    ASCII alone, so that the line separators that end a line of a script are escaped too.
+    ASCII only, so that Unicode line separators are escaped, too.
     """
     text = json.dumps(content, separators=(",", ":"), sort_keys=True, allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _keep(line: Line) -> Int:
-    return thin_line(line.values, PANEL_POINTS)
-
-
 def _merged(lines: Sequence[Line]) -> tuple[Float, list[Float]]:
-    """All instants of all lines in order, and each line's values at them, NaN where it has none."""
-    kept = [(line, _keep(line)) for line in lines]
+    """The time stamps of all lines, sorted, and each line's values there, NaN where it has none."""
+    kept = [(line, thin_line(line.values, PANEL_POINTS)) for line in lines]
     times = np.unique(np.concatenate([line.seconds[keep] for line, keep in kept]))
     columns = []
     for line, keep in kept:
@@ -96,16 +92,16 @@ def _merged(lines: Sequence[Line]) -> tuple[Float, list[Float]]:
 
 
 POINTS = 2000
-"""Of one walk: 3 cm apart on a minute's walk."""
+"""Points per walk: 3 cm apart in a walk of one minute."""
 WALL_SHARE = 0.5
-"""A cell is drawn where this share of the maps that covered it had it occupied: walls stay, what moved does not."""
+"""Cells occupied in this share of the maps that cover them are drawn: walls, not moving objects."""
 MAX_RUNS = 20_000
 
 
 def trajectory_chart(run: RunData) -> dict[str, Any] | None:
     """Paths of robot, target, re-simulated or simulated walk with their times; anchors; walls. None without paths.
 
-    around: places that are to be seen, too.
+    around: further points that must be in view.
     """
     walked = "simulated walk" if run.simulated else "re-simulated walk"
     wanted = [("course", "paths", "note")] if run.simulated else []
@@ -140,7 +136,7 @@ def _walls(run: RunData) -> dict[str, Any] | None:
     if occupancy is None:
         return None
     runs = row_runs(np.nan_to_num(occupancy.share) >= WALL_SHARE)
-    if len(runs) > MAX_RUNS:  # the picture has them all
+    if len(runs) > MAX_RUNS:  # only the PNG shows them
         return None
     return {
         "cell_m": occupancy.cell_m,
@@ -191,7 +187,7 @@ _ANGLES: tuple[Columns, ...] = (
 
 
 def run_charts(run: RunData) -> dict[str, Any]:
-    """Charts by the name of the figure that each stands beside, as plain JSON. Raises NotARun for damaged tables."""
+    """Charts by name of the figure, as plain JSON. Raises NotARun for damaged tables."""
     charts = {name: chart_of(run) for name, chart_of in _CHARTS.items()}
     return {name: chart for name, chart in charts.items() if chart is not None}
 
@@ -202,7 +198,7 @@ def _over_time(panels: Sequence[Panel]) -> dict[str, Any] | None:
 
 
 def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], dict[str, Any] | None]:
-    """Draws columns of one table over its time."""
+    """A function that draws columns of one table over time."""
 
     def chart(run: RunData) -> dict[str, Any] | None:
         table = run.table(name)
@@ -214,10 +210,8 @@ def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], dict[
 def _panel(run: RunData, table: Table, columns: Columns) -> Panel:
     what, lines = columns
     seconds = run.seconds(table["t_ns"])
-    return panel(
-        what,
-        [Line(label, color, seconds, _floats(table[name])) for name, label, color in lines if name in table],
-    )
+    present = [line for line in lines if line[0] in table]
+    return panel(what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present])
 
 
 def _expanded(run: RunData) -> dict[str, Any] | None:
@@ -268,10 +262,6 @@ def _uwb_error(run: RunData) -> dict[str, Any] | None:
             lines.append(Line(source, color, seconds[mine], error_m[mine], points=source == "fixes"))
         panels.append(panel(f"error of tag {tag} (m)", lines))
     return _over_time(panels)
-
-
-def _floats(values: Any) -> Float:
-    return np.asarray(values, dtype=np.float64)
 
 
 _CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {

@@ -21,25 +21,25 @@ from quadlog.results.run.tables import COST_NAMES, METRIC_NAMES, has_table, read
 from quadlog.storage.atomic_write import write_whole
 
 MAX_RUNS = 200
-"""Runs drawn in one chart; of more, those that stand out and some between them."""
+"""Largest number of runs drawn in a chart; of more, extremes and a selection of the others are drawn."""
 MAX_THUMBNAILS = 48
 POINTS = 120
-"""Of one walk of a thumbnail."""
+"""Points per walk in a thumbnail."""
 
 WIDTH, HEIGHT, MARGIN = 240.0, 96.0, 6.0
-"""Of a chart, in the units of its SVG."""
+"""Size of a chart in SVG units."""
 SIDE = 120.0
-"""Of a thumbnail."""
+"""Side of a thumbnail in SVG units."""
 
 WALKS = (("robot", "robot"), ("target", "target"), ("note", "course"), ("resim", "simulated"))
-"""Colour and name of each walk; the later lies on the earlier."""
+"""Colour and name of each walk, in drawing order."""
 _TABLES = (("poses", "robot"), ("target", "target"), ("control", "resim"))
 _LEAST_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """x, y: where, in the units of the SVG; run: which, as its place in the table."""
+    """x, y: position in SVG units; run: its row in the table."""
 
     x: float
     y: float
@@ -49,7 +49,7 @@ class Dot:
 
 @dataclass(frozen=True, slots=True)
 class MetricChart:
-    """One metric over the runs in their order; median_y: height of the line at the median."""
+    """One metric over the runs in order; median_y: height of the median line."""
 
     name: str
     dots: list[Dot]
@@ -62,7 +62,7 @@ class MetricChart:
 
 @dataclass(frozen=True, slots=True)
 class Thumbnail:
-    """lines: colour and points "x,y x,y"; across_m: what is as long as the side of the square."""
+    """lines: colour and points "x,y x,y"; across_m: length of the side in metres."""
 
     recording: str
     lines: list[tuple[str, str]]
@@ -70,15 +70,15 @@ class Thumbnail:
 
 
 def metric_charts(summary: Mapping[str, Any], names: Sequence[str]) -> list[MetricChart]:
-    """A chart for each metric of which runs have different values."""
+    """A chart for each metric that differs between runs."""
     charts = (_metric_chart(name, np.asarray(summary[name], dtype=np.float64)) for name in names)
     return [chart for chart in charts if chart is not None]
 
 
 def thumbnails(folder: Path, recordings: Sequence[str]) -> list[Thumbnail]:
-    """Who walked where in each run that has positions, up to MAX_THUMBNAILS of them, all at one scale.
+    """Walks seen from above for up to MAX_THUMBNAILS runs that have positions, all at one scale.
 
-    A run whose tables cannot be read has none: its own page says why.
+    Runs whose tables cannot be read are left out.
     """
     walks = []
     for recording in recordings:
@@ -137,7 +137,7 @@ def _across_m(walks: Sequence[tuple[str, Float]]) -> float:
 
 
 def _lines(walks: Sequence[tuple[str, Float]], across_m: float) -> list[tuple[str, str]]:
-    """Points in the units of the SVG, whose y goes down, with the walk in the middle."""
+    """Points in SVG units (y down), the walk centred."""
     low, high = _box(walks)
     scale = SIDE / across_m
     lines = []
@@ -158,10 +158,9 @@ _STATES = {
 
 
 def write_folder_report(folder: Path) -> Path:
-    """A page with a sortable row for each recording of summary.parquet, linked to the run's own report.
+    """A page with a sortable row per recording of summary.parquet, linked to the run's report.
 
-    `recording` is the name of the run's folder. Where all of them are simulated walks, seeds of one course, the page
-    says so, and gives mean and sample deviation.
+    `recording` is the name of the run's folder. If all are simulated walks, the page has mean and sample deviation.
 
     Raises NotARun without a readable summary.parquet, CannotWrite.
     """
@@ -198,7 +197,7 @@ def write_folder_report(folder: Path) -> Path:
 
 
 def _is_walk(folder: Path, recording: str) -> bool:
-    """Whether a run of the folder is a simulated walk, by its own record."""
+    """Whether a run of the folder is a simulated walk, by its run.json."""
     if recording != run_name(recording):
         return False
     try:
@@ -235,7 +234,7 @@ def _row(folder: Path, summary: dict[str, Any], shown: list[str], index: int) ->
 
 
 def _link(folder: Path, recording: str) -> str | None:
-    """Relative address of the run's own report; None where there is none, or where the name is no plain folder name."""
+    """Relative URL of the run's report; None if it does not exist or the name is not a plain folder name."""
     if recording != run_name(recording) or not (folder / recording / "report.html").is_file():
         return None
     return f"./{quote(recording)}/report.html"

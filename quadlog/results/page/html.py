@@ -1,4 +1,4 @@
-"""HTML pages that are safe to open: everything escaped, nothing fetched, only our own style and script allowed."""
+"""HTML pages that are safe to open: text is escaped, nothing is fetched, only quadlog's styles and scripts run."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from quadlog.results.text.numbers import count, short
+
 _TEMPLATES = "quadlog.results.page", "templates"
 
 
 def render_page(template: str, scripts: Sequence[str] = (), styles: Sequence[str] = (), **values: Any) -> bytes:
     """The page made from templates/TEMPLATE, in UTF-8, with report.css and these scripts and styles inside, in order.
 
-    Recordings choose topic names, and those end up here: besides escaping, the
-    page's Content-Security-Policy admits styles and scripts by their hashes
-    alone, pictures from the page itself, and no request to anywhere.
+    Names of topics come from recordings, which are not trusted: text is escaped, and the Content-Security-Policy
+    allows only these styles and scripts, by hash, pictures inside the page, and no requests.
     """
     css, code = [[_own_file(name) for name in names] for names in (("report.css", *styles), scripts)]
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hashes(css)}; script-src {_hashes(code)}; "
         "base-uri 'none'; form-action 'none'"
     )
-    # Files of this package are the only text that goes in unescaped.
+    # Only files of this package are inserted unescaped.
     inside = {"styles": [Markup(text) for text in css], "scripts": [Markup(text) for text in code]}  # noqa: S704
     text = _environment().get_template(template).render(policy=policy, **inside, **values)
-    # JSON can carry halves of characters that no encoding has.
+    # JSON may contain lone surrogates, which cannot be encoded.
     return text.encode("utf-8", "replace")
 
 
 def format_number(value: float) -> str:
     """Four significant digits; whole numbers in full, with thin spaces between thousands."""
     if float(value).is_integer() and abs(value) < 1e15:
-        return f"{int(value):,}".replace(",", "\u2009").replace("-", "\u2212")
-    return f"{value:.4g}".replace("-", "\u2212")
+        return count(int(value)).replace("-", "\u2212")
+    return short(value).replace("-", "\u2212")
 
 
 def format_metres(value: float | None) -> str:
@@ -85,6 +86,6 @@ def _own_file(name: str) -> str:
 
 
 def _hashes(texts: Sequence[str]) -> str:
-    """What a Content-Security-Policy admits: these texts, or nothing."""
+    """Content-Security-Policy source list of these texts."""
     digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts)
     return " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"

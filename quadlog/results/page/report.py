@@ -59,7 +59,7 @@ _CHART_STYLES = ("vendor/uPlot.min.css",)
 def write_report(run: Path, helper: Executor | None = None) -> Path:
     """Write plots/ and report.html of a finished run, and return the latter's path. The same files, the same bytes.
 
-    helper: a process that draws, too. Raises NotARun for an unfinished or damaged run, CannotWrite.
+    helper: a process that draws some of the figures. Raises NotARun for an unfinished or damaged run, CannotWrite.
     """
     data = RunData(run)
     drawing = SharedDrawing(data, helper)
@@ -72,9 +72,8 @@ def write_report(run: Path, helper: Executor | None = None) -> Path:
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
     """Draw every figure whose data the run has, as plots/NAME.png, and return them by name.
 
-    record is that of a run which is not yet finished, because run.json comes
-    last; without it the file is read. Pictures of an earlier report whose data
-    is gone are removed. Raises NotARun, CannotWrite.
+    record: of a run that is not finished, whose run.json is written last; default: read from run.json. Pictures of an
+    earlier report whose data is gone are removed. Raises NotARun, CannotWrite.
     """
     pictures = render_plots(RunData(run, record))
     _write_plots(run / "plots", pictures)
@@ -139,14 +138,14 @@ def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, A
 
 
 def _title(data: RunData) -> str:
-    """The recording's name, whatever system its path came from; of a simulated walk, its course and who walked it."""
+    """Name of the recording, from a path of any system; of a simulated walk: course, controller and seed."""
     record = data.record
     name = record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or data.path.name
     return f"{name}, {record.options.get('controller')}, seed {record.seed}" if data.simulated else name
 
 
 def _frames(run: Path) -> list[dict[str, Any]]:
-    """The pictures of a simulated robot, which were drawn when it walked and cannot be drawn anew."""
+    """The pictures of a simulated robot, which were drawn during the simulation and cannot be drawn again."""
     path = run / "plots" / "frames.png"
     if not path.is_file() or path.stat().st_size > _MAX_FRAMES_BYTES:
         return []
@@ -158,7 +157,7 @@ def _frames(run: Path) -> list[dict[str, Any]]:
 
 
 def _metrics(data: RunData) -> list[dict[str, Any]]:
-    """Rows in the order of the contract; any other metric after them, by name."""
+    """Rows in the order of METRIC_NAMES; other metrics after them, by name."""
     rank = {name: place for place, name in enumerate(METRIC_NAMES)}
     names = sorted(data.metrics, key=lambda name: (rank.get(name, len(rank)), name))
     rows = ((name, data.metrics[name]) for name in names)
@@ -184,7 +183,7 @@ def _contacts(data: RunData) -> dict[str, Any]:
 
 
 def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:
-    """What the template needs to show a PNG, whose header holds width and height at bytes 16 to 24."""
+    """Template values of a PNG; its header holds width and height at bytes 16 to 24."""
     width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
     encoded = base64.b64encode(png).decode()
     return {

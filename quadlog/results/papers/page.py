@@ -20,6 +20,7 @@ from quadlog.results.papers.table import (
     picture_file,
 )
 from quadlog.results.text.markup import escape_markdown, latex_document, latex_tables, markdown_table
+from quadlog.results.text.numbers import short
 from quadlog.storage.atomic_write import write_whole
 
 HEADER = ("where", "printed", "right", "remark")
@@ -45,7 +46,7 @@ COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
 RIGHT = ("paper", "ours", "95 % interval", "difference")
 MARKS = {True: "yes", False: "✗ no", None: ""}
-"""What the page has for a verdict: what fails is seen without reading."""
+"""Verdicts as the page shows them."""
 
 
 def csv_text(table: PaperTable) -> str:
@@ -53,7 +54,7 @@ def csv_text(table: PaperTable) -> str:
     rows: list[Sequence[str]] = [COLUMNS]
     for row in table.rows:
         numbers = (row.paper, row.ours, row.low, row.high, row.difference)
-        cells = [format_value(value, 6) for value in numbers]
+        cells = [short(value, 6) for value in numbers]
         rows.append([row.quantity, *cells, format_verdict(row), row.note])
     return csv_table(rows)
 
@@ -95,8 +96,8 @@ def shown_cells(row: PaperRow) -> tuple[str, ...]:
     """A row as people read it, in the order of SHOWN, with four significant digits."""
     interval = ""
     if row.low is not None and row.high is not None:
-        interval = f"{format_value(row.low)} to {format_value(row.high)}"
-    numbers = format_value(row.paper), format_value(row.ours), interval, format_value(row.difference)
+        interval = f"{short(row.low)} to {short(row.high)}"
+    numbers = short(row.paper), short(row.ours), interval, short(row.difference)
     return row.quantity, *numbers, format_verdict(row)
 
 
@@ -109,11 +110,6 @@ def _group_blocks(group: RowGroup) -> list[str]:
     rows = [(*shown_cells(row)[:-1], MARKS[row.reproduces], row.note) for row in group.rows]
     body = markdown_table((*SHOWN, "note"), rows, RIGHT).rstrip("\n")
     return [f"### {escape_markdown(group.title)}", escape_markdown(group.text), body]
-
-
-def format_value(value: float | None, digits: int = 4) -> str:
-    """A number with so many significant digits, empty for None; zero has no sign."""
-    return "" if value is None else f"{value + 0.0:.{digits}g}"
 
 
 def format_verdict(row: PaperRow) -> str:
@@ -143,14 +139,14 @@ OLD = "**Measured by another quadlog, or with other packages, than the last tabl
 
 @dataclass(frozen=True, slots=True)
 class Appendix:
-    """What the page says beside its tables: a title, and Markdown under it."""
+    """A section after the tables: a title, and Markdown below it."""
 
     title: str
     text: str
 
 
 def readme_text(saved: Sequence[SavedTable], code: str, appendices: Sequence[Appendix]) -> str:
-    """The whole page. code: that of the last command's tables; what another one measured is said."""
+    """The whole page. code: digest of the current quadlog; tables measured by another one are listed."""
     sections = [f'<a id="{each.table.name}"></a>\n\n{section_text(each.table)}' for each in saved]
     ends = [f"## {escape_markdown(each.title)}\n\n{each.text}" for each in appendices]
     return "\n".join([PREFACE, _summary_text(saved, code), *sections, *ends])
@@ -192,13 +188,13 @@ README = "README.md"
 
 
 def reusable_tables(folder: Path, names: Sequence[str], origin: Origin) -> list[SavedTable]:
-    """Those of the named tables that lie whole in a folder and have this origin."""
+    """Those of the named tables that are complete in a folder and have this origin."""
     saved = (load_saved(folder, name) for name in names)
     return [each for each in saved if each is not None and each.origin == origin]
 
 
 def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTable], force: bool) -> None:
-    """Make the folder, before anything is measured for the named tables.
+    """Make the folder, before the named tables are measured.
 
     Raises CannotWrite, and unless `force` AlreadyExists for the page and for a file of theirs,
     and for a file of a reused table that is not as it would be written.
@@ -213,14 +209,14 @@ def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTab
 
 
 def write_table(folder: Path, saved: SavedTable) -> None:
-    """One table's files, each whole; its JSON file last, for that one says that the others are there."""
+    """Write the files of a table; its JSON file last, since it marks the others as complete."""
     for name, content in _files(saved).items():
         if not _holds(folder / name, content):
             write_whole(folder / name, content)
 
 
 def write_readme(folder: Path, names: Sequence[str], code: str, appendices: Sequence[Appendix], force: bool) -> Path:
-    """The page of all tables that the folder holds, also those of earlier commands, in the order of names.
+    """The page of all tables in the folder, those of earlier commands included, in the order of names.
 
     Raises AlreadyExists for another page, unless `force`.
     """
@@ -244,7 +240,7 @@ def _in_the_way(folder: Path, names: Sequence[str], reused: Sequence[SavedTable]
 
 
 def _files(saved: SavedTable) -> dict[str, bytes]:
-    """What a table is written as, by file name, in the order of writing."""
+    """Contents of a table's files by name, in the order of writing."""
     table = saved.table
     pictures = {picture_file(table, picture): picture.png for picture in table.pictures}
     texts = {f"{table.name}.csv": csv_text(table).encode(), f"{table.name}.tex": latex_text(table).encode()}

@@ -1,6 +1,4 @@
-"""What a table of a paper holds beside ours, rows in groups, pictures and what was run to get them; saved and read
-back.
-"""
+"""A measured table of a paper: rows in groups, pictures, and how it was measured; saved and loaded."""
 
 from __future__ import annotations
 
@@ -15,11 +13,11 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """One quantity, its unit in its name: what the paper prints, and what quadlog finds.
+    """One quantity, its unit in the name: the paper's number and quadlog's.
 
     paper: None where the paper prints none.
     low, high: 95 % interval of ours; None where ours is computed without any random draw.
-    reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
+    reproduces: None if there is nothing to reproduce; note: why it does not, or what ours is based on.
     """
 
     quantity: str
@@ -43,7 +41,7 @@ class PaperRow:
 
 @dataclass(frozen=True, slots=True)
 class RowGroup:
-    """Rows that belong together under one title; text says how they were measured."""
+    """Rows under one title; text: how they were measured."""
 
     title: str
     text: str
@@ -52,7 +50,7 @@ class RowGroup:
 
 @dataclass(frozen=True, slots=True)
 class TablePicture:
-    """A PNG of a table. name: a file's stem; alt: for who cannot see it; caption: how to read it."""
+    """A PNG of a table. name: stem of the file; alt: text for readers who cannot see it; caption: how to read it."""
 
     name: str
     alt: str
@@ -107,14 +105,14 @@ class PaperTable:
 
 
 LARGEST_BYTES = 16_000_000
-"""No table comes near; of a larger file, which is none of ours, no more is read."""
+"""No more is read of a file; no table comes near."""
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """All that decides what a table holds. code: a digest of quadlog and of the packages under it; the rest as asked.
+    """What the content of a table depends on. code: digest of quadlog and its packages; fast, seed: as requested.
 
-    A table that draws nothing says in itself that it is neither fast nor of a seed, whatever was asked.
+    A table without random draws has fast False and seed 0 itself, whatever was requested.
     """
 
     code: str
@@ -124,19 +122,19 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class SavedTable:
-    """A table as it lies in a folder, and what it was measured with."""
+    """A table in a folder, and its origin."""
 
     table: PaperTable
     origin: Origin
 
 
 def picture_file(table: PaperTable, picture: TablePicture) -> str:
-    """Where a picture lies, beside the page."""
+    """File name of a picture."""
     return f"{table.name}-{picture.name}.png"
 
 
 def json_bytes(saved: SavedTable) -> bytes:
-    """The table but for its pictures' pixels, of which it has the SHA-256; with a SHA-256 of itself."""
+    """The table as JSON with a SHA-256 of itself; pictures are replaced by their SHA-256."""
     table = asdict(saved.table)
     for picture in table["pictures"]:
         picture["sha256"] = hashlib.sha256(picture.pop("png")).hexdigest()
@@ -145,7 +143,7 @@ def json_bytes(saved: SavedTable) -> bytes:
 
 
 def load_saved(folder: Path, name: str) -> SavedTable | None:
-    """The table that lies in a folder; None when there is none, or not all of it as it was written."""
+    """The table saved in a folder; None if it is missing, incomplete or damaged."""
     try:
         with (folder / f"{name}.json").open("rb") as stream:
             body = json.loads(stream.read(LARGEST_BYTES))
@@ -161,7 +159,7 @@ def _digest(body: Mapping[str, Any]) -> str:
 
 
 def _table(folder: Path, fields: dict[str, Any]) -> PaperTable:
-    """Raises what `load_saved` takes for a damaged file."""
+    """Raises the errors that `load_saved` handles."""
     groups = tuple(
         RowGroup(group["title"], group["text"], tuple(PaperRow(**row) for row in group["rows"]))
         for group in fields.pop("groups")
@@ -171,9 +169,9 @@ def _table(folder: Path, fields: dict[str, Any]) -> PaperTable:
 
 
 def _picture(folder: Path, name: str, fields: dict[str, Any]) -> TablePicture:
-    """Raises ValueError when the file beside the table is another one than was written."""
+    """Raises ValueError if the picture's file has changed."""
     sha256 = fields.pop("sha256")
-    # Looked for among the files there are, so that a name never leads elsewhere.
+    # Only files of this folder: a damaged name must not lead elsewhere.
     files = {path.name: path for path in folder.glob(f"{name}-*.png")}
     png = files[f"{name}-{fields['name']}.png"].read_bytes()
     if hashlib.sha256(png).hexdigest() != sha256:

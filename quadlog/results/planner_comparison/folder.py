@@ -1,9 +1,8 @@
-"""The folder of a comparison: its tables, its plots, and a page that shows them.
+"""The folder of a comparison: tables, plots, and a page that shows them.
 
-What is written: planners and replans as Parquet, scenarios.parquet where a
-.scen file was asked, planners.csv, .json and .tex, plots/ and README.md, which
-comes last and marks the folder as whole. Nothing appears, and nothing of an
-earlier comparison is lost, before all sources are compared.
+Files: planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex, plots/,
+and README.md, which is written last. Nothing is written, and nothing of an earlier comparison is removed, before all
+sources are compared.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
 class ComparisonFiles:
-    """Takes one source after the other; all files appear together with `finish`, or none when the block fails before.
+    """Collects sources one by one; `finish` writes all files, and nothing is written if the block fails before.
 
-    What an earlier comparison left is replaced with `force` only, and not before. Entering raises AlreadyExists and
+    Files of an earlier comparison are replaced only with `force`, in `finish`. Entering raises AlreadyExists and
     CannotWrite.
     """
 
@@ -63,7 +62,7 @@ class ComparisonFiles:
         self._stack.__exit__(kind, error, trace)
 
     def finish(self, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]) -> None:
-        """Let every file appear, the page last. A signal that ends the process waits for it. Raises CannotWrite."""
+        """Write all files, the page last; signals are delayed until then. Raises CannotWrite."""
         with uninterrupted():
             self._stack.close()
             for name, png in self._plots.items():
@@ -88,7 +87,7 @@ class ComparisonFiles:
                 self._plots[f"source-{self._sources}-{name}.png"] = png
 
     def _make_room(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Before the tables appear."""
+        """Remove the files of an earlier comparison."""
         if kind is not None:
             return
         try:
@@ -117,7 +116,7 @@ def _write_comparison(
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """What an earlier comparison left in the folder, what marks it as whole first."""
+    """Files of an earlier comparison, the page first."""
     named = (folder / name for name in (README, *TEXTS, *TABLES))
     return [*(path for path in named if path.exists()), *_pictures(folder)]
 
@@ -138,7 +137,7 @@ def _alt(path: Path) -> str:
 
 
 def _plots(comparison: Comparison, replans: Mapping[str, NDArray[Any]], scene: PathScene | None) -> dict[str, Any]:
-    """What to draw, by the name of the file."""
+    """Drawing functions by file name."""
     first = replans["episode"] == 0
     planner = replans["planner"]
     names = [row.planner for row in comparison.rows]

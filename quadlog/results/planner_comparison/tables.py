@@ -11,44 +11,26 @@ from typing import Any
 
 from quadlog.errors import UnknownName, csv_table, printable
 from quadlog.results.run.tables import TableWriter, table_schema
-from quadlog.results.text.markup import escape_markdown, latex_document, latex_tables, markdown_table
+from quadlog.results.text.markup import aligned, escape_markdown, latex_document, latex_tables, markdown_table
+from quadlog.results.text.numbers import significant
 
 REPLANS = table_schema(
-    source="text",
-    **dict.fromkeys(("episode", "replan", "t_ns"), "int"),
-    planner="text",
-    found="bool",
-    why_not="text",
-    **dict.fromkeys(("expanded", "generated", "touched"), "int"),
-    **dict.fromkeys(("cost", "optimal_cost"), "float"),
-    from_scratch="bool",
-    **dict.fromkeys(("reused_cells", "start_col", "start_row", "goal_col", "goal_row"), "int"),
-    goal_projected="bool",
-    **dict.fromkeys(("length_m", "turn_rad", "curvature_max_1pm", "us"), "float"),
+    "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
+    "touched:int cost optimal_cost from_scratch:bool reused_cells:int start_col:int start_row:int goal_col:int "
+    "goal_row:int goal_projected:bool length_m turn_rad curvature_max_1pm us"
 )
 """One row per planner and replan; cells are those of the lattice, costs in the units of --costs."""
 
 PLANNERS = table_schema(
-    source="text",
-    planner="text",
-    episodes="int",
-    replans="int",
-    success_rate="float",
-    **dict.fromkeys(("expanded_total", "generated_total", "touched_total"), "int"),
-    **dict.fromkeys(("expanded_mean", "ratio_expanded", "ratio_low", "ratio_high"), "float"),
-    **dict.fromkeys(("suboptimality_mean", "suboptimality_p95", "fallback_share", "us_median", "us_p95"), "float"),
-    **dict.fromkeys(("length_m_total", "turn_rad_total"), "float"),
+    "source:text planner:text episodes:int replans:int success_rate expanded_total:int generated_total:int "
+    "touched_total:int expanded_mean ratio_expanded ratio_low ratio_high suboptimality_mean suboptimality_p95 "
+    "fallback_share us_median us_p95 length_m_total turn_rad_total"
 )
 """One row per planner and source."""
 
 SCENARIOS = table_schema(
-    map="text",
-    planner="text",
-    **dict.fromkeys(("start_col", "start_row", "goal_col", "goal_row"), "int"),
-    **dict.fromkeys(("listed_cost", "cost"), "float"),
-    expanded="int",
-    us="float",
-    found="bool",
+    "map:text planner:text start_col:int start_row:int goal_col:int goal_row:int listed_cost cost expanded:int us "
+    "found:bool"
 )
 """One row per query of a .scen file and planner; costs in cells, straight 1, diagonal √2."""
 
@@ -77,7 +59,7 @@ class _Shown:
 def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
     """The rows of any number of sources as the format `to`, with a line end; raises UnknownName.
 
-    notes: sentences on how to read the figures; json and csv, which programs read, leave them out.
+    notes: sentences on how to read the figures; left out in json and csv.
     """
     if to not in FORMATS:
         raise UnknownName("format", to, FORMATS)
@@ -141,7 +123,7 @@ FORMATS: dict[str, Format] = {
 
 
 def _by_source(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
-    """The rows of each source under its title, which says what is the same for all of its planners."""
+    """The rows of each source under its title, which has the numbers of episodes and replans."""
     sources: dict[str, list[Row]] = {}
     for row in rows:
         sources.setdefault(row["source"], []).append(row)
@@ -156,22 +138,12 @@ def _title(source: str, row: Row) -> str:
 def _aligned(rows: Sequence[Row]) -> list[str]:
     """Lines of a table: two of headings, then a row each; groups of columns are set apart."""
     cells = [[each.short for each in _SHOWN], *_cells(rows)]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(_SHOWN))]
-    # Where each column ends; a new group takes one space more.
-    ends, groups, end = [], "", -1
-    for each, width in zip(_SHOWN, widths, strict=True):
-        end += 1 + width + (1 if each.group else 0)
-        ends.append(end)
-        if each.group:
-            groups = groups.ljust(end - width) + each.group
-    return [groups.rstrip(), *(_line(line, ends, widths[0]) for line in cells)]
-
-
-def _line(cells: Sequence[str], ends: Sequence[int], first_width: int) -> str:
-    line = cells[0].ljust(first_width)
-    for cell, end in zip(cells[1:], ends[1:], strict=True):
-        line += cell.rjust(end - len(line))
-    return line.rstrip()
+    gaps = [2 if each.group else 1 for each in _SHOWN]
+    groups, end = "", -gaps[0]
+    for each, gap, column in zip(_SHOWN, gaps, zip(*cells, strict=True), strict=True):
+        groups = groups.ljust(end + gap) + each.group if each.group else groups
+        end += gap + max(map(len, column))
+    return [groups, *aligned(cells, left=(0,), gaps=gaps)]
 
 
 def _cells(rows: Sequence[Row]) -> list[list[str]]:
@@ -183,28 +155,21 @@ def _exists(value: Any) -> bool:
 
 
 def _whole(name: str) -> Callable[[Row], str]:
-    """A total: four significant digits and the thousands as a letter."""
+    """A total with four significant digits and an SI prefix."""
 
     def cell(row: Row) -> str:
         value, letters = float(row[name]), " kMGT"
         if value < 10_000:
             return str(row[name])
         power = min(int(math.log10(value) / 3), len(letters) - 1)
-        return f"{value / 1000**power:#.4g}".rstrip(".") + letters[power]
+        return significant(value / 1000**power) + letters[power]
 
     return cell
 
 
 def _number(name: str, times: float = 1.0) -> Callable[[Row], str]:
     """Three significant digits, or all before the point."""
-
-    def cell(row: Row) -> str:
-        if not _exists(row[name]):
-            return ""
-        value = row[name] * times
-        return f"{value:.0f}" if abs(value) >= 100 else f"{value + 0.0:#.3g}".rstrip(".")
-
-    return cell
+    return lambda row: "" if row[name] is None else significant(row[name] * times, 3)
 
 
 def _interval(row: Row) -> str:

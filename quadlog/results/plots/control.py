@@ -1,4 +1,4 @@
-"""What the controller decided, and how the robot walked by it: look-ahead, commands, torques, posture, errors."""
+"""Control of the walk over time: look-ahead, commands, torques, posture, errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 LEGS, JOINTS = 4, 3
 
 Columns = tuple[str, Sequence[tuple[str, str, str]]]
-"""What a panel shows, with its unit, and its lines: column, label, name of the colour."""
+"""Quantity and unit of a panel, and its lines: column, label, name of the colour."""
 
 LOOKAHEAD: tuple[Columns, ...] = (
     ("look-ahead (m)", (("lookahead_m", "l", "robot"),)),
@@ -43,7 +43,7 @@ def draw_lookahead(run: RunData) -> Figure | None:
 
 
 def draw_commands(run: RunData) -> Figure | None:
-    """Commanded and reached speed and yaw rate; and how fast it went sideways, where it did."""
+    """Commanded and reached speed and yaw rate; sideways speed where the robot has one."""
     control = run.table("control")
     sways = control is not None and bool(np.nan_to_num(control["vy_mps"]).any())
     return _draw_lines(run, "cmd_v_mps", (*COMMANDS, _SIDEWAYS) if sways else COMMANDS)

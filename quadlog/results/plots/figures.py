@@ -1,4 +1,4 @@
-"""Every figure of a run, in the order of the report: file name, heading, caption, and who draws it."""
+"""The figures of a run, in the order of the report: file name, heading, caption, drawing function."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """name: the file's stem; alt: what a reader who cannot see the picture should know; caption: how to read it.
+    """name: stem of the file; alt: text for readers who cannot see the picture; caption: how to read it.
 
-    simulated: the caption where a simulated walk along a course needs another one.
+    simulated: caption for a simulated walk, if it differs.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Plot:
     simulated: str = ""
 
     def caption_of(self, run: RunData) -> str:
-        """How to read the figure of this run."""
+        """The caption for this run."""
         return self.simulated if run.simulated and self.simulated else self.caption
 
 
@@ -211,27 +211,27 @@ PLOTS = (
 
 def render_plots(run: RunData, names: Collection[str] | None = None) -> dict[str, bytes]:
     """The PNG of every figure whose data is there: name -> bytes, in the order of PLOTS. names: of these alone."""
-    gc.freeze()  # figures leave cycles; looking for them among all that is loaded takes a tenth of the time
+    gc.freeze()  # figures leave cycles; searching all loaded objects for them takes 10 % of the time
     try:
         wanted = [plot for plot in PLOTS if names is None or plot.name in names]
         rendered = {plot.name: style.render_png(partial(plot.draw, run)) for plot in wanted}
     finally:
-        gc.collect()  # of the figures alone, while all else is frozen: else they wait for a full collection, 5 MB each
+        gc.collect()  # only the figures, 5 MB each, which would wait for a full collection
         gc.unfreeze()
     return {name: png for name, png in rendered.items() if png is not None}
 
 
 class SharedDrawing:
-    """Figures that the helper begins with at once, while this process does something else first."""
+    """Figures drawn by this process and a helper, which starts at once while this process is busy with other work."""
 
     def __init__(self, run: RunData, helper: Executor | None = None) -> None:
-        """helper: one process, which takes tasks in their order."""
+        """helper: a single process, which runs tasks in order."""
         self._run = run
         submit = None if helper is None else helper.submit
         self._asked = {} if submit is None else {plot.name: submit(_draw_one, run.path, plot.name) for plot in PLOTS}
 
     def finish(self) -> dict[str, bytes]:
-        """Draw what the helper has not begun, the last figure first, and return all: as render_plots does.
+        """Draw what the helper has not started, from the last figure backwards; returns all, as render_plots does.
 
         Raises NotARun for damaged files.
         """
@@ -240,7 +240,7 @@ class SharedDrawing:
         drawn: dict[str, bytes] = {}
         for name in reversed(self._asked):
             if not self._asked[name].cancel():
-                break  # the helper has come this far
+                break  # the helper has started this one
             drawn |= render_plots(self._run, [name])
         for name, future in self._asked.items():
             if not future.cancelled():
@@ -256,7 +256,7 @@ class SharedDrawing:
 
 @lru_cache(maxsize=1)
 def _run_at(path: Path) -> RunData:
-    """Read by the helper once for all its figures of a run."""
+    """The run, read once by the helper for all its figures."""
     return RunData(path)
 
 

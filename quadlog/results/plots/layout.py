@@ -1,7 +1,8 @@
-"""Panels and maps of figures, and the robot seen from above, to scale."""
+"""Panels and maps of figures, and the robot drawn to scale."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ _NOSE = 1.0  # how far the line that shows the heading sticks out, in half lengt
 
 
 def draw_body(axes: Axes, pose: Pose, size_m: tuple[float, float] | None, dot: float = 0.0) -> None:
-    """The body at a pose (x_m, y_m, yaw_rad), length by width; a mere triangle where the size is not known.
+    """The body at a pose (x_m, y_m, yaw_rad), length by width; a triangle if the size is unknown.
 
     dot: size in points of a dot on it, for pictures in which the footprint is too small to be seen.
     """
@@ -38,6 +39,14 @@ def draw_body(axes: Axes, pose: Pose, size_m: tuple[float, float] | None, dot: f
     axes.plot(outline[:, 0], outline[:, 1], color=style.ROBOT, linewidth=1.8, label="robot and heading")
     if dot:
         axes.plot([x_m], [y_m], "o", color=style.ROBOT, markersize=dot, markeredgecolor="white")
+
+
+def draw_anchors(axes: Axes, anchors: Sequence[tuple[int, float, float]], label: str, **text: Any) -> None:
+    """Anchors (id, x_m, y_m) as triangles with their numbers. text: as `Axes.annotate` takes it."""
+    x_m, y_m = [anchor[1] for anchor in anchors], [anchor[2] for anchor in anchors]
+    axes.plot(x_m, y_m, "^", color=style.BLACK, markersize=8, linestyle="none", label=label)
+    for anchor, x, y in anchors:
+        axes.annotate(f"{anchor}", (x, y), xytext=(6, 4), textcoords="offset points", **text)
 
 
 Extent = tuple[float, float, float, float]

@@ -15,6 +15,7 @@ from quadlog.errors import printable
 from quadlog.messages import Float, Int
 from quadlog.results.plots import style
 from quadlog.results.run.maps import grid_extent_m
+from quadlog.results.text.numbers import count, significant
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 LOG_DECADES = 2
 """Counts that span more than this are drawn on a logarithmic axis."""
 MOST_RINGS = 0.5
-"""Above this share of replans rings would hide the line; the title counts them anyhow."""
+"""Above this share of replans, rings would hide the line; the title has their number."""
 SHOWN_EPISODES = 1000
 _GOLDEN = (math.sqrt(5) - 1) / 2
 
@@ -41,8 +42,8 @@ def draw_cells(
 ) -> Figure | None:
     """Cells per replan of one episode, (R,) per planner: a panel for each, with the baseline behind it in grey.
 
-    from_scratch: per incremental planner (R,) whether it began a replan from scratch; others always do, and are
-    left out. counted: what a cell is. None without replans.
+    from_scratch: per incremental planner (R,) whether a replan started from scratch; other planners are left out.
+    counted: which cells. None without replans.
     """
     shown = [name for name in cells if name != baseline] or list(cells)
     if not shown or not len(cells[shown[0]]):
@@ -57,7 +58,8 @@ def draw_cells(
         label = name if len(shown) == 1 else "the planner named above"
         _draw_counts(panel, cells[name], label, style.ROBOT, 1.3)
         if name in from_scratch and np.mean(from_scratch[name]) <= MOST_RINGS:
-            _ring(panel, cells[name], from_scratch[name])
+            at = np.flatnonzero(from_scratch[name])
+            style.ring(panel, at, cells[name][at])
         panel.set_title(name if name not in from_scratch else f"{name}   {_restarts(from_scratch[name])}")
     _scale_counts(panels[0], np.concatenate([cells[name] for name in cells]))
     for panel in panels[len(shown) :]:
@@ -103,25 +105,19 @@ def _draw_counts(panel: Axes, counts: Int, label: str, color: str, width: float)
     panel.plot(keep, counts[keep], color=color, linewidth=width, label=label, alpha=0.9)
 
 
-def _ring(panel: Axes, counts: Int, from_scratch: NDArray[np.bool_]) -> None:
-    at = np.flatnonzero(from_scratch)
-    look: dict[str, Any] = {"color": style.TARGET, "markersize": 4.5, "markerfacecolor": "none", "markeredgewidth": 1.1}
-    panel.plot(at, counts[at], "o", label="from scratch", **look)
-
-
 def _restarts(from_scratch: NDArray[np.bool_]) -> str:
-    return f"({style.count(int(from_scratch.sum()))} of {style.count(len(from_scratch))} from scratch)"
+    return f"({count(int(from_scratch.sum()))} of {count(len(from_scratch))} from scratch)"
 
 
 def _scale_counts(panel: Axes, counts: Int) -> None:
     positive = counts[counts > 0]
     if len(positive) and positive.max() > 10**LOG_DECADES * positive.min():
-        # Zero has a place too: a planner may find that nothing changed.
+        # Zero must be shown: a planner may search no cell if nothing changed.
         panel.set_yscale("symlog", linthresh=1.0, linscale=0.4)
         panel.set_ylim(0, 2.0 * positive.max())
         decades = range(math.ceil(math.log10(2.0 * positive.max())))
         panel.set_yticks([0, *(10**k for k in decades)])
-        panel.set_yticklabels(["0", *(style.count(10**k) for k in decades)])
+        panel.set_yticklabels(["0", *(count(10**k) for k in decades)])
         panel.set_yticks([], minor=True)
     else:
         panel.set_ylim(bottom=0)
@@ -132,7 +128,7 @@ def _draw_ratio_line(axes: Axes, place: int, ratios: Float, median: Median) -> N
     middle, low, high = median
     finite = ratios[ratios > 0]
     some = finite[style.thin_points(len(finite), SHOWN_EPISODES)]
-    # Spread over the line's height, never two neighbours at one height, and the same on every drawing.
+    # Spread over the height of the line, deterministic, neighbours at different heights.
     height = place + 0.5 * ((np.arange(len(some)) * _GOLDEN) % 1 - 0.5)
     axes.plot(some, height, ".", color=style.FIX, markersize=4, alpha=0.7, zorder=2)
     color = style.GREY
@@ -148,7 +144,7 @@ def _draw_ratio_line(axes: Axes, place: int, ratios: Float, median: Median) -> N
 
 
 def _short(value: float) -> str:
-    return style.count(round(value)) if value >= 100 else f"{value:#.3g}".rstrip(".")
+    return count(round(value)) if value >= 100 else significant(value, 3)
 
 
 def _scale_ratios(axes: Axes, values: Float) -> None:

@@ -1,4 +1,4 @@
-"""What the planner saw and what its search cost: the grid at a replan, and cells per replan [Planning, Fig. 18]."""
+"""The grid at one replan, and the cells searched per replan [Planning, Fig. 18]."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from quadlog.results.plots import style
 from quadlog.results.plots.layout import Pose, draw_body
 from quadlog.results.plots.run_data import RunData, Table
 from quadlog.results.run.maps import MapSequence, grid_extent_m
+from quadlog.results.text.numbers import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,43 +40,26 @@ def _draw_walk(run: RunData, panel: Axes, name: str, plans: Table) -> None:
         panel.plot(seconds[keep], plans[column][keep], color=color, linewidth=width, label=column)
     scratch = plans["from_scratch"].astype(bool)
     failed = ~plans["found"].astype(bool)
-    panel.plot(
-        seconds[scratch],
-        plans["expanded"][scratch],
-        "o",
-        color=style.TARGET,
-        markersize=4.5,
-        markerfacecolor="none",
-        markeredgewidth=1.1,
-        label="from scratch",
-    )
+    style.ring(panel, seconds[scratch], plans["expanded"][scratch])
     if failed.any():
-        panel.plot(
-            seconds[failed],
-            np.zeros(int(failed.sum())),
-            "x",
-            color=style.BLACK,
-            markersize=6,
-            clip_on=False,
-            label="no path found",
-        )
+        style.mark_on_axis(panel, seconds[failed], "no path found", 6)
     panel.set_ylim(bottom=0)
     panel.set_ylabel("cells per replan (count)")
     planners = ", ".join(sorted({str(planner) for planner in plans["planner"]}))
     panel.set_title(
-        f"{name}, {planners}: {style.count(len(seconds))} replans, "
-        f"{style.count(int(plans['expanded'].sum()))} cells expanded, "
-        f"{style.count(int(scratch.sum()))} from scratch",
+        f"{name}, {planners}: {count(len(seconds))} replans, "
+        f"{count(int(plans['expanded'].sum()))} cells expanded, "
+        f"{count(int(scratch.sum()))} from scratch",
         pad=22,
     )
     style.legend_above(panel)
 
 
 LEAST_REACH_M, ROUND_M = 2.0, 0.7
-"""The close view reaches this far to each side, or this far beyond what it has to show."""
+"""Half size of the close view, at least; margin around what it must show."""
 MARGIN = 0.02
 HIGH_PER_WIDE = (0.6, 2.0)
-"""Shapes of the panel of a window; of a longer one, the panel shows what is beside it too."""
+"""Limits of the panel's aspect ratio; a longer window does not fill it."""
 _BETWEEN_IN = 0.95
 
 
@@ -108,7 +92,7 @@ def draw_grid(run: RunData) -> Figure | None:
     _frame_close(whole, close, _extent(maps, index), _points_to_show(path, target, robot))
     seconds = float(run.seconds(maps.t_ns[index : index + 1])[0])
     rows, columns = maps.shape
-    occupied = style.count(int(maps.occupied(index).sum()))
+    occupied = count(int(maps.occupied(index).sum()))
     whole.set_title("the whole window")
     close.set_title("around robot and path")
     title = f"t = {seconds:.2f} s, {columns} × {rows} cells of {maps.cell_m:g} m, {occupied} of them occupied"
@@ -128,7 +112,7 @@ def _new_views(high_per_wide: float) -> tuple[Figure, list[Axes]]:
 
 
 def _instant(maps: MapSequence, paths: Table | None) -> int:
-    """Index of a telling map: among nine from the middle half, with a path where possible, the fullest."""
+    """Index of the map to draw: the fullest of nine from the middle half, with a path where possible."""
     indices = np.arange(len(maps.t_ns))
     if paths is not None:
         with_path = indices[np.isin(maps.t_ns, paths["t_ns"])]

@@ -1,4 +1,4 @@
-"""What figures see of a run: its saved files, each read when first asked for, None where it is not there."""
+"""A run as figures read it: saved files, each read on first use, None where a file is missing."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from quadlog.results.run.maps import (
 )
 from quadlog.results.run.record import RunRecord
 from quadlog.results.run.run_folder import read_metrics, read_run_json
-from quadlog.results.run.tables import TABLES, TIMED, UNBOUNDED, has_table, read_table
+from quadlog.results.run.tables import TABLES, UNBOUNDED, has_table, read_table, start_ns
 from quadlog.storage.formats.tum import read_tum
 
 MAX_CELLS = 4_000_000  # of the picture; larger areas are drawn with coarser cells
 MAX_MAPS = 1000  # taken evenly from longer sequences
-STANDS_M = 1.0  # across: what a robot saw is all there is to look at when it walked less
-MAX_COORDINATE_CELLS = 1e9  # a window farther out than this is a mistake, and would overflow the arithmetic
+STANDS_M = 1.0  # across; figures of a shorter walk show all that the robot saw
+MAX_COORDINATE_CELLS = 1e9  # windows farther out are errors, and would overflow
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ Table = dict[str, NDArray[Any]]
 
 LATE_STD = 3.0
 LARGEST_DRAWN = 1e12
-"""Larger numbers are not drawn: no quantity of a run comes near, whatever its unit."""
+"""Larger numbers are not drawn: no quantity of a run comes near."""
 
 
 class RunData:
@@ -152,7 +152,7 @@ class RunData:
 
     @cached_property
     def dilution(self) -> DilutionGrid | None:
-        """How the anchors' geometry spreads errors over the map, or None."""
+        """Dilution of precision over the map, or None."""
         return read_dilution(self.path) if (self.path / "dilution.npz").is_file() else None
 
     @cached_property
@@ -166,13 +166,13 @@ class RunData:
 
     @cached_property
     def reference_xy_m(self) -> Float | None:
-        """The truth (N, 2) in map that the recording brought along, None where it had none."""
+        """Ground truth (N, 2) in map from the recording, or None."""
         path = self.path / "reference.tum"
         return read_tum(path).position_m[:, :2] if path.is_file() else None
 
     @property
     def simulated(self) -> bool:
-        """Whether this is a walk along a course, and no replay of a recording."""
+        """Whether this is a simulated walk, not the replay of a recording."""
         return "course" in self.record.options
 
     def anchors(self) -> list[tuple[int, float, float]]:
@@ -200,11 +200,8 @@ class RunData:
 
     @cached_property
     def start_ns(self) -> int:
-        """The earliest instant of all tables and maps; 0 s of every time axis."""
-        starts = [int(table["t_ns"].min()) for name in TIMED if (table := self.table(name)) is not None]
-        if self.maps is not None:
-            starts.append(int(self.maps.t_ns.min()))
-        return min(starts, default=0)
+        """The earliest instant of all tables; 0 s of every time axis."""
+        return start_ns(self.path)
 
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) as seconds since the start of the run."""
@@ -212,7 +209,7 @@ class RunData:
 
 
 def _drawable(table: Table) -> NDArray[np.bool_]:
-    """Which rows (N,) can be drawn: those without a number that matplotlib's arithmetic cannot take."""
+    """Which rows (N,) can be drawn: those without numbers that matplotlib cannot handle."""
     kept = np.ones(len(next(iter(table.values()))), dtype=bool)
     for name, values in table.items():
         if name != "t_ns" and values.dtype.kind in "fi":
@@ -222,7 +219,7 @@ def _drawable(table: Table) -> NDArray[np.bool_]:
 
 
 def _read_record(path: Path) -> RunRecord:
-    """run.json with every field there and of its type; a file of a stranger's making must not end in a traceback."""
+    """run.json with all fields and types checked. Raises NotARun."""
     content = read_run_json(path)
     try:
         return TypeAdapter(RunRecord).validate_python(content)

@@ -1,4 +1,4 @@
-"""What the filter made of the lidar: one scan's points by class, and how many there are of each over time."""
+"""Lidar points by class: one scan, and the number of points of each class over time."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from quadlog.results.plots import layout as places
 from quadlog.results.plots import style
 from quadlog.results.plots.layout import draw_body
 from quadlog.results.plots.run_data import RunData
+from quadlog.results.text.numbers import count, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# By the names that cloud_samples.npz gives its labels; a class quadlog learns later is drawn in black.
+# By the class names of cloud_samples.npz; unknown classes are drawn in black.
 CLASS_COLOR = {
     "invalid": style.LIGHT,
     "cropped": style.LIGHT,
@@ -27,7 +28,7 @@ CLASS_COLOR = {
 POINTS_SHOWN = 20000
 _ON_TOP = "outlier"  # rare points must not be hidden by the many
 STRIP_M = 2.0
-"""The side view shows what lies so far to the left and right of the robot: all of a scan would hide itself."""
+"""Half width of the strip in the side view; a whole scan would hide itself."""
 
 _HIGH_PER_WIDE = 0.66  # of the view from above
 _SIDE_IN = 2.1  # height of the view from the side
@@ -48,13 +49,13 @@ def draw_scan(run: RunData) -> Figure | None:
         mine = label == index
         if not mine.any():
             continue
-        share = style.percent(float(mine.mean()))
-        _draw_class(top, xyz_m[mine][:, [0, 1]], name, f"{name}: {style.count(int(mine.sum()))} ({share})")
+        share = percent(float(mine.mean()))
+        _draw_class(top, xyz_m[mine][:, [0, 1]], name, f"{name}: {count(int(mine.sum()))} ({share})")
         _draw_class(side, xyz_m[mine & in_strip][:, [0, 2]], name)
     _frame_views(top, side, xyz_m, xyz_m[in_strip])
     draw_body(top, (0.0, 0.0, 0.0), run.body_m())
     seconds = float(run.seconds(np.array([sample.t_ns]))[0])
-    places.add_head(figure, top, f"scan at t = {seconds:.2f} s, {style.count(len(label))} points, in base")
+    places.add_head(figure, top, f"scan at t = {seconds:.2f} s, {count(len(label))} points, in base")
     return figure
 
 
@@ -73,15 +74,8 @@ def draw_scans(run: RunData) -> Figure | None:
     axes.plot(seconds, scans["n_valid"][keep], color=style.BLACK, linewidth=1.1, label="valid, before the crop")
     lost = ~scans["ground_found"][keep].astype(bool)
     if lost.any():
-        axes.plot(
-            seconds[lost],
-            np.zeros(int(lost.sum())),
-            "x",
-            color=style.BLACK,
-            markersize=5,
-            clip_on=False,
-            label=f"no ground found ({int((~scans['ground_found'].astype(bool)).sum())})",
-        )
+        label = f"no ground found ({int((~scans['ground_found'].astype(bool)).sum())})"
+        style.mark_on_axis(axes, seconds[lost], label, 5)
     axes.set(ylim=(0, None), xlabel="time (s)", ylabel="points per scan (count)")
     style.legend_above(axes, columns=5)
     return figure
@@ -118,7 +112,7 @@ def _frame_views(top: Axes, side: Axes, xyz_m: Float, strip_m: Float) -> None:
 
 
 def _reach_m(xyz_m: Float) -> float:
-    """Half width of the view from above: nearly all points, at least 3 m."""
+    """Half width of the view from above: 98 % of the points, at least 3 m."""
     return max(3.0, 1.05 * float(np.percentile(np.abs(xyz_m[:, :2]).max(axis=1), 98)))
 
 

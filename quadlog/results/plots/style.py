@@ -1,4 +1,4 @@
-"""The one look of all figures: size, fonts, colours that colour-blind readers tell apart, and reproducible PNG bytes.
+"""Style of all figures: size, fonts, colours that colour-blind readers can distinguish, reproducible PNG bytes.
 
 Figures are made through the object-oriented interface and the Agg canvas, so
 drawing needs no display and leaves no global state behind.
@@ -27,12 +27,12 @@ _LEVEL = 1
 
 
 def to_png(rgb: NDArray[np.uint8]) -> bytes:
-    """The PNG of a picture (rows, columns, 3); nothing but the picture is in it."""
+    """The PNG of a picture (rows, columns, 3), without metadata."""
     rows, columns, _ = rgb.shape
     filtered = np.zeros((rows, 1 + 3 * columns), np.uint8)  # each row begins with its filter: 0, none
     filtered[:, 1:] = rgb.reshape(rows, 3 * columns)
     header = struct.pack(">IIBBBBB", columns, rows, 8, _RGB, 0, 0, 0)
-    # isal takes a tenth of the time, but now and then gives other bytes for the same pixels.
+    # isal takes a tenth of the time, but its output is not always the same for the same pixels.
     pixels = zlib.compress(filtered.tobytes(), _LEVEL)
     return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", pixels) + _chunk(b"IEND", b"")
 
@@ -72,7 +72,7 @@ _STYLE = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # looking for a free place takes longer than drawing the title
+    "axes.titley": 1.0,  # finding a free place takes longer than drawing the title
     "axes.labelsize": 10.0,
     "axes.edgecolor": GREY,
     "axes.linewidth": 0.8,
@@ -140,7 +140,7 @@ def fix_labels(panel: Axes, wide_in: float, high_in: float) -> None:
 
 
 def render_png(draw: Callable[[], Figure | None]) -> bytes | None:
-    """The PNG that `draw` makes, or None. The user's own matplotlibrc has no say, and no date or version is inside."""
+    """The PNG that `draw` makes, or None. It does not depend on the user's matplotlibrc, and has no date or version."""
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -176,7 +176,7 @@ def thin_line(values: Float, limit: int = 2400) -> Int:
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:
-    """A legend over the axes' upper edge, where it hides no data; nothing when there is nothing to name."""
+    """A legend above the axes, where it hides no data; none if there are no labels."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         axes.legend(
@@ -192,26 +192,23 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
         enlarge_dots(axes.get_legend())
 
 
+def ring(axes: Axes, x: NDArray[Any], y: NDArray[Any]) -> None:
+    """Rings around points of replans from scratch."""
+    look: dict[str, Any] = {"color": TARGET, "markersize": 4.5, "markerfacecolor": "none", "markeredgewidth": 1.1}
+    axes.plot(x, y, "o", label="from scratch", **look)
+
+
+def mark_on_axis(axes: Axes, seconds: Float, label: str, size: float) -> None:
+    """Crosses on the time axis, at seconds (N,)."""
+    zero = np.zeros(len(seconds))
+    axes.plot(seconds, zero, "x", color=BLACK, markersize=size, clip_on=False, label=label)
+
+
 def enlarge_dots(legend: Legend | None) -> None:
-    """Points of two pixels are enough for data, but nobody can tell their colour in a legend."""
+    """Enlarge dots of two pixels, whose colour cannot be seen in a legend."""
     from matplotlib.lines import Line2D
 
     for handle in legend.legend_handles if legend is not None else ():
         if isinstance(handle, Line2D) and handle.get_marker() == ".":
             handle.set_markersize(9)
             handle.set_alpha(1)
-
-
-def signed(value_m: float) -> str:
-    """To the millimetre with its sign, as typeset: a true minus."""
-    return f"{value_m:+.3f}".replace("-", "−")
-
-
-def count(number: int) -> str:
-    """A whole number with thin spaces between its thousands."""
-    return f"{number:,}".replace(",", "\u2009")
-
-
-def percent(share: float) -> str:
-    """A share as a readable percentage."""
-    return f"{100 * share:.1f} %"

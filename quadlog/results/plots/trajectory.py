@@ -1,4 +1,4 @@
-"""Everything that moves, over everything that stands, and the ground's height below: the picture to look at first."""
+"""Trajectories over the map, and the height map of the ground."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from quadlog.results.plots import layout as places
 from quadlog.results.plots import style
 from quadlog.results.plots.run_data import RunData, Table, seen_around
 from quadlog.results.run.maps import grid_extent_m
+from quadlog.results.text.numbers import count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,9 +48,7 @@ def draw_terrain(run: RunData) -> Figure | None:
         vmin=float(low_m),
         vmax=float(max(high_m, low_m + 0.02)),
     )
-    axes.set_title(
-        f"{style.count(len(known_row))} cells of {cell_m:g} m; 98 % of heights within {high_m - low_m:.3f} m"
-    )
+    axes.set_title(f"{count(len(known_row))} cells of {cell_m:g} m; 98 % of heights within {high_m - low_m:.3f} m")
     few = MaxNLocator(6, steps=[1, 2, 5, 10])  # such ticks have short labels
     places.add_bar(axes, image, "height of the ground (m)", extend="both", ticks=few)
     return figure
@@ -167,8 +166,4 @@ def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]]) -> None:
         return
     left_out = len(anchors) - len(seen)
     label = "UWB anchors" + (f" ({left_out} outside)" if left_out else "")
-    axes.plot(
-        [a[1] for a in seen], [a[2] for a in seen], "^", color=style.BLACK, markersize=8, linestyle="none", label=label
-    )
-    for anchor, x_m, y_m in seen:
-        axes.annotate(f"{anchor}", (x_m, y_m), xytext=(6, 4), textcoords="offset points", fontsize=9)
+    places.draw_anchors(axes, seen, label, fontsize=9)

@@ -1,4 +1,4 @@
-"""Where UWB put the tags: error over time beside the claimed 95 % bound, and the anchors' geometry."""
+"""UWB positions: errors over time with the claimed 95 % bound, and the geometry of the anchors."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from quadlog.results.plots import layout as places
 from quadlog.results.plots import style
 from quadlog.results.plots.run_data import RunData, Table
 from quadlog.results.run.maps import DilutionGrid
+from quadlog.results.text.numbers import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def _draw_tag(run: RunData, panel: Axes, errors: Table, title: str) -> None:
         within = float(np.mean(error_m <= mine["bound_m"]))
         rmse_m = float(np.sqrt(np.mean(error_m**2)))
         keep = style.thin_points(len(seconds), limit) if mark == "." else style.thin_line(error_m, limit)
-        label = f"{source}: RMSE {rmse_m:.3f} m, {style.percent(within)} within the bound"
+        label = f"{source}: RMSE {rmse_m:.3f} m, {percent(within)} within the bound"
         panel.plot(seconds[keep], error_m[keep], mark, color=color, label=label, markersize=2, linewidth=1.0)
         at, bound_m = _bound(seconds, mine["bound_m"])
         panel.plot(at, bound_m, color=color, linewidth=1.2, linestyle="--", label=f"{source}: 95 % bound claimed")
@@ -62,19 +63,19 @@ def _draw_tag(run: RunData, panel: Axes, errors: Table, title: str) -> None:
 
 
 def _bound(seconds: Float, bound_m: Float) -> tuple[Float, Float]:
-    """Median time and bound of equal stretches: from fix to fix the bound jumps with the error's direction."""
+    """Median time and bound of equal segments; the bound changes with the direction of the error at each fix."""
     parts = np.array_split(np.arange(len(seconds)), min(BOUND_BINS, len(seconds)))
     middle_s, middle_m = (np.array([np.median(values[part]) for part in parts]) for values in (seconds, bound_m))
     return middle_s, middle_m
 
 
 POOR_HDOP = 4.0
-"""Fixes are this much worse than a range there; all that is poorer looks alike."""
+"""Upper limit of the grey scale."""
 LEVELS = (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
 BAR_IN = 0.95  # the colour bar with its labels
 SHOWN_DILUTION_FIXES, SHOWN_ELLIPSES, MAX_TAGS_NAMED = 2000, 24, 4
 SCALE_95 = 2.447746830680816
-"""Of a standard ellipse to that of 95 %: the root of chi squared's quantile for two numbers, 5.991."""
+"""Scale from the 1-sigma to the 95 % ellipse: square root of the chi-squared quantile for 2 dimensions, 5.991."""
 
 
 def draw_uwb_geometry(run: RunData) -> Figure | None:
@@ -96,7 +97,7 @@ def draw_uwb_geometry(run: RunData) -> Figure | None:
         keep = style.thin_points(len(truth_m), 10000)
         axes.plot(truth_m[keep, 0], truth_m[keep, 1], "--", color=style.BLACK, linewidth=0.9, label="reference")
     _draw_ellipses(axes, solved)
-    _draw_anchors(axes, run.anchors())
+    places.draw_anchors(axes, run.anchors(), "anchors", fontsize=10, fontweight="bold")
     places.add_head(figure, axes)
     return figure
 
@@ -112,12 +113,12 @@ def _draw_dilution(axes: Axes, grid: DilutionGrid) -> None:
         extent=grid.extent_m,
         cmap="Greys",
         vmin=best,
-        vmax=best + 1.8 * (poor - best),  # darker greys would hide what lies on them
+        vmax=best + 1.8 * (poor - best),  # darker greys would hide the lines
         zorder=style.ABOVE_GRID,
         interpolation="bilinear",
     )
     left, right, bottom, top = grid.extent_m
-    # Where the panel shows more, white is not a good place but none that was looked at.
+    # The panel may show more than the grid; white does not mean a low HDOP there.
     axes.add_patch(Rectangle((left, bottom), right - left, top - bottom, fill=False, edgecolor=style.GREY))
     levels = [level for level in LEVELS if best < level < poor]
     label = f"HDOP: std of a fix per std of a range (1), tag at {grid.tag_height_m:g} m"
@@ -132,7 +133,7 @@ def _draw_dilution(axes: Axes, grid: DilutionGrid) -> None:
 
 
 def _limits(grid: DilutionGrid) -> tuple[float, float]:
-    """The best HDOP on the map, and the one from which on all looks alike: where most of the map is better."""
+    """Limits of the grey scale: the best HDOP of the map, and one that most of the map is below."""
     known = grid.hdop[np.isfinite(grid.hdop)]
     if not len(known):
         return 0.0, POOR_HDOP
@@ -164,10 +165,3 @@ def _root(fixes: Table, index: Any) -> Float:
     xx, xy, yy = (float(fixes[name][index]) for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"))
     std_x = max(xx, 1e-12) ** 0.5
     return np.array([[std_x, 0.0], [xy / std_x, max(yy - xy * xy / std_x**2, 0.0) ** 0.5]])
-
-
-def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]]) -> None:
-    x_m, y_m = [anchor[1] for anchor in anchors], [anchor[2] for anchor in anchors]
-    axes.plot(x_m, y_m, "^", color=style.BLACK, markersize=8, linestyle="none", label="anchors")
-    for anchor, x, y in anchors:
-        axes.annotate(f"{anchor}", (x, y), xytext=(6, 4), textcoords="offset points", fontsize=10, fontweight="bold")

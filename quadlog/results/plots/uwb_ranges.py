@@ -1,4 +1,4 @@
-"""UWB ranges over time, how far each lies from what the smoothed track predicts, and every link's statistics."""
+"""UWB ranges over time, their residuals at the smoothed track, and statistics of every link."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quadlog.messages import Float
 from quadlog.results.plots import style
 from quadlog.results.plots.run_data import LATE_STD, RunData, Table
+from quadlog.results.text.numbers import count, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ POINTS_PER_SERIES = 3000
 
 # In inches: the ranges with what is above them, a row of residuals; what is free above and between the panels.
 _TOP_IN, _PANEL_IN, _ABOVE_IN, _BETWEEN_IN = 2.1, 1.45, 0.62, 0.45
-_TOP_PANELS = 1.4  # the panel of ranges is so many times as high as one of residuals
+_TOP_PANELS = 1.4  # height of the panel of ranges over that of a panel of residuals
 
 
 def draw_ranges(run: RunData) -> Figure | None:
@@ -50,7 +51,7 @@ def shown_anchors(anchor: NDArray[Any]) -> tuple[list[int], str]:
 
 
 def residual_limit_m(residual_m: Float) -> float:
-    """Half height of residual axes: nearly all residuals, but never so close that noise looks like trouble."""
+    """Half height of residual axes: 99 % of the residuals, at least 0.3 m."""
     finite = np.abs(residual_m[np.isfinite(residual_m)])
     return max(0.3, 1.15 * float(np.percentile(finite, 99))) if len(finite) else 0.3
 
@@ -159,7 +160,7 @@ def draw_residuals(run: RunData) -> Figure | None:
 def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> None:
     both_m = np.concatenate([clear_m, nlos_m])
     both_m = both_m[np.isfinite(both_m)]
-    # The last bins also hold what lies beyond them: nothing vanishes from a histogram.
+    # The outermost bins include everything beyond them.
     inside = [np.clip(part[np.isfinite(part)], bins[0], bins[-1]) for part in (clear_m, nlos_m)]
     clear, late = (np.histogram(part, bins)[0] for part in inside)
     panel.stairs(clear, bins, fill=True, color=style.ROBOT, label="line of sight")
@@ -172,9 +173,9 @@ def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> 
     median_m = float(np.median(both_m))
     spread_m = float(np.subtract(*np.percentile(both_m, [75, 25]))) / 1.349  # a normal's standard deviation
     panel.axvline(median_m, color=style.BLACK, linewidth=1.0, linestyle="--", label="median (bias)")
+    words = f"bias {median_m:+.3f} m\nspread {spread_m:.3f} m\n".replace("-", "−")
     panel.annotate(
-        f"bias {style.signed(median_m)} m\nspread {spread_m:.3f} m\n"
-        f"NLOS {style.percent(len(nlos_m) / len(both_m))} of {style.count(len(both_m))}",
+        f"{words}NLOS {percent(len(nlos_m) / len(both_m))} of {count(len(both_m))}",
         (0, 1),
         xytext=(0, 4),
         xycoords="axes fraction",

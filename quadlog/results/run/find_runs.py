@@ -1,4 +1,4 @@
-"""Which run folders a path stands for, which recordings failed, and runs fetched from elsewhere."""
+"""Find the runs in folders and the recordings that failed; fetch runs from remote storage."""
 
 from __future__ import annotations
 
@@ -19,12 +19,10 @@ _DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
 
 
 def find_runs(paths: Sequence[Path]) -> list[Path]:
-    """Every path that is a run, and of every other folder the runs in it, by name; each run once.
+    """The paths that are runs, and the runs in other folders, sorted by name; each run once.
 
-    A folder counts as a run when it holds a run.json or a config.toml of quadlog's, finished or not: whoever reads it
-    says what is wrong with it. Hidden folders and `files_beside_runs` are left out.
-
-    Raises NotARun for a path that is neither.
+    A folder with a run.json or a config.toml of quadlog's is a run, finished or not. Hidden folders and
+    `files_beside_runs` are left out. Raises NotARun for a path without runs.
     """
     found: dict[Path, Path] = {}
     beside = files_beside_runs(paths)
@@ -35,14 +33,14 @@ def find_runs(paths: Sequence[Path]) -> list[Path]:
             raise NotARun(path, "is no folder" if path.exists() else "no such folder")
         inside = [path] if is_run(path) else list(_runs_in(path, _DEEPEST))
         if not inside:
-            raise NotARun(path, "is no run, and there is none in it")
+            raise NotARun(path, "is not a run and contains none")
         for run in inside:
             found.setdefault(run.resolve(), run)
     return list(found.values())
 
 
 def files_beside_runs(paths: Sequence[Path]) -> list[Path]:
-    """The plain files among the paths that lie beside a folder among them: a shell's `runs/*` names these, too."""
+    """The plain files among the paths that lie beside a folder among them, as in a shell's `runs/*`."""
     folders = {path.parent for path in paths if isinstance(path, Path) and path.is_dir()}
     return [path for path in paths if isinstance(path, Path) and path.parent in folders and path.is_file()]
 
@@ -60,7 +58,7 @@ def is_run(folder: Path) -> bool:
 
 
 def run_labels(runs: Iterable[Path]) -> list[str]:
-    """The shortest names that tell the runs apart: their paths without the folders that all have in common."""
+    """Short distinct names of the runs: their paths without the leading folders that all share."""
     places = [Path(os.path.abspath(run)) for run in runs]  # noqa: PTH100 - links keep the names they were given by
     if len(places) < 2:
         return [place.name for place in places]
@@ -81,10 +79,9 @@ def _runs_in(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
-    """Where a run would be in one of the folders, had its replay not failed, and why it did.
+    """Run folders that are missing because the replay failed, with the reason, by the summaries of the folders.
 
-    A folder that is a run itself, or without a summary of quadlog's, has none. The summary itself, which a shell's
-    `runs/*` names, stands for its folder.
+    A path may also be a summary.parquet, as in a shell's `runs/*`. Runs and folders without a summary have none.
     """
     failed: dict[Path, str] = {}
     for path in folders:
@@ -94,7 +91,7 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
         try:
             summary = read_table(folder, "summary", ["recording", "exit_code", "reason"])
         except NotARun:
-            continue  # somebody else's file of that name
+            continue  # not quadlog's
         for name, code, reason in zip(summary["recording"], summary["exit_code"], summary["reason"], strict=True):
             if code == ExitCode.FAILED and name == run_name(name) and not is_run(folder / name):
                 failed[folder / name] = f"{folder / name}: was not replayed: {reason}"
@@ -103,23 +100,23 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
 
 PLOTS = "plots"
 _SUMMARY = "summary.parquet"
-# What tells of a run in a few kilobytes.
+# Small files that describe a run.
 RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
-# What metrics are made of: tables, and what tells of the run.
+# Files that metrics are computed from.
 MEASURED = frozenset(name for name in OWN_FILES if name.endswith((".parquet", ".json", ".toml")))
-# Far above what runs hold, below what a machine has to spare.
+# Largest size of runs to copy.
 MAX_BYTES = 1 << 36
 
 
 class RunsHere(list[Path]):
-    """Paths of this machine, each in the place of what was given."""
+    """Local paths in place of the given ones."""
 
     def __init__(self, paths: Iterable[Path], given: Sequence[Path]) -> None:
         super().__init__(paths)
         self._given = list(given)
 
     def as_given(self, path: Path | str) -> str:
-        """A path here, or of a run in it, as whoever gave it knows it."""
+        """A local path, or a path in it, as the user gave it."""
         for here, given in zip(self, self._given, strict=True):
             if isinstance(given, RemotePath) and Path(path).is_relative_to(here):
                 return "/".join([str(given).rstrip("/"), *Path(path).relative_to(here).parts])
@@ -128,9 +125,9 @@ class RunsHere(list[Path]):
 
 @contextmanager
 def runs_here(paths: Sequence[Path], names: Collection[str] = OWN_FILES) -> Iterator[RunsHere]:
-    """The paths, and for each URL among them a copy of the run there, or of all runs in that folder, with these files.
+    """The paths; each URL among them is replaced by a local copy of its run, or runs, with these files.
 
-    The copies vanish when the block ends. Raises NotARun, TooLarge, StorageFailed.
+    Copies are removed when the block ends. Raises NotARun, TooLarge, StorageFailed.
     """
     if not any(isinstance(path, RemotePath) for path in paths):
         yield RunsHere(paths, paths)
@@ -144,7 +141,7 @@ def runs_here(paths: Sequence[Path], names: Collection[str] = OWN_FILES) -> Iter
 
 
 def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str] = OWN_FILES) -> Path:
-    """A run, or a folder of runs with its summary, copied to a new folder; returns where it is. Raises as runs_here."""
+    """Copy a run, or a folder of runs with its summary, to a new folder, which is returned. Raises as runs_here."""
     top = scratch / run_name(remote.name)
     if not remote.is_web() and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
         fetch({_SUMMARY: remote / _SUMMARY}, top)
@@ -155,7 +152,7 @@ def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str] = OWN_F
 
 
 def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
-    """Files of quadlog's own among what a run's folder holds, by their names as seen from it."""
+    """Quadlog's files in a run folder, by relative name."""
     found: dict[str, RemotePath] = {}
     for each in entries:
         if each.name in OWN_FILES and each.is_file():
@@ -166,7 +163,7 @@ def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
 
 
 def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
-    """Copy files, by their names as seen from it, into a new folder. Raises TooLarge, StorageFailed."""
+    """Copy files, by relative name, to a new folder. Raises TooLarge, StorageFailed."""
     objects = {name: remote.open_object() for name, remote in files.items()}
     total = sum(each.told.size_bytes or 0 for each in objects.values())
     if total > MAX_BYTES:
@@ -186,7 +183,7 @@ def _runs_at(remote: RemotePath) -> list[RemotePath]:
 
 
 def _files_at(run: RemotePath) -> dict[str, RemotePath]:
-    """A web server lists nothing, so it is asked for each file that a run may have."""
+    """A web server cannot list files, so each file that a run may have is tried."""
     if run.is_web():
         return {name: run / name for name in sorted(OWN_FILES) if (run / name).is_file()}
     return own_files(run.iterdir())

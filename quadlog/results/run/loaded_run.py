@@ -1,4 +1,4 @@
-"""A finished run in a user's own Python: tables as DataFrames, maps as arrays, each read when it is first asked for."""
+"""A finished run for Python scripts: tables as DataFrames, maps as arrays, each read on first use."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def load_run(path: Path | str) -> Run:
-    """The finished run in a folder; see Run. One behind a URL is copied first, and the copy goes with the Run.
+    """The finished run in a folder; see Run. A run at a URL is copied first; the copy is removed with the Run.
 
-    Raises NotARun for a folder that is none, or whose record is damaged; a damaged table or map says so when it is
-    read. StorageFailed and TooLarge where the copy fails.
+    Raises NotARun if the folder is not a run or its record is damaged (damaged tables and maps raise when they are
+    read), StorageFailed and TooLarge if the copy fails.
     """
     place = to_path(path)
     if not isinstance(place, RemotePath):
@@ -38,10 +38,10 @@ def load_run(path: Path | str) -> Run:
 
 
 class Run:
-    """What a run folder holds.
+    """The results in a run folder.
 
-    path: the folder. record: `run.json`, with the input, topics and why they were chosen, losses, warnings, versions
-    and times. tables: name -> pandas DataFrame, see Tables.
+    path: the folder. record: `run.json`, with input, topics and why they were chosen, losses, warnings, versions and
+    times. tables: name -> pandas DataFrame, see RunTables.
     """
 
     def __init__(self, path: Path, record: dict[str, Any]) -> None:
@@ -50,7 +50,7 @@ class Run:
 
     @property
     def config(self) -> dict[str, Any]:
-        """The effective configuration, section by section. Raises NotARun where the record has none."""
+        """The effective configuration by section. Raises NotARun if the record has none."""
         config = self.record.get("config")
         if not isinstance(config, dict):
             raise NotARun(self.path / "run.json", "is damaged: it has no config")
@@ -79,10 +79,10 @@ class Run:
 
 
 class RunTables(Mapping[str, "DataFrame"]):
-    """The tables of a run by name (`poses`, `plans`, ...), those that it has.
+    """The tables of a run by name (`poses`, `plans`, ...).
 
-    Each is read once, when it is first asked for, and is the same object from then on. A table that the run does not
-    have is a KeyError that lists those it has; a damaged one raises NotARun.
+    Each is read once, on first use. A table that the run does not have raises a KeyError that lists those it has; a
+    damaged one raises NotARun.
     """
 
     def __init__(self, run: Path) -> None:

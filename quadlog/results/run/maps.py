@@ -1,11 +1,10 @@
-"""What a run keeps of its maps: the sequence `maps.npz`, one occupancy window per mapped scan; ground, clouds and
-dilution.
+"""Saved maps of a run: the sequence `maps.npz`, one occupancy window per mapped scan; ground, clouds and dilution.
 
 Row = y, column = x; the origin is the window's lower-left corner in map; the
 windows are undilated. Members: `t_ns (S,)`, `origin_m (S, 2)`, `cell_m`,
 `shape (2,)` and blocks `occupied_bits_000000 (maps of the block, rows,
 ceil(columns / 8))` of numpy.packbits rows. A block holds about 1 MB, so that
-writing and looking something up take the same little memory for any length.
+memory does not grow with the length of the sequence.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +79,7 @@ _MAX_CELLS_PER_SIDE = 16384
 
 
 class MapsWriter:
-    """Takes one map after the other; the file appears when the `with` block ends without an error."""
+    """Writes maps one by one; the file appears when the `with` block ends without an error."""
 
     def __init__(self, path: Path, cell_m: float, shape: tuple[int, int]) -> None:
         self.path, self.cell_m, self.shape = path, cell_m, shape
@@ -134,7 +133,7 @@ class OccupancyMap(NamedTuple):
 class MapSequence:
     """The maps of a run: t_ns (S,), origin_m (S, 2), cell_m, shape (rows, columns); iterates over OccupancyMap.
 
-    Maps are unpacked when asked for; only the block last used stays in memory.
+    Maps are unpacked on access; only the last block used is kept in memory.
     """
 
     def __init__(self, path: Path) -> None:
@@ -220,7 +219,7 @@ class GroundMap:
 def write_cloud_samples(run: Path, samples: Iterable[CloudSample], classes: Sequence[str]) -> None:
     """`cloud_samples.npz`: the scans one after the other, scan k being rows offset[k] to offset[k + 1].
 
-    `classes[label]` is what a label means; it is saved too, so that the file explains itself.
+    `classes[label]` is the meaning of a label, and is saved, too.
     """
     kept = list(samples)
     with write_npz(run / "cloud_samples.npz") as npz:
@@ -241,14 +240,14 @@ def read_cloud_samples(run: Path) -> tuple[list[CloudSample], list[str]]:
     xyz_m = npz.read("xyz_m", np.float32, (None, 3), _MAX_SAMPLE_BYTES)
     label = npz.read("label", np.uint8, (len(xyz_m),), _MAX_SAMPLE_BYTES)
     classes = npz.read("classes", "U16", (None,), 1 << 20).tolist()
-    pose = {name: _column(npz, name, len(t_ns)) for name in ("x_m", "y_m", "yaw_rad")}
+    pose = [npz.read(name, np.float64, (len(t_ns),), 8 * _MAX_SAMPLES + 4096) for name in ("x_m", "y_m", "yaw_rad")]
     if offset[0] != 0 or offset[-1] != len(xyz_m) or (np.diff(offset) < 0).any():
         raise NotARun(npz.path, "is damaged: offset does not fit xyz_m")
     if len(label) and label.max() >= len(classes):
         raise NotARun(npz.path, "is damaged: a label without a class")
     scans = [slice(first, last) for first, last in pairwise(offset.tolist())]
     samples = [
-        CloudSample(int(t_ns[k]), xyz_m[rows], label[rows], *(float(column[k]) for column in pose.values()))
+        CloudSample(int(t_ns[k]), xyz_m[rows], label[rows], *(float(column[k]) for column in pose))
         for k, rows in enumerate(scans)
     ]
     return samples, classes
@@ -275,7 +274,3 @@ def read_ground(run: Path) -> GroundMap:
     if not (np.isfinite(origin_m).all() and np.isfinite(cell_m) and cell_m > 0):
         raise NotARun(npz.path, "is damaged: a ground without a place or a size")
     return GroundMap(origin_m, cell_m, height_m, count)
-
-
-def _column(npz: NpzReader, name: str, length: int) -> NDArray[Any]:
-    return npz.read(name, np.float64, (length,), 8 * _MAX_SAMPLES + 4096)

@@ -1,4 +1,4 @@
-"""What a run folder is called, and which of the files in it are quadlog's own."""
+"""Names of run folders, and of quadlog's files in them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from quadlog.recordings.file_names import stem
 from quadlog.results.run.tables import TABLES
 
-# All that a run writes into its folder; `--force` removes these and nothing else.
+# Files that quadlog writes into a run folder; `--force` removes only these.
 OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
@@ -20,8 +20,8 @@ OWN_FILES = frozenset(
     }
 )
 
-_TAKEN = {"summary.parquet", "report.html"}  # what a folder of runs has beside the runs
-_MAX_BYTES = 120  # a name of 255 bytes is what file systems take, and files are written beside
+_TAKEN = {"summary.parquet", "report.html"}  # files in a folder of runs
+_MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
 
 
 def run_name(name: str) -> str:

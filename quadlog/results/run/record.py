@@ -1,4 +1,4 @@
-"""What `run.json` says: how a run came about, from what, and what was lost on the way."""
+"""`run.json`: how a run was made, from what input, and what was lost."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import redacted_text
 
 RUN_FORMAT = 1
-"""One more whenever scripts that read run folders would have to change, for a file, a column or a unit."""
+"""Increased when scripts that read run folders have to change, for a file, column or unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class InputRecord:
-    """The recording: its path as given, bytes, and what tells it from others (see `describe_input`).
+    """The recording: path as given, size, and a fingerprint (see `describe_input`).
 
-    That is the SHA-256 of its content. Of what lies behind a URL, whose content is not read for that, it is the
-    server's ETag, or where it gives none its Last-Modified.
+    The fingerprint is the SHA-256 of the content; of a URL the server's ETag, or else its Last-Modified.
     """
 
     path: str
@@ -38,13 +37,13 @@ class InputRecord:
 
     @property
     def fingerprint(self) -> tuple[str, str] | None:
-        """Name and value of what tells the content from others; None where a server gives nothing."""
+        """Kind and value of the fingerprint; None if a server gives none."""
         known = {"SHA-256": self.sha256, "ETag": self.etag, "Last-Modified": self.last_modified}
         return next(((name, value) for name, value in known.items() if value is not None), None)
 
     @property
     def identity(self) -> str:
-        """Equal for equal inputs. Where nothing tells, another one each time: such an input is never the same."""
+        """Equal for equal inputs; unique on each call without a fingerprint, so that such an input is never equal."""
         if self.fingerprint is None:
             return f"unknown {uuid4().hex}"
         name, value = self.fingerprint
@@ -52,7 +51,7 @@ class InputRecord:
 
     @classmethod
     def identity_in(cls, saved: Any) -> str | None:
-        """The identity of `input` as a run.json has it; None when it is none."""
+        """The identity of `input` in a run.json; None if it is invalid."""
         names = [each.name for each in fields(cls)]
         try:
             return cls(**{name: saved[name] for name in names if name in saved}).identity
@@ -73,7 +72,7 @@ class TopicRecord:
 
 @dataclass(frozen=True, slots=True)
 class LossRecord:
-    """Something of the recording that could not be had: a stable cause, and a line for people."""
+    """Something lost from the recording: a stable cause, and a line of text."""
 
     cause: str
     detail: str
@@ -92,7 +91,7 @@ class StageRecord:
 
 @dataclass(frozen=True, slots=True)
 class PluginRecord:
-    """A planner or decoder of another distribution that took part: its entry point, and whose it is."""
+    """A planner or decoder of another distribution that was used: its entry point and distribution."""
 
     group: str
     name: str
@@ -104,15 +103,11 @@ class PluginRecord:
 class RunRecord:
     """The content of `run.json`.
 
-    quadlog_version; command: the arguments, the program first; config: the
-    effective config; options: what else decides the result (seed, stamp,
-    start_s, duration_s, until, preset), compared by `--resume`; input; seed;
-    recorded_s: length of what was replayed; topics, counts (name: number),
-    losses, warnings, notes (choices that decided the result); stages; startup_s: imports and compilation, apart from
-    the stages; realtime_factor: recorded_s / seconds in the stages, None when
-    there is nothing to divide. reused: stages whose results an earlier replay had left. plugins: those that took part.
-    host and packages are filled in by themselves.
-    run_format: which files with which columns a run folder has; see `run_folder.read_run_json`.
+    command: the arguments, the program first; config: the effective config; options: what else the result depends on
+    (seed, stamp, start_s, duration_s, until, preset), compared by `--resume`; recorded_s: length of what was replayed;
+    counts: name: number; notes: choices that affected the result; startup_s: imports and compilation, not part of the
+    stages; realtime_factor: recorded_s / seconds in the stages, None without either; reused: stages whose results were
+    kept from an earlier replay; plugins: those used; run_format: see `run_folder.read_run_json`.
     """
 
     quadlog_version: str
@@ -137,17 +132,17 @@ class RunRecord:
     run_format: int = RUN_FORMAT
 
     def __post_init__(self) -> None:
-        # Once and for all who show or save it: a URL that was typed may hold a password or a signature.
+        # URLs may contain passwords or signatures.
         object.__setattr__(self, "command", [redacted_text(each) for each in self.command])
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON object; keys are the fields' names, and one that is None is absent."""
+        """The JSON object by names of fields, without those that are None."""
         told = {name: value for name, value in asdict(self).items() if value is not None}
         return told | {"input": {name: value for name, value in told["input"].items() if value is not None}}
 
 
 def own_files(path: Path) -> list[Path]:
-    """The files a recording is made of: itself, or of a bag folder its pieces and their metadata."""
+    """The files of a recording: itself, or the files of a bag folder with its metadata."""
     if not path.is_dir():
         return [path]
     metadata = path / "metadata.yaml"
@@ -155,7 +150,7 @@ def own_files(path: Path) -> list[Path]:
 
 
 def input_bytes(files: Iterable[Path]) -> int:
-    """Bytes of a recording's files; one whose server does not tell counts as none."""
+    """Size of a recording's files; files of unknown size count as 0 bytes."""
     told = [each.look().told if isinstance(each, RemotePath) else each.stat() for each in files]
     return sum(
         (each.size_bytes or 0) if isinstance(each, ObjectInfo) else each.st_size for each in told if each is not None
@@ -197,7 +192,7 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     size = sum(each.size_bytes or 0 for each in told)
     if len(told) == 1 and not path.is_dir():
         only = told[0]
-        # Without a size nothing tells two files of one name and date apart.
+        # Without a size two files of the same date cannot be distinguished.
         known = only.size_bytes is not None
         return InputRecord(str(path), size, None, only.etag if known else None, only.last_modified if known else None)
     versions = [each.etag or each.last_modified for each in told]
@@ -218,13 +213,13 @@ def describe_file(path: Path, sha256: str) -> InputRecord:
 
 
 def describe_input_aside(path: Path) -> Future[InputRecord]:
-    """`describe_input` while others work: hashing does not hold Python's lock, and its end is no one's to wait for."""
+    """`describe_input` in a thread: hashing releases the GIL."""
     described: Future[InputRecord] = Future()
 
     def describe() -> None:
         try:
             described.set_result(describe_input(path))
-        except BaseException as error:  # whoever asks for the result gets it
+        except BaseException as error:  # raised by result()
             described.set_exception(error)
 
     Thread(target=describe, name="quadlog-hash", daemon=True).start()

@@ -1,4 +1,4 @@
-"""One run's folder: created without harming what is there, filled file by file, finished by `run.json`."""
+"""The folder of a run: created without overwriting anything, filled file by file, finished by `run.json`."""
 
 from __future__ import annotations
 
@@ -25,16 +25,15 @@ _MAX_JSON_BYTES = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """A folder that is, or becomes, a run. `path / name` is where a stage writes its file."""
+    """A folder that is or becomes a run; stages write their files to `path / name`."""
 
     path: Path
 
     @classmethod
     def create(cls, path: Path, force: bool = False) -> Self:
-        """The folder `path`, made or taken over.
+        """Make the folder `path`, or take over an existing run.
 
-        An existing run needs `force`: quadlog's own files are removed, all others stay. Call it only when the run is
-        sure to start: with `force` the old results are gone afterwards. Raises as `claim` does.
+        An existing run needs `force`; quadlog's files in it are removed, all others are kept. Raises as `claim` does.
         """
         folder = cls.claim(path, replace=force)
         if force:
@@ -44,23 +43,23 @@ class RunFolder:
     @classmethod
     @contextmanager
     def create_whole(cls, path: Path, force: bool = False) -> Iterator[Self]:
-        """`create` for a run that cannot be resumed: its files are removed again when the block fails."""
+        """`create` for a run that cannot be resumed: its files are removed if the block fails."""
         folder = cls.create(path, force)
         try:
             yield folder
         except BaseException:
             with suppress(CannotWrite):
                 _remove_own_files(path, OWN_FILES)
-            with suppress(OSError):  # it holds other files
+            with suppress(OSError):  # it has other files
                 path.rmdir()
             raise
 
     @classmethod
     def claim(cls, path: Path, replace: bool = False) -> Self:
-        """The folder `path`, made, or with `replace` an existing run; no result in it is touched before `begin`.
+        """Make the folder `path`, or with `replace` take over an existing run, whose results are kept until `begin`.
 
-        Raises AlreadyExists for a run without the flag; CannotWrite when the folder holds other things and is no run,
-        is a link to be emptied, or cannot be made.
+        Raises RunExists without the flag; CannotWrite if the folder is not a run but has files, is a symbolic link, or
+        cannot be made.
         """
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -82,23 +81,23 @@ class RunFolder:
     def begin(self, config: Mapping[str, Any], keep: Collection[str]) -> None:
         """Write `config.toml` and remove quadlog's own files but those to keep.
 
-        `run.json` goes first, so that what remains after a kill is no finished run; and as the configuration is there
-        by then, it still is quadlog's. Links are removed, never followed. Raises CannotWrite.
+        `run.json` is removed first, so that the run is unfinished after a kill; `config.toml` then still marks the
+        folder as quadlog's. Links are removed, never followed. Raises CannotWrite.
         """
         _remove_own_files(self.path, ())
         self.write_config(config)
         _remove_own_files(self.path, OWN_FILES - {"config.toml", *keep})
 
     def discard_if_empty(self) -> None:
-        """Take the folder away again when a run failed before it had a result: the next try needs no flag."""
-        with suppress(OSError):  # another process has begun a file in it, or taken it away
+        """Remove the folder if the run failed before its first result, so that the next try needs no flag."""
+        with suppress(OSError):  # another process writes to it or has removed it
             names = {entry.name for entry in self.path.iterdir()}
             if names <= {"config.toml"} and not self.path.is_symlink():
                 (self.path / "config.toml").unlink(missing_ok=True)
                 self.path.rmdir()
 
     def write_config(self, config: Mapping[str, Any]) -> None:
-        """`config.toml`, first of all files: it marks the folder as quadlog's. Keys without a value are left out."""
+        """`config.toml`, the first file: it marks the folder as quadlog's. Keys without a value are left out."""
         write_whole(self.path / "config.toml", (_CONFIG_HEADER + tomli_w.dumps(_without_none(config))).encode())
 
     def write_metrics(self, metrics: Mapping[str, Mapping[str, Any]]) -> None:
@@ -111,16 +110,13 @@ class RunFolder:
         write_whole(self.path / "metrics.json", to_json(kept))
 
     def write_run_json(self, record: RunRecord) -> None:
-        """`run.json`, last of all files: it marks the run as finished."""
+        """`run.json`, the last file: it marks the run as finished."""
         write_whole(self.path / "run.json", to_json(record.to_dict()))
 
     def is_finished(
         self, identity: str, config: Mapping[str, Any], version: str, options: Mapping[str, Any] | None = None
     ) -> bool:
-        """Whether this run was finished with the input of this identity, config, version and options (see RunRecord).
-
-        identity: of an InputRecord.
-        """
+        """Whether the run is finished, with the input of this identity and this config, version and options."""
         try:
             record = read_run_json(self.path)
         except (NotARun, UnknownRunFormat):
@@ -137,8 +133,8 @@ class RunFolder:
 def read_run_json(run: Path) -> dict[str, Any]:
     """The record of a finished run, as RunRecord describes it.
 
-    Raises NotARun for anything else, UnknownRunFormat for a run of a format that is not RUN_FORMAT. Without
-    `run_format` it is 1: runs were written so before there was another.
+    Raises NotARun if it is unfinished or damaged, UnknownRunFormat if its format is not RUN_FORMAT. Runs without
+    `run_format` are of format 1.
     """
     record = _read_record(run)
     found = record.get("run_format", 1)
@@ -156,14 +152,14 @@ def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
 
 
 def read_sound_metrics(run: Path) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """`metrics.json` of a run as `read_metrics` gives it, and the names in it that have no value. Raises NotARun."""
+    """`metrics.json` as `read_metrics` returns it, and the names of damaged metrics. Raises NotARun."""
     found = _read_object(run, "metrics.json", "has no metrics.json")
     metrics = {name: metric for name, metric in found.items() if isinstance(metric, dict) and _is_sound(metric)}
     return metrics, sorted(set(found) - set(metrics))
 
 
 def to_json(content: Any) -> bytes:
-    """JSON for people and programs: keys sorted, no NaN, one trailing newline."""
+    """Indented JSON with sorted keys, without NaN, with a trailing newline."""
     return (json.dumps(content, indent=2, sort_keys=True, allow_nan=False, default=_plain) + "\n").encode()
 
 
@@ -189,7 +185,7 @@ def _read_object(run: Path, name: str, missing: str, **parsers: Any) -> dict[str
 
 
 def _int64(text: str) -> int:
-    """A whole number of at most 64 bits, as quadlog writes them: a larger one is no float either. Raises ValueError."""
+    """An integer of at most 64 bits. Raises ValueError."""
     if len(text) > 20 or not -(2**63) <= int(text) < 2**64:
         raise ValueError(f"{text[:20]}... is too large a number")
     return int(text)
@@ -204,16 +200,16 @@ def _finite(text: str) -> float:
 
 
 def _is_sound(metric: Mapping[str, Any]) -> bool:
-    """Whether the metric has a finite value, and counts and unit, where they are there, that can be shown."""
+    """Whether the metric has a finite value and valid n and unit, if present."""
     value, n, unit = metric.get("value"), metric.get("n", 0), metric.get("unit", "")
     if isinstance(value, bool) or not isinstance(value, int | float) or type(n) is not int:
         return False
-    # Larger than a float is no number to count with; as `inf` it would compare as one.
+    # Integers beyond the range of floats are damage.
     return isinstance(unit, str) and abs(value) <= sys.float_info.max and 0 <= n < 2**63
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether quadlog made this folder: by what its files say, since others have a config.toml too."""
+    """Whether quadlog made this folder, by the content of its files; other programs have a config.toml, too."""
     config = path / "config.toml"
     try:
         if config.is_file():
@@ -226,7 +222,7 @@ def _is_ours(path: Path) -> bool:
 
 
 def _remove_own_files(path: Path, names: Collection[str]) -> None:
-    """`run.json` first, then pictures, then the files named."""
+    """Remove `run.json`, then pictures, then these files."""
     plots = path / "plots"
     pictures: list[Path] = []
     if plots.is_dir() and not plots.is_symlink():
@@ -239,7 +235,7 @@ def _remove_own_files(path: Path, names: Collection[str]) -> None:
         if plots.is_symlink():
             plots.unlink(missing_ok=True)
         elif plots.is_dir() and not any(plots.iterdir()):
-            with suppress(OSError):  # another process draws at this moment
+            with suppress(OSError):  # another process is drawing
                 plots.rmdir()
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
@@ -253,7 +249,7 @@ def _without_none(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Scalars of numpy as Python's, and paths as text."""
+    """Numpy scalars as Python numbers, paths as text."""
     if isinstance(value, Path):
         return str(value)
     return value.item() if hasattr(value, "item") else value

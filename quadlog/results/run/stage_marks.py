@@ -1,4 +1,4 @@
-"""`stages.json`: the marks of stages that are done, each with its files, so that a replay can go on behind them."""
+"""`stages.json`: the finished stages with their files, so that a replay can continue after them."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _MAX_BYTES = 16 << 20
 
 
 class Marked(BaseModel):
-    """What stands in the file: nothing but what is told here, and of its type."""
+    """Strict validation: no other fields, no type conversion."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
 
 class FileMark(Marked):
-    """A file of the run folder as its stage left it."""
+    """A file as its stage wrote it."""
 
     name: str
     size_bytes: int = Field(ge=0)
@@ -34,10 +34,10 @@ class FileMark(Marked):
 
 
 class StageMark(Marked):
-    """A stage that is done.
+    """A finished stage.
 
-    stage: its name; of stages that share a pass, the last one's. key: a digest of all that its results depend on.
-    files: what it wrote. known: what stages after it have to know beside these.
+    stage: its name, or the last one of stages that share a pass. key: digest of all that its results depend on.
+    files: those it wrote. known: what later stages need beside the files.
     """
 
     stage: str
@@ -52,10 +52,7 @@ class _Marks(Marked):
 
 
 def read_marks(run: Path) -> dict[str, StageMark]:
-    """The marks of a run folder by stage, as they were written: nothing has been compared yet.
-
-    None where there are none, and where the file is damaged or another one's: then nothing is known to be done.
-    """
+    """The marks of a run folder by stage, not yet compared with its files; none if the file is missing or damaged."""
     path = run / MARKS_FILE
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -67,20 +64,20 @@ def read_marks(run: Path) -> dict[str, StageMark]:
 
 
 def write_marks(run: Path, marks: Sequence[StageMark]) -> None:
-    """All marks of a run folder, in place of those before. Raises CannotWrite."""
-    # Not pydantic's own JSON: names of files and topics may hold bytes that are no text.
+    """Replace the marks of a run folder. Raises CannotWrite."""
+    # Not pydantic's JSON: names of files and topics may contain lone surrogates.
     write_whole(run / MARKS_FILE, (json.dumps(_Marks(stages=list(marks)).model_dump(), indent=1) + "\n").encode())
 
 
 def mark_files(run: Path, names: Iterable[str]) -> list[FileMark]:
-    """The named files of a run folder as they are now. Raises CannotWrite for one that is gone: it was just written."""
+    """The named files of a run folder as they are now. Raises CannotWrite for a missing one."""
     return [_mark(run / name) for name in names]
 
 
 def files_are_whole(run: Path, mark: StageMark) -> bool:
-    """Whether every file of a mark is there, one of quadlog's own, no link, and byte for byte what it was.
+    """Whether all files of a mark exist, are quadlog's and not links, and have the same content.
 
-    Behind a URL of the size that it had: there one appears whole or not at all.
+    Of remote files only the size is compared: object storage never has partial files.
     """
     there = {entry.name: entry for entry in run.iterdir() if entry.name in OWN_FILES}
     return all(each.name in there and _is_whole(there[each.name], each) for each in mark.files)

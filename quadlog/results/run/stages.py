@@ -4,21 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-STAGES = ("ingest", "position", "filter", "map", "plan", "control", "report")
-
-
-def stages_until(last: str) -> tuple[str, ...]:
-    """The stages up to and including `last`."""
-    return STAGES[: STAGES.index(last) + 1]
-
-
-def reused_words(reused: Sequence[str], last: str) -> str:
-    """How many are reused of the stages up to `last`; `ingest` opens the recording every time and is none of them."""
-    stages = stages_until(last)[1:]
-    names = f": {', '.join(reused)}" if reused else ""
-    return f"reused {len(reused)} of {len(stages)} stages{names}"
-
-
 STAGE_FILES: dict[str, tuple[str, ...]] = {
     "ingest": ("reference.tum",),
     "position": (
@@ -33,3 +18,18 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     ),
     "report": ("metrics.json", "trajectory.tum"),
 }
+"""The stages in order, and the files that each writes into the run folder."""
+
+STAGES = tuple(STAGE_FILES)
+
+
+def stages_until(last: str) -> tuple[str, ...]:
+    """The stages up to and including `last`."""
+    return STAGES[: STAGES.index(last) + 1]
+
+
+def reused_words(reused: Sequence[str], last: str) -> str:
+    """The number and names of reused stages up to `last`; `ingest` is never reused."""
+    stages = stages_until(last)[1:]
+    names = f": {', '.join(reused)}" if reused else ""
+    return f"reused {len(reused)} of {len(stages)} stages{names}"

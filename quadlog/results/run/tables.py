@@ -14,131 +14,82 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.storage.atomic_write import whole_file
 
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "text": pa.string()}
 
 
-def table_schema(**columns: str) -> pa.Schema:
-    """A schema from name="type" pairs, in the order given."""
-    return pa.schema([pa.field(name, _TYPES[kind], nullable=kind == "float") for name, kind in columns.items()])
+def table_schema(columns: str) -> pa.Schema:
+    """A schema from names separated by spaces: float64 that may be null, or the type after a colon: int, bool, text."""
+    pairs = [column.partition(":")[::2] for column in columns.split()]
+    return pa.schema([pa.field(name, _TYPES[kind or "float"], nullable=not kind) for name, kind in pairs])
 
 
-def _floats(*names: str) -> dict[str, str]:
-    return dict.fromkeys(names, "float")
-
-
-METRIC_NAMES = (
-    *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "completion_time_s", "max_error_m", "cross_track_rmse_m"),
-    *(
-        "heading_rmse_rad",
-        "plan_error_m",
-        "fallen",
-        "pitch_rms_rad",
-        "height_rms_m",
-        "torque_max_nm",
-        "torque_saturation_share",
-    ),
-    *("cost_of_transport", "clearance_min_m", "collisions", "following_distance_mean_m", "lateral_drift_m"),
-    *("yaw_rate_degps", "forward_m", "expanded_total", "generated_total", "expanded_mean", "ratio_to_astar"),
-    *("fallback_share", "suboptimality_mean", "success_rate", "uwb_rmse_m", "uwb_bias_m", "uwb_residual_m"),
-    *("ate_rmse_m", "rpe_rmse_m", "realtime_factor"),
-)
+METRIC_NAMES = tuple(CATALOGUE)
 
 COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
-"""What the replay of a recording in a batch took, as far as it is a number."""
+"""Cost of replaying a recording in a batch."""
 
 _TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
-
 _PLANS = table_schema(
-    t_ns="int",
-    planner="text",
-    found="bool",
-    expanded="int",
-    generated="int",
-    cost="float",
-    length_m="float",
-    optimal_cost="float",
-    from_scratch="bool",
-    reused_cells="int",
-    **_floats("start_x_m", "start_y_m", "goal_x_m", "goal_y_m"),
-    goal_projected="bool",
-    us="float",
+    "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
+    "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
 )
-_PATHS = table_schema(t_ns="int", i="int", **_floats("x_m", "y_m", "smooth_x_m", "smooth_y_m"))
+_PATHS = table_schema("t_ns:int i:int x_m y_m smooth_x_m smooth_y_m")
 
 TABLES: dict[str, pa.Schema] = {
     "fixes": table_schema(
-        t_ns="int",
-        tag="int",
-        **_floats("x_m", "y_m", "z_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
-        n_ranges="int",
-        residual_rms_m="float",
-        outlier="bool",
+        "t_ns:int tag:int x_m y_m z_m cov_xx_m2 cov_xy_m2 cov_yy_m2 n_ranges:int residual_rms_m outlier:bool"
     ),
-    "ranges": table_schema(t_ns="int", tag="int", anchor="int", **_floats("range_m", "predicted_m", "weight")),
+    "ranges": table_schema("t_ns:int tag:int anchor:int range_m predicted_m weight"),
     "links": table_schema(
-        tag="int",
-        anchor="int",
-        **_floats("x_m", "y_m", "z_m"),
-        n="int",
-        **_floats("residual_rms_m", "residual_median_m", "bias_m", "bias_std_m"),
-        bias_applied="bool",
-        why_not="text",
-        **_floats("nlos_share", "weak_first_path_share"),
+        "tag:int anchor:int x_m y_m z_m n:int residual_rms_m residual_median_m bias_m bias_std_m bias_applied:bool "
+        "why_not:text nlos_share weak_first_path_share"
     ),
-    "uwb_errors": table_schema(t_ns="int", tag="int", source="text", **_floats("error_x_m", "error_y_m", "bound_m")),
-    "poses": table_schema(t_ns="int", **_floats("x_m", "y_m", "yaw_rad"), source="text"),
-    "pose_uncertainty": table_schema(t_ns="int", **_floats("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "yaw_std_rad")),
-    "target": table_schema(t_ns="int", **_floats("x_m", "y_m"), source="text"),
+    "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
+    "poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
+    "pose_uncertainty": table_schema("t_ns:int cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad"),
+    "target": table_schema("t_ns:int x_m y_m source:text"),
     "scans": table_schema(
-        **dict.fromkeys(("t_ns", "n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle"), "int"),
-        **_floats("ground_nx", "ground_ny", "ground_nz", "ground_d_m"),
-        ground_found="bool",
-        ms="float",
+        "t_ns:int n_raw:int n_valid:int n_outlier:int n_ground:int n_obstacle:int "
+        "ground_nx ground_ny ground_nz ground_d_m ground_found:bool ms"
     ),
     "plans": _PLANS,
     "paths": _PATHS,
-    "astar": table_schema(t_ns="int", expanded="int"),
+    "astar": table_schema("t_ns:int expanded:int"),
     "resim_plans": _PLANS,
     "resim_paths": _PATHS,
     "control": table_schema(
-        t_ns="int",
-        **_floats("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps"),
-        **_floats("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad"),
-        **_floats("plan_error_m"),
-        **_floats("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps", *_TORQUES, *_FORCES),
-        fallen="bool",
+        "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
+        "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
+        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool"
     ),
-    "clearances": table_schema(t_ns="int", **_floats("clearance_m", "target_distance_m")),
-    "contacts": table_schema(
-        t_ns="int", **_floats("duration_s", "x_m", "y_m", "clearance_m"), cause="text", collision="bool"
-    ),
+    "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
+    "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
     "summary": table_schema(
-        recording="text", exit_code="int", reason="text", **_floats(*METRIC_NAMES, *COST_NAMES), worker="text"
+        f"recording:text exit_code:int reason:text {' '.join((*METRIC_NAMES, *COST_NAMES))} worker:text"
     ),
 }
 
-# May be left out when writing, and are then null throughout: not every planner
-# knows the optimum, a kinematic robot has no torques, a run has not every metric.
+# Columns that may be left out when writing, and are then null.
 OPTIONAL = frozenset(
     {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"}
 )
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
-"""Columns in which infinity has a meaning: nothing near, or nothing known. Elsewhere it is damage."""
+"""Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
-# Tables of before may lack these: read, they are NaN or empty.
+# Columns that older tables lack; they are read as NaN or empty text.
 ADDED = {"summary": frozenset({*COST_NAMES, "worker"}), "control": frozenset({"plan_error_m"})}
 
-# Rows are cut into groups of this many whatever the size of the batches they
-# came in, so that the file depends on the data alone and memory stays flat.
+# Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384
 # 2 GB in memory: thirty hours of control at 50 Hz.
 _MAX_VALUES = 250_000_000
 LARGEST = 1e150
-"""The largest finite number that a table may hold: the square of a larger one is none."""
+"""The largest finite number of a table; squares of larger ones overflow."""
 
 
 class TableWriter:
@@ -171,7 +122,7 @@ class TableWriter:
             self._write_groups(smallest=1)
 
     def append(self, columns: Mapping[str, Any]) -> None:
-        """Rows from columns of equal length; a single value stands for the whole column."""
+        """Add rows from columns of equal length; a scalar fills the whole column."""
         self._gather_rows()
         batch = _batch(self.schema, columns)
         self._batches.append(batch)
@@ -224,7 +175,7 @@ def has_table(run: Path, name: str) -> bool:
 def read_table(
     run: Path, name: str, columns: Sequence[str] | None = None, *, largest: float = LARGEST
 ) -> dict[str, NDArray[Any]]:
-    """The table `name` (`fixes`, `poses`, ...) of a run folder as numpy columns (N,), all or those asked for.
+    """The table `name` (`fixes`, `poses`, ...) of a run folder as numpy columns (N,), all or some.
 
     int64, float64 (NaN where there is no value), bool, or str objects.
     largest: a larger number counts as damage, and so does infinity where the column is not one of UNBOUNDED.

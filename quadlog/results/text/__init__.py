@@ -1,1 +1,1 @@
-"""Tables and values as text."""
+"""Numbers, tables and markup as text."""

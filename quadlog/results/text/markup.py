@@ -1,7 +1,7 @@
-r"""LaTeX, Markdown and plain text from text and tables that may contain anything.
+r"""LaTeX, Markdown and plain-text tables from text that may contain anything.
 
-LaTeX needs \usepackage{booktabs,graphicx} and UTF-8 input. A table fits the text of a plain one-column article:
-what is wider is shrunk, what is longer than a page is continued.
+LaTeX needs \usepackage{booktabs,graphicx} and UTF-8 input. Tables fit a plain one-column article: wider ones are
+scaled down, longer ones are continued on the next page.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable, Container, Sequence
+from itertools import accumulate
 
 from quadlog.errors import printable
 
@@ -48,7 +49,7 @@ _SPECIAL = re.compile("[" + re.escape("".join(_ESCAPED)) + "]")
 _NEEDS_T1 = "ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ"
 # Beside ASCII and _ESCAPED, what pdflatex sets in its usual fonts; each was tried.
 _SET = frozenset(map(chr, range(0xC0, 0x180))) - set(_NEEDS_T1) | set("¡£§©ª®µ¶º¿‐–—‘’“”†‡•…€™")
-_LOST = "?"  # for what no font has; LaTeX stops at most of these
+_LOST = "?"  # for characters that no font has; LaTeX stops at most of them
 _LONG_WORD = re.compile(r"\S{25,}")
 _PART = re.compile(r"[^-_./\\:,;=|]{1,12}[-_./\\:,;=|]*|[-_./\\:,;=|]+")
 _NUMBER = re.compile(r"(-?)(\d+(?:\.\d+)?)(?:e([+-]\d+))?")
@@ -63,14 +64,14 @@ _WRAPPED_LETTERS, _BELOW_LETTERS = 24, 72  # what a line holds at least
 
 
 def escape_latex(text: str) -> str:
-    """The text in one line, every character meant as it stands; one that cannot be seen becomes a question mark."""
+    """The text in one line, special characters escaped, unprintable ones replaced by question marks."""
     line = unicodedata.normalize("NFC", " ".join(text.split()))
     seen = "".join(each if each.isprintable() and each != "\N{REPLACEMENT CHARACTER}" else _LOST for each in line)
     return _SPECIAL.sub(lambda found: _ESCAPED[found[0]], seen)
 
 
 def breakable_latex(text: str) -> str:
-    """As escape_latex; a word longer than any of a language, such as a path, may be broken into lines."""
+    """As escape_latex; long words, such as paths, may be broken into lines."""
     return " ".join(
         r"\allowbreak{}".join(map(escape_latex, _PART.findall(word)))
         if _LONG_WORD.fullmatch(word)
@@ -80,7 +81,7 @@ def breakable_latex(text: str) -> str:
 
 
 def latex_document(comments: Sequence[str], tables: Sequence[str]) -> str:
-    r"""Tables to \input, under comments that say what they need and whatever else there is to say."""
+    r"""Tables to \input, after comments: required packages, and `comments`."""
     lines = [r"needs \usepackage{booktabs,graphicx}"]
     if other := sorted({each for table in tables for each in table if not each.isascii()} - _SET):
         lines.append(f"needs XeLaTeX or LuaLaTeX and a font that has {' '.join(other)}, which pdflatex cannot set")
@@ -98,7 +99,7 @@ def latex_tables(
 ) -> list[str]:
     """latex_table for each page that the rows fill, the first row's number in the labels of all but the first.
 
-    below: what to say under the table that has these rows.
+    below: text under the table with these rows.
     """
     places = [place for place, name in enumerate(header) if name in wrapped]
 
@@ -137,7 +138,7 @@ def latex_table(
     body = "\n".join(_line(row, places) for row in rows)
     legend = f"\\par\\smallskip{{\\raggedright {breakable_latex(below)}\\par}}\n" if below else ""
     return (
-        # The stretch is for captions and cells with a path in them, which has few places to break at.
+        # The stretch is for captions and cells with long paths.
         "\\begin{table}\n\\centering\\footnotesize\\setlength{\\tabcolsep}{3pt}\\emergencystretch=\\linewidth\n"
         f"\\caption{{{breakable_latex(caption)}}}\n\\label{{{label}}}\n"
         "\\resizebox{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}{!}{%\n"
@@ -147,7 +148,7 @@ def latex_table(
 
 
 def width_pt(header: Sequence[str], rows: Sequence[Sequence[str]]) -> float:
-    """About how wide these columns are before anything is shrunk."""
+    """Approximate width of the columns before scaling."""
     letters = sum(max(map(len, column)) for column in zip(header, *rows, strict=True))
     return letters * _LETTER_PT + (len(header) - 1) * _BETWEEN_PT
 
@@ -158,7 +159,7 @@ def _lines(text: str, letters: int) -> int:
 
 def _line(cells: Sequence[str], wrapped: Container[int] = ()) -> str:
     line = " & ".join(("\\raggedright " if at in wrapped else "") + _cell(cell) for at, cell in enumerate(cells))
-    # After a line's end or a rule, these would be taken for an option.
+    # LaTeX would read these as an option of the line end or rule before.
     return ("{}" if line.startswith(("[", "*")) else "") + line + r" \\"
 
 
@@ -171,16 +172,20 @@ def _cell(text: str) -> str:
     return f"${sign}{digits}{power}$" if sign or power else digits
 
 
-def aligned(rows: Sequence[Sequence[str]], left: Container[int] = ()) -> list[str]:
-    """Lines of plain text with columns two spaces apart: aligned to the right but for the columns in `left`."""
+def aligned(rows: Sequence[Sequence[str]], left: Container[int] = (), gaps: Sequence[int] | None = None) -> list[str]:
+    """Lines of plain text in aligned columns, to the right but for the columns in `left`.
+
+    gaps: spaces before each column, those before the first are left out; two without it.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-
-    def line(row: Sequence[str]) -> str:
-        cells = enumerate(zip(row, widths, strict=True))
-        padded = (cell.ljust(width) if at in left else cell.rjust(width) for at, (cell, width) in cells)
-        return "  ".join(padded).rstrip()
-
-    return [line(row) for row in rows]
+    ends = list(accumulate(width + gap for width, gap in zip(widths, gaps or [2] * len(widths), strict=True)))
+    lines = []
+    for row in rows:
+        line = ""
+        for at, (cell, width, end) in enumerate(zip(row, widths, ends, strict=True)):
+            line += (cell.ljust(width) if at in left else cell).rjust(end - len(line))
+        lines.append(line[ends[0] - widths[0] :].rstrip())
+    return lines
 
 
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_\[\]<>|~$&#])")
@@ -189,7 +194,7 @@ _LIST_ITEM = re.compile(r"^(\d*)([-+.)])(?=[\s-]|$)")  # what a paragraph must n
 
 
 def escape_markdown(text: str) -> str:
-    """The text in one line, every character meant as it stands; control characters are replaced."""
+    """The text in one line, special characters escaped, control characters replaced."""
     line = _MARKDOWN_SPECIAL.sub(r"\\\1", _CONTROL.sub("\N{REPLACEMENT CHARACTER}", " ".join(text.split())))
     return _LIST_ITEM.sub(r"\1\\\2", line)
 

@@ -1,4 +1,4 @@
-"""Metrics of runs as text: tables in every format, and what a metric means and when runs were at their worst by it."""
+"""Metrics of runs as text: tables in all formats, and the explanation of a metric with the worst instants of runs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from quadlog.results.text.markup import (
     markdown_table,
     width_pt,
 )
+from quadlog.results.text.numbers import significant
 
 
 @dataclass(frozen=True, slots=True)
 class WorstInstant:
-    """When, since when the run started, and the sample then."""
+    """A time stamp, seconds since the start of the run, and the sample."""
 
     t_ns: int
     since_start_s: float
@@ -33,7 +34,7 @@ class WorstInstant:
 
 @dataclass(frozen=True, slots=True)
 class RunAtWorst:
-    """A run's value and its worst instants, the worst first; why there are none, where there are none.
+    """A run's value and its worst instants, the worst first; why_none: the reason if there are none.
 
     details: further lines on what is behind the value.
     """
@@ -47,7 +48,7 @@ class RunAtWorst:
 
 
 def explain_text(name: str, runs: Sequence[RunAtWorst]) -> str:
-    """Meaning, formula, source, unit and what n counts; then each run. The metric has to be one of the catalogue."""
+    """Meaning, formula, source, unit and what n counts, of a metric of the catalogue; then each run."""
     entry = CATALOGUE[name]
     facts = [
         ("formula", entry.formula),
@@ -74,7 +75,6 @@ def _run_lines(run: RunAtWorst, unit: str) -> list[str]:
 
 
 MOST_COLUMNS = 6
-_DIGITS = 4
 _INTERVAL = "; low, high: 95 % interval"
 
 _ONE_NOTE = (
@@ -93,8 +93,8 @@ _WITHIN = "n, quantiles and intervals within each run: --format csv, or one run 
 class Sheet:
     """A table of printable text: rows of as many cells as the header.
 
-    right: headings of columns that hold numbers. Columns are counted from 0: names, which are headed by a run's name;
-    naming, which hold names of runs; rest, from where on a table too wide for a page goes on in another, 0 for nowhere.
+    right: headings of columns of numbers. Columns are counted from 0: names, those headed by a run's name; naming,
+    those that hold names of runs; rest, where a table too wide for a page is divided, 0 for nowhere.
     """
 
     caption: str
@@ -108,21 +108,17 @@ class Sheet:
 
 
 def make_sheet(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
-    """A row for each metric that any of the runs has, in the contract's order."""
+    """A row for each metric that any of the runs has, in the order of the catalogue."""
     if len(runs) == 1:
         return _one(runs[0])
     return _few(runs, spreads) if len(runs) <= MOST_COLUMNS else _many(runs, spreads)
 
 
 def number(value: float | None) -> str:
-    """Four significant digits, whole numbers whole; nothing for None."""
-    if value is None:
-        return ""
-    if abs(value) < 1e15 and value == round(value):
+    """Four significant digits, whole numbers without a point; nothing for None."""
+    if value is not None and abs(value) < 1e15 and value == round(value):
         return str(int(value))
-    if abs(value) >= 10 ** (_DIGITS - 1):
-        return f"{value:.0f}"
-    return f"{value:#.{_DIGITS}g}".rstrip(".") if abs(value) >= 1e-4 else f"{value:.{_DIGITS - 1}e}"
+    return significant(value)
 
 
 def ends(interval: Interval | None) -> tuple[str, str]:
@@ -194,9 +190,9 @@ def json_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
 
 
 def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
-    """A row per run and metric, in full precision; a field is empty where there is nothing to say.
+    """A row per run and metric, in full precision; empty fields where there is no value.
 
-    mean, std, p50, p95 are those of the samples behind the value, low and high its 95 % interval.
+    mean, std, p50, p95: of the samples behind the value; low, high: its 95 % interval.
     """
     rows: list[Sequence[object]] = [_CSV]
     for run in runs:
@@ -211,7 +207,7 @@ def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
 
 
 def table_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
-    """Aligned plain text; names of runs that would make it too wide are numbered, and told above."""
+    """Aligned plain text; names of runs that would make it too wide are replaced by numbers, listed above."""
     sheet, told = make_sheet(runs, spreads), dict[str, str]()
     lines = _sheet_lines(sheet)
     if sheet.names and len(lines[0]) > _WIDEST:
@@ -232,7 +228,7 @@ def markdown_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
 def latex_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
     """Floating tables in booktabs style; the notes as comments.
 
-    What is too wide for a page has numbers for the runs' names, told below the table, or is two tables, or both.
+    A table too wide for a page has numbers for the runs' names, listed below it, or is divided into two, or both.
     """
     named = make_sheet(runs, spreads)
     numbered, told = _numbered(named)
@@ -265,7 +261,7 @@ def _text(path: object) -> str:
 
 
 def _numbered(sheet: Sheet) -> tuple[Sheet, dict[str, str]]:
-    """The sheet with numbers for names, and the name that each of them stands for."""
+    """The sheet with numbers in place of names of runs, and the names by number."""
     told: dict[str, str] = {}
     header, short = list(sheet.header), dict[str, str]()
     for column in sheet.names:
@@ -282,7 +278,7 @@ def _numbered(sheet: Sheet) -> tuple[Sheet, dict[str, str]]:
 
 
 def _divided(sheet: Sheet) -> list[Sheet]:
-    """The sheet as two, both with a metric's name and unit in front; as it is where it is not to be divided."""
+    """The sheet divided into two, both with metric and unit; undivided if `rest` is 0."""
     if not sheet.rest:
         return [sheet]
     places = (range(sheet.rest), (0, 1, *range(sheet.rest, len(sheet.header))))

@@ -1,4 +1,4 @@
-"""The metrics of simulated walks as text for people: a row for each, and mean and deviation over the seeds."""
+"""Metrics of simulated walks as text: a row per walk, and mean and deviation over the seeds."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def walks_text(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _finer(to: str) -> str:
-    """Falls are whole for one walk, a share over many."""
+    """Falls are whole numbers for one walk, a share over several."""
     return ".2f" if to == ".0f" else to
 
 

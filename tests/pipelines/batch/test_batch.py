@@ -37,10 +37,10 @@ def test_a_failure_never_stops_the_rest_and_stands_in_the_summary(finished):
     summary = summary_of(output)
     assert set(summary.index) == {"broken", "walk.mcap", "walk.bag", "walk.db3"}
     assert summary.loc["broken", "exit_code"] == 1
-    assert summary.loc["broken", "reason"].startswith("its first bytes are none of a recording")
+    assert summary.loc["broken", "reason"].startswith("not a recording: unknown file format")
     assert summary["eta_m"].notna().sum() == 3
     page = (output / "report.html").read_text()
-    assert "its first bytes are none of a recording" in page
+    assert "not a recording: unknown file format" in page
     assert "peak_memory_mb" in page
 
 
@@ -59,7 +59,7 @@ def test_there_is_one_line_for_each_recording_and_one_for_each_warning(finished)
     assert [line.split(":")[0] for line in lines[:-1]] == [
         f"[{i}/4] walk.{k}" for i, k in zip((1, 2, 3), order(finished), strict=True)
     ]
-    assert lines[-1].startswith("[4/4] broken: its first bytes")
+    assert lines[-1].startswith("[4/4] broken: not a recording")
 
 
 def order(finished):
@@ -102,7 +102,7 @@ def test_a_refused_run_keeps_its_row(planned, finished):
     lines = []
     outcome = replay_all(planned(finished[0], "walk.bag", "walk.db3"), lines=lines)
     assert outcome.exit_code == 1
-    assert all("--resume (complete it)" in run.reason for run in outcome.runs)
+    assert all("--resume to continue" in run.reason for run in outcome.runs)
     assert summary_of(finished[0]).loc["walk.bag"].equals(before.loc["walk.bag"])
 
 
@@ -116,7 +116,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
     batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
     outcome = replay_batch(batch, 1, None, Racing([].append))
     assert [run.failed for run in outcome.runs] == [False, True]
-    assert "--force (start again) or --resume (complete it)" in outcome.runs[1].reason
+    assert "--force to replace it or --resume to continue" in outcome.runs[1].reason
     assert read_run_json(tmp_path / "runs" / "walk.db3")["options"]["until"] == "ingest"
 
 

@@ -205,7 +205,7 @@ def test_two_machines_do_not_lose_each_other_s_rows(
     top = to_path(f"s3://{bucket.name}/runs") if where == "bucket" else tmp_path / "runs"
     request = replace(small, run=top / "ours")
     ours = replay_anywhere(request, Silent())
-    broken = ReplayOutcome(request.recording, top / "broken", 1, "its first bytes are none of a recording")
+    broken = ReplayOutcome(request.recording, top / "broken", 1, "not a recording: unknown file format")
     summarise({top}, [broken], Silent())
     write_table, written = summary.write_table, []
 

@@ -183,7 +183,7 @@ def test_an_earlier_comparison_is_kept_unless_forced_and_until_the_new_one_is_wh
     compared([scen[0]], replace(SMALL, scen=scen[1]), folder)
     (folder / "notes.txt").write_text("mine")
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    with pytest.raises(AlreadyExists, match=r"README\.md exists; --force allows it"):
+    with pytest.raises(AlreadyExists, match=r"README\.md exists: use --force to replace it"):
         compared(["forest:0.1"], SMALL, folder)
     with pytest.raises(RecordingNotFound):
         compared(["forest:0.1", str(tmp_path / "nothing")], SMALL, folder, force=True)

@@ -35,7 +35,7 @@ EXPECTED: dict[str, tuple[int, int, str, list[tuple[str, int]]]] = {
     "a broken cloud": (3, 31, "", [("crc", 1)]),
     "fewer than promised": (3, 32, "", [("count", 1)]),
     "an index that is wrong": (0, 32, "the index gives wrong times for 1 chunk", []),
-    "rows written late": (0, 32, "log time goes back in the file, by 2.300 s", []),
+    "rows written late": (0, 32, "log time goes back in the file, by up to 3.100 s", []),
 }
 """Exit code, scans, how the only warning begins, and cause and count of each loss."""
 

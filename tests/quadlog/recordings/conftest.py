@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import sqlite3
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,35 @@ def unindex(path: Path) -> Path:
     return path
 
 
+def mcap_record(opcode: int, content: bytes, more: int = 0) -> bytes:
+    """A record, or the beginning of one whose content goes on for so many bytes."""
+    return struct.pack("<BQ", opcode, len(content) + more) + content
+
+
+def mcap_text(value: bytes) -> bytes:
+    return struct.pack("<I", len(value)) + value
+
+
+def mcap_message(t_ns: int = 0, payload: bytes = b"", more: int = 0) -> bytes:
+    return mcap_record(5, struct.pack("<HIQQ", 1, 0, t_ns, t_ns) + payload, more)
+
+
+def mcap_channel(number: int = 1) -> bytes:
+    return mcap_record(4, struct.pack("<HH", number, 0) + mcap_text(b"/t%d" % number) + mcap_text(b"cdr") + bytes(4))
+
+
+def mcap_chunk(size: int, compression: bytes, packed: bytes) -> bytes:
+    """A chunk of log times 0 to 1 s without a checksum; size: what it declares to hold."""
+    head = struct.pack("<QQQI", 0, 10**9, size, 0) + mcap_text(compression)
+    return mcap_record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+def write_mcap_records(path: Path, *records: bytes) -> Path:
+    """A file of these records without a summary, whose data section ends as it should."""
+    path.write_bytes(b"".join([b"\x89MCAP0\r\n", *records, mcap_record(15, bytes(4))]))
+    return path
+
+
 class Recordings:
     """The builders, and how to compare what they wrote with what a container gives back."""
 
@@ -125,6 +155,12 @@ class Recordings:
     bag = staticmethod(build_bag)
     db3 = staticmethod(build_db3)
     fill_db3 = staticmethod(fill_db3)
+    record = staticmethod(mcap_record)
+    text = staticmethod(mcap_text)
+    message = staticmethod(mcap_message)
+    channel = staticmethod(mcap_channel)
+    chunk = staticmethod(mcap_chunk)
+    write_records = staticmethod(write_mcap_records)
 
     @staticmethod
     def read(container: Any, *arguments: Any) -> list[Message]:
@@ -150,6 +186,20 @@ def edge_cases() -> Path:
     if not folder:
         pytest.skip("QUADLOG_DATASETS is not set")
     return Path(folder) / "edge_cases"
+
+
+@pytest.fixture
+def limited() -> Iterator[Callable[[int, int], None]]:
+    """Sets a soft limit of this process, for the test."""
+    before: dict[int, tuple[int, int]] = {}
+
+    def limit(which: int, most: int) -> None:
+        before[which] = resource.getrlimit(which)
+        resource.setrlimit(which, (most, before[which][1]))
+
+    yield limit
+    for which, limits in before.items():
+        resource.setrlimit(which, limits)
 
 
 @pytest.fixture

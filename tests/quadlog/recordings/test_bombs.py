@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zstandard
@@ -37,19 +38,6 @@ print(json.dumps({"messages": messages, "causes": causes, "peak_mb": peak_memory
 """
 
 
-def record(opcode: int, content: bytes, more: int = 0) -> bytes:
-    """A record, or the beginning of one whose content goes on for so many bytes."""
-    return struct.pack("<BQ", opcode, len(content) + more) + content
-
-
-def text(value: bytes) -> bytes:
-    return struct.pack("<I", len(value)) + value
-
-
-def message(t_ns: int = 0, more: int = 0) -> bytes:
-    return record(5, struct.pack("<HIQQ", 1, 0, t_ns, t_ns), more)
-
-
 def zstd(parts: Parts) -> tuple[bytes, int]:
     """Compressed and uncompressed size, without the whole in memory."""
     parts = list(parts)
@@ -59,49 +47,41 @@ def zstd(parts: Parts) -> tuple[bytes, int]:
     return b"".join([*packed, packer.flush()]), size
 
 
-def chunk(*parts: tuple[bytes, int]) -> bytes:
-    packed, size = zstd(parts)
-    return record(6, struct.pack("<QQQI", 0, 10**9, size, 0) + text(b"zstd") + struct.pack("<Q", len(packed)) + packed)
-
-
 def zeros(mebibytes: int) -> tuple[bytes, int]:
     return bytes(MEBIBYTE), mebibytes
 
 
-def large_message(mebibytes: int) -> list[tuple[bytes, int]]:
-    return [(message(0, mebibytes * MEBIBYTE), 1), zeros(mebibytes), (message(10**9), 1)]
+def bombs(make: Any) -> dict[str, tuple[list[tuple[bytes, int]], int, int | None]]:
+    """What the chunks are made of, how often they come, and the messages that are read nevertheless."""
+
+    def large_message(mebibytes: int) -> list[tuple[bytes, int]]:
+        return [(make.message(0, more=mebibytes * MEBIBYTE), 1), zeros(mebibytes), (make.message(10**9), 1)]
+
+    def schema(number: int, mebibytes: int) -> list[tuple[bytes, int]]:
+        size = mebibytes * MEBIBYTE
+        head = struct.pack("<H", number) + make.text(b"a") + make.text(b"ros2msg") + struct.pack("<I", size)
+        return [(make.record(3, head, size), 1), zeros(mebibytes)]
+
+    # Several such chunks are merged message by message: none is next to the one before it.
+    interleaved = [(make.record(0x80, b"", 31 * MEBIBYTE), 1), zeros(31), *((make.message(t), 1) for t in range(4000))]
+    return {
+        "chunks of 512 MB": (large_message(511), 20, 0),
+        "chunks of 190 MB": (large_message(190), 20, 0),
+        "chunks of 31 MB": (large_message(31), 5, 10),
+        "overlapping chunks of 31 MB": (interleaved, 20, None),
+        "17 M empty messages": ([(make.message() * 34_000, 500)], 1, 0),
+        "4 M empty messages": ([(make.message() * 8_000, 500)], 1, 0),
+        "20 M empty records": ([(make.record(0x80, b"") * 40_000, 500)], 1, 0),
+        "definitions of 15 MB": ([part for number in range(1, 7) for part in schema(number, 15)], 1, 0),
+    }
 
 
-def interleaved(mebibytes: int) -> list[tuple[bytes, int]]:
-    """Many messages, of which none is next to the one before it when several such chunks are merged."""
-    filler = (record(0x80, b"", mebibytes * MEBIBYTE), 1)
-    return [filler, zeros(mebibytes), *((message(t_ns), 1) for t_ns in range(4000))]
-
-
-def schema(number: int, mebibytes: int) -> list[tuple[bytes, int]]:
-    head = struct.pack("<H", number) + text(b"a") + text(b"ros2msg") + struct.pack("<I", mebibytes * MEBIBYTE)
-    return [(record(3, head, mebibytes * MEBIBYTE), 1), zeros(mebibytes)]
-
-
-# What the chunks are made of, how often they come, and the messages that are read nevertheless.
-BOMBS = {
-    "chunks of 512 MB": (large_message(511), 20, 0),
-    "chunks of 190 MB": (large_message(190), 20, 0),
-    "chunks of 31 MB": (large_message(31), 5, 10),
-    "overlapping chunks of 31 MB": (interleaved(31), 20, None),
-    "17 M empty messages": ([(message() * 34_000, 500)], 1, 0),
-    "4 M empty messages": ([(message() * 8_000, 500)], 1, 0),
-    "20 M empty records": ([(record(0x80, b"") * 40_000, 500)], 1, 0),
-    "definitions of 15 MB": ([part for number in range(1, 7) for part in schema(number, 15)], 1, 0),
-}
-
-
-@pytest.mark.parametrize("name", BOMBS)
-def test_a_chunk_costs_what_the_file_is_worth(tmp_path: Path, name: str) -> None:
-    parts, count, messages = BOMBS[name]
-    channel = record(4, struct.pack("<HH", 1, 0) + text(b"/a") + text(b"cdr") + struct.pack("<I", 0))
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"".join([b"\x89MCAP0\r\n", channel, *[chunk(*parts)] * count, record(15, bytes(4))]))
+@pytest.mark.parametrize("number", range(8))
+def test_memory_of_a_chunk_is_bounded_by_the_size_of_the_file(recordings: Any, tmp_path: Path, number: int) -> None:
+    parts, count, messages = list(bombs(recordings).values())[number]
+    packed, size = zstd(parts)
+    chunks = [recordings.chunk(size, b"zstd", packed)] * count
+    path = recordings.write_records(tmp_path / "a.mcap", recordings.channel(), *chunks)
     assert path.stat().st_size < 400_000
     done = subprocess.run([sys.executable, "-c", READ_ALL, str(path)], capture_output=True, text=True, check=True)
     got = json.loads(done.stdout)
@@ -112,12 +92,8 @@ def test_a_chunk_costs_what_the_file_is_worth(tmp_path: Path, name: str) -> None
         assert (got["messages"], got["causes"]) == (messages, ["truncated"] if messages else ["NothingReadable"])
 
 
-def test_more_topics_than_any_robot_has_are_refused(tmp_path: Path) -> None:
-    channels = b"".join(
-        record(4, struct.pack("<HH", number, 0) + text(b"/t%d" % number) + text(b"cdr") + struct.pack("<I", 0))
-        for number in range(MOST_CHANNELS + 1)
-    )
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"".join([b"\x89MCAP0\r\n", channels, message(), record(15, bytes(4))]))
+def test_more_topics_than_any_robot_has_are_refused(recordings: Any, tmp_path: Path) -> None:
+    channels = map(recordings.channel, range(MOST_CHANNELS + 1))
+    path = recordings.write_records(tmp_path / "a.mcap", *channels, recordings.message())
     with pytest.raises(TooLarge, match=r"a\.mcap: topics: 4097 exceeds the limit of 4096"):
         open_container(path)

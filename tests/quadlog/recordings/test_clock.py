@@ -23,7 +23,7 @@ def brute_force(times: list[int]) -> int:
 
 
 @given(TIMES)
-def test_as_many_rows_as_can_be(times: list[int]) -> None:
+def test_the_longest_increasing_rows_against_brute_force(times: list[int]) -> None:
     rows = increasing_rows(np.array(times, np.int64))
     assert (np.diff(rows) > 0).all()
     assert (np.diff(np.array(times, np.int64)[rows]) > 0).all()
@@ -31,7 +31,7 @@ def test_as_many_rows_as_can_be(times: list[int]) -> None:
 
 
 @given(TIMES)
-def test_of_equal_stamps_the_first(times: list[int]) -> None:
+def test_the_first_of_equal_stamps_is_kept(times: list[int]) -> None:
     times = sorted(times)
     rows = increasing_rows(np.array(times, np.int64))
     assert rows.tolist() == [times.index(each) for each in sorted(set(times))]
@@ -57,7 +57,7 @@ def stamps(*ms: int) -> np.ndarray:
         (stamps(*range(0, 1000, 100), 9000, 9100, 9200, 9300, *range(1000, 3000, 100)), [10, 11, 12, 13]),
     ],
 )
-def test_what_is_left_out(t_ns, left_out):
+def test_repeated_rows(t_ns, left_out):
     assert np.flatnonzero(repeated_rows(t_ns)).tolist() == left_out
 
 
@@ -69,7 +69,7 @@ def test_of_a_clock_set_back_twice_the_first_passage_stays():
 
 
 @given(st.lists(st.integers(0, 400), max_size=40))
-def test_what_is_kept_goes_on(ms):
+def test_kept_stamps_do_not_go_back(ms):
     """But for what messages may overtake: twice that, as a run of small steps may end where the next begins."""
     t_ns = stamps(*ms)
     repeated = repeated_rows(t_ns)

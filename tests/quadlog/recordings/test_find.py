@@ -54,9 +54,7 @@ def test_nothing_comes_twice_and_order_does_not_depend_on_arguments(tree):
     twice = [tree / "two.bag", tree, str(tree / "one.mcap"), tree / "deep" / ".." / "two.bag"]
     assert len(find_recordings(twice)) == len(EVERYTHING)
     assert find_recordings([tree / "two.bag", tree / "one.mcap"]) == [tree / "one.mcap", tree / "two.bag"]
-
-
-def test_a_file_named_outright_is_taken_whatever_its_name(tree):
+    # A file that is named is taken, whatever its name.
     assert names(tree, find_recordings([tree / "notes.txt", tree / ".hidden.mcap"])) == [".hidden.mcap", "notes.txt"]
 
 
@@ -71,21 +69,19 @@ def test_patterns(tree):
         find_recordings([f"{tree}/*.txt"])
 
 
-def test_a_list_names_many_beside_itself_or_from_the_working_folder(tree, monkeypatch):
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_list_names_many_beside_itself_or_from_the_working_folder(tree, monkeypatch, mark):
+    """It may begin with a byte order mark, before a comment or a name."""
     monkeypatch.chdir(tree / "deep")
-    (tree / "list.txt").write_text("# two runs\none.mcap\n\n../two.bag   # from here\nsplit\nthree.*\n")
-    found = find_recordings([f"@{tree / 'list.txt'}"])
-    assert {path.resolve().name for path in found} == {"one.mcap", "two.bag", "split", "three.db3"}
-
-
-def test_a_list_may_begin_with_a_byte_order_mark(tree):
-    for first in ("# two runs\n", ""):
-        (tree / "list.txt").write_bytes(b"\xef\xbb\xbf" + f"{first}one.mcap\r\nsplit\r\n".encode())
-        assert names(tree, find_recordings([f"@{tree / 'list.txt'}"])) == ["one.mcap", "split"]
+    for first in ("# two runs\r\n", ""):
+        text = f"{mark}{first}one.mcap\r\n\n../two.bag   # from here\nsplit\nthree.*\n"
+        (tree / "list.txt").write_text(text, "utf-8")
+        found = find_recordings([f"@{tree / 'list.txt'}"])
+        assert {path.resolve().name for path in found} == {"one.mcap", "two.bag", "split", "three.db3"}
 
 
 @pytest.mark.parametrize("argument", ["none.mcap", "@none.txt", "deep/nothing", "x" * 5000, "@list.txt", "@one.mcap"])
-def test_what_leads_nowhere_is_named(tree, monkeypatch, argument):
+def test_arguments_without_recordings_are_refused(tree, monkeypatch, argument):
     monkeypatch.chdir(tree)
     (tree / "deep" / "nothing").mkdir()
     (tree / "list.txt").write_text("# nothing\n")
@@ -130,9 +126,6 @@ def test_results_of_a_replay_are_not_replayed(tree, run):
     with pytest.raises(RecordingNotFound, match="a run folder of quadlog"):
         find_recordings([run])
     assert find_recordings([run / "derived.mcap"]) == [run / "derived.mcap"]
-
-
-def test_a_run_without_its_config_is_known_by_its_record(tree, run):
     (run / "config.toml").unlink()
     (run / "run.json").write_text('{"command": [], "quadlog_version": "1"}')
     assert names(tree, find_recordings([tree])) == EVERYTHING

@@ -45,7 +45,7 @@ def test_runs_are_named_by_the_last_part_alone(season: str, web: Any) -> None:
 
 
 @pytest.mark.parametrize("argument", ["", "gone.mcap", "*.gone", "gone/"])
-def test_what_leads_to_nothing_is_told(bucket: Any, argument: str) -> None:
+def test_urls_without_recordings_are_refused(bucket: Any, argument: str) -> None:
     with pytest.raises(RecordingNotFound, match=bucket.name):
         find_recordings([f"s3://{bucket.name}/{argument}"])
 
@@ -61,7 +61,7 @@ def test_lists_may_lie_anywhere_and_name_urls(season: str, bucket: Any, web: Any
 
 
 @pytest.mark.parametrize("line", ["/etc/passwd", "../up.mcap", "deep/../../other/x.mcap", "file:///etc/passwd"])
-def test_a_list_on_a_server_has_no_say_about_this_machine(web: Any, tmp_path: Path, line: str) -> None:
+def test_a_remote_list_cannot_name_local_files(web: Any, tmp_path: Path, line: str) -> None:
     (web.folder / "list.txt").write_text(f"{line}\n")
     with pytest.raises(RecordingNotFound, match="names URLs or what lies beside it"):
         find_recordings([f"@{web.url}/list.txt"])

@@ -106,6 +106,6 @@ def test_stamps_far_ahead_of_the_log_are_found_step_by_step() -> None:
     assert logged.stamped(["/odom"], T0 + 60 * S, T0 + 64 * S) == {("/odom", T0 + each * S) for each in range(55, 59)}
 
 
-def test_what_has_no_message_at_all_has_a_window_all_the_same() -> None:
+def test_a_topic_without_messages_has_a_window() -> None:
     logged = Logged({"/odom": []})
     assert logged.window(["/odom"], T0, T0 + S, 7 * S) == (T0 + 7 * S - MARGIN_NS, T0 + 8 * S + MARGIN_NS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import socket
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -61,13 +60,13 @@ def test_a_damaged_file_is_recovered_as_on_this_machine(recordings: Any, web: An
         assert remote.losses == local.losses != []
 
 
-def test_a_server_without_parts_is_read_whole_and_said(recordings: Any, web: Any) -> None:
+def test_a_server_without_ranges_is_copied_whole_with_a_warning(recordings: Any, web: Any) -> None:
     path = recordings.mcap(web.folder / "walk.mcap", recordings.some(80))
     web.answer = lambda _: http.Response(body=path.read_bytes())
     with open_container(path) as local, open_container(to_path(f"{web.url}/walk.mcap")) as remote:
         assert recordings.read(remote) == recordings.read(local)
         (warning,) = remote.warnings
-        assert warning == "the server gives no parts of files; the whole file was copied before it was read"
+        assert warning == "the server does not serve byte ranges; the whole file was copied before it was read"
 
 
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
@@ -87,16 +86,11 @@ def test_a_server_that_fails_is_no_damage_of_the_recording(recordings: Any, web:
     "error",
     [
         OSError(errno.EIO, "Input/output error"),
-        OSError(errno.EHOSTUNREACH, "No route to host"),
-        ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
         FileNotFoundError("gone"),
         PermissionError("no"),
         TimeoutError(),
         EOFError(),
-        socket.gaierror(socket.EAI_NONAME, "Name or service not known"),
         aiohttp.ServerDisconnectedError(),
-        aiohttp.ServerTimeoutError(),
-        aiohttp.ClientOSError(errno.ECONNRESET, "Connection reset by peer"),
         aiohttp.ClientConnectorDNSError(SimpleNamespace(host="h", port=1, ssl=True), OSError(0, "")),
     ],
     ids=lambda error: type(error).__name__,
@@ -124,7 +118,7 @@ def build_large(recordings: Any, path: Path) -> Path:
     return recordings.mcap(path, messages, chunk_size=200_000)
 
 
-def test_what_is_no_recording_is_told_as_on_this_machine(web: Any, bucket: Any) -> None:
+def test_remote_files_of_other_formats_are_refused_like_local_ones(web: Any, bucket: Any) -> None:
     (web.folder / "page").write_text("<html>")
     (web.folder / "empty").touch()
     bucket.pipe_file(f"{bucket.name}/folder/notes.txt", b"no recording")

@@ -23,7 +23,7 @@ def roles_of(log: Any, **topics: Any) -> Roles:
     return detect_roles(Recording(log.container), Topics(**topics))
 
 
-def test_one_of_each(log: Any) -> None:
+def test_one_topic_for_each_role(log: Any) -> None:
     log.add("/points", T0, log.ros.cloud(T0, SPHERE))
     log.add("/odom", T0, log.ros.odometry(T0, 0.0))
     log.add("/uwb/n_0/n_2", T0, log.ros.range(T0, 1.0))
@@ -164,7 +164,7 @@ def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
     assert roles_of(log, **{role: "/left"}).choices(role) == ""
 
 
-def test_targets_to_choose_from_are_explained_but_never_asked_for(log: Any) -> None:
+def test_possible_targets_are_listed_but_not_required(log: Any) -> None:
     add_pose(log, "/goal_pose")
     roles = roles_of(log)
     assert (roles.topic("target"), roles.topic("reference"), roles.targets) == (None, None, ("/goal_pose",))

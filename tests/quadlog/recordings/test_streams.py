@@ -53,12 +53,15 @@ def test_a_stamp_in_the_future_costs_itself(log: Any, ahead_ns: int) -> None:
     assert streams.odometry.position_m[:, 0].tolist() == [i for i in range(100) if i != 3]
 
 
-def test_ranges_are_sorted_by_time(log: Any) -> None:
+def test_ranges_are_sorted_by_time_and_those_without_ids_are_left_out_and_counted(log: Any) -> None:
     for i, stamp in enumerate([2, 1, 3]):
         log.add("/uwb/n_0/n_2", T0 + i, log.ros.range(T0 + stamp, float(stamp)))
-    streams = gather(Recording(log.container), uwb=["/uwb/n_0/n_2"])
+        log.add("/sonar", T0 + i, log.ros.range(T0 + stamp, 1.0))
+    streams = gather(Recording(log.container), uwb=["/uwb/n_0/n_2", "/sonar"])
     assert streams.ranges is not None
     assert streams.ranges.range_m.tolist() == [1, 2, 3]
+    assert "/sonar: 3 ranges without ids" in streams.warnings[0]
+    assert "uwb.range_topics" in streams.warnings[0]
 
 
 def test_ranges_of_a_clock_that_is_set_back_do_not_interleave(log: Any) -> None:
@@ -82,13 +85,6 @@ def test_ranges_of_a_clock_that_is_set_back_do_not_interleave(log: Any) -> None:
     assert by_log.ranges is not None
     assert len(by_log.ranges) == 24
     assert by_log.warnings == []
-
-
-def test_ranges_without_ids_are_left_out_and_counted(log: Any) -> None:
-    log.add("/sonar", T0, log.ros.range(T0, 1.0))
-    streams = gather(Recording(log.container), uwb=["/sonar"])
-    assert streams.ranges is None
-    assert "uwb.range_topics" in streams.warnings[0]
 
 
 def test_static_transforms_count_from_before_the_window(log: Any) -> None:

@@ -124,7 +124,7 @@ MESSAGES = st.lists(
 @pytest.mark.parametrize("form", ["mcap", "mcap-loose", "bag", "bag-lz4", "db3", "db3-unindexed", "split"])
 @settings(deadline=None, max_examples=40)
 @given(steps=MESSAGES, start_s=st.sampled_from([0, 100, 1_700_000_000]))
-def test_the_index_tells_what_reading_everything_does(
+def test_survey_by_index_equals_survey_of_all_messages(
     recordings: Any, form: str, steps: list[tuple[str, int, int]], start_s: int
 ) -> None:
     """Late messages, equal times, clocks that go back, and chunks that overlap."""
@@ -184,16 +184,14 @@ def test_an_excerpt_is_spread_and_holds_every_topic_the_index_knows(recordings: 
     assert max(late - early for early, late in pairwise(times_ns)) < (times_ns[-1] - times_ns[0]) / 6
 
 
-def test_an_index_that_disagrees_with_the_file_is_not_believed(recordings: Any, tmp_path: Path) -> None:
+def test_an_index_that_contradicts_the_file_is_damaged(recordings: Any, tmp_path: Path) -> None:
     path = recordings.mcap(tmp_path / "walk.mcap", recordings.some(80), index_types=IndexType.ALL & ~IndexType.MESSAGE)
     with open_recording(path) as recording, pytest.raises(Damaged, match="list 0 of 80 messages"):
         indexed_pulses(recording.container)
 
 
 @pytest.mark.parametrize("form", ["mcap", "bag"])
-def test_an_index_that_names_a_channel_twice_in_a_chunk_is_not_believed(
-    recordings: Any, tmp_path: Path, form: str
-) -> None:
+def test_an_index_that_names_a_channel_twice_in_a_chunk_is_damaged(recordings: Any, tmp_path: Path, form: str) -> None:
     path = recordings.build(form, tmp_path / "walk", recordings.some(80))
     number_behind = re.compile(rb"(op=\x04.{16}conn=|\x07.\x00{7})[\x00-\x02]\x00", re.DOTALL)
     path.write_bytes(number_behind.sub(lambda found: found[1] + b"\1\0", path.read_bytes()))
@@ -202,7 +200,7 @@ def test_an_index_that_names_a_channel_twice_in_a_chunk_is_not_believed(
 
 
 @pytest.mark.parametrize("form", ["mcap", "bag"])
-def test_messages_at_time_zero_are_told_by_the_index(recordings: Any, tmp_path: Path, form: str) -> None:
+def test_messages_at_time_zero_are_counted_by_the_index(recordings: Any, tmp_path: Path, form: str) -> None:
     messages = [
         (topic, 0 if i in (100, 300) else t_ns, data) for i, (topic, t_ns, data) in enumerate(recordings.some(400))
     ]
@@ -213,9 +211,7 @@ def test_messages_at_time_zero_are_told_by_the_index(recordings: Any, tmp_path: 
 
 
 @pytest.mark.parametrize("form", ["mcap", "bag"])
-def test_chunks_whose_times_the_index_has_wrong_are_told_by_message_indexes(
-    recordings: Any, tmp_path: Path, form: str
-) -> None:
+def test_wrong_chunk_times_are_found_by_message_indexes(recordings: Any, tmp_path: Path, form: str) -> None:
     messages = recordings.some(400)
     if form == "mcap":
         path = recordings.mcap(tmp_path / "walk.mcap", messages, enable_crcs=False)

@@ -29,7 +29,7 @@ from quadlog.results.run.maps import (
 )
 from quadlog.results.run.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.results.run.tables import TABLES, read_table, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -162,6 +162,41 @@ def decode_mcap(path: Path) -> dict[str, list[tuple[int, Any]]]:
 def tiny_run(tiny_original: Path, tmp_path: Path) -> Path:
     """A complete run folder of the test's own."""
     return shutil.copytree(tiny_original, tmp_path / "walk")
+
+
+@pytest.fixture
+def other(tiny_run: Path, tmp_path: Path) -> Path:
+    """A second copy of the tiny run, of the test's own."""
+    return shutil.copytree(tiny_run, tmp_path / "other")
+
+
+@pytest.fixture(scope="session")
+def change() -> Callable[..., None]:
+    """Replaces columns of a saved table: (run, name, column=values); a function gets the old values."""
+
+    def change(run: Path, name: str, **columns: Any) -> None:
+        table = read_table(run, name)
+        changed = {key: value(table[key]) if callable(value) else value for key, value in columns.items()}
+        _table(run, name, **table | changed)
+
+    return change
+
+
+@pytest.fixture(scope="session")
+def change_json() -> Callable[..., None]:
+    """Replaces entries of a JSON file: (path, {dotted name: value}); numbers in a name are places of a list."""
+
+    def change(path: Path, entries: dict[str, Any]) -> None:
+        content = json.loads(path.read_text())
+        for name, value in entries.items():
+            *way, last = (int(part) if part.isdecimal() else part for part in name.split("."))
+            inner = content
+            for part in way:
+                inner = inner[part]
+            inner[last] = value
+        path.write_text(json.dumps(content))
+
+    return change
 
 
 def _table(path: Path, name: str, **columns: Any) -> None:

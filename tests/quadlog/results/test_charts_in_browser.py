@@ -142,7 +142,6 @@ def _ask(
     probed.write_text(text.replace("</body>", f"<script>{probe}</script></body>"))
     dom, complaints = browse(probed, "--dump-dom", f"--window-size={width},900", "--virtual-time-budget=4000")
     title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
-    assert title is not None
     return json.loads(html.unescape(title[1])), complaints
 
 

@@ -5,7 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +24,7 @@ from quadlog.storage.atomic_write import (
 )
 
 
-def test_a_new_folder_stays_with_what_is_in_it_and_goes_when_its_block_fails(tmp_path: Path) -> None:
+def test_a_new_folder_is_removed_when_its_block_fails(tmp_path: Path) -> None:
     with new_folder(tmp_path / "kept"):
         pass
     for name in ("kept", "new"):
@@ -41,28 +43,16 @@ def test_a_signal_between_two_blocks_leaves_neither_the_file_nor_its_folder(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_file_appears_only_at_the_end(tmp_path: Path) -> None:
-    path = tmp_path / "metrics.json"
-    with whole_file(path) as part:
-        part.write_bytes(b"all")
-        assert not path.exists()
-    assert path.read_bytes() == b"all"
-    assert [each.name for each in tmp_path.iterdir()] == ["metrics.json"]
-
-
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
-def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, error: type) -> None:
+@pytest.mark.parametrize("error", [None, ValueError, KeyboardInterrupt, SystemExit])
+def test_the_file_appears_at_the_end_and_an_interrupted_write_leaves_the_old_one(tmp_path: Path, error: Any) -> None:
     path = tmp_path / "metrics.json"
     path.write_bytes(b"old")
-
-    def interrupted() -> None:
-        with whole_file(path) as part:
-            part.write_bytes(b"ne")
+    with pytest.raises(error) if error else nullcontext(), whole_file(path) as part:
+        part.write_bytes(b"all")
+        assert path.read_bytes() == b"old"
+        if error:
             raise error
-
-    with pytest.raises(error):
-        interrupted()
-    assert path.read_bytes() == b"old"
+    assert path.read_bytes() == (b"old" if error else b"all")
     assert [each.name for each in tmp_path.iterdir()] == ["metrics.json"]
 
 
@@ -125,18 +115,17 @@ for write in (table, maps, lambda: write_whole(folder / "big", bytes(200_000))):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_missing_folder_and_a_folder_in_the_way_are_one_line(tmp_path: Path) -> None:
+def test_obstacles_to_writing_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(CannotWrite, match="No such file"):
         write_whole(tmp_path / "gone" / "a", b"")
     (tmp_path / "b").mkdir()
     with pytest.raises(CannotWrite, match="cannot be written"):
         write_whole(tmp_path / "b", b"")
-    assert [each.name for each in tmp_path.iterdir()] == ["b"]
-
-
-def test_an_error_of_reading_inside_the_block_stays_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(CannotWrite, match="by another process"), whole_file(tmp_path / "a") as part:
+        part.unlink()
     with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a"):
-        (tmp_path / "input").read_bytes()
+        (tmp_path / "input").read_bytes()  # an error of the block stays what it is
+    assert [each.name for each in tmp_path.iterdir()] == ["b"]
 
 
 def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> None:
@@ -148,27 +137,21 @@ def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> No
     assert not (tmp_path / "a").is_symlink()
 
 
-def test_cleaning_keeps_what_is_not_ours(tmp_path: Path, left_part: str) -> None:
-    (tmp_path / left_part).write_bytes(b"")
-    (tmp_path / ".quadlog-folder.part").mkdir()
-    (tmp_path / "notes.part").write_bytes(b"")
-    remove_stale_parts(tmp_path)
-    assert sorted([each.name for each in tmp_path.iterdir()]) == [".quadlog-folder.part", "notes.part"]
-
-
 def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: str) -> None:
     """Own files, those of another process that runs, of another host, and of an older quadlog; a day later nobody's."""
     elsewhere = ".quadlog-" + "0" * 8 + left_part[len(".quadlog-") + 8 :]
     names = [f"{part_prefix(pid)}00000001.part" for pid in (os.getpid(), os.getppid())]
     names += [elsewhere, ".quadlog-1-2.part"]
-    for name in (*names, left_part):
+    (tmp_path / ".quadlog-folder.part").mkdir()
+    for name in (*names, left_part, "notes.part"):
         (tmp_path / name).write_bytes(b"")
     remove_stale_parts(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    kept = {".quadlog-folder.part", "notes.part"}
+    assert {path.name for path in tmp_path.iterdir()} == {*names, *kept}
     for name in names[1:]:
         os.utime(tmp_path / name, (time.time() - 25 * 3600,) * 2)
     remove_stale_parts(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == names[:1]
+    assert {path.name for path in tmp_path.iterdir()} == {names[0], *kept}
 
 
 def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
@@ -181,7 +164,7 @@ def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == b"first"
 
 
-def test_what_is_written_is_told_once_it_has_its_name(tmp_path: Path) -> None:
+def test_files_written_lists_files_once_they_are_renamed(tmp_path: Path) -> None:
     write_whole(tmp_path / "before", b"")
     with files_written() as outer:
         write_whole(tmp_path / "a", b"")
@@ -192,12 +175,6 @@ def test_what_is_written_is_told_once_it_has_its_name(tmp_path: Path) -> None:
     write_whole(tmp_path / "after", b"")
     assert outer == [tmp_path / "a", tmp_path / "b"]
     assert inner == [tmp_path / "b"]
-
-
-def test_a_file_that_somebody_took_away_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CannotWrite, match="was taken away by another process"), whole_file(tmp_path / "a") as part:
-        part.unlink()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:

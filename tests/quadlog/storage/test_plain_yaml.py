@@ -15,12 +15,12 @@ values = st.recursive(st.none() | texts, lambda each: st.lists(each) | st.dictio
 
 
 @given(values, st.booleans())
-def test_what_a_writer_wrote_comes_back(value: Any, flow: bool) -> None:
+def test_round_trip_of_plain_values(value: Any, flow: bool) -> None:
     assert parse_yaml(yaml.safe_dump(value, default_flow_style=flow, allow_unicode=True).encode()) == value
 
 
 @given(st.binary(max_size=60) | texts.map(str.encode) | st.text("-:,[]{}&*!<a#?|>'\"% \n").map(str.encode))
-def test_anything_else_is_refused(content: bytes) -> None:
+def test_any_bytes_parse_or_raise_not_plain_yaml(content: bytes) -> None:
     with contextlib.suppress(NotPlainYaml):
         parse_yaml(content)
 
@@ -39,7 +39,7 @@ def test_anything_else_is_refused(content: bytes) -> None:
         ("- a\n" * 250_000, "has more than 200000 parts"),
     ],
 )
-def test_what_it_refuses_is_named(content: str, reason: str) -> None:
+def test_refused_yaml_names_line_and_reason(content: str, reason: str) -> None:
     with pytest.raises(NotPlainYaml, match=reason):
         parse_yaml(content.encode())
 

@@ -95,7 +95,7 @@ def test_neighbours_come_by_one_request() -> None:
     assert served.asked[1:] == [(0, 2 * BLOCK_BYTES), (3 * BLOCK_BYTES, SIZE)]
 
 
-def test_threads_share_what_comes() -> None:
+def test_threads_share_fetched_blocks() -> None:
     """What one of them fetches the others wait for."""
     served = Served()
     fetch = served.fetch
@@ -115,11 +115,11 @@ def test_threads_share_what_comes() -> None:
     assert set(served.times().values()) == {1}
 
 
-def test_a_server_that_fails_once_may_be_asked_again() -> None:
+def test_a_failed_request_can_be_repeated() -> None:
     served = Served()
     source = RemoteBytes(served, SIZE)
     served.fetch = lambda start, end: CONTENT[start : end - 1]  # type: ignore[method-assign]
-    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes came"):
+    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes received"):
         source.read(0, 10)
     del served.fetch
     assert source.read(0, 10) == CONTENT[:10]

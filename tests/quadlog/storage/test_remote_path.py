@@ -20,7 +20,7 @@ def at(bucket: Any, name: str) -> RemotePath:
     return RemotePath(f"s3://{bucket.name}/{name}")
 
 
-def test_what_stands_in_a_bucket(bucket: Any) -> None:
+def test_files_and_folders_of_a_bucket(bucket: Any) -> None:
     for name in ("season/walk.mcap", "season/deep/other.mcap", "season/list.txt"):
         bucket.pipe_file(f"{bucket.name}/{name}", CONTENT)
     season = at(bucket, "season/")
@@ -39,7 +39,7 @@ def test_what_stands_in_a_bucket(bucket: Any) -> None:
     assert {each.name for each in at(bucket, "**/*.mcap").matches()} == {"walk.mcap", "other.mcap"}
 
 
-def test_names_that_lead_elsewhere_are_not_followed(bucket: Any) -> None:
+def test_object_names_with_dot_segments_are_ignored(bucket: Any) -> None:
     for name in ("season/../up.mcap", "season/./here.mcap", "season//twice.mcap", "season/a%2F..%2Fb.mcap", "season/"):
         bucket.pipe_file(f"{bucket.name}/{name}", b"x")
     found = list(at(bucket, "season").iterdir())
@@ -150,7 +150,7 @@ def test_copies_are_whole_and_bounded(bucket: Any, tmp_path: Path, monkeypatch: 
         ("s3://bucket-that-nobody-made/x", ""),
     ],
 )
-def test_what_cannot_be_had_is_told_or_not_there(bucket: Any, url: str, words: str) -> None:
+def test_unknown_protocols_and_missing_buckets(bucket: Any, url: str, words: str) -> None:
     if not words:
         assert not RemotePath(url).exists()
         return
@@ -158,7 +158,7 @@ def test_what_cannot_be_had_is_told_or_not_there(bucket: Any, url: str, words: s
         RemotePath(url).exists()
 
 
-def test_without_credentials_the_way_to_give_them_is_told(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_credentials_are_explained(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.delenv(name)
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")

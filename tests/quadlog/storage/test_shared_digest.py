@@ -30,7 +30,7 @@ def test_whatever_is_read_the_digest_is_that_of_the_file(size, read, in_order, g
         file.close()
 
 
-def test_what_is_read_in_order_is_not_read_again(tmp_path, monkeypatch):
+def test_bytes_read_in_order_are_not_read_again(tmp_path, monkeypatch):
     (tmp_path / "f").write_bytes(bytes(1 << 20))
     file = LocalBytes(tmp_path / "f")
     digest = SharedDigest(file)

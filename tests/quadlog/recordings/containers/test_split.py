@@ -66,22 +66,18 @@ def test_a_missing_split_is_named(folder, recordings, with_metadata):
         assert counts == ({"/a": 10, "/b": 10} if with_metadata else {})
 
 
-def test_an_unreadable_split_does_not_cost_the_others(folder, recordings):
+def test_an_unreadable_and_a_truncated_split_do_not_cost_the_others(folder, recordings):
+    """Losses within a file carry its name."""
     (folder / "bag_1.mcap").write_bytes(b"")
-    with open_container(folder) as container:
-        assert len(recordings.read(container)) == 40
-        (loss,) = container.losses
-        assert loss.cause == "missing-split"
-        assert "bag_1.mcap: the file is empty" in loss.detail
-
-
-def test_losses_inside_a_split_carry_its_name(folder, recordings):
     path = folder / "bag_2.mcap"
     path.write_bytes(path.read_bytes()[:-300])
     with open_container(folder) as container:
-        recordings.read(container)
-        assert container.losses
-        assert all(loss.detail.startswith("bag_2.mcap: ") for loss in container.losses)
+        assert recordings.read(container)[:20] == recordings.some()[:20]
+        first, *others = container.losses
+        assert first.cause == "missing-split"
+        assert "bag_1.mcap: the file is empty" in first.detail
+        assert others
+        assert all(loss.detail.startswith("bag_2.mcap: ") for loss in others)
 
 
 def test_a_wrong_message_count_is_not_ignored(folder, recordings):
@@ -98,20 +94,13 @@ def test_a_wrong_message_count_is_not_ignored(folder, recordings):
     [
         "",
         "- a",
-        "a: [",
         "rosbag2_bagfile_information: 3",
-        "rosbag2_bagfile_information: {message_count: many}",
-        "rosbag2_bagfile_information: {message_count: .inf}",
-        "rosbag2_bagfile_information: {message_count: inf}",
-        "rosbag2_bagfile_information: {message_count: 1e300}",
-        "rosbag2_bagfile_information: {message_count: " + "9" * 100_000 + "}",
+        *(f"rosbag2_bagfile_information: {{message_count: {each}}}" for each in ("many", ".inf", "1e300", "9" * 10**5)),
         "rosbag2_bagfile_information: {relative_file_paths: [[a]]}",
         "rosbag2_bagfile_information: {compression_format: " + "a" * 100_000 + "}",
         "rosbag2_bagfile_information: {topics_with_message_count: [{topic_metadata: {name: {}}}]}",
         "rosbag2_bagfile_information: {topics_with_message_count: [{topic_metadata: {name: " + "a" * 10**6 + "}}]}",
-        '!!python/object/apply:os.system ["touch owned"]',
-        *(each * (10**6 // len(each)) for each in ("[", "{", "- ", "? ", "[a, ", "a: [", "---\n", "a: b\n")),
-        "[" * 1000 + "a," * 499_000,
+        *(each * (10**6 // len(each)) for each in ("[", "a: [", "a: b\n")),
     ],
     ids=lambda text: repr(text[:40]),
 )
@@ -153,7 +142,7 @@ def test_paths_that_lead_out_of_the_folder_are_not_followed(folder, recordings):
         assert "secret.mcap" in container.losses[0].detail
 
 
-def test_files_that_metadata_does_not_name_are_said(folder, recordings):
+def test_files_missing_from_metadata_are_a_warning(folder, recordings):
     write_metadata(folder, ["bag_0.mcap", "bag_1.mcap"], a=20, b=20)
     recordings.mcap(folder / "bag_2.mcap", recordings.some()[40:])
     with open_container(folder) as container:
@@ -220,29 +209,12 @@ def test_a_compressed_file_is_read_until_its_damage(tmp_path, recordings, damage
         assert "compressed data is damaged" in container.warnings[0]
 
 
-def test_decompressing_without_room_names_the_file_and_the_folder(tmp_path, recordings):
+def test_decompressing_without_room_names_the_file_and_the_folder(tmp_path, recordings, limited):
     packed = tmp_path / "b.mcap.zst"
     packed.write_bytes(zstandard.compress(recordings.mcap(tmp_path / "a.mcap", recordings.some()).read_bytes()))
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    try:
-        with pytest.raises(CannotWrite, match=rf"{packed}: .*{tempfile.gettempdir()}.*TMPDIR"):
-            open_container(packed)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_messages_of_several_frames_are_whole(tmp_path, recordings):
-    messages = recordings.some()
-    (tmp_path / "bag").mkdir()
-    recordings.mcap(tmp_path / "bag" / "bag_0.mcap", [(topic, t_ns, in_frames(data)) for topic, t_ns, data in messages])
-    write_metadata(tmp_path / "bag", ["bag_0.mcap"])
-    text = (tmp_path / "bag" / "metadata.yaml").read_text()
-    text = text.replace('format: ""', "format: zstd").replace('mode: ""', "mode: MESSAGE")
-    (tmp_path / "bag" / "metadata.yaml").write_text(text)
-    with open_container(tmp_path / "bag") as container:
-        assert recordings.read(container) == messages
-        assert (container.losses, container.warnings) == ([], [])
+    limited(resource.RLIMIT_FSIZE, 1000)
+    with pytest.raises(CannotWrite, match=rf"{packed}: .*{tempfile.gettempdir()}.*TMPDIR"):
+        open_container(packed)
 
 
 def test_a_folder_without_files_or_with_separate_recordings_is_not_one(folder, tmp_path):
@@ -261,27 +233,23 @@ def test_real_splits_are_whole(edge_cases, recordings, name):
         assert (container.losses, container.warnings) == ([], [])
 
 
-def test_a_serialization_that_only_metadata_names_is_said(edge_cases, recordings):
+def test_a_serialization_named_only_by_metadata_is_a_warning(edge_cases, recordings):
     with open_container(edge_cases / "rosbag2" / "wrong_serialization") as container:
         assert all("'wrong_format'" in warning for warning in container.warnings)
         assert len(container.warnings) == 2
 
 
 @pytest.mark.parametrize("build", ["mcap", "bag", "db3"])
-def test_a_recording_of_many_files_holds_few_of_them_open(tmp_path, recordings, build):
+def test_a_recording_of_many_files_holds_few_of_them_open(tmp_path, recordings, limited, build):
     (tmp_path / "bag").mkdir()
     messages = recordings.some(40)
     for number, message in enumerate(messages):
         getattr(recordings, build)(tmp_path / "bag" / f"bag_{number}.{build}", [message])
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (len(list(Path("/proc/self/fd").iterdir())) + 10, before[1]))
-    try:
-        with open_container(tmp_path / "bag") as container:
-            for _ in range(2):  # what is let go of is there again
-                begun = container.messages()
-                assert recordings.read_one(next(begun)) == messages[0]
-                assert recordings.read(container) == messages
-                assert [recordings.read_one(message) for message in begun] == messages[1:]
-            assert container.losses == []
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    limited(resource.RLIMIT_NOFILE, len(list(Path("/proc/self/fd").iterdir())) + 10)
+    with open_container(tmp_path / "bag") as container:
+        for _ in range(2):  # a file that was released is opened again
+            begun = container.messages()
+            assert recordings.read_one(next(begun)) == messages[0]
+            assert recordings.read(container) == messages
+            assert [recordings.read_one(message) for message in begun] == messages[1:]
+        assert container.losses == []

@@ -8,6 +8,15 @@ from quadlog.errors import NotARecording, NothingReadable, QuadlogError, TooLarg
 from quadlog.recordings.containers.db3 import open_sqlite
 
 
+def change(path, *statements):
+    """Executes SQL in a database."""
+    database = sqlite3.connect(path)
+    for each in statements:
+        database.execute(*each) if isinstance(each, tuple) else database.execute(each)
+    database.commit()
+    database.close()
+
+
 @pytest.fixture
 def crashed(tmp_path, recordings):
     """As a killed recorder leaves it: a database with half of the messages, the others in its -wal, no -shm."""
@@ -42,28 +51,25 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
     assert {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()} == before
 
 
-@pytest.mark.parametrize("link_the_wal", [False, True])
-def test_a_link_does_not_hide_the_wal(crashed, tmp_path, recordings, link_the_wal):
-    """Neither beside the file that the link leads to, nor, as file stores do it, beside the link and itself a link."""
+@pytest.mark.parametrize("linked", ["file", "file and wal", "folder"])
+def test_a_link_does_not_hide_the_wal(crashed, tmp_path, recordings, linked):
+    """It lies beside the file that the link leads to or, as file stores do it, beside the link and itself a link."""
     links = tmp_path / "links"
-    links.mkdir()
-    (links / "walk.db3").symlink_to(crashed / "a.db3")
-    if link_the_wal:
+    if linked == "folder":
+        links.symlink_to(crashed)
+    else:
+        links.mkdir()
+        (links / "a.db3").symlink_to(crashed / "a.db3")
+    if linked == "file and wal":
         (crashed / "a.db3-wal").rename(crashed / "7f3c")
-        (links / "walk.db3-wal").symlink_to(crashed / "7f3c")
-    with open_sqlite(links / "walk.db3") as container:
-        assert container.path == links / "walk.db3"
+        (links / "a.db3-wal").symlink_to(crashed / "7f3c")
+    with open_sqlite(links / "a.db3") as container:
+        assert container.path == links / "a.db3"
         assert recordings.read(container) == recordings.some()
-        assert ("walk.db3-wal" if link_the_wal else "a.db3-wal") in container.warnings[0]
+        assert "a.db3-wal" in container.warnings[0]
 
 
-def test_a_link_to_a_folder_does_not_hide_the_wal(crashed, tmp_path, recordings):
-    (tmp_path / "linked").symlink_to(crashed)
-    with open_sqlite(tmp_path / "linked" / "a.db3") as container:
-        assert recordings.read(container) == recordings.some()
-
-
-def test_a_database_in_wal_mode_without_wal_is_read_where_it_lies(tmp_path, recordings):
+def test_a_database_in_wal_mode_without_wal_is_read_in_place(tmp_path, recordings):
     messages = recordings.some()
     path = tmp_path / "a.db3"
     writer = sqlite3.connect(path)
@@ -78,7 +84,7 @@ def test_a_database_in_wal_mode_without_wal_is_read_where_it_lies(tmp_path, reco
     assert [each.name for each in tmp_path.iterdir()] == ["a.db3"]
 
 
-def test_no_room_for_the_copy_is_said(tmp_path, recordings, monkeypatch):
+def test_no_disk_space_for_the_copy_is_too_large(tmp_path, recordings, monkeypatch):
     path = recordings.db3(tmp_path / "a.db3", recordings.some())
     (tmp_path / "a.db3-wal").write_bytes(b"x" * 100)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10}))
@@ -90,10 +96,7 @@ def test_foreign_serialization_is_refused_by_name(tmp_path, recordings):
     path = recordings.db3(tmp_path / "a.db3", recordings.some(), serialization="protobuf")
     with pytest.raises(NothingReadable, match="'protobuf'"):
         open_sqlite(path)
-    database = sqlite3.connect(path)
-    database.execute("UPDATE topics SET serialization_format = 'cdr' WHERE name = '/a'")
-    database.commit()
-    database.close()
+    change(path, "UPDATE topics SET serialization_format = 'cdr' WHERE name = '/a'")
     with open_sqlite(path) as container:
         assert {topic for topic, _, _ in recordings.read(container)} == {"/a"}
         (loss,) = container.losses
@@ -103,15 +106,10 @@ def test_foreign_serialization_is_refused_by_name(tmp_path, recordings):
 
 def test_definitions_of_newer_distributions_are_the_schema(tmp_path, recordings):
     path = recordings.db3(tmp_path / "a.db3", recordings.some())
-    database = sqlite3.connect(path)
-    database.execute(
-        "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,"
-        " encoded_message_definition TEXT, type_description_hash TEXT)"
-    )
+    columns = "id INTEGER PRIMARY KEY, topic_type, encoding, encoded_message_definition, type_description_hash"
     values = (recordings.type_name, "ros2msg", "string data", "")
-    database.execute("INSERT INTO message_definitions VALUES (1, ?, ?, ?, ?)", values)
-    database.commit()
-    database.close()
+    insert = "INSERT INTO message_definitions VALUES (1, ?, ?, ?, ?)"
+    change(path, f"CREATE TABLE message_definitions({columns})", (insert, values))
     with open_sqlite(path) as container:
         assert {(c.schema_encoding, c.schema) for c in container.channels} == {("ros2msg", b"string data")}
 
@@ -119,12 +117,8 @@ def test_definitions_of_newer_distributions_are_the_schema(tmp_path, recordings)
 def test_a_row_that_cannot_be_used_costs_itself(tmp_path, recordings):
     messages = recordings.some()
     path = recordings.db3(tmp_path / "a.db3", messages)
-    database = sqlite3.connect(path)
-    database.execute("UPDATE messages SET data = 'text' WHERE id = 11")
-    database.execute("UPDATE messages SET timestamp = 'noon' WHERE id = 21")
-    database.execute("UPDATE messages SET topic_id = 9 WHERE id = 31")
-    database.commit()
-    database.close()
+    changes = (("data = 'text'", 11), ("timestamp = 'noon'", 21), ("topic_id = 9", 31))
+    change(path, *(f"UPDATE messages SET {new} WHERE id = {number}" for new, number in changes))
     with open_sqlite(path) as container:
         got = recordings.read(container)
         assert got == [m for i, m in enumerate(messages, 1) if i not in (11, 21, 31)]
@@ -132,7 +126,7 @@ def test_a_row_that_cannot_be_used_costs_itself(tmp_path, recordings):
         assert told == {("damaged", None, 1), ("damaged", "/b", 1), ("count", "/b", 1)}
 
 
-def test_a_truncated_database_gives_what_is_left(tmp_path, recordings):
+def test_the_rest_of_a_truncated_database_is_read(tmp_path, recordings):
     messages = [(topic, t_ns, payload * 10) for topic, t_ns, payload in recordings.some(400)]
     path = recordings.db3(tmp_path / "a.db3", messages)
     data = path.read_bytes()
@@ -170,9 +164,7 @@ ENDLESS = f"{NUMBERS} SELECT id, 1 topic_id, 1 timestamp, x'00' data FROM n"
 )
 def test_a_database_that_is_no_bag_is_refused(tmp_path, script):
     path = tmp_path / "a.db3"
-    database = sqlite3.connect(path)
-    database.executescript(script)
-    database.close()
+    change(path, *script.split("; "))
     with pytest.raises(NotARecording, match="ROS 2 bag"):
         open_sqlite(path)
 

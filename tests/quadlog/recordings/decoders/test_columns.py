@@ -152,7 +152,7 @@ def assert_fares_as(oracle: Any, row: list[Columns] | None) -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.data())
 @pytest.mark.parametrize(("kind", "name"), CASES)
-def test_random_messages_fare_as_with_rosbags(kind: str, name: str, data: st.DataObject) -> None:
+def test_random_messages_decode_as_with_rosbags(kind: str, name: str, data: st.DataObject) -> None:
     """Sound, padded, with bytes flipped and cut, all in one batch."""
     channel = channel_of(kind, name)
     sound = serialised(kind, message_of(data.draw, STORES[kind], name))

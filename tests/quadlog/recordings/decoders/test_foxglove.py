@@ -77,9 +77,13 @@ def test_protobuf_point_cloud_with_its_pose_applied(recorded: dict[str, tuple[Ch
 
 def test_protobuf_pose(recorded: dict[str, tuple[Channel, bytes]]) -> None:
     channel, payload = recorded["/pose"]
-    (pose,) = decoder_for(channel)(payload)  # type: ignore[misc]
+    decode: Any = decoder_for(channel)
+    (pose,) = decode(payload)
     assert (pose.stamp_ns, pose.frame_id, pose.position_m.tolist()) == (T_NS, "map", [10, 0, 0])
     np.testing.assert_allclose(pose.quat_xyzw, [0, 0, 0.5**0.5, 0.5**0.5])
+    assert payload.count(struct.pack("<d", 10.0)) == 1
+    with pytest.raises(DecodeError, match="position is not finite, or beyond"):
+        decode(payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))
 
 
 def test_broken_protobuf_is_one_decode_error(recorded: dict[str, tuple[Channel, bytes]]) -> None:
@@ -122,15 +126,11 @@ def test_json_point_cloud() -> None:
     [
         b"",
         b"[1]",
-        b"{}",
         b"[" * 100_000,
         json_cloud(data="***"),
         json_cloud(point_stride=3),
-        json_cloud(point_stride=0),
-        json_cloud(fields=[]),
         json_cloud(fields=[{"name": "x", "offset": 10**9, "type": 7}]),
         json_cloud(fields=None),
-        json_cloud(pose=json_pose(1e300)),
         json_cloud(pose=json_pose(10**400)),
         json_cloud(timestamp={"sec": float("inf"), "nsec": 0}),
     ],
@@ -150,10 +150,3 @@ def test_json_pose() -> None:
     for x_m in (float("nan"), 1e300, 10**400):
         with pytest.raises(DecodeError):
             decode(json.dumps(message | {"pose": json_pose(x_m)}).encode())  # type: ignore[misc]
-
-
-def test_a_protobuf_pose_far_out_is_not_decoded(recorded: dict[str, tuple[Channel, bytes]]) -> None:
-    channel, payload = recorded["/pose"]
-    assert payload.count(struct.pack("<d", 10.0)) == 1
-    with pytest.raises(DecodeError, match="position is not finite, or beyond"):
-        decoder_for(channel)(payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))  # type: ignore[misc]

@@ -21,19 +21,31 @@ def decode(ros: Any, message: Any, topic: str = "/topic") -> Any:
     return decoded
 
 
-def test_pose_stamped(ros: Any) -> None:
-    message = ros.type("geometry_msgs/msg/PoseStamped")(ros.header(T_NS, "/map"), ros.pose((1.0, 2.0, 3.0), TURN))
-    pose = decode(ros, message)
-    assert isinstance(pose, Pose)
-    assert (pose.stamp_ns, pose.frame_id, pose.child_frame_id) == (T_NS, "map", "")
-    assert pose.position_m.tolist() == [1, 2, 3]
-    assert pose.quat_xyzw.tolist() == list(TURN)
+def messages_at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
+    """One message of every type that holds a position, with xyz as that position."""
+    pose, no_covariance = ros.pose(xyz, TURN), np.zeros(36)
+    with_covariance = ros.type("geometry_msgs/msg/PoseWithCovariance")(pose, no_covariance)
+    velocity = ros.type("geometry_msgs/msg/Twist")(ros.vector(0.5, 0.1, 0.0), ros.vector(0.0, 0.0, 0.2))
+    twist = ros.type("geometry_msgs/msg/TwistWithCovariance")(velocity, no_covariance)
+    first, moved = (ros.transform(T_NS, "/map", "/base", each, TURN) for each in ((0.0, 0.0, 0.0), xyz))
+    return [
+        ros.type("geometry_msgs/msg/PoseStamped")(ros.header(T_NS, "/map"), pose),
+        ros.type("geometry_msgs/msg/PoseWithCovarianceStamped")(ros.header(T_NS, "/map"), with_covariance),
+        ros.type("nav_msgs/msg/Odometry")(ros.header(T_NS, "/map"), "/base", with_covariance, twist),
+        moved,
+        *([ros.tf(first, moved)] if ros.encoding == "cdr" else []),
+    ]
 
 
-def test_pose_with_covariance(ros: Any) -> None:
-    inner = ros.type("geometry_msgs/msg/PoseWithCovariance")(ros.pose((1.0, 2.0, 3.0), TURN), np.zeros(36))
-    pose = decode(ros, ros.type("geometry_msgs/msg/PoseWithCovarianceStamped")(ros.header(T_NS), inner))
-    assert pose.position_m.tolist() == [1, 2, 3]
+def test_poses_and_the_twist_of_odometry(ros: Any) -> None:
+    decoded = [decode(ros, each) for each in messages_at(ros, (1.0, 2.0, 3.0))]
+    poses = [each.transforms[-1] if isinstance(each, Transforms) else each for each in decoded]
+    assert [type(each) for each in poses[:4]] == [Pose, Pose, Odometry, Pose]
+    assert [each.child_frame_id for each in poses] == ["", "", "base", "base", "base"][: len(poses)]
+    for pose in poses:
+        assert (pose.stamp_ns, pose.frame_id) == (T_NS, "map")
+        assert (pose.position_m.tolist(), pose.quat_xyzw.tolist()) == ([1, 2, 3], list(TURN))
+    assert (poses[2].linear_mps.tolist(), poses[2].angular_radps.tolist()) == ([0.5, 0.1, 0], [0, 0, 0.2])
 
 
 def test_a_zero_quaternion_is_no_rotation_and_a_long_one_is_shortened(ros: Any) -> None:
@@ -46,67 +58,27 @@ def test_a_zero_quaternion_is_no_rotation_and_a_long_one_is_shortened(ros: Any) 
         decode(ros, kind(ros.header(T_NS), ros.pose((0.0, 0.0, 0.0), (np.nan, 0.0, 0.0, 1.0))))
 
 
-def transform(ros: Any, parent: str, child: str, t_ns: int = T_NS) -> Any:
-    quaternion = ros.type("geometry_msgs/msg/Quaternion")(*TURN)
-    inner = ros.type("geometry_msgs/msg/Transform")(ros.vector(1.0, 2.0, 3.0), quaternion)
-    return ros.type("geometry_msgs/msg/TransformStamped")(ros.header(t_ns, parent), child, inner)
-
-
-def test_transform_stamped(ros: Any) -> None:
-    pose = decode(ros, transform(ros, "odom", "/base"))
-    assert (pose.frame_id, pose.child_frame_id) == ("odom", "base")
-    assert pose.position_m.tolist() == [1, 2, 3]
-
-
 @pytest.mark.parametrize(("topic", "static"), [("/tf", False), ("/tf_static", True), ("/robot/tf_static", True)])
 def test_tf(both_ros: Any, topic: str, static: bool) -> None:
     ros = both_ros.cdr
-    kind = ros.type("tf2_msgs/msg/TFMessage")
-    message = kind([transform(ros, "map", "odom", 5), transform(ros, "odom", "base", 7)])
+    ends = (("map", "odom", 5), ("odom", "base", 7))
+    message = ros.tf(*(ros.transform(t_ns, parent, child, (1.0, 2.0, 3.0), TURN) for parent, child, t_ns in ends))
     decoded = decode(ros, message, topic)
     assert isinstance(decoded, Transforms)
     assert decoded.static is static
     assert decoded.stamp_ns == 5
     assert [each.child_frame_id for each in decoded.transforms] == ["odom", "base"]
-    assert decode(ros, kind([]), topic).stamp_ns is None
-
-
-def test_odometry(ros: Any) -> None:
-    pose = ros.type("geometry_msgs/msg/PoseWithCovariance")(ros.pose((1.0, 2.0, 3.0), TURN), np.zeros(36))
-    velocity = ros.type("geometry_msgs/msg/Twist")(ros.vector(0.5, 0.1, 0.0), ros.vector(0.0, 0.0, 0.2))
-    twist = ros.type("geometry_msgs/msg/TwistWithCovariance")(velocity, np.zeros(36))
-    odometry = decode(ros, ros.type("nav_msgs/msg/Odometry")(ros.header(T_NS, "odom"), "base", pose, twist))
-    assert isinstance(odometry, Odometry)
-    assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base")
-    assert odometry.position_m.tolist() == [1, 2, 3]
-    assert odometry.linear_mps.tolist() == [0.5, 0.1, 0]
-    assert odometry.angular_radps.tolist() == [0, 0, 0.2]
-
-
-def at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
-    """One message of every type that holds a position, with xyz as that position."""
-    pose, no_covariance = ros.pose(xyz, TURN), np.zeros(36)
-    with_covariance = ros.type("geometry_msgs/msg/PoseWithCovariance")(pose, no_covariance)
-    still = ros.type("geometry_msgs/msg/Twist")(ros.vector(0.0, 0.0, 0.0), ros.vector(0.0, 0.0, 0.0))
-    twist = ros.type("geometry_msgs/msg/TwistWithCovariance")(still, no_covariance)
-    sound, moved = (ros.transform(T_NS, "map", "base", each, TURN) for each in ((0.0, 0.0, 0.0), xyz))
-    return [
-        ros.type("geometry_msgs/msg/PoseStamped")(ros.header(T_NS), pose),
-        ros.type("geometry_msgs/msg/PoseWithCovarianceStamped")(ros.header(T_NS), with_covariance),
-        ros.type("nav_msgs/msg/Odometry")(ros.header(T_NS), "base", with_covariance, twist),
-        moved,
-        *([ros.tf(sound, moved)] if ros.encoding == "cdr" else []),
-    ]
+    assert decode(ros, ros.tf(), topic).stamp_ns is None
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1.01 * FARTHEST_M])
 def test_a_position_that_cannot_be_is_not_decoded(ros: Any, value: float) -> None:
     for place in range(3):
         xyz = tuple(value if i == place else 0.0 for i in range(3))
-        for message in at(ros, xyz):
+        for message in messages_at(ros, xyz):
             with pytest.raises(DecodeError, match="position is not finite, or beyond"):
                 decode(ros, message)
-    for message in at(ros, (FARTHEST_M, -FARTHEST_M, 0.0)):
+    for message in messages_at(ros, (FARTHEST_M, -FARTHEST_M, 0.0)):
         decode(ros, message)
 
 

@@ -58,28 +58,18 @@ def zeros(count: int) -> np.ndarray:
 @pytest.mark.parametrize("schema", [False, True])
 @pytest.mark.parametrize("package", ["nlink_parser", "nlink_parser_ros2_interfaces"])
 def test_tagframe0_leaves_absent_anchors_out(encoding: str, with_header: bool, schema: bool, package: str) -> None:
+    """Only zero is absent: whatever else is no distance is counted where ranges are screened."""
     store = store_with(["LinktrackTagframe0"], package, header=with_header, encoding=encoding)
-    distances = np.array([1.5, 0, 2.5, 0, 0, 0, 0, 8.25], np.float32)
+    distances = np.array([1.5, 0, -2.5, np.nan, np.inf, 0, 0, 8.25], np.float32)
     body = (2, 4, 10, 20, 4.2, zeros(3), zeros(3), zeros(3), distances, zeros(3), zeros(4), zeros(3), zeros(3))
     parts = (header(store, encoding), *body) if with_header else body
     message = store.types[f"{package}/msg/LinktrackTagframe0"](*parts)
     (ranges,) = decode(store, message, encoding, schema=schema)
     assert ranges.tag == 4
-    assert ranges.anchor.tolist() == [0, 2, 7]
-    assert ranges.range_m.tolist() == [1.5, 2.5, 8.25]
+    assert ranges.anchor.tolist() == [0, 2, 3, 4, 7]
+    np.testing.assert_array_equal(ranges.range_m, [1.5, -2.5, np.nan, np.inf, 8.25])
     assert ranges.stamp_ns == (T_NS if with_header else None)
     assert ranges.first_path_gap_db is None
-
-
-def test_only_zero_is_absent() -> None:
-    """Whatever else is no distance is counted where ranges are screened."""
-    store = store_with(["LinktrackTagframe0"], "nlink_parser", header=False, encoding="ros1")
-    distances = np.array([1.5, 0, -2.5, np.nan, np.inf, 0, 0, 0], np.float32)
-    body = (2, 4, 10, 20, 4.2, zeros(3), zeros(3), zeros(3), distances, zeros(3), zeros(4), zeros(3), zeros(3))
-    message = store.types["nlink_parser/msg/LinktrackTagframe0"](*body)
-    (ranges,) = decode(store, message, "ros1", schema=True)
-    assert ranges.anchor.tolist() == [0, 2, 3, 4]
-    np.testing.assert_array_equal(ranges.range_m, [1.5, -2.5, np.nan, np.inf])
 
 
 def test_anchorframe0_holds_the_ranges_of_every_tag() -> None:
@@ -151,7 +141,7 @@ def test_a_range_with_zero_limits_is_kept(ros: Any, embedded: bool, range_m: flo
     np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
 
 
-def test_newer_ranges_have_a_variance_and_are_told_apart_without_definition() -> None:
+def test_ranges_with_a_variance_are_recognised_without_definition() -> None:
     store = get_typestore(Stores.LATEST)
     stamp = store.types["builtin_interfaces/msg/Time"](1, 2)
     header = store.types["std_msgs/msg/Header"](stamp, "")
@@ -217,17 +207,19 @@ def test_names(topic: str, ends: tuple[int, int] | None) -> None:
     assert ends_of_topic(topic) == ends
 
 
-def test_known_anchors_decide_the_order() -> None:
-    assert ends_of_topic("/n_7/n_5", anchor_ids=[7]) == (5, 7)
-    assert ends_of_topic("/n_7/n_5", anchor_ids=[5, 7]) == (7, 5)
-
-
-def test_words_decide_before_known_anchors() -> None:
-    assert ends_of_topic("/uwb/anchor_0/tag_2", anchor_ids=[0, 1, 2]) == (2, 0)
-    assert ends_of_topic("/uwb/anchor_0/tag_2", anchor_ids=[2]) == (2, 0)
-    assert ends_of_topic("/uwb/tag_0/anchor_2", anchor_ids=[0]) == (0, 2)
-    assert ends_of_topic("/uwb/anchor_0/anchor_2", anchor_ids=[0]) == (2, 0)
-
-
-def test_the_configuration_decides_first() -> None:
-    assert ends_of_topic("/n_7/n_5", {"/n_7/n_5": (1, 2)}, [7]) == (1, 2)
+@pytest.mark.parametrize(
+    ("topic", "mapped", "anchors", "ends"),
+    [
+        ("/n_7/n_5", {}, [7], (5, 7)),
+        ("/n_7/n_5", {}, [5, 7], (7, 5)),
+        ("/n_7/n_5", {"/n_7/n_5": (1, 2)}, [7], (1, 2)),
+        ("/uwb/anchor_0/tag_2", {}, [0, 1, 2], (2, 0)),
+        ("/uwb/anchor_0/tag_2", {}, [2], (2, 0)),
+        ("/uwb/tag_0/anchor_2", {}, [0], (0, 2)),
+        ("/uwb/anchor_0/anchor_2", {}, [0], (2, 0)),
+    ],
+)
+def test_the_configuration_then_words_then_known_anchors_decide(
+    topic: str, mapped: dict[str, tuple[int, int]], anchors: list[int], ends: tuple[int, int]
+) -> None:
+    assert ends_of_topic(topic, mapped, anchors) == ends

@@ -44,25 +44,7 @@ def test_what_is_written_is_what_is_expected(default: Any, recordings: Any, valu
 
 PIECES = [
     *("[default]", "[recordings.x]", '[recordings."', "[[recordings]]", "recordings", "eta_m", "min", "max", "true"),
-    *(
-        " = ",
-        "=",
-        "{",
-        "}",
-        "[",
-        "]",
-        ".",
-        ",",
-        "#",
-        "\n",
-        "\x00",
-        "1.0",
-        "1e999",
-        "nan",
-        "-inf",
-        "2020-13-01",
-        '"text"',
-    ),
+    *(" = ", *"={}[].,#\n\x00", "1.0", "1e999", "nan", "-inf", "2020-13-01", '"text"'),
 ]
 
 
@@ -116,11 +98,6 @@ def test_an_unknown_name_is_refused_with_the_nearest(text: str, key: str, neares
     assert str(raised.value) == f"bounds.toml: unknown key {key}; did you mean {nearest}?"
 
 
-def test_a_number_too_long_to_convert_is_no_bug() -> None:
-    with pytest.raises(UnreadableConfig, match="not TOML"):
-        parse(f"[default]\neta_m = {{ max = {'1' * 5000} }}")
-
-
 def test_a_later_name_goes_before_an_earlier_one_and_an_empty_table_before_the_default() -> None:
     text = """
         [default]
@@ -140,16 +117,18 @@ def test_a_later_name_goes_before_an_earlier_one_and_an_empty_table_before_the_d
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     path = tmp_path / "bounds.toml"
-    with pytest.raises(UnreadableConfig, match="No such file"):
-        read_expectations(path, METRIC_NAMES)
+    for content, match in (
+        (None, "No such file"),
+        (b"# \xff", "not TOML"),
+        (b"x = " + b"[" * 5000, "not TOML"),
+        (b"x = " + b"1" * 5000, "not TOML"),
+    ):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(UnreadableConfig, match=match):
+            read_expectations(path, METRIC_NAMES)
     with pytest.raises(UnreadableConfig, match="Is a directory"):
         read_expectations(tmp_path, METRIC_NAMES)
-    path.write_bytes(b"# \xff")
-    with pytest.raises(UnreadableConfig, match="not TOML"):
-        read_expectations(path, METRIC_NAMES)
-    path.write_text("x = " + "[" * 5000)
-    with pytest.raises(UnreadableConfig, match="not TOML"):
-        read_expectations(path, METRIC_NAMES)
     os.truncate(path, MAX_FILE_BYTES + 1)
     with pytest.raises(TooLarge):
         read_expectations(path, METRIC_NAMES)

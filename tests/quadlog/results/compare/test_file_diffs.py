@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +21,6 @@ from quadlog.results.run.maps import (
 )
 
 EXACT = Tolerance()
-
-
-@pytest.fixture
-def other(tiny_run: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(tiny_run, tmp_path / "other")
 
 
 def write_maps(run: Path, maps: list[Any], cell_m: float = 0.1) -> None:

@@ -10,25 +10,23 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.errors import CannotWrite, NotARun
-from quadlog.results.compare import run_check as proposed_bounds
+from quadlog.errors import CannotWrite
 from quadlog.results.compare.check_text import check_json, check_text
 from quadlog.results.compare.expectations import Bound, parse_expectations
 from quadlog.results.compare.run_check import (
     HEADER,
     RunCheck,
-    SavedRun,
+    bound_names,
     check_run,
     merge_bounds,
     propose,
-    read_or_explain,
-    read_saved_run,
 )
+from quadlog.results.run.loaded_run import Run, load_run
 from quadlog.results.run.tables import METRIC_NAMES
 
 
 def held(run: Path, text: str) -> RunCheck:
-    return check_run(read_saved_run(run), parse_expectations(text, "bounds.toml", METRIC_NAMES))
+    return check_run(load_run(run), parse_expectations(text, "bounds.toml", METRIC_NAMES))
 
 
 @pytest.mark.parametrize(
@@ -71,28 +69,16 @@ def test_a_walk_goes_by_its_course_and_by_its_seed(tiny_run: Path) -> None:
     seed = tiny_run.parent / "line-fpmw" / "seed-003"
     seed.parent.mkdir()
     tiny_run.rename(seed)
-    assert read_saved_run(seed).names == ("seed-003",)  # a recording of that name
+    assert bound_names(load_run(seed)) == ("seed-003",)  # a recording of that name
     record["options"] = {"course": "line", "seed": 3}
     (seed / "run.json").write_text(json.dumps(record))
-    assert read_saved_run(seed).names == ("line-fpmw", "line-fpmw/seed-003")
-    assert read_saved_run(seed.rename(seed.parent / "baseline")).names == ("baseline",)
+    assert bound_names(load_run(seed)) == ("line-fpmw", "line-fpmw/seed-003")
+    assert bound_names(load_run(seed.rename(seed.parent / "baseline"))) == ("baseline",)
 
 
 def test_a_run_is_named_by_where_it_really_is(tiny_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tiny_run)
-    assert read_saved_run(Path()).names == ("walk",)
-
-
-def test_what_cannot_be_read_is_explained(tiny_run: Path) -> None:
-    (tiny_run / "metrics.json").write_text("{")
-    with pytest.raises(NotARun):
-        read_saved_run(tiny_run)
-    check = read_or_explain(tiny_run)
-    assert isinstance(check, RunCheck)
-    assert not check.holds
-    assert check.error is not None
-    assert "metrics.json: is damaged" in check.error
-    assert check_json([check])[0]["error"] == check.error
+    assert bound_names(load_run(Path())) == ("walk",)
 
 
 def test_json_says_what_was_expected_and_found(tiny_run: Path) -> None:
@@ -122,8 +108,10 @@ VALUES = st.floats(allow_nan=False, allow_infinity=False)
 METRICS = st.dictionaries(st.sampled_from(METRIC_NAMES), VALUES, max_size=8)
 
 
-def run(name: str, **metrics: float) -> SavedRun:
-    return SavedRun(Path(name), (name,), metrics)
+def run(name: str, **metrics: float) -> Run:
+    made = Run(Path(name), {})
+    made.metrics = metrics
+    return made
 
 
 def proposed(**metrics: float) -> dict[str, dict[str, float]]:
@@ -150,11 +138,6 @@ def test_shares_counts_and_rounding_errors() -> None:
 
 def test_what_depends_on_the_machine_is_left_out() -> None:
     assert proposed(realtime_factor=3.0) == {}
-
-
-def test_every_kind_is_of_a_metric_there_is() -> None:
-    kinds = ("_COUNTS", "_SHARES", "_LARGER_IS_BETTER", "_NEITHER_IS_BETTER", "_OF_THE_MACHINE")
-    assert set().union(*(getattr(proposed_bounds, kind) for kind in kinds)) <= set(METRIC_NAMES)
 
 
 def test_runs_of_one_name_share_bounds_on_what_all_have() -> None:

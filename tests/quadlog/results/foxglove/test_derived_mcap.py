@@ -29,6 +29,13 @@ from quadlog.results.run.tables import TABLES, write_table
 START_NS = 1_700_000_000_123_456_789
 
 
+def read(path: Path, topic: str) -> list[tuple[int, Any]]:
+    """(log time, decoded message) of a topic."""
+    with path.open("rb") as file:
+        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        return [(message.log_time, each) for _, _, message, each in reader.iter_decoded_messages(topics=[topic])]
+
+
 TOPICS = {
     "/quadlog/tf": ("foxglove.FrameTransform", 40),
     "/quadlog/pose": ("foxglove.PoseInFrame", 40),
@@ -53,7 +60,6 @@ TOPICS = {
 def test_topics_schemas_and_counts(tiny_run: Path) -> None:
     with (tiny_run / "derived.mcap").open("rb") as file:
         summary = SeekingReader(file).get_summary()
-    assert summary is not None
     assert summary.statistics is not None
     counts = summary.statistics.channel_message_counts
     found = {
@@ -136,10 +142,8 @@ def test_a_run_of_nothing_but_positions(tiny_run: Path, tmp_path: Path) -> None:
     (tiny_run / "poses.parquet").rename(tmp_path / "run" / "poses.parquet")
     write_derived(tmp_path / "run")
     with (tmp_path / "run" / "derived.mcap").open("rb") as file:
-        assert {channel.topic for _, channel, _ in SeekingReader(file).iter_messages()} == {
-            "/quadlog/tf",
-            "/quadlog/pose",
-        }
+        topics = {channel.topic for _, channel, _ in SeekingReader(file).iter_messages()}
+    assert topics == {"/quadlog/tf", "/quadlog/pose"}
 
 
 def test_a_walk_along_a_course_is_its_own_frame_and_its_tilt_is_scipys(tmp_path: Path) -> None:
@@ -153,11 +157,9 @@ def test_a_walk_along_a_course_is_its_own_frame_and_its_tilt_is_scipys(tmp_path:
     (tmp_path / "metrics.json").write_text(
         json.dumps({name: {"value": 2.0, "n": 1, "unit": ""} for name in ("fallen", "realtime_factor")})
     )
-    with write_derived(tmp_path).open("rb") as file:
-        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        frames = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/tf"])]
-        poses = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/resim/pose"])]
-        lines = [decoded.message for *_, decoded in reader.iter_decoded_messages(topics=["/quadlog/log"])]
+    path = write_derived(tmp_path)
+    frames, poses = ([each for _, each in read(path, f"/quadlog/{topic}")] for topic in ("tf", "resim/pose"))
+    lines = [each.message for _, each in read(path, "/quadlog/log")]
     assert lines == ["fallen = 2 (n = 1)"]  # how fast it was is no result
     angles = np.nan_to_num(np.column_stack([control["yaw_rad"], control["pitch_rad"], control["roll_rad"]]))
     truth = Rotation.from_euler("ZYX", angles)
@@ -170,8 +172,7 @@ def test_a_walk_along_a_course_is_its_own_frame_and_its_tilt_is_scipys(tmp_path:
         expected = np.nan_to_num(np.column_stack([control[name] for name in ("x_m", "y_m", "z_m")]))
         np.testing.assert_array_equal([[place.x, place.y, place.z] for place in places], expected)
     assert {(frame.parent_frame_id, frame.child_frame_id) for frame in frames} == {("map", "base")}
-    with (tmp_path / "derived.mcap").open("rb") as file:
-        assert not list(SeekingReader(file).iter_messages(topics=["/quadlog/resim/tf"]))
+    assert not read(path, "/quadlog/resim/tf")
 
 
 @pytest.mark.parametrize("t_ns", [-1, (1 << 32) * 10**9])
@@ -194,12 +195,6 @@ def test_a_damaged_table_stops_it_whole(write_run: Callable[[Path], Path], tmp_p
 
 
 KINDS = {1: "u1", 7: "<f4"}  # foxglove's NumericType, by number
-
-
-def read(path: Path, topic: str) -> list[tuple[int, Any]]:
-    with path.open("rb") as file:
-        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        return [(message.log_time, each) for _, _, message, each in reader.iter_decoded_messages(topics=[topic])]
 
 
 def points_in_map(cloud: Any) -> tuple[np.ndarray, np.ndarray]:

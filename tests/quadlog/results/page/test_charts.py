@@ -61,7 +61,6 @@ def test_torques_have_a_panel_for_each_leg(tiny_run: Path) -> None:
 def test_charts_stand_beside_pictures_and_none_has_numbers_alone(reported: Path) -> None:
     page = (reported / "report.html").read_text()
     data = re.search(r'<script type="application/json" id="chart-data">(.*?)</script>', page, re.DOTALL)
-    assert data is not None
     charts = json.loads(data[1])
     assert sorted(re.findall(r'data-chart="(\w+)" hidden', page)) == sorted(charts)
     assert {"trajectory", "ranges", "uwb_error", "scans", "expanded", "tracking_error", "lookahead"} <= set(charts)
@@ -162,7 +161,6 @@ def test_numbers_are_short() -> None:
 def test_no_peak_is_lost_however_long_the_run(values: np.ndarray) -> None:
     seconds = np.arange(10_000) * 0.01
     drawn = panel("error (m)", [Line("a", "robot", seconds, values), Line("b", "plan", seconds, -values)])
-    assert drawn is not None
     assert not drawn["joined"]
     assert len(drawn["seconds"]) <= 2 * (PANEL_POINTS + 2)
     assert drawn["seconds"] == sorted(drawn["seconds"])
@@ -174,7 +172,6 @@ def test_no_peak_is_lost_however_long_the_run(values: np.ndarray) -> None:
 def test_lines_of_other_instants_have_no_value_where_they_have_no_row() -> None:
     odd, even = np.array([1.0, 3.0]), np.array([2.0, 3.0])
     drawn = panel("error (m)", [Line("a", "robot", odd, odd), Line("b", "plan", even, 10 * even, points=True)])
-    assert drawn is not None
     assert drawn["joined"]
     assert drawn["seconds"] == [1.0, 2.0, 3.0]
     assert drawn["values"] == [[1.0, None, 3.0], [None, 20.0, 30.0]]
@@ -185,7 +182,6 @@ def test_lines_without_a_value_are_left_out_and_none_is_no_panel() -> None:
     seconds = np.arange(3.0)
     nothing = Line("a", "robot", seconds, np.full(3, np.nan))
     drawn = panel("gain (1)", [nothing, Line("b", "plan", seconds, seconds)])
-    assert drawn is not None
     assert [line["label"] for line in drawn["lines"]] == ["b"]
     assert panel("gain (1)", [nothing]) is None
     assert panel("gain (1)", [Line("a", "robot", np.empty(0), np.empty(0))]) is None

@@ -32,7 +32,6 @@ def _summary(folder: Path, **columns: Any) -> None:
 
 def _rows(page: str) -> list[str]:
     body = re.search(r"<tbody>(.*)</tbody>", page, re.DOTALL)
-    assert body is not None
     return body[1].split("</tr>")[:-1]
 
 
@@ -96,7 +95,6 @@ def test_seeds_of_a_course_are_walks_with_their_mean_and_deviation(tmp_path: Pat
     assert ">Walks</h2>" in page
     assert "recording" not in page.lower()
     foot = re.search(r"<tfoot>(.*)</tfoot>", page, re.DOTALL)
-    assert foot is not None
     mean, std = (re.findall(r"<t[hd][^>]*>([^<]*)</t", row) for row in foot[1].split("</tr>")[:-1])
     assert mean == ["mean", "", "", "3", "30"]
     assert std == ["std", "", "", f"{statistics.stdev([1, 2, 6]):.4g}", "–"]

@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import io
 
-import pytest
 from markdown_it import MarkdownIt
 
 from quadlog.results.papers.page import (
@@ -13,12 +12,11 @@ from quadlog.results.papers.page import (
     Erratum,
     csv_text,
     errata_text,
-    format_value,
     latex_text,
     readme_text,
     section_text,
 )
-from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
 
 ROWS = (
     PaperRow('length, "A|B" (m)', 1.2345678, 1.23, 1.2, 1.3, True, "as_is & 5 %"),
@@ -40,14 +38,6 @@ def test_the_csv_file_has_the_columns_of_the_contract_and_reads_back():
     assert list(read[0].values())[1:] == ["1.23", "1.23457", "1.2", "1.3", "0.0045678", "yes", "as_is & 5 %"]
     assert list(read[1].values())[1:] == ["2", "1e-07", "", "", "-2", "no", "why\nnot"]
     assert list(read[2].values())[1:] == ["", "0", "", "", "", "", ""]
-
-
-@pytest.mark.parametrize(
-    ("value", "digits", "text"),
-    [(None, 4, ""), (-0.0, 4, "0"), (0.123456, 4, "0.1235"), (5.2, 6, "5.2"), (1234567.0, 6, "1.23457e+06")],
-)
-def test_numbers_are_short_and_zero_has_no_sign(value, digits, text):
-    assert format_value(value, digits) == text
 
 
 def test_the_section_shows_everything():
@@ -106,18 +96,13 @@ JUDGED = (
 )
 
 
-def measured(name: str, rows=JUDGED, fast: bool = False, code: str = "code") -> SavedTable:
-    table = PaperTable(name, f"Title of {name}", "", "3 seeds.", 0, fast, (RowGroup("Group", "", tuple(rows)),))
-    return SavedTable(table, Origin(code, fast, 0))
-
-
 def page_html(*tables: SavedTable) -> str:
     text = readme_text(tables, "code", [Appendix("All & errata", "- One.\n")])
     return MarkdownIt("commonmark").enable("table").render(text)
 
 
-def test_the_summary_counts_what_reproduces_of_what_is_judged():
-    page = page_html(measured("planning-1"), measured("foot_2", JUDGED[2:4]))
+def test_the_summary_counts_what_reproduces_of_what_is_judged(saved):
+    page = page_html(saved("planning-1", JUDGED), saved("foot_2", JUDGED[2:4]))
     assert "2 of 3 printed numbers and claims" in page
     first, second = (line for line in page.split("<tr>") if line.startswith('\n<td><a href="#'))
     assert '<a href="#planning-1">planning-1</a>' in first
@@ -127,16 +112,18 @@ def test_the_summary_counts_what_reproduces_of_what_is_judged():
     assert '<td style="text-align:right">none printed</td>\n<td style="text-align:right">2</td>' in second
 
 
-def test_a_link_of_the_summary_leads_to_its_table():
-    page = page_html(measured("planning-1"))
+def test_a_link_of_the_summary_leads_to_its_table(saved):
+    page = page_html(saved("planning-1", JUDGED))
     assert page.index('<a id="planning-1"></a>') < page.index("<h2>Title of planning-1</h2>")
     assert page.index("<h2>Title of planning-1</h2>") < page.index("<h2>All &amp; errata</h2>")
 
 
-def test_fast_tables_and_older_ones_are_named():
-    text = readme_text([measured("a"), measured("b")], "code", [])
+def test_fast_tables_and_older_ones_are_named(saved):
+    text = readme_text([saved("a", JUDGED), saved("b", JUDGED)], "code", [])
     assert FAST not in text
     assert OLD not in text
-    text = readme_text([measured("a", fast=True), measured("b", code="before"), measured("c")], "code", [])
+    text = readme_text(
+        [saved("a", JUDGED, fast=True), saved("b", JUDGED, code="before"), saved("c", JUDGED)], "code", []
+    )
     assert FAST in text
     assert f"{OLD} b.\n" in text

@@ -4,29 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.results.papers.table import (
-    Origin,
-    PaperRow,
-    PaperTable,
-    RowGroup,
-    SavedTable,
-    TablePicture,
-    json_bytes,
-    load_saved,
-    picture_file,
-)
-
-ORIGIN = Origin("code", False, 3)
-ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, False, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
-
-
-PICTURES = (TablePicture("site", "Alt", "Caption", b"\x89PNG"),)
-
-
-def saved(rows=ROWS, pictures=PICTURES):
-    group = RowGroup("Group", "Text.", tuple(rows))
-    table = PaperTable("one", "Title", "Caption.", "Sizes.", 3, False, (group,), tuple(pictures), ("Erratum.",))
-    return SavedTable(table, ORIGIN)
+from quadlog.results.papers.table import PaperRow, json_bytes, load_saved, picture_file
 
 
 def write(folder, each):
@@ -35,7 +13,7 @@ def write(folder, each):
     (folder / "one.json").write_bytes(json_bytes(each))
 
 
-def test_a_table_comes_back_as_it_was(tmp_path):
+def test_a_table_comes_back_as_it_was(tmp_path, saved):
     write(tmp_path, saved())
     assert load_saved(tmp_path, "one") == saved()
 
@@ -47,12 +25,12 @@ rows = st.builds(
 
 
 @given(st.lists(rows, max_size=4, unique_by=lambda row: row.quantity))
-def test_any_rows_come_back(tmp_path_factory, some):
+def test_any_rows_come_back(tmp_path_factory, saved, some):
     folder = tmp_path_factory.mktemp("saved")
-    write(folder, saved(some, ()))
+    write(folder, saved(rows=some))
     back = load_saved(folder, "one")
-    assert back == saved(some, ())
-    assert json_bytes(back) == json_bytes(saved(some, ()))
+    assert back == saved(rows=some)
+    assert json_bytes(back) == json_bytes(saved(rows=some))
 
 
 def test_what_is_not_there_is_no_table(tmp_path):
@@ -63,7 +41,7 @@ def test_what_is_not_there_is_no_table(tmp_path):
 
 
 @given(data=st.data())
-def test_no_damaged_file_is_trusted(tmp_path_factory, data):
+def test_no_damaged_file_is_trusted(tmp_path_factory, saved, data):
     folder = tmp_path_factory.mktemp("saved")
     write(folder, saved())
     good = (folder / "one.json").read_bytes()
@@ -83,28 +61,24 @@ def test_what_is_another_file_is_no_table(tmp_path, text):
     assert load_saved(tmp_path, "one") is None
 
 
-def test_a_file_of_another_table_is_not_taken_for_it(tmp_path):
-    write(tmp_path, saved(pictures=()))
+def test_a_file_of_another_table_is_not_taken_for_it(tmp_path, saved):
+    write(tmp_path, saved())
     (tmp_path / "one.json").rename(tmp_path / "two.json")
     assert load_saved(tmp_path, "two") is None
 
 
 @pytest.mark.parametrize("damage", ["missing", "other"])
-def test_a_table_without_its_pictures_is_not_whole(tmp_path, damage):
+def test_a_table_without_its_pictures_is_not_whole(tmp_path, saved, damage):
     write(tmp_path, saved())
     picture = tmp_path / "one-site.png"
     picture.unlink() if damage == "missing" else picture.write_bytes(b"\x89PNF")
     assert load_saved(tmp_path, "one") is None
 
 
-def test_a_file_too_large_is_not_read(tmp_path, monkeypatch):
+def test_a_file_too_large_is_not_read(tmp_path, saved, monkeypatch):
     write(tmp_path, saved())
     monkeypatch.setattr("quadlog.results.papers.table.LARGEST_BYTES", 100)
     assert load_saved(tmp_path, "one") is None
-
-
-def table(*groups: RowGroup, fast: bool = False, seed: int = 0) -> PaperTable:
-    return PaperTable("planning-1", "Title", "Caption", "3 seeds.", seed, fast, groups)
 
 
 def test_the_difference_is_ours_less_the_papers():
@@ -121,21 +95,18 @@ def test_what_is_no_number_never_becomes_a_row(numbers):
         PaperRow("a (m)", **numbers)
 
 
-def test_rows_are_those_of_all_groups_and_named_once():
-    first, second = PaperRow("a", 1.0), PaperRow("b", 2.0)
-    groups = RowGroup("x", "", (first,)), RowGroup("y", "", (second,))
-    assert table(*groups).rows == (first, second)
+def test_a_quantity_is_named_once(saved):
     with pytest.raises(AssertionError, match="quantity"):
-        table(groups[0], groups[0])
+        saved(rows=[PaperRow("a", 1.0), PaperRow("a", 2.0)])
 
 
-def test_what_can_be_judged_is_counted():
+def test_what_can_be_judged_is_counted(saved):
     rows = PaperRow("a", 1.0, 1.0, reproduces=True), PaperRow("b", 1.0, 2.0, reproduces=False), PaperRow("c", 1.0, 2.0)
-    assert table(RowGroup("x", "", rows)).judged == rows[:2]
-    assert table(RowGroup("x", "", rows)).reproduced == "1 of 2 printed numbers reproduce"
-    assert table(RowGroup("x", "", rows[2:])).reproduced == "the paper prints none"
+    assert saved(rows=rows).table.judged == rows[:2]
+    assert saved(rows=rows).table.reproduced == "1 of 2 printed numbers reproduce"
+    assert saved(rows=rows[2:]).table.reproduced == "the paper prints none"
 
 
-def test_the_command_says_what_differs_from_the_defaults():
-    assert table().command == "quadlog tables planning-1"
-    assert table(fast=True, seed=7).command == "quadlog tables planning-1 --fast --seed 7"
+def test_the_command_says_what_differs_from_the_defaults(saved):
+    assert saved().table.command == "quadlog tables one"
+    assert saved(fast=True, seed=7).table.command == "quadlog tables one --fast --seed 7"

@@ -4,29 +4,20 @@ import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.results.papers.page import Appendix, prepare_folder, reusable_tables, write_readme, write_table
-from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
 
-ORIGIN = Origin("code", False, 0)
-FILES = {"one.csv", "one.tex", "one.json", "one-p.png"}
+FILES = {"one.csv", "one.tex", "one.json", "one-site.png"}
 
 
-def saved(name: str, origin: Origin = ORIGIN) -> SavedTable:
-    group = RowGroup("Group", "Text.", (PaperRow("a (m)", 1.0),))
-    pictures = (TablePicture("p", "", "", b"P"),)
-    table = PaperTable(name, f"Title of {name}", "Caption.", "Sizes.", 0, False, (group,), pictures)
-    return SavedTable(table, origin)
-
-
-def test_a_table_is_its_files_and_its_pictures(tmp_path):
+def test_a_table_is_its_files_and_its_pictures(tmp_path, saved):
     folder = tmp_path / "new" / "folder"
     prepare_folder(folder, ["one"], [], force=False)
     write_table(folder, saved("one"))
     assert {path.name for path in folder.iterdir()} == FILES
-    assert (folder / "one-p.png").read_bytes() == b"P"
+    assert (folder / "one-site.png").read_bytes() == b"\x89PNG"
     assert write_readme(folder, ["one"], "code", [], force=False).name == "README.md"
 
 
-def test_the_page_has_all_tables_there_are_in_the_order_asked_for(tmp_path):
+def test_the_page_has_all_tables_there_are_in_the_order_asked_for(tmp_path, saved):
     for name in ("two", "one", "three"):
         write_table(tmp_path, saved(name))
     (tmp_path / "other.json").write_text("{}")
@@ -46,7 +37,7 @@ def test_nothing_is_overwritten_without_force(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", sorted(FILES))
-def test_a_reused_table_may_lie_there_as_it_is_and_not_otherwise(tmp_path, name):
+def test_a_reused_table_may_lie_there_as_it_is_and_not_otherwise(tmp_path, name, saved):
     write_table(tmp_path, saved("one"))
     (tmp_path / "README.md").write_text("the page is looked at when it is written")
     prepare_folder(tmp_path, [], [saved("one")], force=False)
@@ -58,7 +49,7 @@ def test_a_reused_table_may_lie_there_as_it_is_and_not_otherwise(tmp_path, name)
     prepare_folder(tmp_path, [], [saved("one")], force=False)
 
 
-def test_files_as_they_should_be_are_not_written_again(tmp_path):
+def test_files_as_they_should_be_are_not_written_again(tmp_path, saved):
     write_table(tmp_path, saved("one"))
     before = {path.name: path.stat().st_ino for path in tmp_path.iterdir()}
     write_table(tmp_path, saved("one"))
@@ -68,7 +59,7 @@ def test_files_as_they_should_be_are_not_written_again(tmp_path):
     assert (tmp_path / "one.csv").read_text().startswith("quantity,")
 
 
-def test_another_page_is_not_overwritten_without_force(tmp_path):
+def test_another_page_is_not_overwritten_without_force(tmp_path, saved):
     write_table(tmp_path, saved("one"))
     page = write_readme(tmp_path, ["one"], "code", [], force=False)
     before = page.read_text()
@@ -81,17 +72,18 @@ def test_another_page_is_not_overwritten_without_force(tmp_path):
     assert page.read_text() == before
 
 
-@pytest.mark.parametrize("other", [Origin("other", False, 0), Origin("code", True, 0), Origin("code", False, 1)])
-def test_only_what_has_the_same_origin_is_reused(tmp_path, other):
+@pytest.mark.parametrize("other", [{"code": "other"}, {"fast": True}, {"seed": 1}])
+def test_only_what_has_the_same_origin_is_reused(tmp_path, other, saved):
     write_table(tmp_path, saved("one"))
-    write_table(tmp_path, saved("two", other))
-    assert reusable_tables(tmp_path, ["two", "one", "three"], ORIGIN) == [saved("one")]
-    assert reusable_tables(tmp_path / "elsewhere", ["one"], ORIGIN) == []
+    write_table(tmp_path, saved("two", **other))
+    origin = saved().origin
+    assert reusable_tables(tmp_path, ["two", "one", "three"], origin) == [saved("one")]
+    assert reusable_tables(tmp_path / "elsewhere", ["one"], origin) == []
 
 
 def test_a_table_that_is_not_asked_for_does_not_stand_in_the_way(tmp_path):
     (tmp_path / "two.csv").write_text("mine")
-    (tmp_path / "two-p.png").write_text("mine")
+    (tmp_path / "two-site.png").write_text("mine")
     prepare_folder(tmp_path, ["one"], [], force=False)
 
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +11,11 @@ from quadlog.errors import NotARun
 from quadlog.results.plots.planning import draw_grid
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.maps import MapsWriter, load_maps
-from quadlog.results.run.tables import TABLES, read_table, write_table
-
-
-def _with_config(run: Path, **sections: Any) -> None:
-    content = json.loads((run / "run.json").read_text())
-    content["config"] |= sections
-    (run / "run.json").write_text(json.dumps(content))
+from quadlog.results.run.tables import read_table
 
 
 def _drawn(run: Path) -> Any:
     figure = draw_grid(RunData(run))
-    assert figure is not None
     whole, close = figure.axes
     return figure, whole, close, {str(line.get_label()): line for line in close.get_lines()}
 
@@ -36,8 +28,8 @@ def _instant(run: Path, whole: Any) -> tuple[int, int]:
     return index, int(maps.t_ns[index])
 
 
-def test_robot_target_and_paths_are_those_of_the_map_instant(tiny_run: Path) -> None:
-    _with_config(tiny_run, robot={"length_m": 0.62, "width_m": 0.26})
+def test_robot_target_and_paths_are_those_of_the_map_instant(tiny_run: Path, change_json: Any) -> None:
+    change_json(tiny_run / "run.json", {"config.robot": {"length_m": 0.62, "width_m": 0.26}})
     _, whole, _, lines = _drawn(tiny_run)
     _, t_ns = _instant(tiny_run, whole)
     poses, target, paths = (read_table(tiny_run, name) for name in ("poses", "target", "paths"))
@@ -80,10 +72,9 @@ def test_the_close_view_is_a_square_with_robot_target_and_path_that_the_whole_on
     assert mark.get_bbox().bounds == pytest.approx((left, bottom, right - left, top - bottom))
 
 
-def test_a_long_path_widens_the_close_view(tiny_run: Path) -> None:
-    paths = read_table(tiny_run, "paths")
-    bent_m = paths["y_m"] - 2.4 + 0.64 * paths["i"]  # nearly the height of the window
-    write_table(tiny_run / "paths.parquet", TABLES["paths"], paths | {"y_m": bent_m})
+def test_a_long_path_widens_the_close_view(tiny_run: Path, change: Any) -> None:
+    rise_m = 0.64 * read_table(tiny_run, "paths")["i"] - 2.4  # nearly the height of the window
+    change(tiny_run, "paths", y_m=lambda y_m: y_m + rise_m)
     _, _, close, lines = _drawn(tiny_run)
     y_m = np.asarray(lines["path, cells"].get_ydata())
     bottom, top = close.get_ylim()
@@ -91,9 +82,8 @@ def test_a_long_path_widens_the_close_view(tiny_run: Path) -> None:
     assert np.ptp(close.get_xlim()) == pytest.approx(top - bottom)
 
 
-def test_a_target_far_outside_the_window_does_not_spread_the_close_view(tiny_run: Path) -> None:
-    target = read_table(tiny_run, "target")
-    write_table(tiny_run / "target.parquet", TABLES["target"], target | {"x_m": target["x_m"] + 1e6})
+def test_a_target_far_outside_the_window_does_not_spread_the_close_view(tiny_run: Path, change: Any) -> None:
+    change(tiny_run, "target", x_m=lambda x_m: x_m + 1e6)
     _, _, close, _ = _drawn(tiny_run)
     assert np.ptp(close.get_xlim()) < 10.0
 
@@ -118,7 +108,7 @@ def test_a_map_alone_is_drawn_about_its_middle(tiny_run: Path) -> None:
     assert np.mean(close.get_ylim()) == pytest.approx(4.0)
 
 
-def test_a_nonsense_size_of_the_robot_is_a_damaged_run(tiny_run: Path) -> None:
-    _with_config(tiny_run, robot={"length_m": "long"})
+def test_a_nonsense_size_of_the_robot_is_a_damaged_run(tiny_run: Path, change_json: Any) -> None:
+    change_json(tiny_run / "run.json", {"config.robot": {"length_m": "long"}})
     with pytest.raises(NotARun, match=r"config\.robot"):
         draw_grid(RunData(tiny_run))

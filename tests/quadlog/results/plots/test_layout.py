@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -158,36 +156,6 @@ def test_heights_of_any_length_have_room(tiny_run: Path, height_m: float) -> Non
     rng = np.random.default_rng(3)
     write_ground(tiny_run, GroundMap(np.zeros(2), 1.0, rng.normal(height_m, 0.004, (9, 7)), np.ones((9, 7), np.int64)))
     _check(_drawn(tiny_run, "terrain"))
-
-
-def _map_with(lines: int, heading: str = "", length: int = 5) -> Figure:
-    figure, panel = places.new_map((0.0, 2.0, 0.0, 1.0))
-    for index in range(lines):
-        panel.plot([0, 2], [0, 1], label=f"{index}" * length)
-    places.add_head(figure, panel, heading)
-    return figure
-
-
-def _in_style(draw: Callable[[], Figure]) -> Figure:
-    with mpl.rc_context({"legend.frameon": False, "legend.fontsize": 9.0}):
-        figure = draw()
-        figure.canvas.draw()
-    return figure
-
-
-@pytest.mark.parametrize(("lines", "length", "rows"), [(1, 5, 1), (5, 5, 1), (9, 9, 2), (7, 30, 4), (3, 70, 3)])
-def test_a_legend_has_as_few_rows_as_fit_and_room_for_them(lines: int, length: int, rows: int) -> None:
-    figure = _in_style(lambda: _map_with(lines, "a heading", length))
-    _check(figure)
-    (legend,) = figure.legends
-    bottoms = {round(text.get_window_extent().y0) for text in legend.get_texts()}
-    assert len(bottoms) == rows
-
-
-def test_a_head_moves_no_panel() -> None:
-    plain, headed = (_in_style(lambda lines=lines: _map_with(lines, "a heading" * lines)) for lines in (0, 3))
-    assert headed.get_figheight() > plain.get_figheight() + 0.4
-    np.testing.assert_allclose(headed.axes[0].bbox.bounds, plain.axes[0].bbox.bounds)
 
 
 def test_a_map_too_flat_or_too_high_shows_more_around_its_middle() -> None:

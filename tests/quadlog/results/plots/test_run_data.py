@@ -28,7 +28,6 @@ def test_share_is_occupied_maps_over_covering_maps(tmp_path: Path) -> None:
                 seen[row + i, column + j] += 1
                 hits[row + i, column + j] += int(occupied[i, j])
     share = accumulate(load_maps(tmp_path))
-    assert share is not None
     assert share.origin_m.tolist() == [-1.0, -0.5]
     assert share.extent_m == (-1.0, 4.5, -0.5, 4.5)
     assert share.share.shape == (10, 11)
@@ -45,7 +44,6 @@ def test_a_vast_area_is_drawn_coarser_instead_of_filling_the_memory(
     monkeypatch.setattr(occupancy, "MAX_CELLS", 400)
     _write(tmp_path, [((0.0, 0.0), np.ones((4, 6), bool)), ((100.0, 50.0), np.ones((4, 6), bool))])
     share = accumulate(load_maps(tmp_path))
-    assert share is not None
     assert share.share.size <= 400
     assert share.cell_m > 0.5
     assert share.share[0, 0] == 1
@@ -56,7 +54,6 @@ def test_a_vast_area_is_drawn_coarser_instead_of_filling_the_memory(
 def test_windows_absurdly_far_away_are_left_out(tmp_path: Path) -> None:
     _write(tmp_path, [((1e300, 0.0), np.ones((4, 6), bool)), ((0.0, 0.0), np.ones((4, 6), bool))])
     share = accumulate(load_maps(tmp_path))
-    assert share is not None
     assert share.share.shape == (4, 6)
     (tmp_path / "far").mkdir()
     _write(tmp_path / "far", [((1e300, 0.0), np.ones((4, 6), bool))])
@@ -78,5 +75,4 @@ def test_what_a_standing_robot_saw_is_shown_around_it(tmp_path: Path) -> None:
 def test_a_map_without_obstacles_has_no_corners(tmp_path: Path) -> None:
     _write(tmp_path, [((0.0, 0.0), np.zeros((4, 6), bool))])
     share = accumulate(load_maps(tmp_path))
-    assert share is not None
     assert share.corners_m.shape == (0, 2)

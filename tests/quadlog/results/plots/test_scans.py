@@ -26,7 +26,6 @@ def run(tiny_run: Path) -> Path:
 
 def _lines(run: Path) -> tuple[Any, Any, Any]:
     figure = draw_scan(RunData(run))
-    assert figure is not None
     return figure, *figure.axes
 
 

@@ -63,13 +63,6 @@ def test_thinned_points_are_spread_from_the_first_to_the_last(count: int, limit:
         assert (keep[0], keep[-1]) == (0, count - 1)
 
 
-def test_numbers_are_typeset() -> None:
-    assert style.signed(-0.0204) == "−0.020"
-    assert style.signed(0.0204) == "+0.020"
-    assert style.count(1234567) == "1\u2009234\u2009567"
-    assert style.percent(0.0417) == "4.2 %"
-
-
 @given(hnp.arrays(np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, max_side=40).map(lambda shape: (*shape, 3))))
 def test_pillow_reads_back_every_pixel(rgb: np.ndarray) -> None:
     with Image.open(io.BytesIO(to_png(rgb))) as picture:

@@ -61,7 +61,7 @@ def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
 def test_what_is_no_run_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "empty").mkdir()
-    for name, words in (("none", "no such folder"), ("file", "is no folder"), ("empty", "there is none in it")):
+    for name, words in (("none", "no such folder"), ("file", "is no folder"), ("empty", "contains none")):
         with pytest.raises(NotARun, match=f"{name}: .*{words}"):
             find_runs([tmp_path / name])
 

@@ -27,7 +27,6 @@ from quadlog.results.run.maps import (
     write_dilution,
     write_ground,
 )
-from quadlog.storage.npz import NpzReader
 
 
 def write(path: Path, count: int, shape: tuple[int, int], seed: int = 0) -> np.ndarray[Any, Any]:
@@ -225,13 +224,6 @@ def test_missing_and_inconsistent_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "ground.npz").write_bytes(b"not a zip")
     with pytest.raises(NotARun, match=r"ground\.npz: is damaged or no \.npz"):
         read_ground(tmp_path)
-
-
-def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
-    np.savez_compressed(tmp_path / "bomb.npz", x=np.zeros(50_000_000, np.uint8))
-    assert (tmp_path / "bomb.npz").stat().st_size < 100_000
-    with pytest.raises(TooLarge, match="bytes of x"):
-        NpzReader(tmp_path / "bomb.npz").read("x", np.uint8, (None,), 1_000_000)
 
 
 GRID = DilutionGrid(np.array([-3.0, 2.0]), 0.5, 0.6, np.array([[0.8, 1.0, np.inf], [0.9, 1.1, 4.0]]))

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +34,6 @@ def test_run_json_says_all_the_contract_names(tiny_run: Path) -> None:
     assert record["stages"][0] == {"name": "ingest", "seconds": 0.5, "peak_memory_mb": 120.0}
     assert record["counts"] == {"scans": 40, "scans_without_pose": 0}
     assert record["warnings"] == ["no heading source: yaw is the course"]
-
-
-def test_what_is_none_is_absent(tiny_record: RunRecord) -> None:
-    assert "realtime_factor" not in replace(tiny_record, realtime_factor=None).to_dict()
 
 
 def test_a_device_is_no_recording_and_is_not_read_to_its_end() -> None:

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -16,7 +16,16 @@ from hypothesis.extra import numpy as stn
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run import tables
-from quadlog.results.run.tables import COST_NAMES, TABLES, TableWriter, has_table, read_table, start_ns, write_table
+from quadlog.results.run.tables import (
+    COST_NAMES,
+    METRIC_NAMES,
+    TABLES,
+    TableWriter,
+    has_table,
+    read_table,
+    start_ns,
+    write_table,
+)
 
 
 def poses(n: int) -> dict[str, Any]:
@@ -50,14 +59,6 @@ def test_any_table_comes_back(tmp_path_factory: pytest.TempPathFactory, t_ns: An
     assert back["source"].tolist() == source.tolist()
 
 
-def test_pandas_reads_what_we_write(tiny_run: Path) -> None:
-    frame = pd.read_parquet(tiny_run / "plans.parquet")
-    assert frame["expanded"].tolist() == list(range(20, 60))
-    assert frame["found"].dtype == bool
-    assert np.isnan(frame["cost"][5])
-    assert frame["optimal_cost"].isna().all()
-
-
 def test_a_float_that_does_not_exist_is_null_in_the_file(tmp_path: Path) -> None:
     values = {"target_distance_m": [1.0, None, np.nan], "clearance_m": [np.inf, 0.0, np.nan]}
     write_table(tmp_path / "clearances.parquet", TABLES["clearances"], {"t_ns": np.arange(3), **values})
@@ -83,11 +84,31 @@ def test_the_file_depends_on_the_rows_alone(tmp_path: Path) -> None:
 
 
 def test_memory_stays_bounded_while_writing(tmp_path: Path) -> None:
-    with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
-        for _ in range(20):
-            table.append(poses(5000))
-            assert table._pending < 2 * tables._GROUP_ROWS
+    def peak(batches: int) -> int:
+        tracemalloc.start()
+        with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
+            for _ in range(batches):
+                table.append(poses(5000))
+        try:
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(1)
+    assert peak(60) < 1.2 * peak(20)
     assert len(read_table(tmp_path, "poses")["t_ns"]) == 100_000
+
+
+CONTRACT = """eta_m sigma_m eta_time_m sigma_time_m completion_time_s max_error_m cross_track_rmse_m heading_rmse_rad
+    fallen pitch_rms_rad height_rms_m torque_max_nm torque_saturation_share cost_of_transport clearance_min_m collisions
+    following_distance_mean_m lateral_drift_m yaw_rate_degps forward_m expanded_total generated_total expanded_mean
+    ratio_to_astar fallback_share suboptimality_mean success_rate uwb_rmse_m uwb_bias_m uwb_residual_m ate_rmse_m
+    rpe_rmse_m realtime_factor"""
+
+
+def test_metrics_have_the_names_of_the_contract() -> None:
+    """Columns of all tables are compared with docs/files.md, which lists the metrics elsewhere."""
+    assert [name for name in METRIC_NAMES if name in CONTRACT.split()] == CONTRACT.split()
 
 
 def test_an_error_in_the_middle_leaves_nothing(tmp_path: Path) -> None:

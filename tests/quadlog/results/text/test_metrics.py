@@ -9,11 +9,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from quadlog.errors import UnknownName
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary, spread
 from quadlog.results.run.tables import METRIC_NAMES
-from quadlog.results.text.metrics import FORMATS, RunAtWorst, WorstInstant, explain_text, format_metrics, number
+from quadlog.results.text.metrics import FORMATS, RunAtWorst, WorstInstant, explain_text, format_metrics
 from quadlog.results.text.walks import walks_text
 
 SUMMARY = SampleSummary(0.25, 600, 0.25, 0.125, 0.2, 0.5, (0.2, 0.3))
@@ -91,7 +90,9 @@ def test_a_run_of_any_name_is_shown_as_it_is(to: str, count: int) -> None:
         assert re.search(r"(?<!\\)[&%$#_](?![^\n]*\\\\)", text.split("\\caption{")[1].split("}\n")[0]) is None
         assert r"a\textbar{}b\_\$x\#" in text
         rows = [line for line in text.splitlines() if line.endswith(r"\\")]
-        assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {len(re.findall(r"[lr]", _columns(text))) - 1}
+        assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {
+            len(re.findall(r"[lr]", text.split(r"\begin{tabular}{@{}")[1].split("@{}}")[0])) - 1
+        }
     if to == "markdown":
         rows = [line for line in text.splitlines() if line.startswith("|")]
         assert len({len(re.findall(r"(?<!\\)\|", row)) for row in rows}) == 1
@@ -135,27 +136,6 @@ def test_a_path_that_is_no_text_can_be_written() -> None:
     run = MeasuredRun(Path("runs/\udcff"), "\udcff", {"eta_m": Measured(1.0, 1, "m")})
     for to in FORMATS:
         text_of([run], to).encode()
-
-
-def test_an_unknown_format_is_named() -> None:
-    with pytest.raises(UnknownName, match="unknown format 'xml'"):
-        format_metrics([], {}, "xml")
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [
-        *((0.0, "0"), (593.0, "593"), (-3.0, "-3"), (0.0074979, "0.007498"), (1.0005, "1.000"), (999.96, "1000")),
-        (12345.67, "12346"),
-        *((1e-9, "1.000e-09"), (-0.25, "-0.2500"), (1e300, f"{1e300:.0f}"), (None, "")),
-    ],
-)
-def test_numbers_have_four_digits(value: float | None, shown: str) -> None:
-    assert number(value) == shown
-
-
-def _columns(text: str) -> str:
-    return text.split(r"\begin{tabular}{@{}")[1].split("@{}}")[0]
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

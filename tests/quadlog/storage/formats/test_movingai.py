@@ -114,30 +114,37 @@ def _answer(read: Callable[[Path], object], path: Path) -> object:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "match"),
+    ("content", "old", "new", "line", "match"),
     [
-        (b"type octile\n", b"", 3, "expected 'type octile', 'height' and 'width'"),
-        (b"octile", b"tile", 1, "type is 'tile', expected octile"),
-        (b"height 3", b"height 4", 8, "ends after 3 of 4 rows"),
-        (b"height 3", b"height 2", 7, "goes on after its 2 rows"),
-        (b"height 3", b"height -3", 2, "height is no whole number above 0"),
-        (b"height 3", b"width 3", 3, "each once"),
-        (b"width 4", b"width 0", 3, "width is no whole number above 0"),
-        (b"map\n", b"", 4, "expected 'map'"),
-        (b"@OTW", b"@OT", 6, "only 3 of 4 columns"),
-        (b"@OTW", b"@OTWW", 6, "more of 4 columns"),
-        (b"@OTW", b"@O\xffW", 6, r"'\\xff' in column 3 is none of \. G S"),
-        (b"@OTW", b"@Ot\x1b", 6, "'t' in column 3"),
-        (b"..T.\n", b"..T.\n\n.\n", 9, "goes on"),
-        (b"..T.\n", b"..T." + b"\n" * 2000, 1008, "goes on"),
+        (MAP, b"type octile\n", b"", 3, "expected 'type octile', 'height' and 'width'"),
+        (MAP, b"octile", b"tile", 1, "type is 'tile', expected octile"),
+        (MAP, b"height 3", b"height 4", 8, "ends after 3 of 4 rows"),
+        (MAP, b"height 3", b"height 2", 7, "goes on after its 2 rows"),
+        (MAP, b"height 3", b"width 3", 3, "each once"),
+        (MAP, b"width 4", b"width 0", 3, "width is no whole number above 0"),
+        (MAP, b"map\n", b"", 4, "expected 'map'"),
+        (MAP, b"@OTW", b"@OT", 6, "only 3 of 4 columns"),
+        (MAP, b"@OTW", b"@OTWW", 6, "more of 4 columns"),
+        (MAP, b"@OTW", b"@O\xffW", 6, r"'\\xff' in column 3 is none of \. G S"),
+        (MAP, b"..T.\n", b"..T." + b"\n" * 2000, 1008, "goes on"),
+        (SCEN, b"version 1", b"version 2", 1, "expected 'version 1'"),
+        (SCEN, b"\t3.41421", b"", 3, "has 8 fields, not the nine"),
+        (SCEN, b"3.41421", b"-1", 3, "is no number of 0 or more"),
+        (SCEN, b"3.41421", b"1e999", 3, "is no number of 0 or more"),
+        (SCEN, b"\t13\t", b"\t-13\t", 3, "is no query: bucket, map, width"),
+        (SCEN, b"\t13\t", b"\t49\t", 3, "outside the 49 x 49 cells"),
+        (SCEN, b"dao/arena.map\t49\t49\t1\t13", b"\x1b[31m\t49\t49\t1\t13", 3, "is no query"),
+        (SCEN, b"dao/arena.map\t49\t49\t1\t13", b"\xff\t49\t49\t1\t13", 3, "is no UTF-8"),
+        (SCEN, b"3.41421", b"3" * 1000, 3, "longer than any query"),
+        (SCEN, SCEN[10:], b"", 1, "holds no query"),
     ],
 )
-def test_what_is_wrong_with_a_map_is_said(tmp_path: Path, old: bytes, new: bytes, line: int, match: str) -> None:
-    assert MAP.count(old) == 1
-    path = tmp_path / "a.map"
-    path.write_bytes(MAP.replace(old, new))
-    with pytest.raises(UnreadableFile, match=rf"a\.map, line {line}: .*{match}"):
-        read_movingai_map(path)
+def test_an_error_names_its_line(tmp_path: Path, content: bytes, old: bytes, new: bytes, line: int, match: str) -> None:
+    assert content.count(old) == 1
+    path = tmp_path / "a"
+    path.write_bytes(content.replace(old, new))
+    with pytest.raises(UnreadableFile, match=rf"a, line {line}: .*{match}"):
+        (read_movingai_map if content is MAP else read_movingai_scen)(path)
 
 
 @pytest.mark.parametrize(
@@ -181,32 +188,6 @@ def test_any_scenario_comes_back(
     lines = [between.join(map(str, (*row[:4], *row[4], *row[5], repr(row[6])))) for row in expected]  # type: ignore[misc]
     path.write_bytes((end.join([version, *lines]) + end * after).encode())
     assert [as_tuple(query) for query in read_movingai_scen(path)] == expected
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "line", "match"),
-    [
-        (b"version 1\n", b"", 1, "expected 'version 1'"),
-        (b"version 1", b"version 2", 1, "expected 'version 1'"),
-        (b"\t3.41421", b"", 3, "has 8 fields, not the nine"),
-        (b"3.41421", b"nan", 3, "is no number of 0 or more"),
-        (b"3.41421", b"-1", 3, "is no number of 0 or more"),
-        (b"3.41421", b"1e999", 3, "is no number of 0 or more"),
-        (b"\t13\t", b"\t-13\t", 3, "is no query: bucket, map, width"),
-        (b"\t13\t", b"\t49\t", 3, "outside the 49 x 49 cells"),
-        (b"1\t11\t1\t12", b"1\t11\t49\t12", 2, "outside the 49 x 49 cells"),
-        (b"dao/arena.map\t49\t49\t1\t13", b"\x1b[31m\t49\t49\t1\t13", 3, "is no query"),
-        (b"dao/arena.map\t49\t49\t1\t13", b"\xff\t49\t49\t1\t13", 3, "is no UTF-8"),
-        (b"3.41421", b"3" * 1000, 3, "longer than any query"),
-        (SCEN[10:], b"", 1, "holds no query"),
-    ],
-)
-def test_what_is_wrong_with_a_scenario_is_said(tmp_path: Path, old: bytes, new: bytes, line: int, match: str) -> None:
-    assert SCEN.count(old) == 1
-    path = tmp_path / "a.scen"
-    path.write_bytes(SCEN.replace(old, new))
-    with pytest.raises(UnreadableFile, match=rf"a\.scen, line {line}: .*{match}"):
-        read_movingai_scen(path)
 
 
 def test_too_many_queries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,8 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from quadlog.errors import QuadlogError, TooLarge, UnreadableFile
+from quadlog.errors import TooLarge, UnreadableFile
 from quadlog.storage.formats import path_file
 from quadlog.storage.formats.path_file import read_path
 
@@ -69,16 +66,3 @@ def test_no_file_no_point_and_too_many_are_refused(write, tmp_path, monkeypatch)
     monkeypatch.setattr(path_file, "MAX_BYTES", 3)
     with pytest.raises(TooLarge):
         read_path(write("0,0\n"))
-
-
-@given(content=st.one_of(st.binary(max_size=200), st.text('0123456789.,-e\nx_my "', max_size=100).map(str.encode)))
-def test_no_file_ends_in_anything_but_points_or_a_quadlog_error(tmp_path_factory, content):
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(content)
-    try:
-        points = read_path(path)
-    except QuadlogError:
-        return
-    assert points.ndim == 2
-    assert points.shape[1] == 2
-    assert np.isfinite(points).all()

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from quadlog.cli.terminal.progress_bars import (
+    MAX_LINES,
+    Bars,
+    WorkerLines,
+    duration_words,
+    open_batch_progress,
+    open_progress,
+    step_words,
+)
+from quadlog.pipelines.batch.progress import BatchCounts, TaskProgress
+from quadlog.pipelines.executor.progress import told_to
+
+
+def on_screen(bars):
+    """The bars on a terminal of our own, and what is drawn on it."""
+    screen = io.StringIO()
+    bars._bars.live.console = Console(file=screen, force_terminal=True, width=140)
+    return bars, screen
+
+
+def test_bars_show_stages_rates_and_no_escape_sequence():
+    """Every stage ends full; a topic's escape sequence is not obeyed."""
+    bars, screen = on_screen(Bars())
+    with bars:
+        bars.begin("ingest", None)
+        bars.begin("filter", 3)
+        for step in range(3):
+            bars.advance(0.1 * step)
+        bars.say("topic \x1b[31m/points")
+    drawn = screen.getvalue()
+    assert all(words in drawn for words in ("1/1", "3/3", "real time"))
+    assert "\x1b[31m/points" not in drawn
+
+
+def test_a_pipe_gets_lines_only(capsys):
+    with open_progress() as lines:
+        lines.begin("filter", 3)
+        lines.advance(1.0)
+        lines.say("robot position from uwb")
+    tally = BatchCounts(2, 10)
+    with open_batch_progress() as progress:
+        progress.expect(tally, 2)
+        progress.hear(step(0))
+        tally.count(5, False, 1.0)
+        progress.finish("walk", "done")
+    assert capsys.readouterr() == ("", "robot position from uwb\n[1/2] walk: done\n")
+
+
+def step(number, worker="host:1", stage="map", steps=3, total=10, factor=2.5):
+    who = {"number": number, "run": f"walk\x1b[31m-{number}", "worker": worker, "peak_memory_mb": 1.0}
+    return who | {"stage": stage, "steps": steps, "total": total, "realtime_factor": factor}
+
+
+def test_each_worker_has_a_line_and_all_have_one_with_the_time_left():
+    lines, screen = on_screen(WorkerLines())
+    tally = BatchCounts(3, 300)
+    with lines:
+        lines.expect(tally, 2)
+        lines.hear(step(0))
+        lines.hear(step(1, worker="host:2", stage="filter", total=0, factor=None))
+        tally.count(100, True, 60.0)
+        lines.finish("walk\x1b[31m-0", "no lidar")
+        lines.finish("gone", "done")
+        lines._bars.refresh()
+    text = screen.getvalue()
+    assert all(words in text for words in ("3/10  2.5x real time  host:1", "filter", "no lidar"))
+    assert "1/3 recordings, 1 failed, 60 s left" in text or "1/3 recordings, 1 failed, 1 min left" in text
+    assert "walk\x1b[31m" not in text
+    assert "gone" not in text
+
+
+def test_more_workers_than_a_screen_holds_are_not_shown():
+    lines, _ = on_screen(WorkerLines())
+    with lines:
+        lines.expect(BatchCounts(1000, 1), 1000)
+        for number in range(100):
+            lines.hear(step(number, worker=f"host:{number}"))
+        assert len(lines._bars.tasks) == MAX_LINES + 1
+
+
+def test_words():
+    assert step_words(step(0, total=0, steps=0, factor=None)) == "host:1"
+    durations = {5: "5 s", 90: "2 min", 3599: "60 min", 7200: "2 h 00 min", 90061: "25 h 01 min"}
+    assert {seconds: duration_words(seconds) for seconds in durations} == durations
+
+
+def test_a_replay_reports_its_position_and_rate_but_not_at_every_step(monkeypatch):
+    now_s = [100.0]
+    monkeypatch.setattr("quadlog.pipelines.batch.progress.time.monotonic", lambda: now_s[0])
+    heard = []
+    with told_to(heard.append, "tcp://worker"):
+        told = TaskProgress(7, "walk")
+        told.begin("map", 1000)
+        for scan in range(100):
+            now_s[0] += 0.1
+            told.advance(0.3 * (scan + 1))
+        told.say("warning: few ranges")
+        told.say("robot position from uwb")
+    assert told.warnings == ["warning: few ranges"]
+    assert {each["stage"] for each in heard} == {"map"}
+    assert 15 <= len(heard) <= 22
+    assert heard[-1]["realtime_factor"] == pytest.approx(3.0)
+    assert (heard[-1]["number"], heard[-1]["worker"], heard[-1]["total"]) == (7, "tcp://worker", 1000)
+    assert heard[-1]["peak_memory_mb"] > 10
