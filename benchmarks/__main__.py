@@ -1,4 +1,4 @@
-"""`make bench`: every figure with its limit and its floor beside it; ratios are taken within one run.
+"""`make bench`: every figure with its limit and its floor; ratios are taken within one run.
 
 Nothing here decides whether a change lands: machines differ and are shared.
 Read the ratios, run twice, and mind what else the machine was doing.

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 import pyarrow.parquet as pq
 
-from benchmarks.figures import Figure
-from benchmarks.startup import QUADLOG
+from benchmarks.figures import Figure, run_quadlog
 
 EQUAL, EQUAL_S = 8, 60
 SHORT, SHORT_S = 1000, 2
-# A sweep of fewer rays makes a recording small, so that the engine has most to do beside it.
+# Fewer rays make a recording small, so that the engine's share is largest.
 AZIMUTH_STEPS = 90
 TIMINGS = ("ms", "us")
 
@@ -52,10 +49,10 @@ def _engine(short: Path) -> Iterator[Figure]:
 
 
 def _recordings(folder: Path, count: int, seconds: int, options: tuple[str, ...]) -> Path:
-    """A folder of the same recording, so many times, and its configuration."""
+    """A folder with `count` links to the same recording, and its configuration."""
     folder.mkdir()
     make = ["synthesize", "follow", "--duration", str(seconds), *options, "-o", str(folder / "0.mcap")]
-    _run([*make, "--config-output", str(folder / "quadlog.toml")])
+    run_quadlog(*make, "--config-output", str(folder / "quadlog.toml"))
     for number in range(1, count):
         os.link(folder / "0.mcap", folder / f"{number}.mcap")
     return folder
@@ -63,9 +60,8 @@ def _recordings(folder: Path, count: int, seconds: int, options: tuple[str, ...]
 
 def _replay(folder: Path, output: str, *options: str, recording: str = "*.mcap") -> float:
     """Seconds of the command."""
-    began = time.perf_counter()
-    _run(["replay", str(folder / recording), "-c", str(folder / "quadlog.toml"), "-o", str(folder / output), *options])
-    return time.perf_counter() - began
+    words = "replay", str(folder / recording), "-c", str(folder / "quadlog.toml"), "-o", str(folder / output)
+    return run_quadlog(*words, *options).wall
 
 
 def _on_cluster(folder: Path) -> float:
@@ -73,10 +69,6 @@ def _on_cluster(folder: Path) -> float:
 
     with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         return _replay(folder, "dask", "--scheduler", cluster.scheduler_address, "--until", "map")
-
-
-def _run(words: list[str]) -> None:
-    subprocess.run([QUADLOG, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
 
 
 def _summary(folder: Path) -> pd.DataFrame:

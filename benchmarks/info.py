@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import statistics
 import struct
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from benchmarks.figures import Figure
+from benchmarks.figures import QUADLOG, Figure, run_apart, run_quadlog, run_timed
 from benchmarks.reading import SCANS, write_clouds
-from benchmarks.startup import QUADLOG
 
 ROUNDS, REPEATS, SMALL_PER_SCAN = 7, 8, 20
 IMPORTS = "import quadlog.cli.main, quadlog.cli.info, quadlog.config.file, quadlog.pipelines.info"
@@ -26,15 +21,15 @@ IMPORTS += ", quadlog.cli.terminal.progress_bars, quadlog.recordings.containers.
 
 def measure(folder: Path) -> Iterator[Figure]:
     """Wall time and what it is above the imports; `--full` once, for comparison."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as other:  # writing would leave this process a memory of its own
-        path = other.submit(write_gigabyte, folder).result()
-    pairs = [(_wall_s([QUADLOG, "info", str(path)]), _wall_s([sys.executable, "-c", IMPORTS])) for _ in range(ROUNDS)]
+    path = run_apart(write_gigabyte, folder)
+    commands = [QUADLOG, "info", str(path)], [sys.executable, "-c", IMPORTS]
+    pairs = [[run_timed(command).wall for command in commands] for _ in range(ROUNDS)]
     imports_s = statistics.median(imports for _, imports in pairs)
     floor = f"floor: its imports alone take {imports_s:.2f} s"
     size = f"{path.stat().st_size / 1e9:.1f} GB"
     yield Figure(f"quadlog info, indexed MCAP of {size}", statistics.median(s for s, _ in pairs), "s", 0.6, floor=floor)
     yield Figure("the same, above its imports", statistics.median(whole - imports for whole, imports in pairs), "s")
-    yield Figure("quadlog info --full", _wall_s([QUADLOG, "info", "--full", str(path)]), "s")
+    yield Figure("quadlog info --full", run_quadlog("info", "--full", str(path)).wall, "s")
     path.unlink()
 
 
@@ -69,9 +64,3 @@ def _write_tenth(writer: Writer, clouds: int, small: int, t_ns: int, scan: bytes
     for index in range(SMALL_PER_SCAN):
         each_ns = t_ns + index * 10**8 // SMALL_PER_SCAN
         writer.add_message(small, each_ns, b"\0\1\0\0\5\0\0\0tick\0", each_ns)
-
-
-def _wall_s(command: list[str]) -> float:
-    began_s = time.perf_counter()
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
-    return time.perf_counter() - began_s

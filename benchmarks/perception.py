@@ -6,29 +6,21 @@ import json
 import os
 import statistics
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-from benchmarks.figures import Figure
+from benchmarks.figures import CONFIG, FIXTURE, QUADLOG, Figure, one_core, run_apart
+from benchmarks.reading import decompress
 
-ROOT = Path(__file__).parents[1]
-QUADLOG = str(Path(sys.executable).with_name("quadlog"))
-CONFIG = ROOT / "fixtures" / "follow.toml"
-FIXTURE = ROOT / "fixtures" / "follow.mcap"
 FULL_S, FULL_STEPS, SCAN_MS = 60, 1875, 100
 LONGER, THIN_STEPS, MEMORY_MB = 10, 330, 350
 UWB_PERIOD_NS = 100_000_000
 ROUNDS = 3
 METHODS = ("range_image", "paper")
 FACTOR_LIMITS = {("range_image", "zstd"): 40.0, ("range_image", "uncompressed"): 60.0, ("paper", "zstd"): 8.0}
-
-Result = TypeVar("Result")
 
 
 class Replayed(NamedTuple):
@@ -52,9 +44,9 @@ def measure(folder: Path) -> Iterator[Figure]:
 def _speed(folder: Path) -> Iterator[Figure]:
     """Best of some rounds, in which the methods take turns."""
     files = {"zstd": folder / "full.mcap", "uncompressed": folder / "plain.mcap"}
-    _apart(_write, files["zstd"], FULL_S, FULL_STEPS)
-    _apart(_unpack, files["zstd"], files["uncompressed"])
-    alone_s = {packed: min(_apart(_read_alone_s, path) for _ in range(ROUNDS)) for packed, path in files.items()}
+    run_apart(_write, files["zstd"], FULL_S, FULL_STEPS)
+    run_apart(_unpack, files["zstd"], files["uncompressed"])
+    alone_s = {packed: min(run_apart(_read_alone_s, path) for _ in range(ROUNDS)) for packed, path in files.items()}
     _replay(FIXTURE, folder / "paper", "paper")  # compiles
     for packed, path in files.items():
         floor = f"floor: reading and decompressing alone, {FULL_S / alone_s[packed]:.0f} x"
@@ -70,8 +62,8 @@ def _speed(folder: Path) -> Iterator[Figure]:
 def _memory(folder: Path) -> Iterator[Figure]:
     yield Figure("30 k points: peak memory", _replay(folder / "full.mcap", folder / "full").memory_mb, "MB", MEMORY_MB)
     short, long = folder / "short.mcap", folder / "long.mcap"
-    _apart(_write, short, FULL_S, THIN_STEPS)
-    _apart(_write, long, FULL_S * LONGER, THIN_STEPS)
+    run_apart(_write, short, FULL_S, THIN_STEPS)
+    run_apart(_write, long, FULL_S * LONGER, THIN_STEPS)
     short_mb, long_mb = (_replay(path, folder / path.stem).memory_mb for path in (short, long))
     floor = f"{long_mb:.0f} MB after {FULL_S * LONGER // 60} minutes"
     yield Figure(
@@ -84,7 +76,7 @@ def _replay(recording: Path, output: Path, method: str = "range_image") -> Repla
     command = [QUADLOG, "replay", str(recording), "-c", str(CONFIG), "-o", str(output), "--until", "map", "--force"]
     command += ["--set", f"lidar.method={method}"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    subprocess.run(command, check=True, capture_output=True, env=environment, preexec_fn=_one_core)
+    subprocess.run(command, check=True, capture_output=True, env=environment, preexec_fn=one_core)
     record = json.loads((output / recording.stem / "run.json").read_text())
     stages = {stage["name"]: stage for stage in record["stages"]}
     return Replayed(
@@ -98,17 +90,6 @@ def _median_ms(table: Path) -> float:
     from pyarrow import parquet
 
     return statistics.median(parquet.read_table(table, columns=["ms"])["ms"].to_pylist())
-
-
-def _apart(work: Callable[..., Result], *arguments: object) -> Result:
-    """In a process of its own on one core: its memory is not to count as that of replays started later."""
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_one_core) as other:
-        return other.submit(work, *arguments).result()
-
-
-def _one_core() -> None:
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
 def _write(path: Path, duration_s: int, azimuth_steps: int) -> None:
@@ -141,19 +122,7 @@ def _unpack(packed: Path, plain: Path) -> None:
 
 
 def _read_alone_s(path: Path) -> float:
-    """Seconds to read every chunk and decompress it, and look at nothing: what no reader can do without."""
-    import zstandard
-    from mcap.reader import make_reader
-
-    decompressor = zstandard.ZstdDecompressor()
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-        assert summary is not None
-        before_s = time.perf_counter()
-        for chunk in summary.chunk_indexes:
-            # Before the records: opcode, length, start, end, size, CRC, the name of the compression, their length.
-            stream.seek(chunk.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(chunk.compression) + 8)
-            records = stream.read(chunk.compressed_size)
-            if chunk.compression:
-                decompressor.decompress(records, max_output_size=chunk.uncompressed_size)
-        return time.perf_counter() - before_s
+    """Seconds to read and decompress every chunk."""
+    before_s = time.perf_counter()
+    decompress(path)
+    return time.perf_counter() - before_s

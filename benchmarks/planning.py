@@ -151,7 +151,7 @@ def _networkx() -> Iterator[Figure]:
 
 
 def forest_walks(density_per_m2: float, window_cells: int, episodes: int, seed: int) -> list[Walk]:
-    """What a robot is asked on its way through forests, led by A*, its goal beyond the window."""
+    """Queries along walks through forests, led by A*, with the goal beyond the window."""
     walks = []
     for number in range(episodes):
         rng = np.random.default_rng([seed, number])

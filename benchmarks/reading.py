@@ -5,8 +5,6 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from benchmarks.figures import Figure
+from benchmarks.figures import Figure, run_apart
 from quadlog.messages import PointCloud
 from quadlog.recordings.recording import open_recording
 
@@ -27,9 +25,8 @@ def measure(folder: Path) -> Iterator[Figure]:
 
     Reading ahead needs a second core that is free; the ratio of CPU times is what is left without one.
     """
-    with ProcessPoolExecutor(1, get_context("spawn")) as other:  # writing would leave this process a memory of its own
-        path = other.submit(write_clouds, folder / "clouds.mcap").result()
-    pairs = [(_times_ms(lambda: _read_decoded(path)), _times_ms(lambda: _decompress(path))) for _ in range(ROUNDS)]
+    path = run_apart(write_clouds, folder / "clouds.mcap")
+    pairs = [(_times_ms(lambda: _read_decoded(path)), _times_ms(lambda: decompress(path))) for _ in range(ROUNDS)]
     decoded_ms = statistics.median(decoded[0] for decoded, _ in pairs) / SCANS
     floor_ms = statistics.median(alone[0] for _, alone in pairs) / SCANS
     wall, cpu = (statistics.median(decoded[clock] / alone[clock] for decoded, alone in pairs) for clock in (0, 1))
@@ -87,15 +84,12 @@ def _points(seed: int) -> np.ndarray:
 
 def _read_decoded(path: Path) -> None:
     with open_recording(path) as recording:
-        clouds = [len(each.message.xyz_m) for each in recording.messages(["/points"]) if _is_cloud(each.message)]
+        messages = (each.message for each in recording.messages(["/points"]))
+        clouds = [len(message.xyz_m) for message in messages if isinstance(message, PointCloud)]
     assert clouds == [POINTS] * SCANS
 
 
-def _is_cloud(message: object) -> bool:
-    return isinstance(message, PointCloud)
-
-
-def _decompress(path: Path) -> None:
+def decompress(path: Path) -> None:
     """Every chunk's records decompressed, and nothing looked at: what no reader can do without."""
     from mcap.reader import make_reader
 
@@ -106,7 +100,9 @@ def _decompress(path: Path) -> None:
         for chunk in summary.chunk_indexes:
             # Before the records: opcode, length, start, end, size, CRC, the name of the compression, their length.
             stream.seek(chunk.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(chunk.compression) + 8)
-            decompressor.decompress(stream.read(chunk.compressed_size), max_output_size=chunk.uncompressed_size)
+            records = stream.read(chunk.compressed_size)
+            if chunk.compression:
+                decompressor.decompress(records, max_output_size=chunk.uncompressed_size)
 
 
 def _times_ms(action: Callable[[], None]) -> tuple[float, float]:

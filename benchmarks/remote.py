@@ -5,13 +5,11 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from mcap.reader import make_reader
 
-from benchmarks.figures import Figure
+from benchmarks.figures import Figure, run_apart
 from benchmarks.web_server import serve
 from quadlog.config.schema import Config
 from quadlog.pipelines.executor.progress import Silent
@@ -28,8 +26,7 @@ def measure(folder: Path) -> Iterator[Figure]:
     """A tenth of a minute's recording, replayed up to the map through a web server on this machine and without one."""
     served = folder / "served"
     served.mkdir()
-    with ProcessPoolExecutor(1, get_context("spawn")) as other:  # synthesizing would leave this process its memory
-        path = other.submit(write_recording, served / "follow.mcap").result()
+    path = run_apart(write_recording, served / "follow.mcap")
     size = path.stat().st_size
     with serve(served) as server:
         there = to_path(f"{server.url}/{path.name}")

@@ -5,25 +5,20 @@ from __future__ import annotations
 import json
 import os
 import statistics
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from resource import RUSAGE_CHILDREN, getrusage, struct_rusage
 
-from benchmarks.figures import Figure
+from benchmarks.figures import CONFIG, FIXTURE, QUADLOG, Figure, Seconds, run_timed
 from quadlog.pipelines.executor.machine import cores
 
 ROUNDS, REPLAYS = 15, 3
-FIXTURES = Path(__file__).parents[1] / "fixtures"
-QUADLOG = str(Path(sys.executable).with_name("quadlog"))
 
 
 def measure(folder: Path) -> Iterator[Figure]:
     """`quadlog --help` against `python -c pass`, medians of pairs; then replays of the committed recording."""
-    pairs = [(cpu_ms([QUADLOG, "--help"]), cpu_ms([sys.executable, "-c", "pass"])) for _ in range(ROUNDS)]
-    click_ms = statistics.median(cpu_ms([sys.executable, "-c", "import click"]) for _ in range(ROUNDS))
+    pairs = [(_cpu_ms([QUADLOG, "--help"]), _cpu_ms([sys.executable, "-c", "pass"])) for _ in range(ROUNDS)]
+    click_ms = statistics.median(_cpu_ms([sys.executable, "-c", "import click"]) for _ in range(ROUNDS))
     bare_ms = statistics.median(bare for _, bare in pairs)
     extra_ms = statistics.median(help_ms - bare for help_ms, bare in pairs)
     floor = f"floor: importing click alone is {click_ms - bare_ms:.0f} ms above"
@@ -47,19 +42,16 @@ def _first_scan(folder: Path) -> Figure:
         _replay(folder, "--until", "filter", "--duration", "0.15")[0] - _report_s(folder) for _ in range(REPLAYS + 1)
     ]
     imports = "import numba, numpy, pyarrow.parquet, pydantic"
-    floor_s = statistics.median(cpu_ms([sys.executable, "-c", imports]) for _ in range(REPLAYS)) * 1e-3
+    floor_s = statistics.median(_cpu_ms([sys.executable, "-c", imports]) for _ in range(REPLAYS)) * 1e-3
     floor = f"floor: importing numba, numpy, pyarrow and pydantic, {floor_s:.2f} s"
     return Figure("later start, to the first scan", statistics.median(seconds[1:]), "s", 1.5, floor=floor)
 
 
-def _replay(folder: Path, *options: str) -> tuple[float, float]:
-    """Wall and processor seconds of a replay that keeps its compiled code below the folder."""
+def _replay(folder: Path, *options: str) -> Seconds:
+    """A replay that keeps its compiled code below the folder."""
     environ = os.environ | {"NUMBA_CACHE_DIR": str(folder / "compiled")}
-    command = [QUADLOG, "replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml")]
-    before, started = getrusage(RUSAGE_CHILDREN), time.perf_counter()
-    out = ["-o", str(folder / "started"), "--force", *options]
-    subprocess.run(command + out, env=environ, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
-    return time.perf_counter() - started, _cpu_s(before)
+    command = [QUADLOG, "replay", str(FIXTURE), "-c", str(CONFIG)]
+    return run_timed([*command, "-o", str(folder / "started"), "--force", *options], environ)
 
 
 def _report_s(folder: Path) -> float:
@@ -68,13 +60,5 @@ def _report_s(folder: Path) -> float:
     return next(stage["seconds"] for stage in record["stages"] if stage["name"] == "report")
 
 
-def cpu_ms(command: list[str]) -> float:
-    """Processor time of a whole process, its children included."""
-    before = getrusage(RUSAGE_CHILDREN)
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
-    return _cpu_s(before) * 1e3
-
-
-def _cpu_s(before: struct_rusage) -> float:
-    after = getrusage(RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+def _cpu_ms(command: list[str]) -> float:
+    return run_timed(command).cpu * 1e3

@@ -68,7 +68,7 @@ def measure(_: Path) -> Iterator[Figure]:
     yield Figure("walk at 500 Hz, real-time factor, one core", max(factors), "x", 15, at_least=True, floor=floor)
     yield Figure("MPC, build and solve, 95 %", float(np.percentile(us["mpc"], 95)) / 1000, "ms", 0.2)
     qp_us, asked = _qp_us(robot)
-    share = f"a solver is asked at {asked:.1%} of ticks, where a force comes to its limits"
+    share = f"a solver runs at {asked:.1%} of ticks, where a force comes to its limits"
     yield Figure("whole-body control's QP, 95 %", float(np.percentile(qp_us, 95)) / 1000, "ms", 0.02, floor=share)
     yield Figure("of a tick: MuJoCo's steps", steps_us, "us")
     yield Figure("of a tick: dynamics", of_tick["read"] - of_tick["step1"], "us")
@@ -92,7 +92,7 @@ def _real_time_factor() -> float:
 
 
 def _qp_us(robot: WalkingRobot) -> tuple[NDArray[np.float64], float]:
-    """Microseconds that each tick's QP takes by itself, and at which share of ticks a solver is asked."""
+    """Microseconds that each tick's QP takes by itself, and the share of ticks at which a solver runs."""
     control, us, asked = robot.walker, [], 0
     settings, targets = control.settings.wbc, control._targets
     for _ in range(QP_TICKS):

@@ -18,7 +18,7 @@ Answer = Callable[[web.Request], Any]
 
 @dataclass
 class WebServer:
-    """Its address, and what was asked of it; `answer` may give a response of its own, or the promise of one."""
+    """The server's address and the requests it got; `answer` may return a response or an awaitable of one."""
 
     url: str = ""
     folder: Path = Path()

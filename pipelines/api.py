@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from quadlog.config.file import configure
 from quadlog.errors import UnknownName, UsageError
@@ -18,7 +18,6 @@ from quadlog.results.run.loaded_run import Run, load_run
 from quadlog.results.run.stages import STAGES
 from quadlog.storage.remote_path import to_path
 
-Stage = Literal["ingest", "position", "filter", "map", "plan", "control", "report"]
 MAX_SEED = 2**32 - 1
 
 
@@ -31,7 +30,7 @@ def replay(
     output: Path | str = "runs",
     start_s: float | None = None,
     duration_s: float | None = None,
-    until: Stage = "report",
+    until: str = "report",
     stamp: Stamp = "header",
     seed: int = 0,
     msg_path: Sequence[Path | str] = (),
@@ -40,14 +39,12 @@ def replay(
 ) -> Run:
     """Replay one recording into a run folder below `output`, and load it. Prints nothing. Both may be URLs.
 
-    config: a quadlog.toml. settings: single keys of it, which count more than the file's and the environment's:
-    `{"planner.name": "astar"}` or `{"planner": {"name": "astar"}}`. The rest is what the options of `quadlog replay`
-    of the same names are. What was chosen, warned of and lost stands in the run's `record`.
+    config: a quadlog.toml. settings: keys that override the file and the environment: `{"planner.name": "astar"}` or
+    `{"planner": {"name": "astar"}}`. The other arguments are the options of `quadlog replay` of the same names.
+    Choices, warnings and losses are in the run's `record`; a damaged recording that can be read in part is no error.
 
-    Raises a QuadlogError for whatever a caller can mend: UsageError and UnknownName for options that do not exist or
-    do not fit together, those of the configuration, AlreadyExists for a run that is there and neither `force` nor
-    `resume`, and those of opening and replaying the recording. What could be salvaged of a damaged recording is no
-    error: `record["losses"]` lists what could not.
+    Raises a QuadlogError: UsageError and UnknownName for wrong options, those of the configuration, AlreadyExists for
+    an existing run without `force` and `resume`, and those of opening and replaying the recording.
     """
     options = _options(start_s, duration_s, until, stamp, seed, msg_path)
     if force and resume:

@@ -1,9 +1,10 @@
-"""What `quadlog info` tells of a recording: topics and roles, clocks, losses, and the health of its ranges."""
+"""`quadlog info`: topics and roles of a recording, its clocks, losses, and the quality of its ranges."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,13 @@ def describe_recording(
 ) -> dict[str, Any]:
     """Everything `info --json` prints, as one object.
 
-    Counts and times come from the recording's index, the rest from an excerpt
-    of a large recording (sampled). full, or a recording without index: all of
-    it is read, which open_progress shows. Raises the errors of open_recording
-    and UnknownTopic.
+    Counts and times come from the recording's index, the rest from an excerpt of a large recording (sampled). With
+    full, or without an index, all of it is read, with progress. Raises the errors of open_recording and UnknownTopic.
     """
     with open_configured(path, config, msg_path) as recording:
         roles = detect_roles(recording, config.topics)
-        part, seen, unindexed = _look(recording, None if full else _budget(config), open_progress)
+        budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
+        part, seen, unindexed = _look(recording, budget, open_progress)
         uwb, warnings = _uwb(part, roles, config, whole=part is recording)
         info = _describe(recording, roles, seen)
         jumps = _back_warnings(seen, warnings)
@@ -49,14 +49,10 @@ def describe_recording(
         return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
 
 
-def _budget(config: Config) -> Budget:
-    return UWB_EXCERPT if config.uwb.anchors else EXCERPT
-
-
 def _look(
     recording: Recording, budget: Budget | None, open_progress: OpenProgress
 ) -> tuple[Recording, Survey, list[str]]:
-    """What of the recording was read, what is in it, and a warning where all was read for want of an index.
+    """The part that was read, its survey, and a warning if all was read because there is no index.
 
     budget: for large recordings, None to read all.
     """
@@ -103,10 +99,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
         "messages_read": seen.messages_read,
         "start_ns": seen.start_ns,
         "end_ns": seen.end_ns,
-        "losses": [
-            {"cause": loss.cause, "detail": loss.detail, "topic": loss.topic, "count": loss.count}
-            for loss in recording.losses
-        ],
+        "losses": [asdict(loss) for loss in recording.losses],
         "warnings": [*recording.warnings, *_clock_warnings(seen)],
         "topics": [_topic_row(each, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
@@ -128,7 +121,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
 
 
 def _clock_warnings(seen: Survey) -> list[str]:
-    """Header stamps more than an hour from log time, or from one another: what would be mixed, and how to avoid it."""
+    """Warnings of header stamps more than an hour from log time, or that jump by more."""
     jumps = [
         f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time; "
         "take log times with  --stamp log"
@@ -146,7 +139,7 @@ def _clock_warnings(seen: Survey) -> list[str]:
 
 
 def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
-    """Ranges whose stamps go back, unless what is said of their use tells so already."""
+    """Warnings of ranges whose stamps go back, unless already among the warnings."""
     words = [
         stamps_go_back(each.name, each.clock_back_ns, each.clock_back_to_ns)
         for each in seen.topics
@@ -159,15 +152,6 @@ def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
-    return {
-        "name": topic.name,
-        "type": topic.type,
-        "messages": topic.messages,
-        "hz_min": topic.hz_min,
-        "hz_max": topic.hz_max,
-        "gaps": topic.gaps,
-        "longest_gap_s": topic.longest_gap_s,
-        "role": role,
-        "why": why,
-        "clock_offset_s": topic.clock_offset_s,
-    }
+    names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
+    row = {name: getattr(topic, name) for name in names}
+    return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}

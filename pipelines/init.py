@@ -1,4 +1,4 @@
-"""A first configuration from what a recording holds: the story of `quadlog init`."""
+"""`quadlog init`: a first configuration for a recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The text of a quadlog.toml, and what of the recording it could not be made from."""
+    """The text of a quadlog.toml, and losses and warnings of the recording."""
 
     text: str
     losses: tuple[Loss, ...]
@@ -39,7 +39,7 @@ def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> Proposal:
 
     Raises the errors of open_recording.
     """
-    # Of all times only static transforms count here, and those hold on any clock.
+    # Only static transforms are used, which hold on any clock.
     with open_configured(path, Config(), msg_path, "log") as recording:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)

@@ -1,4 +1,4 @@
-"""From one recording to one run folder: the story of `quadlog replay`, top to bottom."""
+"""Replay one recording into one run folder."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     with (
         compilation(missing, request.config, progress.say) as compiled,
         open_walk(request, clock, progress, described, clouds, partial(_compile, compiled, "filter", "map")) as walk,
-        _telling_how_to_go_on(request.run),
+        _with_resume_hint(request.run),
     ):
         marked = MarkedStages(walk, request, earlier)
         for stage in todo:
@@ -66,9 +66,9 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
 
 
 def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
-    """The stages whose results an earlier replay has left in the run folder; nothing is run, and nothing written.
+    """The stages whose results in the run folder can be reused; nothing is run or written.
 
-    Only where there are any marks is the input looked at. Raises RecordingNotFound.
+    The input is read only if the folder has marks of stages. Raises RecordingNotFound.
     """
     described = _input_of_earlier(request)
     if described is None:
@@ -79,14 +79,14 @@ def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
 
 
 def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
-    """The input, if there is anything of an earlier replay that could be of it too: its hash takes a while."""
+    """The input, if the folder holds anything of an earlier replay; else it is not hashed, which takes a while."""
     began = any((request.run / name).is_file() for name in ("run.json", MARKS_FILE))
     return describe_input(request.recording) if began else None
 
 
 @contextmanager
-def _telling_how_to_go_on(written: Path | str) -> Iterator[None]:
-    """Whatever can no longer be written, in `written` if nothing else tells: what is done need not be done again."""
+def _with_resume_hint(written: Path | str) -> Iterator[None]:
+    """Add `--resume goes on` to errors of writing; written: path for those without one."""
     try:
         yield
     except CannotWrite as error:
@@ -104,7 +104,7 @@ def _work(stage: Stage, compiled: Compilation, walk: ReplayContext) -> None:
 
 
 def _compile(compiled: Compilation, *names: str) -> None:
-    with _telling_how_to_go_on("the cache of compiled code"):
+    with _with_resume_hint("the cache of compiled code"):
         compiled.before(*names)
 
 

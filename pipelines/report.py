@@ -1,6 +1,6 @@
-"""The story of `quadlog report`: pictures and pages of runs again, drawn in two processes where there are two cores.
+"""`quadlog report`: draw figures and pages of runs again, in two processes where there are two cores.
 
-Nothing heavy is loaded with this module, so that the other process loads it at the same time.
+This module imports nothing heavy, so that both processes load it at the same time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a replay is asked for, and what comes of it."""
+"""The request for a replay, and its outcome."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Existing(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """What decides the result beside the recording and the configuration."""
+    """Options that decide the result, besides the recording and the configuration."""
 
     stamp: Literal["header", "log"] = "header"
     start_s: float | None = None
@@ -60,10 +60,10 @@ class ReplayRequest:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOutcome:
-    """What became of a request: exit_code 0 done, 1 failed, 3 done with loss; reason says what was lost or why.
+    """The outcome of a request. exit_code: 0 done, 1 failed, 3 done with loss; reason: what was lost or why it failed.
 
-    reused: stages that an earlier replay had done, all of them for a run that was finished already.
-    cost: of a replay in a batch, by the last columns of summary.parquet.
+    reused: stages taken from an earlier replay, all of them for a run that was finished already.
+    cost: of a replay in a batch, with the names of the last columns of summary.parquet.
     """
 
     recording: Path
@@ -77,8 +77,8 @@ class ReplayOutcome:
 
     @classmethod
     def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:
-        """A recording that could not be replayed; refused: because its run is there already, and stays."""
-        # The recording stands beside the reason wherever it is shown.
+        """A recording that could not be replayed; refused: because its run exists, and is kept."""
+        # The recording is always shown beside the reason.
         reason = reason.removeprefix(f"{request.recording}: ")
         return cls(request.recording, request.run, ExitCode.FAILED, reason, refused=refused)
 
@@ -88,7 +88,7 @@ class ReplayOutcome:
         return self.exit_code == ExitCode.FAILED
 
     def to_dict(self) -> dict[str, Any]:
-        """One flat object: where, how it ended, and the metrics as plain numbers."""
+        """One flat object: run, exit code, and the metrics as plain numbers."""
         values = {name: metric["value"] for name, metric in self.metrics.items()}
         ended = {"exit_code": self.exit_code, "reason": self.reason}
         return {"run": str(self.run), "recording": str(self.recording), **ended, **values}

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from quadlog.config import plugins
@@ -74,6 +77,27 @@ def install(plugin_site: Path) -> Installer:
         return info
 
     return install
+
+
+@pytest.fixture(scope="session")
+def lias_site() -> SimpleNamespace:
+    """uwb_lias, a real recording of three tags on a trolley: its folder, anchors (8, 3), the tags' places (3, 3)."""
+    if "QUADLOG_DATASETS" not in os.environ:
+        pytest.skip("QUADLOG_DATASETS is not set")
+    folder = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias"
+    if not folder.exists():
+        pytest.skip(f"{folder} is not there")
+    anchors_m = [
+        *((-3.4203, 3.0053, 1.0442), (0.0016, 3.0110, 1.0446), (3.6056, 2.9795, 1.0463), (3.6011, -0.0008, 1.0422)),
+        *(
+            (3.5674, -3.0087, 1.0443),
+            (-0.0072, -2.9652, 1.0444),
+            (-3.4673, -2.9587, 1.0445),
+            (-3.4858, -0.0098, 1.0457),
+        ),
+    ]
+    levers_m = [(-0.0689, -0.1423, 0.0011), (-0.0750, 0.1402, 0.0016), (0.2034, 0.1451, -0.0008)]
+    return SimpleNamespace(folder=folder, anchors_m=np.array(anchors_m), levers_m=np.array(levers_m))
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Many recordings, one replay each: a failure never stops the rest, and stands in summary.parquet with its reason."""
+"""Replay many recordings: a failure does not stop the rest, and summary.parquet has its reason."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ SHOWN_FAILURES = 20
 
 @dataclass(frozen=True, slots=True)
 class BatchOutcome:
-    """Every run in the order of the recordings, and the exit code of the whole."""
+    """The outcome of every recording, in their order, and the exit code of the batch."""
 
     runs: tuple[ReplayOutcome, ...]
 
     @property
     def exit_code(self) -> int:
-        """0 all done, 1 none done, 3 anything lost or failed on the way."""
+        """0: all done; 1: none done; 3: something lost or failed."""
         codes = {run.exit_code for run in self.runs}
         if codes == {ExitCode.FAILED}:
             return ExitCode.FAILED
         return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
 
     def failure_lines(self) -> list[str]:
-        """How many failed of several, and why the first ones did; the reason of a recording that was alone."""
+        """Number of failures and the reasons of the first ones; of a single recording its reason."""
         failed = [run for run in self.runs if run.failed]
         if not failed:
             return []
@@ -63,10 +63,10 @@ def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
 
 
 def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
-    """Replay all, the largest first: in as many worker processes as jobs, or on a Dask cluster.
+    """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster.
 
-    What happens to a recording is its own outcome. Raises ClusterUnusable and VersionsDiffer before anything is
-    replayed. Ctrl-C stops all workers and leaves what `--resume` goes on from.
+    An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
+    After Ctrl-C, which stops all workers, `--resume` continues.
     """
     folders = {each.request.run.parent for each in batch}
     refused = _refused(batch)
@@ -90,7 +90,7 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
 
 
 def _clear_unfinished(batch: Sequence[Planned]) -> None:
-    """Remove what stopped workers of this machine had not finished: a signal may come before they know of a file."""
+    """Remove unfinished files of stopped workers on this machine, which may have missed a file when the signal came."""
     for each in batch:
         run = each.request.run
         if isinstance(run, Path) and run.is_dir() and not (run / "run.json").is_file():
@@ -100,7 +100,7 @@ def _clear_unfinished(batch: Sequence[Planned]) -> None:
 
 
 def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) -> BatchTask:
-    """REFUSE has been looked after, and a worker that takes over from a killed one finds what that one began."""
+    """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
     request, size_bytes = batch[number].request, batch[number].size_bytes
     passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
     if refuses:
@@ -109,7 +109,7 @@ def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) ->
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
-    """Workers elsewhere have a working folder of their own."""
+    """With absolute paths, for workers with another working folder."""
     options = replace(request.options, msg_path=tuple(map(_absolute, request.options.msg_path)))
     return replace(request, recording=_absolute(request.recording), run=_absolute(request.run), options=options)
 
@@ -119,7 +119,7 @@ def _absolute(path: Path) -> Path:
 
 
 def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
-    """Outcomes by number of recordings whose runs are there already and neither replaced nor resumed."""
+    """Outcomes by number of the recordings whose runs exist and may be neither replaced nor resumed."""
     there = existing_runs(batch)
     refused = {}
     for number, each in enumerate(batch):
@@ -136,7 +136,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 @contextmanager
 def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
-    """A passing file in each output folder, by which workers elsewhere know that they see the same one."""
+    """A temporary file in each output folder, by which workers elsewhere check that they see the same folder."""
     with ExitStack() as stack:
         shared = {}
         for folder in folders:
@@ -145,7 +145,7 @@ def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
             try:
                 if not folder.exists():
                     folder.mkdir(parents=True)
-                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: no worker was to be had
+                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: there was no worker
                 passing = stack.enter_context(
                     NamedTemporaryFile(dir=folder, prefix=part_prefix(os.getpid()), suffix=".part")
                 )

@@ -1,4 +1,4 @@
-"""Which recordings a batch replays, into which run folders: a folder's name stays when recordings come or go."""
+"""Recordings of a batch and their run folders, whose names stay when recordings are added or removed."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from quadlog.storage.atomic_write import is_part
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
-    """A folder name for each recording: that of the run it has in the output folder, else what `run_names` gives.
+    """A folder name for each recording: that of its run in the output folder, else what `run_names` gives.
 
-    Only where several names come into question are runs asked which recording they are of.
+    Runs are read only where several folders could belong to a recording.
     """
     fresh = run_names(recordings)
     there = [entry.name for entry in output.iterdir()] if output.is_dir() else []
@@ -42,7 +42,7 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
 
 
 def _kept(recordings: Sequence[Path], fresh: Sequence[str], output: Path, there: Iterable[str]) -> dict[int, str]:
-    """By the recordings' places, the names of the runs they have under any name that could be theirs."""
+    """Index of a recording -> name of the run it has."""
     families: dict[str, list[str]] = {}
     for name in there:
         families.setdefault(_family(name), []).append(name)
@@ -65,7 +65,7 @@ def _kept(recordings: Sequence[Path], fresh: Sequence[str], output: Path, there:
 
 
 def _family(name: str) -> str:
-    """What names that could be one recording's have in common: `walk`, `walk.bag` and `walk.bag-2` are of one."""
+    """The common key of all names a recording's run may have: the same for `walk`, `walk.bag` and `walk.bag-2`."""
     plain = re.sub(r"-[0-9]{1,6}$", "", name)
     return run_name(stem(Path(plain if stem(Path(plain)) != plain else name))).casefold()
 
@@ -87,13 +87,13 @@ def _recording_of(run: Path) -> str | None:
 
 
 def _place(recording: Path | str) -> str:
-    """The recording as a whole path; a URL is one."""
+    """The recording's absolute path, or its URL."""
     text = str(recording)
     return text if "://" in text else str(Path(text).absolute())
 
 
 SAMPLED_RUNS = 64
-"""So many finished runs are asked how long others take."""
+"""Number of finished runs that an expected duration is estimated from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +106,9 @@ class Planned:
 
 @dataclass(frozen=True, slots=True)
 class Previewed:
-    """What would be done with a recording: run, resume (with what is reused), replace, skip or refuse.
+    """What would be done with a recording: run, resume (with the stages reused), replace, skip or refuse.
 
-    expected_s: how long that takes one worker; 0 for nothing, None when nobody knows.
+    expected_s: duration on one worker; 0 when nothing is done, None when unknown.
     """
 
     planned: Planned
@@ -148,14 +148,14 @@ def plan_batch(
 
 
 def preview_batch(batch: Sequence[Planned]) -> list[Previewed]:
-    """What would be done with each, and for how long; only recordings that have a run folder are looked into."""
+    """What would be done with each recording, and for how long; only those with a run folder are read."""
     there = existing_runs(batch)
     rates = {folder: _seconds_per_byte(folder, batch) for folder in {each.request.run.parent for each in batch}}
     return [_preview(each, each.request.run in there, rates[each.request.run.parent]) for each in batch]
 
 
 def total_s(previewed: Iterable[Previewed], jobs: int) -> float | None:
-    """How long all take so many workers, the largest first; None when that of one is unknown."""
+    """Duration of all on `jobs` workers, the largest first; None when that of one is unknown."""
     expected = [each.expected_s for each in previewed]
     known = [each for each in expected if each is not None]
     if len(known) < len(expected):
@@ -167,7 +167,7 @@ def total_s(previewed: Iterable[Previewed], jobs: int) -> float | None:
 
 
 def existing_runs(batch: Sequence[Planned]) -> set[Path]:
-    """Run folders of the batch that are there and hold anything; one look into each output folder finds them."""
+    """Run folders of the batch that exist and are not empty; lists each output folder once."""
     runs = {each.request.run for each in batch}
     there = {entry for folder in {run.parent for run in runs} if folder.is_dir() for entry in folder.iterdir()} & runs
     return {run for run in there if not run.is_dir() or any(not is_part(entry.name) for entry in run.iterdir())}
@@ -194,7 +194,7 @@ def _preview(planned: Planned, is_there: bool, seconds_per_byte: float | None) -
 
 
 def _seconds_per_byte(folder: Path, batch: Sequence[Planned]) -> float | None:
-    """By the records of some finished runs in the output folder that went as far as these are to go."""
+    """From the records of finished runs in the output folder with the same --until."""
     until = batch[0].request.options.until
     seconds, size_bytes = 0.0, 0
     for record in islice(_records(folder), SAMPLED_RUNS):

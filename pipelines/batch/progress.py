@@ -1,4 +1,4 @@
-"""How a batch says where it is: what its workers tell while they replay, and how much of the whole is done."""
+"""Progress of a batch: the messages of its workers, and how much of the whole is done."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TOLD_EVERY_S = 0.5
 
 @dataclass(slots=True)
 class BatchCounts:
-    """Of a batch's recordings: how many, of which size, and what is done of them by how much work."""
+    """Recordings and bytes of a batch: all, and those that are done, with the time they took."""
 
     recordings: int
     size_bytes: int
@@ -24,17 +24,17 @@ class BatchCounts:
     worked_s: float = 0.0
 
     def count(self, size_bytes: int, failed: bool, wall_s: float | None) -> None:
-        """One more is over. wall_s: how long it was replayed; None when it was not, because it is done already."""
+        """Count a recording that has ended. wall_s: duration of its replay, None when it had been done before."""
         self.done += 1
         self.failed += failed
         if wall_s is None:
-            self.size_bytes -= size_bytes  # tells nothing of how long the others take
+            self.size_bytes -= size_bytes  # says nothing about how long the others take
         else:
             self.done_bytes += size_bytes
             self.worked_s += wall_s
 
     def left_s(self, workers: int) -> float | None:
-        """Seconds until all is done, if bytes take as long as they did until now; None before any are."""
+        """Estimated seconds until all is done, from the time per byte so far; None before any byte is done."""
         if not self.done_bytes or not workers:
             return None
         return (self.size_bytes - self.done_bytes) * self.worked_s / self.done_bytes / workers
@@ -44,17 +44,17 @@ class BatchProgress(Progress, Protocol):
     """What the command line shows while many recordings are replayed."""
 
     def expect(self, tally: BatchCounts, workers: int) -> None:
-        """The batch starts, on so many workers at a time; the tally is kept true by its owner."""
+        """The batch starts on this many workers. The tally is updated by its owner while it runs."""
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """A worker says where it is, as `Told` has it; from any thread."""
+        """A message of TaskProgress from a worker; called from any thread."""
 
     def finish(self, run: str, words: str) -> None:
-        """The recording of this run folder is over: `done`, or what else there is to say of it."""
+        """The recording of this run folder has ended. words: `done`, or the reason."""
 
 
 class BatchLines(Silent):
-    """A line for each recording, and nothing between: a log file's progress, or a test's."""
+    """One line for each recording, as for a log file."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say, self._tally = say, BatchCounts(0, 0)
@@ -68,7 +68,7 @@ class BatchLines(Silent):
         self._tally = tally
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """A line for each step would be thousands."""
+        """Ignored: one line for each step would be thousands."""
 
     def finish(self, run: str, words: str) -> None:
         """One line."""
@@ -76,7 +76,7 @@ class BatchLines(Silent):
 
 
 class TaskProgress(Silent):
-    """The progress of a replay in a batch: where it is is told, not too often; warnings are kept for the end."""
+    """Progress of a replay in a batch: sends its position every TOLD_EVERY_S at most, and keeps warnings."""
 
     def __init__(self, number: int, run: str) -> None:
         """number: of the recording in the batch; run: the name of its folder."""
@@ -87,20 +87,20 @@ class TaskProgress(Silent):
         self._began_s = self._told_s = 0.0
 
     def begin(self, stage: str, total: int | None) -> None:
-        """A stage is told at once."""
+        """Send the new stage at once."""
         self._stage, self._total, self._steps, self._recorded_s = stage, total or 0, 0, None
         self._began_s = time.monotonic()
         self._tell(self._began_s)
 
     def advance(self, recorded_s: float | None = None) -> None:
-        """A step is told when the last word is some time ago."""
+        """Count a step; send a message unless the last one is recent."""
         self._steps += 1
         self._recorded_s = recorded_s
         if (now_s := time.monotonic()) - self._told_s >= TOLD_EVERY_S:
             self._tell(now_s)
 
     def say(self, text: str) -> None:
-        """Keep a warning; choices stand in the run's record."""
+        """Keep a warning. Choices are in the run's record and are not kept."""
         if text.startswith("warning: "):
             self.warnings.append(text)
 

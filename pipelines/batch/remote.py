@@ -1,7 +1,6 @@
-"""Runs behind a URL: made in a folder of this machine, and published file by file, `run.json` last.
+"""Runs behind a URL: made in a local folder and uploaded file by file, `run.json` last.
 
-Object storage has no folders and no renaming, but one PUT appears whole or not
-at all; so what is published is what a folder of this machine would show.
+Object storage has no rename, but a PUT appears whole or not at all.
 """
 
 from __future__ import annotations
@@ -43,10 +42,10 @@ def replay_anywhere(request: ReplayRequest, progress: Progress) -> ReplayOutcome
 
 
 class RunShadow:
-    """A run folder of this machine that becomes one behind a URL."""
+    """A local run folder that is uploaded to a URL."""
 
     def __init__(self, remote: RemotePath, local: Path, existing: Existing) -> None:
-        """With RESUME what is there is fetched, else nothing. Raises AlreadyExists, CannotWrite, TooLarge."""
+        """With RESUME the existing files are fetched. Raises AlreadyExists, CannotWrite, TooLarge."""
         self.remote, self.local = remote, local
         entries = list(remote.iterdir()) if remote.is_dir() else []
         there = own_files(entries)
@@ -55,7 +54,6 @@ class RunShadow:
                 raise CannotWrite(str(remote), "the folder holds other files and is no run of quadlog")
             if existing is Existing.REFUSE:
                 raise RunExists(str(remote))
-        # The folder of this machine holds nothing that anyone else would miss.
         self.existing = Existing.RESUME if existing is Existing.RESUME else Existing.REFUSE
         self._published: dict[str, _Version] = {}
         self._there = set(there)
@@ -65,7 +63,7 @@ class RunShadow:
 
     @contextmanager
     def published(self, progress: Progress) -> Iterator[None]:
-        """What is in the folder when the block ends is published; when it fails, what is whole, and no `run.json`."""
+        """Upload the folder when the block ends; when it fails, without `run.json`."""
         try:
             yield
         except BaseException:
@@ -77,7 +75,7 @@ class RunShadow:
         self._publish(finished=True)
 
     def _publish(self, *, finished: bool) -> None:
-        """Send what is new, remove what is no longer there; `run.json` goes first and comes last."""
+        """Upload what is new and delete what is gone; `run.json` is deleted first and uploaded last."""
         now = _versions(self.local)
         if not now:
             return
@@ -89,14 +87,14 @@ class RunShadow:
             (self.remote / _RECORD).unlink()
         for name in gone:
             (self.remote / name).unlink()
-        # The marks behind what they tell of, and the record behind all.
+        # Marks after the files they list, the record after all.
         for name in sorted(new, key=lambda name: (name in _LAST, name == _RECORD, name)):
             if name != _RECORD or finished:
                 (self.remote / name).upload(str(self.local / name))
 
 
 def _versions(folder: Path) -> dict[str, _Version]:
-    """The files of a run by name, each with what changes when it is written anew."""
+    """The files of a run by name, each with a value that changes when it is rewritten."""
     plots = folder / PLOTS
     paths = [folder / name for name in OWN_FILES] + (sorted(plots.glob("*.png")) if plots.is_dir() else [])
     stats = {path.relative_to(folder).as_posix(): path.stat() for path in paths if path.is_file()}

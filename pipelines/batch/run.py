@@ -1,4 +1,4 @@
-"""A batch while it runs: tasks given out, outcomes taken in, those of killed workers given out again."""
+"""Run a batch: hand out tasks, collect outcomes, and retry those of killed workers."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from quadlog.results.run.stages import reused_words
 
 
 class BatchRun:
-    """Outcomes by the recordings' numbers, filled while the batch goes on."""
+    """A running batch; outcomes: by the recordings' numbers."""
 
     def __init__(self, tasks: Sequence[BatchTask], progress: BatchProgress) -> None:
-        """tasks: in the order they are to be given out."""
+        """tasks: in the order of their start."""
         self.outcomes: dict[int, ReplayOutcome] = {}
         self._todo, self._progress = deque(tasks), progress
         self._tally = BatchCounts(len(tasks), sum(task.size_bytes for task in tasks))
@@ -29,7 +29,7 @@ class BatchRun:
         self._halted = ""
 
     def go(self, engine: Engine) -> None:
-        """Until there is an outcome for each. On Ctrl-C says how many there are, and leaves the rest."""
+        """Run until every task has an outcome. Ctrl-C is reported with the number done, and raised again."""
         self._progress.expect(self._tally, engine.workers())
         tasks = list(self._todo)
         try:
@@ -45,12 +45,12 @@ class BatchRun:
                 self.outcomes[task.number] = self._halted_answer(task).outcome
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """What a worker tells; its peak memory is all that is known of it when it is killed."""
+        """A message from a worker. Its peak memory is kept in case it is killed."""
         self._peak_mb[step["number"]] = step["peak_memory_mb"]
         self._progress.hear(step)
 
     def _take(self, task: BatchTask, future: Future[BatchAnswer], engine: Engine) -> None:
-        """The outcome of a task that has ended, or the task again."""
+        """Take the outcome of a task that has ended, or queue the task again."""
         try:
             answer = future.result()
         except CancelledError:
@@ -72,7 +72,7 @@ class BatchRun:
             self._halt(f"disk full ({answer.disk_full.removesuffix(f'; {GOES_ON}')})", engine)
 
     def _answer_of(self, task: BatchTask, error: Exception, engine: Engine) -> BatchAnswer:
-        """Of an error that came instead of an answer, and of which some would be every other recording's, too."""
+        """The answer for an error of the executor; errors that would meet every recording stop the batch."""
         if is_out_of_memory(error):
             return _failed(task, out_of_memory_words(self._peak_mb.get(task.number)))
         if isinstance(error, (ClusterUnusable, VersionsDiffer)):
@@ -96,7 +96,7 @@ class BatchRun:
         self._progress.finish(outcome.run.name, "; ".join(words))
 
     def _halt(self, reason: str, engine: Engine) -> None:
-        """Nothing is begun any more, and what runs is stopped; said once."""
+        """Stop the batch, with one line for the user."""
         if not self._halted:
             self._halted = reason
             self._progress.say(f"stopping: {reason}; {GOES_ON}")

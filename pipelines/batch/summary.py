@@ -1,8 +1,7 @@
 """summary.parquet and report.html of a folder of runs: a row for each recording, also for one that failed.
 
-Several machines may write runs into one folder. What is finished is read from
-the runs themselves, and looked for again once the summary is written, so that
-none loses another's rows, whoever writes last.
+Several machines may write runs into one folder. Rows of finished runs are read from the runs, and again after the
+summary is written, so that no machine loses the rows of another.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _DRAWN = ("poses.parquet", "target.parquet", "control.parquet")
 
 @contextmanager
 def open_summary_folder(folder: Path) -> Iterator[Path]:
-    """The folder to read and write the two files in; behind a URL they are published when the block ends."""
+    """The folder to read and write the two files in; of a URL a local copy, uploaded when the block ends."""
     if not isinstance(folder, RemotePath):
         yield folder
         return
@@ -46,7 +45,7 @@ def open_summary_folder(folder: Path) -> Iterator[Path]:
 
 
 def _lay_out(folder: RemotePath, here: Path) -> None:
-    """What the page looks for in the runs: their own pages, which it links to, and walks to draw, of some of them."""
+    """Copy what the page uses of the runs: links to their pages, and the tracks of some of them."""
     for page in (folder / "*" / _PAGE).matches():
         run = page.parent
         if run.name != run_name(run.name):
@@ -59,7 +58,7 @@ def _lay_out(folder: RemotePath, here: Path) -> None:
 
 
 def _fetch(remote: RemotePath, target: Path) -> None:
-    with suppress(FileNotFoundError, QuadlogError):  # one that is not there, or too large to draw, is not shown
+    with suppress(FileNotFoundError, QuadlogError):  # missing or too large files are not shown
         copy_object(remote.open_object(), target)
 
 
@@ -73,7 +72,7 @@ Rows = dict[str, dict[str, Any]]
 
 
 def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
-    """summary.parquet and report.html of each output folder; rows of earlier commands stay, and others' files too."""
+    """Write both files of each output folder; rows of earlier commands stay, and foreign files are not touched."""
     from quadlog.results.page.folder_report import write_folder_report
 
     for folder in sorted(folders):
@@ -96,7 +95,7 @@ def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: P
 
 
 def rebuild_summary(folder: Path) -> Path:
-    """Summary and page of a folder by the runs that are in it now. Raises NotARun where there are none, CannotWrite."""
+    """Summary and page of the runs that are in a folder now. Raises NotARun where there are none, CannotWrite."""
     if not has_table(folder, "summary") and not _finished_runs(folder, ()):
         raise NotARun(folder, "is no run, and there is none in it")
     summarise({folder}, [], said := Kept())
@@ -106,17 +105,17 @@ def rebuild_summary(folder: Path) -> Path:
 
 
 def _rows(folder: Path, earlier: Rows, own: Mapping[str, ReplayOutcome]) -> Rows:
-    """Rows by run: of this command's outcomes, of runs that others finished, and of what was there before."""
+    """Rows by run: of this command's outcomes, of runs finished by other processes, and of the earlier summary."""
     there = {entry.name for entry in folder.iterdir() if entry.is_dir()}
     failed = {run for run, row in earlier.items() if row["exit_code"] == ExitCode.FAILED}
-    # A recording that could not be read has no folder: its row is all that tells of it.
+    # A recording that could not be read has no folder, only its row.
     rows = {run: row for run, row in earlier.items() if run in there | failed}
     rows |= _finished_runs(folder, rows.keys() - failed - _left_alone(folder, failed) | own.keys())
     return rows | {run: _row(outcome, rows.get(run, {})) for run, outcome in own.items()}
 
 
 def _left_alone(folder: Path, failed: set[str]) -> set[str]:
-    """Of the runs whose last replay failed those that nobody has finished after the summary was written."""
+    """Runs whose last replay failed and that were not finished after the summary was written."""
     written_ns = _written_ns(folder / "summary.parquet")
     return {run for run in failed if _written_ns(folder / run / "run.json") <= written_ns}
 
@@ -126,7 +125,7 @@ def _written_ns(path: Path) -> int:
 
 
 def _finished_runs(folder: Path, known: Any) -> Rows:
-    """Rows of runs that are not among the known ones, by what they say themselves."""
+    """Rows of finished runs that are not among the known ones."""
     rows = {}
     for run in folder.iterdir():
         if run.name in known or run.name != run_name(run.name) or not run.is_dir():
@@ -152,7 +151,7 @@ def _row_of_run(name: str, record: Mapping[str, Any], metrics: Mapping[str, Mapp
 
 
 def _row(outcome: ReplayOutcome, earlier: Mapping[str, Any]) -> dict[str, Any]:
-    """One row; of a run that was done already, with what it cost then."""
+    """One row; a run that was reused keeps its earlier cost."""
     cost = outcome.cost or ({} if outcome.failed else earlier)
     return _filled(outcome.run.name, outcome.exit_code, outcome.reason, outcome.metrics, cost)
 
@@ -167,7 +166,7 @@ def _filled(
 
 
 def _earlier_rows(folder: Path) -> Rows | None:
-    """Rows of before; None when the folder's files of those names are somebody else's."""
+    """Rows of the existing summary; None when summary.parquet or report.html is not quadlog's."""
     if not has_table(folder, "summary"):
         return None if (folder / "report.html").exists() else {}
     try:

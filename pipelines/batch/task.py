@@ -1,4 +1,4 @@
-"""One recording of a batch, replayed in a worker, and what that cost."""
+"""Replay one recording of a batch in a worker, and measure time and memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from quadlog.storage.remote_path import RemotePath
 
 @contextmanager
 def measured(cost: dict[str, Any], run: Path, size_bytes: int) -> Iterator[None]:
-    """Fills `cost` when the block ends, unless it found the run done already; cpu_s is the whole process's."""
+    """Fill `cost` when the block ends, unless the run was done already; cpu_s is the whole process's."""
     before = finished_at(run)
     forget_peak_memory()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
@@ -41,7 +41,7 @@ def measured(cost: dict[str, Any], run: Path, size_bytes: int) -> Iterator[None]
 
 
 def finished_at(run: Path) -> object:
-    """What changes when the run is finished anew; None when it is not finished."""
+    """A value that changes when the run is finished again; None when it is not finished."""
     record = run / "run.json"
     try:
         return record.look().told if isinstance(record, RemotePath) else record.stat().st_mtime_ns
@@ -50,16 +50,15 @@ def finished_at(run: Path) -> object:
 
 
 WORTH_COLLECTING_S = 5.0
-"""Pictures leave rings of objects that Python finds late, with some 20 MB of each recording. To look for them takes
-0.1 s: not worth it after every short one."""
+"""Figures leave reference cycles of some 20 MB. Collecting them takes 0.1 s, too long after every short recording."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchTask:
     """One recording to replay.
 
-    number: of the recording in the batch. shared: a file that whoever writes into the output folder must see. refuses:
-    what was finished meanwhile stays; what another try of this very task has begun is gone on with.
+    number: of the recording in the batch. shared: a file that the worker must see if it shares the output folder.
+    refuses: a run that another process finished meanwhile is refused; what a killed worker began of it is continued.
     """
 
     number: int
@@ -71,7 +70,7 @@ class BatchTask:
 
 @dataclass(frozen=True, slots=True)
 class BatchAnswer:
-    """warnings: lines of the replay. disk_full: the words of the error, when there was no room for the results."""
+    """warnings: lines of the replay. disk_full: text of the error if the disk is full."""
 
     outcome: ReplayOutcome
     warnings: tuple[str, ...] = ()
@@ -79,7 +78,7 @@ class BatchAnswer:
 
 
 def replay_task(task: BatchTask) -> BatchAnswer:
-    """The outcome of one recording of a batch, whatever happens to it."""
+    """Replay one recording; every error but Stopped becomes its outcome."""
     request = task.request
     told, cost = TaskProgress(task.number, request.run.name), dict[str, Any]()
     full = ""
@@ -103,7 +102,7 @@ def replay_task(task: BatchTask) -> BatchAnswer:
 
 
 def _failure_words(error: Exception) -> str:
-    """What the user can mend, in one line; of a bug its traceback is printed, too."""
+    """The error in one line; for a bug its traceback is printed, too."""
     if is_out_of_memory(error):
         return out_of_memory_words(peak_memory_mb())
     if isinstance(error, (QuadlogError, OSError)):
@@ -113,23 +112,23 @@ def _failure_words(error: Exception) -> str:
 
 
 def out_of_memory_words(peak_mb: float | None) -> str:
-    """A recording's outcome when its worker lived on."""
+    """The reason of a recording whose replay ran out of memory."""
     return f"out of memory{peak_words(peak_mb)}; --resume goes on"
 
 
 def peak_words(peak_mb: float | None) -> str:
-    """How much memory it was, where that is known."""
+    """The peak memory, if known."""
     return "" if peak_mb is None else f", {peak_mb:.0f} MB at its peak"
 
 
 def _refuse_finished(request: ReplayRequest) -> None:
-    """Raises AlreadyExists for a run that somebody else has finished since the batch began."""
+    """Raises AlreadyExists for a run that another process has finished since the batch began."""
     if finished_at(request.run) is not None and finished_outcome(request) is None:
         raise RunExists(request.run)
 
 
 def _check_visible(request: ReplayRequest, shared: Path) -> None:
-    """Raises RecordingNotFound, CannotWrite on a worker that does not see what the one who asks sees."""
+    """Raises RecordingNotFound, CannotWrite on a worker that does not share the recording's or the output folder."""
     if not request.recording.exists():
         raise RecordingNotFound(request.recording, f"is not to be seen from worker {worker_name()}; share its folder")
     if not shared.exists():
@@ -137,7 +136,7 @@ def _check_visible(request: ReplayRequest, shared: Path) -> None:
 
 
 def _tells_of_a_full_disk(error: BaseException | None) -> bool:
-    """Whether that is the cause, or the cause's cause."""
+    """Whether a full disk is the error or among its causes."""
     while error is not None:
         if isinstance(error, OSError) and is_full(error):
             return True

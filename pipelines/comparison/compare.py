@@ -1,4 +1,4 @@
-"""The story of `quadlog compare-planners`: open the sources, ask every planner everything, compare, write."""
+"""`quadlog compare-planners`: open the sources, run every planner on every problem, compare, write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every source of questions gives, whatever it is."""
+"""Planning problems, their sources, and the options of a comparison."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ Episode = Iterable[Question]
 
 @dataclass(frozen=True, slots=True)
 class ProblemSource:
-    """Episodes of questions; within one, what is asked next follows from what was before.
+    """Episodes of planning problems; within an episode they follow one another in time.
 
     name: as the column `source` has it; about: one sentence on what is asked.
-    episodes: gives them anew on every call; count: how many there are.
+    episodes: gives all of them on every call; count: their number.
     is_static: every question stands alone, so planners can be run one after the other, each in its own memory.
     queries: the lines of a .scen file, one episode each. row_zero_on_top: as MovingAI counts rows.
     """

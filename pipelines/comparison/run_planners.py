@@ -1,4 +1,4 @@
-"""Every planner is asked every question of a source; their answers become the rows of replans.parquet."""
+"""Run every planner on every problem of a source; the answers are the rows of replans.parquet."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from quadlog.recordings.find import find_recordings
 from quadlog.results.run.find_runs import fetch_runs, is_run
 from quadlog.results.run.maps import load_maps
 from quadlog.results.run.names import run_names
-from quadlog.results.run.tables import has_table, read_table
+from quadlog.results.run.tables import has_table
 from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World
@@ -154,7 +154,7 @@ def run_source(run: Path, name: str) -> ProblemSource:
     maps, config = load_maps(run), load_config(run / "config.toml", environ={})
     if not has_table(run, "target"):
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
-    robot, target = _robot_of(run), _target_of(run)
+    robot, target = RobotTrack.read(run), TargetTrack.read(run)
     rows, cols = maps.shape
     about = f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
     dilation_m, shape = growth_of(config)
@@ -178,22 +178,6 @@ def _questions(run: Path, config: Config, robot: RobotTrack, target: TargetTrack
             yield Question(instant.t_ns, query, instant.occupied)
     if is_empty:
         raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
-
-
-def _robot_of(run: Path) -> RobotTrack:
-    poses = read_table(run, "poses")
-    return RobotTrack(
-        poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]]), poses["yaw_rad"], _source_of(poses["source"])
-    )
-
-
-def _target_of(run: Path) -> TargetTrack:
-    target = read_table(run, "target")
-    return TargetTrack(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), _source_of(target["source"]))
-
-
-def _source_of(column: np.ndarray) -> str:
-    return str(column[0]) if len(column) else ""
 
 
 def recording_source(

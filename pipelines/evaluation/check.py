@@ -1,4 +1,4 @@
-"""`quadlog check`: runs checked against a file of bounds, or a file of bounds proposed from runs."""
+"""`quadlog check`: compare runs with a file of bounds, or make such a file from runs."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _known_metrics(runs: Sequence[Run]) -> Collection[str]:
 
 
 def _say_what_was_not_checked(expectations: Expectations, runs: Sequence[Run], say: Callable[[str], None]) -> None:
-    """A recording that lost its run would pass unseen otherwise; checking a few of many is no fault, though."""
+    """Name the recordings with bounds but without a run, which would otherwise pass unnoticed."""
     given = {name for run in runs for name in bound_names(run)}
     if unchecked := sorted(set(expectations.recordings) - given):
         say(f"not checked, no such run was given: {', '.join(unchecked)}")

@@ -1,4 +1,4 @@
-"""`quadlog metrics`: what is known of the metrics of saved runs, from their files alone."""
+"""`quadlog metrics`: the metrics of saved runs, from their files alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from quadlog.metrics.summary import (
     worst_instants,
 )
 from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
-from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
 from quadlog.results.run.tables import has_table, read_table, start_ns
@@ -76,9 +76,9 @@ def _samples(name: str, run: Path, reference: Reference | None) -> Samples | Non
         return None
     if reference is not None and name in REFERENCE_METRICS:
         return compare_with_reference(run, reference).samples.get(name)
-    samples, problems = read_samples(run, [name])
-    if problems:
-        raise QuadlogError(problems[0])
+    samples, errors = read_samples(run, [name])
+    if errors:
+        raise errors[0]
     return samples.get(name)
 
 
@@ -171,8 +171,9 @@ def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict
     metrics, problems = _saved_metrics(run)
     said: list[str] = []
     if detail or problems:
-        found, damage = _from_samples(run, metrics if not problems else None)
-        problems += damage + _contradictions(run, metrics, found)
+        samples, errors = read_samples(run, SELF_EVIDENT if problems else metrics, may_lack=bool(problems))
+        found = _summaries(samples)
+        problems += [*dict.fromkeys(map(str, errors)), *_contradictions(run, metrics, found)]
         for name, summary in found.items():
             metrics[name] = _summarised(name, summary, metrics.get(name))
     if reference is not None:
@@ -196,11 +197,6 @@ def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
     }
     problems = [f"{run / 'metrics.json'}: is damaged: {', '.join(damaged[:5])} without a value"] if damaged else []
     return metrics, problems
-
-
-def _from_samples(run: Path, metrics: Mapping[str, Measured] | None) -> tuple[dict[str, SampleSummary], list[str]]:
-    samples, problems = read_samples(run, metrics)
-    return _summaries(samples), problems
 
 
 def _summaries(samples: Mapping[str, Samples]) -> dict[str, SampleSummary]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -12,58 +13,39 @@ from pydantic import ValidationError
 from quadlog.config.schema import Config
 from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
-from quadlog.messages import Float, Int, PoseSeries
+from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
-from quadlog.metrics.positioning import Trajectory, associate, pair_samples
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.positioning import Trajectory, associate, fix_error_samples, pair_samples
+from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
 from quadlog.results.run.tables import has_table, read_table
 from quadlog.storage.formats.tum import read_tum
 
 
-def robot_tag_of(run: Path) -> tuple[Config, int | None]:
-    """The run's config, and the tag that the robot carried by it; None when there is none. Raises NotARun."""
+@dataclass(frozen=True, slots=True)
+class RobotTag:
+    """The tag that the robot carried, None when there is none, and where it sits in base, x_m and y_m."""
+
+    id: int | None
+    lever_m: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def among(cls, tags: Iterable[int], config: Config) -> Self:
+        """The robot's of the tags that ranged."""
+        tag = roles_of(config, sorted(tags)).get("robot")
+        return cls(None) if tag is None else cls(tag, lever_of(config, tag))
+
+
+def robot_tag_of(run: Path) -> RobotTag:
+    """The robot's tag in a saved run. Raises NotARun."""
     try:
         config = Config.model_validate(read_run_json(run).get("config", {}))
     except ValidationError as error:
         raise NotARun(run / "run.json", f"is damaged: config: {error.errors()[0]['msg']}") from error
     name = "ranges" if has_table(run, "ranges") else "fixes"
     tags = np.unique(read_table(run, name, ["tag"])["tag"])
-    return config, roles_of(config, [int(tag) for tag in tags]).get("robot")
-
-
-def residual_samples(run: Path) -> dict[str, Samples]:
-    """Of uwb_residual_m, from fixes.parquet: a residual of each fix, which counts as often as it has ranges."""
-    _, robot_tag = robot_tag_of(run)
-    table = read_table(run, "fixes", ["t_ns", "tag", "residual_rms_m", "n_ranges"])
-    used = (table["tag"] == robot_tag) & np.isfinite(table["residual_rms_m"]) & (table["n_ranges"] > 0)
-    residuals = Samples(table["t_ns"][used], table["residual_rms_m"][used], "rms", table["n_ranges"][used])
-    return {"uwb_residual_m": residuals}
-
-
-def saved_error_samples(run: Path) -> dict[str, Samples]:
-    """Of uwb_rmse_m and uwb_bias_m against the recording's own reference, from uwb_errors.parquet."""
-    _, robot_tag = robot_tag_of(run)
-    table = read_table(run, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m"])
-    own = (table["tag"] == robot_tag) & (table["source"] == "fixes")
-    return error_samples(table["t_ns"][own], np.column_stack([table["error_x_m"][own], table["error_y_m"][own]]))
-
-
-def error_samples(t_ns: Int, error_m: Float) -> dict[str, Samples]:
-    """Of uwb_rmse_m and uwb_bias_m, from fix less truth (N, 2), NaN without a truth.
-
-    A bias's samples are the errors in the direction of their mean, whose mean is the mean's length.
-    """
-    known_m = error_m[np.isfinite(error_m).all(axis=1)]
-    mean_m = known_m.mean(axis=0) if len(known_m) else np.zeros(2)
-    length_m = float(np.hypot(*mean_m))
-    direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
-    distance_m = np.hypot(error_m[:, 0], error_m[:, 1])
-    return {
-        "uwb_rmse_m": finite_samples(t_ns, distance_m, "rms"),
-        "uwb_bias_m": finite_samples(t_ns, error_m @ direction, "mean"),
-    }
+    return RobotTag.among(tags.tolist(), config)
 
 
 REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", "ate_rmse_m", "rpe_rmse_m")
@@ -122,7 +104,8 @@ class Compared:
 def compare_with_reference(run: Path, reference: Reference) -> Compared:
     """The trajectory's errors pair by pair, and those of the robot's UWB fixes. Raises as `compare_trajectory` does."""
     compared = compare_trajectory(run, reference)
-    return Compared(compared.samples | _uwb_samples(run, reference), compared.said)
+    of_fixes = compare_fixes(run, reference, robot_tag_of(run)) if has_table(run, "fixes") else {}
+    return Compared(compared.samples | of_fixes, compared.said)
 
 
 def compare_trajectory(run: Path, reference: Reference) -> Compared:
@@ -143,7 +126,10 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
             raise NotARun(run, f"cannot be aligned with {reference.path}: poses on one line fit in any turn about it")
         estimate = aligned
     if how.planar:
-        truth, estimate = project_to_plane(truth), project_to_plane(estimate)
+        truth = project_to_plane(truth)
+        # A run's poses lie in the plane, and projecting them again would change their last digit.
+        if estimate.position_m[:, 2].any() or estimate.quat_xyzw[:, :2].any():
+            estimate = project_to_plane(estimate)
     samples = {name: each for name, each in pair_samples(truth, estimate).items() if len(each.values)}
     return Compared(samples, (*said, *_height_words(truth, estimate)))
 
@@ -173,18 +159,16 @@ def _trajectory_of_poses(run: Path) -> Trajectory:
     return Trajectory(table["t_ns"], position_m, quat_from_yaw(table["yaw_rad"])).rows(known)
 
 
-def _uwb_samples(run: Path, reference: Reference) -> dict[str, Samples]:
-    """Of the fixes of the robot's tag, unaligned, where the reference has poses around them."""
-    if not has_table(run, "fixes"):
-        return {}
-    config, robot_tag = robot_tag_of(run)
-    if robot_tag is None:
-        return {}
+def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str, Samples]:
+    """The errors of the fixes of the robot's tag, unaligned, where the reference has poses around them.
+
+    Raises NotARun for a run without fixes.
+    """
     fixes = read_table(run, "fixes", ["t_ns", "tag", "x_m", "y_m"])
-    own = fixes["tag"] == robot_tag
+    own = fixes["tag"] == robot.id
     t_ns = fixes["t_ns"][own]
-    truth_m = tag_truth(t_ns + round(reference.how.offset_s * _NS), reference.poses, lever_of(config, robot_tag))
-    samples = error_samples(t_ns, np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m)
+    truth_m = tag_truth(t_ns + round(reference.how.offset_s * _NS), reference.poses, robot.lever_m)
+    samples = fix_error_samples(t_ns, np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m)
     return {name: each for name, each in samples.items() if len(each.values)}
 
 

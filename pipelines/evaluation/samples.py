@@ -1,87 +1,128 @@
-"""The samples behind a run's metrics, as far as its tables hold them."""
+"""The samples behind a run's metrics, from its saved tables: read by the replay itself and by `quadlog metrics`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from quadlog.errors import QuadlogError
-from quadlog.metrics.planning import SEARCH_METRICS, Replans, search_samples
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.planning import Replans, search_samples
+from quadlog.metrics.positioning import residual_samples
+from quadlog.metrics.summary import Samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation.reference import (
     OnTime,
     Reference,
+    RobotTag,
+    compare_fixes,
     compare_trajectory,
-    residual_samples,
-    saved_error_samples,
+    robot_tag_of,
 )
 from quadlog.results.run.tables import read_table
 
 
+class _Run:
+    """A run folder, and what several sources need of it, each read once and only when it is needed."""
+
+    def __init__(self, path: Path, robot: RobotTag | None) -> None:
+        self.path, self._known_robot = path, robot
+
+    @cached_property
+    def robot(self) -> RobotTag:
+        return robot_tag_of(self.path) if self._known_robot is None else self._known_robot
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The recording's own."""
+        return Reference.read(self.path / "reference.tum", OnTime(planar=True))
+
+
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A saved file, the metrics whose samples it holds, and how they are read from it.
+    """Saved files, the metrics whose samples they hold, and how they are read from them.
 
-    newer: runs are still about that were made before quadlog saved it.
+    newer: older runs have no such file.
     """
 
-    file: str
+    files: tuple[str, ...]
     metrics: tuple[str, ...]
-    read: Callable[[Path], dict[str, Samples]]
+    read: Callable[[_Run], dict[str, Samples]]
     newer: bool = False
 
 
-def read_samples(run: Path, wanted: Iterable[str] | None) -> tuple[dict[str, Samples], list[str]]:
-    """The samples of the metrics that are wanted, and a line for each file that does not give them.
+def read_samples(
+    run: Path, wanted: Iterable[str], *, may_lack: bool = False, robot: RobotTag | None = None
+) -> tuple[dict[str, Samples], list[QuadlogError]]:
+    """The samples of the wanted metrics, and an error for each source that does not give them.
 
-    With None, of all metrics of which the files alone tell that they apply; a missing file then tells that they do not.
+    may_lack: a missing file means that its metrics do not apply, and is no error. robot: the robot's tag; None reads it
+    from the finished run.
     """
     samples: dict[str, Samples] = {}
-    problems: list[str] = []
-    names = SELF_EVIDENT if wanted is None else frozenset(wanted)
+    errors: list[QuadlogError] = []
+    names, saved = frozenset(wanted), _Run(run, robot)
     for source in _SOURCES:
-        may_lack = wanted is None or source.newer
-        if names.isdisjoint(source.metrics) or (may_lack and not (run / source.file).is_file()):
+        is_complete = all((run / file).is_file() for file in source.files)
+        if names.isdisjoint(source.metrics) or ((may_lack or source.newer) and not is_complete):
             continue
         try:
-            found = source.read(run)
+            found = source.read(saved)
         except QuadlogError as error:
-            problems.append(str(error))
+            errors.append(error)
         else:
             samples |= {name: each for name, each in found.items() if name in names}
-    return samples, problems
+    return samples, errors
 
 
-def _control(run: Path) -> dict[str, Samples]:
+def _own_fixes(run: _Run) -> dict[str, Samples]:
+    return compare_fixes(run.path, run.reference, run.robot)
+
+
+def _residuals(run: _Run) -> dict[str, Samples]:
+    fixes = read_table(run.path, "fixes", ["t_ns", "tag", "residual_rms_m", "n_ranges"])
+    own = fixes["tag"] == run.robot.id
+    return residual_samples(*(fixes[name][own] for name in ("t_ns", "residual_rms_m", "n_ranges")))
+
+
+def _own_trajectory(run: _Run) -> dict[str, Samples]:
+    return compare_trajectory(run.path, run.reference).samples
+
+
+def _plans(run: _Run) -> dict[str, Samples]:
+    columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
+    return search_samples(Replans(**read_table(run.path, "plans", columns)))
+
+
+def _control(run: _Run) -> dict[str, Samples]:
     errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
-    table = read_table(run, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
+    table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
     # A robot without joints cannot fall.
     fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
     return tracking_samples(TrackedWalk(table["t_ns"], **{name: table[name] for name in errors}, fallen=fallen))
 
 
-def _clearances(run: Path) -> dict[str, Samples]:
-    table = read_table(run, "clearances")
-    distance = finite_samples(table["t_ns"], table["target_distance_m"], "mean")
-    return clearance_samples(table["t_ns"], table["clearance_m"]) | {"following_distance_mean_m": distance}
-
-
-def _plans(run: Path) -> dict[str, Samples]:
-    columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
-    return search_samples(Replans(**read_table(run, "plans", columns)))
-
-
-def _own_reference(run: Path) -> dict[str, Samples]:
-    return compare_trajectory(run, Reference.read(run / "reference.tum", OnTime(planar=True))).samples
+def _clearances(run: _Run) -> dict[str, Samples]:
+    return clearance_samples(**read_table(run.path, "clearances"))
 
 
 _SOURCES = (
+    _Source(("fixes.parquet", "reference.tum"), ("uwb_rmse_m", "uwb_bias_m"), _own_fixes),
+    _Source(("fixes.parquet",), ("uwb_residual_m",), _residuals),
+    _Source(("reference.tum",), ("ate_rmse_m", "rpe_rmse_m"), _own_trajectory),
     _Source(
-        "control.parquet",
+        ("plans.parquet",),
+        (
+            *("expanded_total", "generated_total", "expanded_mean", "success_rate"),
+            *("fallback_share", "suboptimality_mean"),
+        ),
+        _plans,
+    ),
+    _Source(
+        ("control.parquet",),
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
             *("heading_rmse_rad", "plan_error_m", "fallen"),
@@ -89,14 +130,11 @@ _SOURCES = (
         _control,
     ),
     _Source(
-        "clearances.parquet", ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
+        ("clearances.parquet",), ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
     ),
-    _Source("plans.parquet", tuple(name for name in SEARCH_METRICS if name != "ratio_to_astar"), _plans),
-    _Source("uwb_errors.parquet", ("uwb_rmse_m", "uwb_bias_m"), saved_error_samples),
-    _Source("fixes.parquet", ("uwb_residual_m",), residual_samples),
-    _Source("reference.tum", ("ate_rmse_m", "rpe_rmse_m"), _own_reference),
 )
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""
 # The others need an incremental planner, or a reference in the frame of the poses, which no table tells.
 SELF_EVIDENT = SAMPLED - {"fallback_share", "ate_rmse_m", "rpe_rmse_m"}
+"""The metrics that apply wherever their files are."""

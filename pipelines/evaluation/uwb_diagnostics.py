@@ -1,4 +1,4 @@
-"""The health of a recording's ranges, as `quadlog info` tells it: links, tags, geometry, and the anchors' places."""
+"""Quality of a recording's ranges for `quadlog info`: links, tags, geometry, and the survey of the anchors."""
 
 from __future__ import annotations
 

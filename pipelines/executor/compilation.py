@@ -1,7 +1,7 @@
-"""The very first start, when compiled code is not in the cache yet: it is said, and shared with another process.
+"""Compilation at the first start, when numba's cache is empty: announced, and shared with a second process.
 
-Compiling holds a lock within one process, so a second core only helps
-another one; what that one compiled is found in the cache afterwards.
+Compiling holds a lock within one process, so a second core helps only another process, whose results are then found in
+the cache.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from quadlog.pipelines.executor.machine import cores
 
 SAID = "compiling for the first time on this machine, which takes some seconds; later starts find it in the cache"
 LONGEST_S = 600.0
-"""Another process that takes longer hangs, and is not waited for."""
+"""The other process is not waited for longer than this."""
 
 
 class _OnFirst(event.Listener):
@@ -37,23 +37,23 @@ class _OnFirst(event.Listener):
             call()
 
     def on_end(self, event: Any) -> None:
-        """Nobody waits for it."""
+        """Nothing to do."""
 
 
 @contextmanager
 def on_first_compilation(call: Callable[[], None]) -> Iterator[None]:
-    """Calls a function at once when the body has to compile anything, and only the first time."""
+    """Call a function once, when the body compiles anything for the first time."""
     with event.install_listener("numba:compile", _OnFirst(call)):
         yield
 
 
 class Compilation:
-    """Parts of the code, each compiled by running it once, before it is needed (`before`).
+    """Compile parts of the code, each by running it once before it is needed (`before`).
 
-    parts: a function each, by name. elsewhere: the command for another process that compiles the parts it is given by
-    name, in that order, and prints each one's name when it is done. That process starts when the first thing turns out
-    to be missing in the cache, gets those of `shared` that have not begun, and is stopped with the context. Its failure
-    is no failure: what it has not compiled is compiled here when it is needed. say: told once when anything is missing.
+    parts: a function for each name. elsewhere: command of a second process that compiles the parts named as arguments,
+    in that order, and prints each name when it is done. It starts when something is missing in the cache, with those of
+    `shared` that have not begun, and is stopped with the context. If it fails, its parts are compiled here. say: called
+    once when something is missing.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Compilation:
         self._context.close()
 
     def before(self, *names: str) -> None:
-        """Compile those of the named parts that there are, or wait for them; `seconds` adds up how long that took."""
+        """Compile the named parts, or wait for the other process to; adds the time to `seconds`."""
         started = time.perf_counter()
         for name in names:
             if name in self._parts and name not in self._begun:
@@ -110,7 +110,7 @@ class Compilation:
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Without the garbage collector: compiling builds millions of objects, and looking through them takes a tenth."""
+    """Without the garbage collector, which takes a tenth of the time: compiling builds millions of objects."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -121,7 +121,7 @@ def _uncollected() -> Iterator[None]:
 
 
 def _follow(lines: IO[str], done: Mapping[str, Event]) -> None:
-    """Marks each name that is printed as done, and all of them at the end, for nothing more will come."""
+    """Mark each printed name as done, and all of them when the process ends."""
     with lines:
         for line in lines:
             if line.strip() in done:
@@ -137,5 +137,5 @@ def _stop(process: subprocess.Popen[str], reading: Thread) -> None:
 
 
 def python(*arguments: str) -> list[str]:
-    """Arguments to this same Python, for which the folder it is started in holds no modules."""
+    """Command of this Python interpreter that does not import from the working folder."""
     return [sys.executable, "-P", *arguments]

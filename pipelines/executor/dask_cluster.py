@@ -1,4 +1,4 @@
-"""A Dask cluster that is already there, as an executor: the user's own, of whatever kind, known by its address."""
+"""An executor on the workers of a running Dask cluster, given by its scheduler's address."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from quadlog.pipelines.executor.progress import Listener, told_to
 
 PYTHON = "Python"
 DECISIVE = ("quadlog", "numpy", "scipy", "numba", "llvmlite", "mujoco", "daqp", "quadprog", "pyarrow")
-"""Packages that results depend on to the last bit: arithmetic, compilers, solvers, and what writes tables."""
+"""Packages whose version can change the bytes of results: arithmetic, compilers, solvers, and the table writer."""
 
-# What a replay reads into module-level work arrays, and the memory it may take, are meant for one at a time, however
-# many threads a worker has. A lock, since Dask's own resources would have to be given to each worker when it starts.
+# One replay at a time for each process, whatever its threads: module-level work arrays and memory limits assume it.
+# A lock, because Dask's resources would have to be configured when a worker starts.
 _one_at_a_time = threading.Lock()
 _stopped: set[str] = set()
 
 
 class Stopped(Exception):
-    """Nobody waits for this task any more."""
+    """The task has been stopped."""
 
 
 def do_task(topic: str, versions: Mapping[str, str], call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
-    """The call's result; what it tells goes to the topic of the scheduler's events.
+    """Run a call on a worker; its messages go to a topic of the scheduler's events.
 
-    Raises VersionsDiffer on a worker that joined later with others, Stopped after `stop_tasks`, and what call raises.
+    Raises VersionsDiffer on a worker with other versions, Stopped after `stop_tasks`, and what call raises.
     """
     from distributed import get_worker
 
@@ -55,12 +55,12 @@ def do_task(topic: str, versions: Mapping[str, str], call: Callable[..., Any], /
 
 
 def stop_tasks(topic: str) -> None:
-    """Tasks of this topic, which is one command's alone, end with the next thing they tell."""
+    """Tasks of this topic, which belongs to one command, end with their next message."""
     _stopped.add(topic)
 
 
 def own_versions() -> dict[str, str]:
-    """Of Python, as far as its minor number, and of DECISIVE; "none" where one is not installed."""
+    """Versions of Python, without its patch number, and of DECISIVE; "none" where one is not installed."""
     found = {PYTHON: minor(platform.python_version())}
     for name in DECISIVE:
         try:
@@ -71,30 +71,30 @@ def own_versions() -> dict[str, str]:
 
 
 def minor(version: str) -> str:
-    """3.12 of 3.12.4, which pickles and results are the same with."""
+    """3.12 of 3.12.4: patch releases give the same pickles and results."""
     return ".".join(version.split(".")[:2])
 
 
 def check_versions(worker: str, wanted: Mapping[str, str], found: Mapping[str, str]) -> None:
-    """Raises VersionsDiffer when anything differs between the one who asks and the worker."""
+    """Raises VersionsDiffer when a worker has other versions than this process."""
     differing = [(name, found.get(name, "none"), wanted[name]) for name in wanted if found.get(name) != wanted[name]]
     if differing:
         raise VersionsDiffer(worker, differing)
 
 
 ANSWER_S = 10.0
-"""A scheduler or worker that has not answered after so long is not there."""
+"""Time-out of the scheduler and its workers."""
 PAGE_S = 2.0
-"""A dashboard that has not answered after so long may be there: only its address is wanted."""
+"""Time-out of the dashboard, whose address is shown even then."""
 PLOTS = "individual-plots.json"
-"""Beside a dashboard, the list of what it draws."""
+"""The page that lists a dashboard's plots."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 class Cluster(Executor):
-    """An executor of a cluster's workers. Dask gives a task to another worker when one dies, by its own settings."""
+    """An executor of a cluster's workers. Dask restarts the task of a worker that dies, by its own settings."""
 
     def __init__(self, client: Any, address: str, listener: Listener) -> None:
         """client: connected to the scheduler of this address. Raises VersionsDiffer."""
@@ -114,23 +114,23 @@ class Cluster(Executor):
         return future
 
     def workers(self) -> int:
-        """How many there are now. Raises ClusterUnusable when nobody knows any more."""
+        """Number of workers now. Raises ClusterUnusable when the scheduler does not answer."""
         return len(self._ask(self._client.nthreads))
 
     def room(self) -> int:
-        """How many tasks they are to have: two each, so that none waits, but no second one to wait amid a thread."""
+        """Tasks to hand out: two for each worker, or one if it has several threads, which would wait for the lock."""
         return sum(2 if threads == 1 else 1 for threads in self._ask(self._client.nthreads).values())
 
     def stop(self) -> None:
-        """Cancel what has not begun; what runs ends with the next thing it tells."""
-        with suppress(Exception):  # a cluster that has gone has stopped
+        """Cancel queued tasks; running ones end with their next message."""
+        with suppress(Exception):  # the cluster may be gone
             self._client.run(stop_tasks, self._topic, on_error="ignore")
         with suppress(Exception):
             self._executor.shutdown(wait=False)
 
     @property
     def greeting(self) -> str:
-        """How many workers there are, and where to look at them."""
+        """Number of workers, and the address of the dashboard."""
         workers = self.workers()
         many = "1 worker" if workers == 1 else f"{workers} workers"
         served = "dashboard" in self._client.scheduler_info().get("services", {})
@@ -138,7 +138,7 @@ class Cluster(Executor):
         return many if link is None or _is_missing(link) else f"{many}; dashboard: {link}"
 
     def _check_workers(self) -> None:
-        """All that are there, by functions that every Python has; who comes or goes meanwhile checks itself later."""
+        """Check all workers, with functions of the standard library; later ones are checked by `do_task`."""
         found: dict[str, dict[str, str]] = {}
         for name in self._versions:
             ask = (platform.python_version,) if name == PYTHON else (metadata.version, name)
@@ -160,9 +160,9 @@ class Cluster(Executor):
 
 @contextmanager
 def open_cluster(address: str, listener: Listener) -> Iterator[Cluster]:
-    """The cluster of a scheduler's address. After an error, its workers are told to stop.
+    """The cluster of a scheduler's address; after an error its tasks are stopped.
 
-    Raises ClusterUnusable when Dask is not installed or nobody answers, VersionsDiffer.
+    Raises ClusterUnusable when Dask is not installed or the scheduler does not answer, VersionsDiffer.
     """
     try:
         dask = import_module("distributed")
@@ -180,7 +180,7 @@ def open_cluster(address: str, listener: Listener) -> Iterator[Cluster]:
 
 @contextmanager
 def _silent_loggers() -> Iterator[None]:
-    """Dask's client logs with tracebacks what is said here in one line."""
+    """Switch off Dask's log, which prints a traceback for each error reported here in one line."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     before = [logger.level for logger in loggers]
     for logger in loggers:
@@ -193,7 +193,7 @@ def _silent_loggers() -> Iterator[None]:
 
 
 def _check_scheduler(dask: Any, address: str) -> None:
-    """Dask's client waits forever for a server that takes its connection and says nothing. Raises ClusterUnusable."""
+    """Raises ClusterUnusable; Dask's client would wait forever for a server that accepts and does not answer."""
 
     async def identity() -> dict[str, Any]:
         async with dask.rpc(address, connection_args=dask.Security().get_connection_args("client")) as there:
@@ -210,9 +210,9 @@ def _check_scheduler(dask: Any, address: str) -> None:
 
 
 def _is_missing(page: str) -> bool:
-    """Whether its server has nothing to draw there: without a dashboard, or without Bokeh, it has the address still.
+    """Whether the dashboard has no plots: without Bokeh the scheduler still gives its address.
 
-    From here the server may be out of reach, and yet not from the user's browser.
+    False where it cannot be reached from here, since the user's browser may.
     """
     import aiohttp
 
@@ -228,7 +228,7 @@ def _is_missing(page: str) -> bool:
 
 
 def _pass_on(given: Future[T], future: Future[T]) -> None:
-    """The result or error of the one to the other; of workers that died in quadlog's words."""
+    """Copy the result or error to the other future; KilledWorker becomes ClusterWorkersDied."""
     from distributed import KilledWorker
 
     error = None if given.cancelled() else given.exception()

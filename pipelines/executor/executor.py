@@ -1,4 +1,4 @@
-"""One interface to wherever tasks run: this process, processes on this machine, or a Dask cluster."""
+"""Run tasks in processes on this machine or on a Dask cluster, through one interface."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.progress import Kept, Listener, Progress
 
 LOOK_AGAIN_S = 5.0
-"""So often a cluster is asked whether it has grown while no task ends."""
+"""How often a cluster is asked for its size while no task ends."""
 
 Task = TypeVar("Task")
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """An executor, and what is different from one to another.
+    """An executor, with what differs between a local pool and a cluster.
 
-    workers: how many there are, and room: how many tasks they are to have, both of which may change; 0 without
-    workers. stop: end what runs and take no more. tries: how often a task is given out whose worker dies. greeting: a
-    line for the user. address: of the scheduler that workers connect to.
+    workers: number of workers; room: number of tasks to hand out at a time; both may change, and are 0 without workers.
+    stop: end running tasks and take no more. tries: how often a task is started whose worker dies. greeting: a line for
+    the user. address: of the scheduler that workers connect to.
     """
 
     executor: Executor
@@ -41,9 +41,8 @@ class Engine:
     ) -> Iterator[tuple[Task, Future[Any]]]:
         """Each task with its future when it is done, in the order they end.
 
-        Tasks are taken from the left of `todo` as there is room, and may be put there or taken away meanwhile:
-        thousands of them cost no more than their place in it. say: is told when all workers have gone, which is waited
-        out, since a cluster's may come and go, and when there are some again.
+        Tasks are taken from the left of `todo` as there is room; it may change meanwhile. A cluster without workers is
+        waited for; say is called with a line when that begins and when it ends.
         """
         running: dict[Future[Any], Task] = {}
         waiting = False
@@ -65,10 +64,10 @@ class Engine:
 
 @contextmanager
 def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterator[Engine]:
-    """As many processes as jobs, also for one; with the address of a scheduler, the cluster that it serves.
+    """A pool of `jobs` processes, or the cluster of a scheduler's address.
 
-    A task never runs in this process, which therefore outlives whatever kills the task's. listener: hears what tasks
-    tell. Raises what `open_cluster` raises. After an error or Ctrl-C nothing goes on.
+    Tasks never run in this process, so that it survives what kills theirs. listener: called with each of their
+    messages. Raises what `open_cluster` raises. After an error or Ctrl-C all tasks are stopped.
     """
     if scheduler is not None:
         from quadlog.pipelines.executor.dask_cluster import open_cluster
@@ -87,10 +86,10 @@ Result = TypeVar("Result")
 def side_by_side(
     call: Callable[[Task, Progress], Result], tasks: Sequence[Task], workers: int, progress: Progress
 ) -> list[Result]:
-    """call(task, progress) for each, as many at a time as there are workers; results in the order of the tasks.
+    """call(task, progress) for each task in parallel; results in the order of the tasks.
 
-    What a call says is said when it ends. The first error, in that order, is raised once all others are done; that of
-    a worker that dies, WorkerDied, at once.
+    Lines of a call are passed to `progress` when it ends. The first QuadlogError in that order is raised after all
+    calls have ended; WorkerDied is raised at once.
     """
     results: dict[int, Result] = {}
     failures: dict[int, QuadlogError] = {}
@@ -111,7 +110,7 @@ def side_by_side(
 
 
 def _call(call: Callable[[Task, Progress], Result], task: Task) -> tuple[Result | QuadlogError, tuple[str, ...]]:
-    """In the other process: the result or why there is none, and what it had to say."""
+    """In the worker: the result or the error, and the lines of its progress."""
     kept = Kept()
     try:
         return call(task, kept), tuple(kept.lines)

@@ -1,4 +1,4 @@
-"""Processes on this machine that take one task each; one that dies costs only its own task."""
+"""A pool of processes on this machine, in which a process that dies fails only its own task."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,28 +25,25 @@ from quadlog.pipelines.executor.progress import Listener, told_to
 from quadlog.storage.atomic_write import remove_unfinished
 
 LEFT = 128 + signal.SIGTERM
-"""The exit code of a worker that was told to end."""
+"""Exit code of a worker that ends on SIGTERM."""
 TOLD, DONE, RAISED = "told", "done", "raised"
-"""What a worker sends: something said within a task, a task's result, a task's error."""
+"""Kinds of messages from a worker: a message of a task, its result, its error."""
 CLEAN_UP_S = 30.0
-"""How long an orphan may take until it notices, amid a task, that it is to end."""
+"""Time for an orphan to end its task after SIGTERM, before it exits at once."""
 UNWIND_S = 2.0
-"""How long a worker that is to end may take to clean up."""
+"""Time for a worker to clean up after SIGTERM, before it exits at once."""
 
 _leaving = threading.Event()
 
 
-def serve_tasks(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
-    """Answer each pickled (call, args, kwargs) with DONE or RAISED, and end the process when there are no more.
-
-    initializer: is called before the first.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one with the terminal decides
+def serve_tasks(connection: Connection) -> None:
+    """Run in a worker: answer each pickled (call, args, kwargs) with DONE or RAISED; exit when the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the parent handles it
     signal.signal(signal.SIGTERM, _leave)
     sys.unraisablehook = _lost
     threading.Thread(target=_see_it_end, name="quadlog-leaving", daemon=True).start()
     threading.Thread(target=_leave_with_parent, name="quadlog-orphan", daemon=True).start()
-    sending, begin = threading.Lock(), initializer
+    sending = threading.Lock()
 
     def send(packed: bytes) -> None:
         with sending:
@@ -59,17 +56,14 @@ def serve_tasks(connection: Connection, initializer: Callable[..., object] | Non
             except (EOFError, OSError):
                 break
             try:
-                if begin is not None:
-                    begin(*initargs)
-                    begin = None
                 call, args, kwargs = ForkingPickler.loads(task)
                 answer = _pack(DONE, call(*args, **kwargs))
             except Exception as error:
                 answer = _raised(error)
-            if _leaving.is_set():  # and yet the task has come to an end, or to an error that is none of its own
+            if _leaving.is_set():  # the task ended in spite of SIGTERM, or with an error caused by it
                 sys.exit(LEFT)
             send(answer)
-    # All tasks are done and closed what they opened; to take apart what they loaded would take longer than some tasks.
+    # All tasks have closed their files. A regular exit, which unloads modules, would take longer than some tasks.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
@@ -80,7 +74,7 @@ def _pack(kind: str, value: object) -> bytes:
 
 
 def _raised(error: Exception) -> bytes:
-    """The error with the traceback it has here; one that does not come out of a pickle again goes as its words."""
+    """The error with this process's traceback as a note; one that cannot be pickled as a RuntimeError of its text."""
     told = f"in a worker process:\n{''.join(traceback.format_exception(error))}"
     error.add_note(told)
     try:
@@ -94,10 +88,10 @@ def _raised(error: Exception) -> bytes:
 
 
 def _leave(number: int, _: FrameType | None) -> NoReturn:
-    """SIGTERM: unwind, so that temporary folders and unfinished files go; a second one does not disturb that."""
+    """Handler of SIGTERM: exit with clean-up of temporary and unfinished files. Further SIGTERMs are ignored."""
     signal.signal(number, signal.SIG_IGN)
     _leaving.set()
-    # What this breaks off amid C code may come out as any error, and would be taken for a bug by whoever prints it.
+    # SystemExit within C code may surface as any error, which must not be printed.
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 2)
     os.close(silence)
@@ -105,7 +99,7 @@ def _leave(number: int, _: FrameType | None) -> NoReturn:
 
 
 def _lost(lost: sys.UnraisableHookArgs) -> None:
-    """What C code that calls Python cannot pass on, as LLVM's, is printed; to leave is raised again a little later."""
+    """Hook for errors that C code, as LLVM's, cannot pass on: a lost SystemExit is raised again a little later."""
     sys.__unraisablehook__(lost)
     ours = lost.exc_type is SystemExit and threading.current_thread() is threading.main_thread()
     if ours and _leaving.is_set():
@@ -114,7 +108,7 @@ def _lost(lost: sys.UnraisableHookArgs) -> None:
 
 
 def _see_it_end() -> None:
-    """Whatever may catch or lose the exception that `_leave` raises."""
+    """Exit after UNWIND_S, even if something caught the exception that `_leave` raises."""
     _leaving.wait()
     threading.Event().wait(UNWIND_S)
     remove_unfinished()
@@ -122,7 +116,7 @@ def _see_it_end() -> None:
 
 
 def _leave_with_parent() -> None:
-    """Nobody waits for the result of an orphan."""
+    """End when the parent process ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])
@@ -134,20 +128,19 @@ def _leave_with_parent() -> None:
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 # One heap for all threads of a worker: with glibc's own for each, it grows by 5 % with every recording.
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
-Initializer = tuple[Callable[..., object] | None, tuple[Any, ...]]
 
-# The environment is everybody's; and starting a process reaps others, also those that another thread waits for.
+# Threads share the environment, and starting a process reaps others, which another thread may be waiting for.
 _processes = threading.Lock()
 
 
 class LocalProcess:
     """A spawned process that answers tasks."""
 
-    def __init__(self, initializer: Initializer) -> None:
-        """Fresh, because a forked one would inherit locks of libraries' threads."""
+    def __init__(self) -> None:
+        """Spawned, because a forked process would inherit locks of libraries' threads."""
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = multiprocessing.Pipe()
-        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs, *initializer), daemon=True)
+        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs,), daemon=True)
         with _processes, _environment():
             self._process.start()
         theirs.close()
@@ -182,7 +175,7 @@ class LocalProcess:
             self._process.kill()
 
     def end(self) -> int:
-        """Let it go, wait until it has gone, and return its exit code; minus the signal's number if one killed it."""
+        """Close its pipe, wait until it ends, and return its exit code; -N if signal N killed it."""
         self._connection.close()
         wait([self._process.sentinel])
         with _processes:
@@ -192,7 +185,7 @@ class LocalProcess:
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Workers share the cores by tasks, not by threads: set here, because libraries read it when they load."""
+    """One thread for each library of a worker; libraries read these variables when they are loaded."""
     before = {name: os.environ.get(name) for name in _ENVIRONMENT}
     os.environ.update(_ENVIRONMENT)
     try:
@@ -218,22 +211,16 @@ class _Task:
 
 
 class LocalPool(Executor):
-    """An executor of spawned processes, each with one thread for BLAS and numba, that takes tasks in their order.
+    """An executor of spawned processes, each with one thread for BLAS and numba; tasks start in their order.
 
-    Every process is served by a thread of this one and is started when there is a task for it. When it dies, be it
-    killed or out of memory, its task's future gets WorkerDied and a fresh process takes the next task. Used in a
-    `with`, an exception stops all workers at once instead of waiting for them.
+    A thread of this process serves each worker, which is started for its first task. When a worker dies, its task's
+    future gets WorkerDied and a new process takes the next task. An exception in the body of a `with` stops all
+    workers at once. The standard library's pool would fail every task when one process dies.
     """
 
-    def __init__(
-        self,
-        workers: int,
-        initializer: Callable[..., object] | None = None,
-        initargs: tuple[Any, ...] = (),
-        listener: Listener | None = None,
-    ) -> None:
-        """initializer(*initargs) is called in each process before its first task; listener: hears what tasks `tell`."""
-        self._workers, self._initializer, self._listener = workers, (initializer, initargs), listener
+    def __init__(self, workers: int, listener: Listener | None = None) -> None:
+        """listener: called with each message of a task."""
+        self._workers, self._listener = workers, listener
         self._todo: deque[_Task] = deque()
         self._changed = threading.Condition()
         self._threads: list[threading.Thread] = []
@@ -242,7 +229,7 @@ class LocalPool(Executor):
         self._closed = self._stopped = False
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """The future of a call, which waits its turn. Raises RuntimeError after `shutdown`."""
+        """The future of a queued call. Raises RuntimeError after `shutdown`."""
         future: Future[T] = Future()
         with self._changed:
             if self._closed:
@@ -256,7 +243,7 @@ class LocalPool(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; those submitted are done first, unless they are to be cancelled and have not begun."""
+        """Take no more tasks; finish those submitted, or cancel those that have not begun."""
         with self._changed:
             self._closed = True
             while cancel_futures and self._todo:
@@ -267,7 +254,7 @@ class LocalPool(Executor):
                 thread.join()
 
     def terminate_workers(self) -> None:
-        """Stop at once: what has not begun is cancelled, what runs cleans up and ends with WorkerDied."""
+        """Stop at once: queued tasks are cancelled, running ones clean up and fail with WorkerDied."""
         with self._changed:
             self._stopped = True
             running = list(self._running)
@@ -289,40 +276,35 @@ class LocalPool(Executor):
             self.terminate_workers()
 
     def _serve(self) -> None:
-        """One worker's thread: give it tasks, hear what it says, replace it when it dies."""
+        """Thread of one worker: pass it tasks and messages back, and replace it when it dies."""
         # Python handles signals in its main thread; a process inherits what the thread that starts it has blocked.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         process: LocalProcess | None = None
         while (task := self._next()) is not None:
             if task.future.set_running_or_notify_cancel():
                 process = self._do(task, process)
-            del task  # what it holds is not needed while waiting for the next one
+            del task  # free its arguments while waiting for the next one
         self._forget(process)
 
     def _do(self, task: _Task, process: LocalProcess | None) -> LocalProcess | None:
-        """Have a task done by the process, or by a fresh one. Returns the one for the next task, if there is one."""
+        """Run a task in the process, or in a new one. Returns the process for the next task, None if it has ended."""
         try:
             packed = bytes(ForkingPickler.dumps((task.call, task.args, task.kwargs)))
             if process is None or not process.is_alive():
                 self._forget(process)
                 process = self._start()
             kind, value = process.answer(packed, self._listener)
-        except WorkerDied as error:
-            self._forget(process)
-            process = None
-            task.future.set_exception(error)
-        except BaseException as error:  # a task or an answer that no pickle holds, or the listener's: no answer is owed
+        except BaseException as error:  # not picklable, raised by the listener, or WorkerDied
             if process is not None:
                 process.kill()
             self._forget(process)
-            process = None
             task.future.set_exception(error)
-        else:
-            (task.future.set_exception if kind == RAISED else task.future.set_result)(value)
+            return None
+        (task.future.set_exception if kind == RAISED else task.future.set_result)(value)
         return process
 
     def _next(self) -> _Task | None:
-        """The first of the queue, once there is one; None when there will be no more."""
+        """The next task, waiting for one; None after `shutdown` when the queue is empty."""
         with self._changed:
             self._idle += 1
             while not self._todo and not self._closed:
@@ -334,7 +316,7 @@ class LocalPool(Executor):
         with self._changed:
             if self._stopped:
                 raise WorkerDied(-signal.SIGTERM)
-            process = LocalProcess(self._initializer)
+            process = LocalProcess()
             self._running.add(process)
         return process
 
@@ -345,6 +327,6 @@ class LocalPool(Executor):
             process.end()
 
 
-def _kill(processes: Sequence[LocalProcess]) -> None:
+def _kill(processes: list[LocalProcess]) -> None:
     for process in processes:
         process.kill()

@@ -1,4 +1,4 @@
-"""What the machine gives and takes: cores, interrupts, and memory that runs out."""
+"""Cores, signals, and errors that mean lack of memory."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ def cores() -> int:
 
 
 LAST_WORDS_S = 5.0
-"""How long a worker that is stopped may take to clean up before it is killed."""
+"""Time for a stopped worker to clean up before it is killed."""
 AGAIN_S = 0.01
-"""How long after an interrupt was lost in C code it is raised again."""
+"""Delay before an interrupt that was lost in C code is raised again."""
 
 _taken_s = float("-inf")
 
 
 def take_one_interrupt() -> None:
-    """From now on any of the signals is a KeyboardInterrupt, with the signal's name unless it is Ctrl-C.
+    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, with the signal's name unless it is SIGINT.
 
-    Further ones are ignored for a while: amid the clean-up, one would leave workers to themselves. An interrupt that C
-    code cannot pass on is raised again. A process that was started to ignore a signal still does.
+    Further signals are ignored for LAST_WORDS_S, since one during the clean-up would orphan the workers. An interrupt
+    that C code cannot pass on is raised again. Signals that the process was started to ignore stay ignored.
     """
     for number, usual in ((signal.SIGINT, signal.default_int_handler), *((each, signal.SIG_DFL) for each in _OTHERS)):
         if signal.getsignal(number) is usual:
@@ -40,7 +40,7 @@ _OTHERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def ignore_interrupts() -> None:
-    """For the last moments of a process that has already said how its work ended."""
+    """Ignore all signals, for a process that has printed its result and is about to exit."""
     for number in (signal.SIGINT, *_OTHERS):
         signal.signal(number, signal.SIG_IGN)
 
@@ -58,9 +58,9 @@ def _raise(number: int) -> None:
 
 
 def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
-    """Called for an exception in a destructor or a callback from C, which otherwise is printed and forgotten.
+    """Hook for exceptions in destructors and callbacks from C, which Python otherwise prints and drops.
 
-    Python itself reports one, of no object, for a signal that comes while its handler is being replaced by SIG_IGN.
+    Python reports one without an object for a signal that comes while its handler is replaced by SIG_IGN.
     """
     if lost.exc_type is OSError and lost.object is None:
         return
@@ -76,13 +76,13 @@ _WORDS = (
     *("cannot allocate memory", "can't start new thread", "failed to map segment", "cannot map zero-fill pages"),
     *("cannot create shared object descriptor", "bad_alloc"),
 )
-"""Of the C library, its loader, Python's threads and C++. Which exception has them is up to who passes them on."""
+"""Messages of the C library, its loader, Python's threads and C++; the exception class varies."""
 _OTHER_CAUSES = ("static tls block", "operation not permitted", "permission denied")
-"""With these, memory is there: a library that came too late for its place, and a disk nothing may be run from."""
+"""Messages with these have another cause: static TLS space, or a disk mounted noexec."""
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:
-    """Whether lack of memory is the error, what caused it, or what was being handled when it came."""
+    """Whether lack of memory is the error, its cause or its context."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))

@@ -1,4 +1,4 @@
-"""How a replay says where it is, from whatever process it runs in; silent unless somebody listens."""
+"""Progress messages of a replay, sent from the process it runs in to a listener; lost without one."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from socket import gethostname
 from typing import Any, Protocol
 
 Listener = Callable[[Any], None]
-"""Hears what tasks tell, from any thread."""
+"""Called with each message of a task, from any thread."""
 
 _listener: Listener | None = None
 _name: str | None = None
 
 
 def tell(message: Any) -> None:
-    """Send a message of plain values, as JSON has them. Where nobody listens it is lost, without an error."""
+    """Send a message of JSON values to the listener; without one it is dropped."""
     if _listener is not None:
         _listener(message)
 
 
 def worker_name() -> str:
-    """Who works here: the address of a Dask worker, else host and process id."""
+    """Name of this worker: the address of a Dask worker, else host and process id."""
     return _name or f"{gethostname()}:{os.getpid()}"
 
 
 @contextmanager
 def told_to(listener: Listener | None, name: str | None = None) -> Iterator[None]:
-    """While the body runs, `tell` calls this function: of the one who listens, or one that passes it on to there."""
+    """While the body runs, `tell` calls this function."""
     global _listener, _name
     before = _listener, _name
     _listener, _name = listener, name
@@ -42,12 +42,12 @@ def told_to(listener: Listener | None, name: str | None = None) -> Iterator[None
         _listener, _name = before
 
 
-# Linux's own; rusage would count what a process had been before it became Python, a copy of the one that started it.
+# On Linux; rusage would include the memory of the parent that this process was copied from.
 _STATUS, _FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Progress(Protocol):
-    """What the command line shows while a recording is replayed."""
+    """What is shown while a recording is replayed."""
 
     def begin(self, stage: str, total: int | None) -> None:
         """A stage starts; total is the number of its steps, None when unknown."""
@@ -60,7 +60,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """The progress of a test, or of a caller who does not look."""
+    """Shows nothing."""
 
     def begin(self, stage: str, total: int | None) -> None:
         """Nothing to show."""
@@ -73,7 +73,7 @@ class Silent:
 
 
 class Kept(Silent):
-    """The progress of a batch worker: what it has to say is kept for the process that has the terminal."""
+    """Keeps the lines, for the process that has the terminal."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -106,7 +106,7 @@ class StageClock:
 
     @contextmanager
     def laps(self, *names: str) -> Iterator[Callable[[str], None]]:
-        """Split the time of the block between stages: the function given here is told which stage has just worked.
+        """Split the time of the block between stages: call the yielded function with the stage that has just worked.
 
         What is left at the end counts towards the first stage. Memory is looked at once, so that laps may be short.
         """

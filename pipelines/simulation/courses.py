@@ -1,4 +1,4 @@
-"""Where a simulated robot walks: the course, and the ground, drawn from a seed or seen by an earlier run."""
+"""Course and ground of a simulated walk; the ground is drawn from a seed or seen by an earlier run."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from quadlog.simulation.robot.height_field import Extent, HeightField, from_heig
 from quadlog.storage.formats.path_file import read_path
 
 LEAST_POINTS = 5
-"""A cell of the ground that was seen less is as high as those around it: far away, a point may be anything's."""
+"""Cells with fewer points take the height of those around them: single points far away are unreliable."""
 NEAR_M = 0.5
-"""So far from the nearest cell that was seen the ground is still what that cell says."""
+"""Distance from a seen cell within which its height is used without a warning."""
 WALKED_M = 1.0
-"""So far from its course a robot that follows it may set a foot. Farther off, walls and bushes may pass for ground."""
-# What no ground that a robot saw is beyond: a file may say anything.
+"""Distance from the course within which a foot may step; steep ground farther away is ignored."""
+# Limits of plausible height maps, since a file may hold anything.
 _MOST_M, _CELLS_M = 1e6, (1e-3, 1e3)
 
 
@@ -100,7 +100,7 @@ MARGIN_M = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Remarks:
-    """What a run tells of its ground, and what a user should know before trusting it."""
+    """Notes and warnings about a run's ground."""
 
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()

@@ -112,33 +112,44 @@ def trot_verdict(trotted: TrottedCurve) -> str:
     return f"fell after {trotted.walk.t_ns[np.argmax(fallen)] / NS:.2f} s" if fallen.any() else ""
 
 
-def _trot_record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
-    config, walk, robot = description.config, trotted.walk, trotted.planned.robot
-    lasted_s = float(walk.t_ns[-1]) / NS
+def _record(
+    description: TrotDescription | WalkDescription,
+    clock: StageClock,
+    lasted_s: float,
+    walking_s: float,
+    course: str,
+    controller: str,
+    **own: Any,
+) -> RunRecord:
+    """What both kinds of walks say of themselves; own: the other fields."""
     return RunRecord(
         quadlog_version=__version__,
         command=list(description.command),
-        config=config.model_dump(exclude_none=True),
-        options={"course": TROT, "controller": description.curve, "seed": description.seed},
-        input=_input(trotted),
+        config=description.config.model_dump(exclude_none=True),
+        options={"course": course, "controller": controller, "seed": description.seed},
         seed=description.seed,
         recorded_s=lasted_s,
+        stages=_stages(walking_s, clock),
+        startup_s=description.startup_s,
+        realtime_factor=lasted_s / walking_s,
+        **own,
+    )
+
+
+def _trot_record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
+    walk, robot = trotted.walk, trotted.planned.robot
+    # The joint angles that the robot is sent to.
+    targets = trotted.planned.targets_rad.tobytes()
+    return _record(
+        *(description, clock, float(walk.t_ns[-1]) / NS, trotted.seconds, TROT, description.curve),
+        input=InputRecord(TROT, len(targets), hashlib.sha256(targets).hexdigest()),
         counts={"samples": len(walk.t_ns)},
         warnings=[f"the robot {ended}"] if (ended := trot_verdict(trotted)) else [],
         notes=[
             f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
             f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, and a posture",
         ],
-        stages=_stages(trotted.seconds, clock),
-        startup_s=description.startup_s,
-        realtime_factor=lasted_s / trotted.seconds,
     )
-
-
-def _input(trotted: TrottedCurve) -> InputRecord:
-    """The joint angles that the robot is sent to."""
-    targets = trotted.planned.targets_rad.tobytes()
-    return InputRecord(TROT, len(targets), hashlib.sha256(targets).hexdigest())
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,15 +188,9 @@ def walk_metrics(simulated: SimulatedWalk) -> Metrics:
     """How well the course was followed, what it cost, and how fast it was simulated."""
     walk = simulated.walk
     control = walk.control
-    tracked = TrackedWalk(
-        t_ns=control["t_ns"],
-        error_m=control["error_m"],
-        cross_track_m=control["cross_track_m"],
-        time_error_m=control["time_error_m"],
-        heading_error_rad=control["heading_error_rad"],
-        fallen=control["fallen"].astype(np.bool_) if simulated.model is not None else None,
-    )
-    metrics = tracking_metrics(tracked, walk.completed_ns)
+    errors = {name: control[name] for name in ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")}
+    fallen = control["fallen"].astype(np.bool_) if simulated.model is not None else None
+    metrics = tracking_metrics(TrackedWalk(control["t_ns"], **errors, fallen=fallen), walk.completed_ns)
     if walk.effort is not None:
         ticks = round(_lasted_s(simulated) / TIMESTEP_S)
         metrics |= effort_metrics(walk.mass_kg, ticks, **asdict(walk.effort))
@@ -229,22 +234,13 @@ def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedW
 
 
 def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:
-    config = description.config
-    simulation = config.simulation
-    return RunRecord(
-        quadlog_version=__version__,
-        command=list(description.command),
-        config=config.model_dump(exclude_none=True),
-        options={"course": description.course_argument, "controller": simulation.controller, "seed": description.seed},
+    controller = description.config.simulation.controller
+    return _record(
+        *(description, clock, _lasted_s(simulated), simulated.seconds, description.course_argument, controller),
         input=_walk_input(description),
-        seed=description.seed,
-        recorded_s=_lasted_s(simulated),
         counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
         warnings=_warnings(description, simulated),
         notes=list(description.remarks.notes),
-        stages=_stages(simulated.seconds, clock),
-        startup_s=description.startup_s,
-        realtime_factor=_lasted_s(simulated) / simulated.seconds,
     )
 
 

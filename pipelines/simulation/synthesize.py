@@ -1,4 +1,4 @@
-"""The story of `quadlog synthesize`: a scenario, its messages, a recording, and the config that fits it."""
+"""`quadlog synthesize`: write a scenario as a recording, and the configuration that replays it."""
 
 from __future__ import annotations
 

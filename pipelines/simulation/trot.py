@@ -91,7 +91,7 @@ def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
 
 
 def planned_peak_m(plan: TrotRobot, k: float) -> float:
-    """The peak of y(t) of right fore and left hind leg, by the robot's plan: what it carries nobody told it."""
+    """The peak of y(t) of right fore and left hind leg by the planned robot, which does not know its payload."""
     model = trot_model(plan)
     return lateral_peak_m(gravity_moment_nm(model), k, hip_inertia_kgm2(model), PERIOD_S)
 

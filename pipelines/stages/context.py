@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -20,14 +21,15 @@ from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.run.record import InputRecord
 from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.tables import has_table, read_table
 
 TARGET_GAP_S = 1.0
-"""A target seen this recently is still there; longer gaps are not bridged."""
+"""Positions of the target are interpolated over gaps of at most this."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotTrack:
-    """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,), where they come from, and what that calls map.
+    """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,); their source, and the name it gives to the frame.
 
     covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known.
     """
@@ -39,6 +41,20 @@ class RobotTrack:
     frame_id: str = ""
     covariance_m2: Float | None = None
     yaw_std_rad: Float | None = None
+
+    @classmethod
+    def read(cls, run: Path, frame_id: str = "") -> Self:
+        """As `position` has saved it; no table has the frame's name. Raises NotARun."""
+        poses = read_table(run, "poses")
+        covariance_m2: Float | None = None
+        yaw_std_rad: Float | None = None
+        if has_table(run, "pose_uncertainty"):
+            spread = read_table(run, "pose_uncertainty")
+            xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
+            covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
+            yaw_std_rad = spread["yaw_std_rad"]
+        xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), _first_of(poses["source"])
+        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, covariance_m2, yaw_std_rad)
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""
@@ -57,17 +73,22 @@ class RobotTrack:
 class TargetTrack:
     """Positions of what is followed in map: t_ns (N,), xy_m (N, 2).
 
-    has_body: whether it stands in the world and returns the lidar's rays; a
-    point ahead of the robot does not.
+    has_body: whether it returns the lidar's rays; a point ahead of the robot does not.
     """
 
     t_ns: Int
     xy_m: Float
     source: str
 
+    @classmethod
+    def read(cls, run: Path) -> Self:
+        """As `position` has saved it. Raises NotARun."""
+        target = read_table(run, "target")
+        return cls(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), _first_of(target["source"]))
+
     @property
     def has_body(self) -> bool:
-        """Whether returns near it are its own."""
+        """Whether returns near it are its own, rather than an obstacle's."""
         return self.source not in ("ahead", "fixed")
 
     def at(self, t_ns: Int) -> Float:
@@ -79,6 +100,11 @@ class TargetTrack:
         return xy_m
 
 
+def _first_of(sources: np.ndarray) -> str:
+    """The source, which is the same in every row."""
+    return str(sources[0]) if len(sources) else ""
+
+
 def needed_lidar(roles: Roles) -> str:
     """The topic of the point clouds. Raises AmbiguousTopic, MissingInput."""
     topic = roles.topic("lidar")
@@ -87,8 +113,9 @@ def needed_lidar(roles: Roles) -> str:
     return topic
 
 
-class WalkedBody(NamedTuple):
-    """What walking took a re-simulated robot's body, in so many ticks of the simulation."""
+@dataclass(frozen=True, slots=True)
+class WalkedBody:
+    """Mass and effort of a re-simulated robot's body over a number of ticks of the simulation."""
 
     mass_kg: float
     ticks: int
@@ -96,7 +123,7 @@ class WalkedBody(NamedTuple):
 
 
 class WhatWasRead(NamedTuple):
-    """What the recording could not give, and warned of, when its clouds were read by an earlier replay."""
+    """Losses and warnings of the recording from the earlier replay that read its clouds."""
 
     losses: list[Loss]
     warnings: list[str]
@@ -104,14 +131,13 @@ class WhatWasRead(NamedTuple):
 
 @dataclass
 class ReplayContext:
-    """One replay under way; stages read what earlier ones put here and add their own.
+    """State shared by the stages of one replay: each reads what earlier ones added, and adds its own results.
 
-    start_ns, end_ns: the window asked for, on the chosen clock, None where it is open.
-    first_ns, last_ns: what was really seen of it. scanner: what is kept of its clouds, None where
-    they are not read. used: role -> topics that were really used for it.
-    body: of the re-simulated robot, None without one; what metrics need beyond the tables.
-    keep: files of stages whose results are there already, as reused says; left: of all stages so far; read_before: what
-    reading the clouds had found, where they are not read again.
+    start_ns, end_ns: the requested window on the chosen clock, None where it is open. first_ns, last_ns: first and last
+    instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. used: role -> topics
+    that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
+    stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
+    warnings of reused clouds.
     """
 
     config: Config
@@ -145,17 +171,17 @@ class ReplayContext:
 
     @property
     def losses(self) -> list[Loss]:
-        """What of the recording could not be had, so far."""
+        """Losses of the recording so far."""
         return list(self.recording.losses if self.read_before is None else self.read_before.losses)
 
     @property
     def read_warnings(self) -> list[str]:
-        """What the recording warned of, as far as it was read."""
+        """Warnings of the recording so far."""
         return list(self.recording.warnings if self.read_before is None else self.read_before.warnings)
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know, each once, in the order it was found."""
+        """All warnings without repetition, in their order."""
         return list(dict.fromkeys([*self.read_warnings, *self.streams.warnings, *self.own_warnings]))
 
     @property
@@ -164,16 +190,16 @@ class ReplayContext:
         return (self.last_ns - self.first_ns) * 1e-9
 
     def begin_folder(self) -> None:
-        """Make the run folder this walk's, if it is not yet: what is kept stays, other results of before are gone.
+        """Prepare the run folder once: earlier results are removed, except the files to keep.
 
-        Called when the first file is ready to be written, so that a replay that cannot work harms no earlier run.
+        Called before the first file is written, so that a replay that fails earlier leaves an earlier run as it was.
         """
         if not self._folder_begun:
             self.run.begin(self.config.model_dump(exclude_none=True), self.keep)
             self._folder_begun = True
 
     def check_left(self) -> None:
-        """Raises CannotWrite when a file that a stage has left is there no more: half a run must not look finished."""
+        """Raises CannotWrite when a stage's file is missing, so that an incomplete run is not marked as finished."""
         for name in sorted(self.left):
             if not (self.run.path / name).is_file():
                 raise CannotWrite(self.run.path / name, "another process has removed it")
@@ -189,7 +215,7 @@ class ReplayContext:
         self.progress.say(text)
 
     def say_what_is_new(self) -> None:
-        """Every loss and warning that was not said yet, on stderr: readers find some only at the end."""
+        """Print each new loss and warning on stderr; readers find some only at the end."""
         lines = [f"warning: {text}" for text in self.warnings]
         lines += [f"lost: {loss.topic + ': ' if loss.topic else ''}{loss.detail}" for loss in self.losses]
         for line in lines:
@@ -198,7 +224,7 @@ class ReplayContext:
                 self.progress.say(line)
 
     def use(self, role: str, *topics: str) -> None:
-        """Note that topics were used in a role; without topics, those that were detected for it."""
+        """Record that topics were used in a role; by default those detected for it."""
         self.used[role] = topics or self.roles.topics(role)
 
     def count(self, name: str, amount: int = 1) -> None:
@@ -214,12 +240,12 @@ class ReplayContext:
         return None if self.robot is None else self.robot.pose_at(t_ns, self.config.lidar.pose_gap_s)
 
     def targets_at(self, t_ns: np.ndarray) -> Float:
-        """Where the target is in map at instants (N,): (N, 2), NaN where unknown."""
+        """Positions (N, 2) of the target in map at instants (N,), NaN where unknown."""
         if self.target is None:
             return np.full((len(t_ns), 2), np.nan)
         return self.target.at(t_ns)
 
     def solid_targets_at(self, t_ns: np.ndarray) -> Float:
-        """Where a person or thing to keep clear of the map is at instants (N,): (N, 2), NaN for none with a body."""
+        """The same of a target with a body, whose returns are kept out of the map; else NaN."""
         solid = self.target is not None and self.target.has_body
         return self.targets_at(t_ns) if solid else np.full((len(t_ns), 2), np.nan)

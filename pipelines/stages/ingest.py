@@ -1,4 +1,4 @@
-"""Stage `ingest`: open the recording, find out which topic plays which role, and read it in one pass."""
+"""Stage `ingest`: open the recording, detect the roles of its topics, and read it in one pass."""
 
 from __future__ import annotations
 
@@ -45,13 +45,7 @@ def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, 
 
 
 MOST_WAITING = 8
-"""Clouds that wait at most: those logged long before their stamps are classified with the tilt known then."""
-
-
-def read_small(recording: Recording, wanted: Gatherer, window: tuple[int | None, int | None]) -> None:
-    """The small topics alone."""
-    for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
-        wanted.take(gathered, recording.stamp)
+"""Most clouds that wait for orientations; the oldest is then classified with the tilt known so far."""
 
 
 def read_all(
@@ -64,7 +58,7 @@ def read_all(
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
-    """The small topics, and every cloud of a lidar, which waits until the body's tilt is known up to its last point.
+    """Read the small topics and all clouds; a cloud waits until the body's tilt is known up to its last point.
 
     Returns the instant of the first cloud, None where there was none.
     """
@@ -104,10 +98,10 @@ def open_walk(
     clouds: Clouds = None,
     before_clouds: Callable[[], None] = lambda: None,
 ) -> Iterator[ReplayContext]:
-    """The recording opened and read, in one pass; its run folder is taken before, and given back if that fails.
+    """Open and read the recording in one pass; its run folder is claimed before, and released if that fails.
 
-    described: the input, where it is known already. clouds: whether they are classified, and kept for maps, too.
-    before_clouds: called before the first of them is read, where they are.
+    described: the input, if known already. clouds: whether clouds are classified, and kept for maps.
+    before_clouds: called before the first cloud is read.
     """
     from quadlog.pipelines.request import Existing
 
@@ -123,7 +117,8 @@ def open_walk(
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
             walk = _read(request, recording, describe, roles, run, clouds, before_clouds, stack, clock, progress)
-            _tell_ambiguities(walk)
+            if choices := walk.roles.choices("reference"):
+                walk.warn(f"no reference is used: {choices}")
             walk.say_what_is_new()
             try:
                 yield walk
@@ -136,7 +131,7 @@ def open_walk(
 
 
 def _describing(path: Path, recording: Recording) -> Callable[[], InputRecord]:
-    """What describes the input once it is read: by the bytes that are read anyway where the container shares them."""
+    """A function that describes the input once it is read; hashes the bytes while they are read, where possible."""
     file = getattr(recording.container, "file", None)
     if not isinstance(file, LocalBytes):
         return describe_input_aside(path).result
@@ -156,7 +151,7 @@ def _read(
     clock: StageClock,
     progress: Progress,
 ) -> ReplayContext:
-    """The walk with all that is read of the recording; the stack gives back what is kept of its clouds."""
+    """The replay's state with all that is read; the stack closes the spill."""
     config, options = request.config, request.options
     with clock.stage("ingest"):
         topics = _topics_to_read(recording, roles, config)
@@ -168,7 +163,8 @@ def _read(
     first_cloud_ns: int | None = None
     if clouds is None:
         with clock.stage("ingest"):
-            read_small(recording, wanted, window)
+            for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
+                wanted.take(gathered, recording.stamp)
     else:
         lidar = needed_lidar(roles)
         progress.begin("start-up", None)
@@ -206,7 +202,7 @@ def _read(
 
 
 def _expected(recording: Recording, topic: str, window: tuple[int | None, int | None]) -> int | None:
-    """How many messages the index promises on a topic; None for part of a recording, or without an index."""
+    """Number of messages on a topic by the index; None for part of a recording, or without an index."""
     counts = [channel.count for channel in recording.channels if channel.topic == topic]
     known = [count for count in counts if count is not None]
     return sum(known) if len(known) == len(counts) and window == (None, None) else None
@@ -222,13 +218,13 @@ class _SmallTopics(TypedDict):
 
 
 def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _SmallTopics:
-    """The small topics by role, as `gather` takes them. An ambiguity is raised where the role is needed."""
+    """The small topics by role, as `gather` takes them. Raises AmbiguousTopic for a role that is needed."""
     position = config.topics.position
     chosen = position if position in {channel.topic for channel in recording.channels} else None
     locates = wants_uwb(config)
-    # Under auto an odometry may have to be the position, and beside UWB it is the heading.
+    # Odometry may be the position (auto) or the heading (UWB).
     needs_odometry = position in ("auto", "uwb", "odometry")
-    # Elsewhere an IMU only tells scans how the body was tilted.
+    # Otherwise the IMU is only used to level scans.
     upright = _unless_ambiguous(roles, "imu") if config.lidar.level else None
     return {
         "uwb": roles.topics("uwb") if locates else (),
@@ -240,14 +236,8 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _Smal
     }
 
 
-def _tell_ambiguities(walk: ReplayContext) -> None:
-    """A replay can do without a reference, but not without saying that there was a choice."""
-    if choices := walk.roles.choices("reference"):
-        walk.warn(f"no reference is used: {choices}")
-
-
 def _unless_ambiguous(roles: Roles, role: str) -> str | None:
-    """The topic of a role that a replay can do without."""
+    """The topic of an optional role; None if there is a choice."""
     try:
         return roles.topic(role)
     except AmbiguousTopic:
@@ -255,7 +245,7 @@ def _unless_ambiguous(roles: Roles, role: str) -> str | None:
 
 
 def _played(roles: Roles) -> list[str]:
-    """Every topic with a role, static transforms apart, which may be stamped at any time: only their clocks count."""
+    """Topics with a role, without static transforms, whose stamps may be of any time."""
     topics = [topic for role in roles.found.values() for topic in role.topics]
     return [topic for topic in topics if topic.rsplit("/", 1)[-1] != "tf_static"]
 

@@ -1,6 +1,6 @@
-"""Stages `filter` and `map`: what the pass over the recording has kept of every scan is written, and laid on the grid.
+"""Stages `filter` and `map`: write the classified scans, and place them on the grid at the robot's poses.
 
-Scans were classified when they were read. Now that positions are known, each is placed where it was measured.
+Scans were classified when they were read, before positions were known.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from quadlog.storage.formats.ros_map import write_rosmap
 
 
 class ScanPlace(NamedTuple):
-    """Poses x, y, yaw (3,) at a scan's stamp and (K, 3) at its time slots, and the target's place (2,); NaN if unknown.
+    """Poses x, y, yaw (3,) at a scan's stamp and (K, 3) at its time slots, and position (2,) of a target with a body.
 
-    Of a target without a body there is no place.
+    NaN where unknown.
     """
 
     pose: Float
@@ -44,7 +44,7 @@ class ScanPlace(NamedTuple):
 
 
 class ScanPoses:
-    """Poses at stamps and time slots; skewed counts the scans that keep the robot's motion, and why."""
+    """Poses at stamps and time slots; skewed: number of scans that are not deskewed, by reason."""
 
     def __init__(self, walk: ReplayContext) -> None:
         self.skewed: Counter[Skewed] = Counter()
@@ -52,7 +52,7 @@ class ScanPoses:
         self._moves = walk.robot is not None and walk.robot.source != "fixed"
 
     def of(self, rows: Sequence[ScanRow]) -> list[ScanPlace]:
-        """Where the robot was amid each scan."""
+        """The places of scans; counts those that are not deskewed."""
         bounds = np.cumsum([0, *(1 + len(row.slot_ns) for row in rows)]).tolist()
         found = self._poses(np.concatenate([part for row in rows for part in ([row.t_ns], row.slot_ns)]))
         targets_m = self._walk.solid_targets_at(np.array([row.t_ns for row in rows], np.int64))
@@ -66,7 +66,7 @@ class ScanPoses:
         return places
 
     def at(self, t_ns: int, slot_ns: Int) -> tuple[Float, Float]:
-        """The same of one scan, which is not counted."""
+        """Pose and slot poses of one scan, without counting."""
         found = self._poses(np.concatenate([[t_ns], slot_ns]))
         return found[0], slot_poses(t_ns, slot_ns, found)[0]
 
@@ -77,7 +77,7 @@ class ScanPoses:
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
-    """Points (N, 3) of base, each by the pose of its time slot (N,) of slot_pose (K, 3), in base at a pose (3,)."""
+    """Points (N, 3) of base at their time slots (N,) of slot_pose (K, 3), moved into base at a pose (3,)."""
     cos, sin = np.cos(slot_pose[:, 2])[slot], np.sin(slot_pose[:, 2])[slot]
     x_m, y_m = slot_pose[slot, :2].T - pose[:2, None]
     x_m, y_m = x_m + cos * xyz_m[:, 0] - sin * xyz_m[:, 1], y_m + sin * xyz_m[:, 0] + cos * xyz_m[:, 1]
@@ -119,7 +119,7 @@ def filter_and_map(walk: ReplayContext) -> None:
 
 
 class _Mapper:
-    """What grows over the whole run, and what places a scan in it."""
+    """Maps that grow over the run, and the placer of scans."""
 
     def __init__(self, config: Config) -> None:
         self.placer = ScanPlacer(config.grid.min_points, config.grid.target_radius_m)
@@ -129,7 +129,7 @@ class _Mapper:
 
 
 def make_memory(config: Config) -> Memory:
-    """What the configured map remembers, and where."""
+    """The memory of the section grid."""
     grid = config.grid
 
     def lattice(layers: dict) -> Layers:
@@ -143,7 +143,7 @@ def make_memory(config: Config) -> Memory:
 
 
 def _begin(walk: ReplayContext) -> Scanner:
-    """What the pass over the recording has kept."""
+    """The scanner of the pass over the recording."""
     assert walk.scanner is not None
     walk.use("lidar")
     walk.progress.begin("filter", len(walk.scanner.spill))
@@ -153,7 +153,7 @@ def _begin(walk: ReplayContext) -> Scanner:
 
 
 def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, ScanPlace]]:
-    """Every scan, whose row is kept, with where the robot and the target were."""
+    """Every scan with its place; writes its row."""
     scans = map(ScanRow.from_bytes, scanner.spill)
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
         while rows := list(islice(scans, AT_ONCE)):
@@ -183,7 +183,7 @@ def _count_scan(walk: ReplayContext, row: ScanRow) -> None:
 
 
 def _tell_routes(walk: ReplayContext, scanner: Scanner, skewed: Counter[Skewed]) -> None:
-    """How scans were looked at, and how many were taken as they came although they should not have been."""
+    """Notes on the classification, and warnings of scans that were not deskewed or levelled."""
     routes, tilted = scanner.tally.routes, scanner.tally.tilted
     n = routes.total()
     for route, count in routes.most_common():
@@ -198,7 +198,7 @@ def _tell_routes(walk: ReplayContext, scanner: Scanner, skewed: Counter[Skewed])
 
 
 def _tell_of_scans(walk: ReplayContext) -> None:
-    """What was odd about some of the scans, a line for each kind."""
+    """A warning for each kind of unusual scans."""
     said = {
         "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
         "scans_without_ground": "no ground is found, as in a 2-D scan; heights are those above base's own floor",
@@ -222,9 +222,9 @@ def _map_scan(walk: ReplayContext, row: ScanRow, place: ScanPlace, maps: MapsWri
     scan, window = CompactScan.from_bytes(row.compact), window_around(place.pose[:2], grid.cell_m, grid.size_cells)
     placed = mapper.placer.place(scan, place.slot_pose, place.target_m, window)
     maps.append(row.t_ns, window.origin_m, mapper.memory.add(row.t_ns, window, placed))
-    # What a ray passes above the robot's back may still be in its way.
+    # An obstacle lower than the robot blocks, even if rays pass above it.
     mapper.whole.add(window, placed, round(walk.config.robot.height_m * 1000))
-    # A wall that was taken for the ground says nothing about where the floor is.
+    # A wall taken for the ground says nothing about the height of the floor.
     if scan.level:
         mapper.ground.add(scan, place.slot_pose)
 

@@ -1,4 +1,4 @@
-"""Stage `plan`: at every map of the logged walk, from where the robot was to where the target was."""
+"""Stage `plan`: at every recorded map, a path from the robot to the target."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from quadlog.simulation.resimulation import MapInstant
 
 
 def replan_walk(walk: ReplayContext) -> None:
-    """plans, paths and astar, from the saved maps; nothing when nothing is followed, which is said."""
+    """Write plans, paths and astar from the saved maps; nothing without a target, with a warning."""
     if walk.target is None:
         walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
         return

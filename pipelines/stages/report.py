@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadlog.config.schema import Config
-from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import PoseSeries
+from quadlog.errors import NoCommonTime
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.planning import Replans, search_metrics
-from quadlog.metrics.positioning import Trajectory, trajectory_metrics, uwb_metrics
-from quadlog.metrics.walking import TrackedWalk, effort_metrics, tracking_metrics
-from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
-from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
+from quadlog.metrics.planning import ratio_to_astar
+from quadlog.metrics.summary import metrics_of
+from quadlog.metrics.walking import effort_metrics
+from quadlog.pipelines.evaluation.reference import RobotTag
+from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
 from quadlog.results.foxglove.derived_mcap import write_derived
@@ -25,86 +24,10 @@ from quadlog.results.page.report import write_page, write_plots
 from quadlog.results.run.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run.stages import STAGES, stages_until
 from quadlog.results.run.tables import has_table, read_table
-from quadlog.storage.formats.tum import read_tum
 from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from quadlog.pipelines.request import ReplayRequest
-
-
-def positioning_metrics(run: Path, config: Config, robot_tag: int | None, same_frame: bool) -> Metrics:
-    """UWB residuals; with reference.tum also the fixes' and the poses' error against it.
-
-    The reference is a pose of base; a fix is compared with where the tag, at
-    its place in base, must have been. Poses that are not in the reference's
-    frame have no ate_rmse_m: where they start would be most of it.
-    """
-    reference = _read_reference(run)
-    metrics: Metrics = {}
-    if robot_tag is not None and has_table(run, "fixes"):
-        fixes = read_table(run, "fixes")
-        own = fixes["tag"] == robot_tag
-        error_m = None
-        if reference is not None:
-            truth_m = tag_truth(fixes["t_ns"][own], reference, lever_of(config, robot_tag))
-            error_m = np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m
-        metrics |= uwb_metrics(error_m, fixes["residual_rms_m"][own], fixes["n_ranges"][own])
-    if reference is not None and has_table(run, "poses"):
-        poses = read_table(run, "poses")
-        if len(poses["t_ns"]) and poses["source"][0] != "fixed":
-            position_m = np.column_stack([poses["x_m"], poses["y_m"], np.zeros(len(poses["t_ns"]))])
-            estimate = Trajectory(poses["t_ns"], position_m, quat_from_yaw(poses["yaw_rad"]))
-            metrics |= trajectory_metrics(_trajectory(reference), estimate)
-            if not same_frame:
-                metrics.pop("ate_rmse_m", None)
-    return metrics
-
-
-def planning_metrics(run: Path) -> Metrics:
-    """Cells, success and excess cost of the logged walk's replans."""
-    if not has_table(run, "plans"):
-        return {}
-    plans = read_table(run, "plans")
-    if len(plans["t_ns"]) == 0:
-        return {}
-    names = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
-    astar_expanded = read_table(run, "astar", ["expanded"])["expanded"]
-    replans = Replans(**{name: plans[name] for name in names}, astar_expanded=astar_expanded)
-    return search_metrics(replans, incremental=planner_type(str(plans["planner"][0])).incremental)
-
-
-def control_metrics(run: Path, body: WalkedBody | None) -> Metrics:
-    """Tracking error, clearance, distance kept and, of a robot with a body, its effort, of the re-simulated walk."""
-    if not has_table(run, "control"):
-        return {}
-    control, near = read_table(run, "control"), read_table(run, "clearances")
-    walk = TrackedWalk(
-        t_ns=control["t_ns"],
-        error_m=control["error_m"],
-        cross_track_m=control["cross_track_m"],
-        time_error_m=control["time_error_m"],
-        heading_error_rad=control["heading_error_rad"],
-        plan_error_m=control["plan_error_m"],
-        clearance_m=near["clearance_m"],
-        target_distance_m=near["target_distance_m"],
-        fallen=None if body is None else control["fallen"],
-    )
-    return tracking_metrics(walk) | ({} if body is None else _effort(body))
-
-
-def _effort(body: WalkedBody) -> Metrics:
-    return effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
-
-
-def _read_reference(run: Path) -> PoseSeries | None:
-    path = run / "reference.tum"
-    return read_tum(path) if path.is_file() else None
-
-
-def _trajectory(poses: PoseSeries) -> Trajectory:
-    """A reference in the plane, as the robot's poses are."""
-    position_m = poses.position_m * np.array([1.0, 1.0, 0.0])
-    return Trajectory(poses.t_ns, position_m, quat_from_yaw(yaw_from_quat(poses.quat_xyzw)))
 
 
 CHOSEN = "chosen in the configuration"
@@ -145,10 +68,31 @@ def _realtime_factor(walk: ReplayContext, request: ReplayRequest) -> float | Non
 
 
 def _metrics(walk: ReplayContext) -> Metrics:
-    metrics = positioning_metrics(walk.run.path, walk.config, _robot_tag(walk), _in_reference_frame(walk))
-    metrics |= planning_metrics(walk.run.path)
-    metrics |= control_metrics(walk.run.path, walk.body)
-    return metrics
+    """What the saved tables give, and what the robot's body took, which they do not hold."""
+    run, body = walk.run.path, walk.body
+    plans = read_table(run, "plans", ["planner", "expanded"]) if has_table(run, "plans") else None
+    ranges = walk.streams.ranges
+    robot = RobotTag.among([] if ranges is None else np.unique(ranges.tag).tolist(), walk.config)
+    samples, errors = read_samples(run, SAMPLED - _not_applicable(walk, plans), may_lack=True, robot=robot)
+    for error in errors:
+        if not isinstance(error, NoCommonTime):
+            raise error
+    metrics = metrics_of(samples)
+    if plans is not None:
+        metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])
+    return metrics if body is None else metrics | effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
+
+
+def _not_applicable(walk: ReplayContext, plans: Mapping[str, Any] | None) -> set[str]:
+    """Metrics that the tables would give, but that would be wrong numbers."""
+    names: set[str] = set()
+    if plans is not None and not (len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental):
+        names.add("fallback_share")
+    if not _in_reference_frame(walk):
+        names.add("ate_rmse_m")
+    if walk.robot is None or walk.robot.source == "fixed":
+        names |= {"ate_rmse_m", "rpe_rmse_m"}
+    return names
 
 
 def _in_reference_frame(walk: ReplayContext) -> bool:
@@ -165,12 +109,6 @@ def _in_reference_frame(walk: ReplayContext) -> bool:
             f"no ate_rmse_m: poses are in the frame {robot.frame_id!r}, the reference is in {reference.frame_id!r}"
         )
     return same
-
-
-def _robot_tag(walk: ReplayContext) -> int | None:
-    if walk.streams.ranges is None:
-        return None
-    return roles_of(walk.config, sorted({int(tag) for tag in walk.streams.ranges.tag})).get("robot")
 
 
 def _record(walk: ReplayContext, request: ReplayRequest, startup_s: float) -> RunRecord:

@@ -1,4 +1,4 @@
-"""What an output folder already holds: finished runs that need not be made again, and stages that can be reused."""
+"""Reuse of earlier results: finished runs, and single stages of a run folder."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from uuid import uuid4
 
-import numpy as np
-from pydantic import ValidationError
+from pydantic import ConfigDict, ValidationError
 
 from quadlog.config.plugins import DECODERS, PLANNERS, all_plugins, is_installed
 from quadlog.config.schema import Config
 from quadlog.config.version import package_versions
 from quadlog.errors import ExitCode, NotARun, QuadlogError, RunOfAnother, UnknownRunFormat
-from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
@@ -36,7 +34,6 @@ from quadlog.results.run.stage_marks import (
     write_marks,
 )
 from quadlog.results.run.stages import STAGES, stages_until
-from quadlog.results.run.tables import has_table, read_table
 from quadlog.storage.atomic_write import files_written
 from quadlog.version import __version__
 
@@ -49,7 +46,7 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
 
 
 def outcome_there(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
-    """The same, when the input is described already. A run that went further than is asked for is finished, too."""
+    """The same for an input that is described already. A run of a later --until is finished, too."""
     config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
     folder = RunFolder(request.run)
     for until in STAGES[STAGES.index(request.options.until) :]:
@@ -59,7 +56,7 @@ def outcome_there(request: ReplayRequest, described: InputRecord) -> ReplayOutco
 
 
 def refuse_another(request: ReplayRequest, described: InputRecord) -> None:
-    """Raises RunOfAnother for a finished run of another recording: it is neither this one's to keep nor to complete."""
+    """Raises RunOfAnother for a finished run of another recording, which cannot be resumed for this one."""
     try:
         told = read_run_json(request.run)["input"]
     except (NotARun, UnknownRunFormat, KeyError):
@@ -71,7 +68,7 @@ def refuse_another(request: ReplayRequest, described: InputRecord) -> None:
 
 
 def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
-    """Of a run that is finished as far as `until`, if it still has what its stages left, and its page."""
+    """The outcome of a run that is finished until `until`, None if files of its stages or its page are missing."""
     marks = read_marks(request.run)
     if until == "report" and not (request.run / "report.html").is_file():
         return None
@@ -90,59 +87,33 @@ def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
 
 
 def _may_be_one(saved: str, asked: str) -> bool:
-    """Whether two texts may name one recording: one of them may be seen from a folder within the other's."""
+    """Whether two paths may be of one recording: one ends with the other."""
     one, other = (PurePosixPath(text.replace("\\", "/")).parts for text in (saved, asked))
     shorter = min(len(one), len(other))
     return bool(shorter) and one[-shorter:] == other[-shorter:]
 
 
 class _Took(Marked):
-    """What a stage took when it ran."""
+    """Time and memory of a stage."""
 
     seconds: float
     peak_memory_mb: float
 
 
-class _Loss(Marked):
-    """See Loss."""
-
-    cause: str
-    detail: str
-    topic: str | None
-    count: int | None
-
-
-class _Effort(Marked):
-    """See Effort."""
-
-    energy_j: float
-    distance_m: float
-    torque_max_nm: float
-    saturation_share: float
-    pitch_rms_rad: float
-    height_rms_m: float
-
-
-class _Body(Marked):
-    """See WalkedBody."""
-
-    mass_kg: float
-    ticks: int
-    effort: _Effort
-
-
 class _Robot(Marked):
-    """What a RobotTrack has that is in no table."""
+    """Source and frame of a RobotTrack; the frame is in no table."""
 
     source: str
     frame_id: str
 
 
 class Known(Marked):
-    """All that a walk knew when a stage was done: what the stage found out, and those before it.
+    """The state of a replay after a stage, as the stage's mark saves it.
 
-    losses, read_warnings: of the recording, as far as it was read by then. The order of all is kept.
+    losses, read_warnings: of the recording, as far as it was read by then.
     """
+
+    model_config = ConfigDict(strict=False)  # dataclasses are read from JSON's objects
 
     first_ns: int
     last_ns: int
@@ -152,14 +123,14 @@ class Known(Marked):
     counts: dict[str, int]
     notes: list[str]
     warnings: list[str]
-    losses: list[_Loss]
+    losses: list[Loss]
     read_warnings: list[str]
-    body: _Body | None
+    body: WalkedBody | None
     stages: dict[str, _Took]
 
 
 def note_known(walk: ReplayContext, stage: Stage) -> Known:
-    """What a walk knows, now that a stage is done."""
+    """The state to save after a stage."""
     robot, target, body, clock = walk.robot, walk.target, walk.body, walk.clock
     return Known(
         first_ns=int(walk.first_ns),
@@ -170,9 +141,9 @@ def note_known(walk: ReplayContext, stage: Stage) -> Known:
         counts={name: int(count) for name, count in walk.counts.items()},
         notes=walk.notes,
         warnings=walk.own_warnings,
-        losses=[_Loss(**asdict(loss)) for loss in walk.losses],
+        losses=walk.losses,
         read_warnings=walk.read_warnings,
-        body=None if body is None else _body(body),
+        body=None if body is None else WalkedBody(float(body.mass_kg), int(body.ticks), _plain(body.effort)),
         stages={
             name: _Took(seconds=clock.seconds[name], peak_memory_mb=clock.peak_memory_mb[name])
             for name in stage.names
@@ -182,7 +153,7 @@ def note_known(walk: ReplayContext, stage: Stage) -> Known:
 
 
 def known_of(mark: StageMark) -> Known | None:
-    """What a mark has noted; None for one that quadlog did not write so."""
+    """The state saved in a mark; None if it is damaged."""
     try:
         return Known.model_validate(mark.known)
     except (ValidationError, RecursionError):
@@ -190,45 +161,26 @@ def known_of(mark: StageMark) -> Known | None:
 
 
 def hand_over(known: Known, stage: Stage, walk: ReplayContext) -> None:
-    """Bring a walk to where it was when the stage was done. Raises NotARun for damaged tables."""
-    run, body = walk.run.path, known.body
+    """Restore the state after a stage. Raises NotARun for damaged tables."""
+    run = walk.run.path
     walk.first_ns, walk.last_ns = known.first_ns, known.last_ns
     if known.robot is not None:
-        walk.robot = _read_robot(run, known.robot)
+        walk.robot = RobotTrack.read(run, known.robot.frame_id)
     if known.target_source is not None:
-        walk.target = _read_target(run, known.target_source)
+        walk.target = TargetTrack.read(run)
     walk.used = {role: tuple(topics) for role, topics in known.used.items()}
     walk.counts = dict(known.counts)
     walk.notes, walk.own_warnings = list(known.notes), list(known.warnings)
-    walk.body = None if body is None else WalkedBody(body.mass_kg, body.ticks, Effort(**body.effort.model_dump()))
+    walk.body = known.body
     if "filter" in stage.names:
-        losses = [Loss(**loss.model_dump()) for loss in known.losses]
-        walk.read_before = WhatWasRead(losses, list(known.read_warnings))
+        walk.read_before = WhatWasRead(known.losses, known.read_warnings)
     for name, took in known.stages.items():
         walk.clock.seconds[name], walk.clock.peak_memory_mb[name] = took.seconds, took.peak_memory_mb
 
 
-def _body(body: WalkedBody) -> _Body:
-    effort = {name: float(value) for name, value in asdict(body.effort).items()}
-    return _Body(mass_kg=float(body.mass_kg), ticks=int(body.ticks), effort=_Effort(**effort))
-
-
-def _read_robot(run: Path, known: _Robot) -> RobotTrack:
-    poses = read_table(run, "poses")
-    xy_m = np.column_stack([poses["x_m"], poses["y_m"]])
-    covariance_m2: Float | None = None
-    yaw_std_rad: Float | None = None
-    if has_table(run, "pose_uncertainty"):
-        spread = read_table(run, "pose_uncertainty")
-        xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
-        covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
-        yaw_std_rad = spread["yaw_std_rad"]
-    return RobotTrack(poses["t_ns"], xy_m, poses["yaw_rad"], known.source, known.frame_id, covariance_m2, yaw_std_rad)
-
-
-def _read_target(run: Path, source: str) -> TargetTrack:
-    target = read_table(run, "target")
-    return TargetTrack(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), source)
+def _plain(effort: Effort) -> Effort:
+    """Without numpy's numbers, which JSON does not know."""
+    return Effort(**{name: float(value) for name, value in asdict(effort).items()})
 
 
 _MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
@@ -236,7 +188,7 @@ _MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
 
 
 def stage_keys(request: ReplayRequest, identity: str) -> dict[Stage, str]:
-    """The key of each stage that a request asks for; each has those before it in it. identity: the input's."""
+    """The key of each stage of a request, which includes the key of the stage before. identity: of the input."""
     keys: dict[Stage, str] = {}
     key = _digest(_common(request, identity))
     for stage in stages_for(request.options.until):
@@ -247,7 +199,7 @@ def stage_keys(request: ReplayRequest, identity: str) -> dict[Stage, str]:
 
 
 def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
-    """What every stage depends on; not until which one is asked for."""
+    """What every stage depends on; --until is not part of it."""
     options = request.options
     return {
         "input": identity,
@@ -262,7 +214,7 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
 
 
 def _named_by_config(stage: Stage, config: Config) -> Any:
-    """The content of what a stage's configuration only names."""
+    """Digests of files and versions of plug-ins that a stage's configuration names."""
     if stage == POSITION:
         return _file_digest(Path(config.topics.position))
     if stage == PLAN:
@@ -281,12 +233,12 @@ def _value(config: Config, name: str) -> Any:
 
 
 def _plugins(group: str) -> list[tuple[str, str, str]]:
-    """Name, distribution and version of each: which of the decoders take part shows only in the recording."""
+    """Name, distribution and version of each plug-in of a group."""
     return [(each.name, each.distribution, each.version) for each in all_plugins() if each.group == group]
 
 
 def _file_digest(path: Path) -> str | None:
-    """Of a file's content; None for what is no file. One that cannot be read is never the same."""
+    """Digest of a file; None if there is none. An unreadable file gets a random one, and is never equal."""
     try:
         if not path.is_file():
             return None
@@ -297,7 +249,7 @@ def _file_digest(path: Path) -> str | None:
 
 
 def _folder_digest(folder: Path) -> str:
-    """Of the message definitions in a folder, by name."""
+    """Digest of the message definitions in a folder."""
     return _digest([(path.relative_to(folder).as_posix(), _file_digest(path)) for path in _definitions(folder)])
 
 
@@ -307,7 +259,7 @@ def _definitions(folder: Path) -> Iterator[Path]:
 
 
 def _model_digest(model: str) -> str | None:
-    """Of a robot's file with all that it includes; None for quadlog's own robots, told by name."""
+    """Digest of a robot's file and its includes; None for the name of one of quadlog's own robots."""
     from quadlog.control.locomotion.robot import ROBOTS
 
     if model in ROBOTS:
@@ -317,7 +269,7 @@ def _model_digest(model: str) -> str | None:
     try:
         return content_digest(Path(model))
     except QuadlogError:
-        return uuid4().hex  # whoever walks with it says what is wrong
+        return uuid4().hex  # the stage that loads it raises the error
 
 
 def _digest(content: dict[str, Any] | Sequence[Any]) -> str:
@@ -325,11 +277,11 @@ def _digest(content: dict[str, Any] | Sequence[Any]) -> str:
 
 
 Earlier = Mapping[Stage, StageMark]
-"""The stages that an earlier replay has done, in order, all from the first one on."""
+"""Marks of reusable stages, in order, from the first one on."""
 
 
 def find_reusable(request: ReplayRequest, identity: str) -> Earlier:
-    """What is done of a request: the same key as now, and every file as it was left. identity: the input's."""
+    """The stages whose key is the same as now and whose files are unchanged. identity: of the input."""
     found: dict[Stage, StageMark] = {}
     marks = read_marks(request.run)
     for stage, key in stage_keys(request, identity).items() if marks else ():
@@ -341,12 +293,12 @@ def find_reusable(request: ReplayRequest, identity: str) -> Earlier:
 
 
 def names_of(earlier: Earlier) -> tuple[str, ...]:
-    """The stages that need not be done again."""
+    """Names of the reusable stages."""
     return tuple(name for stage in earlier for name in stage.names)
 
 
 class MarkedStages:
-    """Does each stage of a walk once: what is done already is handed over, the rest is done now and marked."""
+    """Run the stages of a replay: reusable ones are restored, the others are done and marked."""
 
     def __init__(self, walk: ReplayContext, request: ReplayRequest, earlier: Earlier) -> None:
         self._walk, self._earlier = walk, earlier
@@ -356,7 +308,7 @@ class MarkedStages:
         walk.keep = (MARKS_FILE, *(file.name for mark in earlier.values() for file in mark.files)) if earlier else ()
 
     def do(self, stage: Stage, work: Callable[[ReplayContext], None]) -> None:
-        """One stage, those before it being done. Raises what the work raises."""
+        """Restore or run one stage. Raises what the work raises."""
         walk = self._walk
         if (mark := self._earlier.get(stage)) is not None:
             known = Known.model_validate(mark.known)
@@ -367,7 +319,7 @@ class MarkedStages:
         with files_written() as written:
             work(walk)
         known = note_known(walk, stage)
-        # Not what is there: a mark must miss what another process has removed meanwhile.
+        # Files written, not files present: another process may have removed one, which must be an error.
         files = mark_files(walk.run.path, [name for name in stage.files if walk.run.path / name in written])
         self._note(StageMark(stage=stage.name, key=self._keys[stage], files=files, known=known.model_dump()))
         write_marks(walk.run.path, self._marks)

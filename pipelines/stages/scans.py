@@ -1,4 +1,4 @@
-"""From a cloud to what is kept of it until positions are known, and where that is kept."""
+"""Classify clouds as they are read, and keep compact scans on disk until positions are known."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
-from types import TracebackType
-from typing import IO, Generic, NamedTuple, Self, TypeVar
+from tempfile import SpooledTemporaryFile
+from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +34,9 @@ Item = TypeVar("Item")
 
 
 class EvenSample(Generic[Item]):
-    """Keeps every 2^k-th item, k growing with the stream, so that at most twice `wanted` are ever held.
+    """Keep every 2^k-th item of a stream, where k grows so that at most 2 `wanted` items are held.
 
-    expected: how long the stream is said to be, None where nothing says; k then begins where it would end.
+    expected: length of the stream, from which k starts; None if unknown.
     """
 
     def __init__(self, wanted: int, expected: int | None = None) -> None:
@@ -66,61 +65,31 @@ class EvenSample(Generic[Item]):
 
 
 MOST_IN_MEMORY_BYTES = 4 << 20
-_LENGTH = struct.Struct("<Q")
 
 
-class Spill:
+class Spill(SpooledTemporaryFile[bytes]):
     """Records of bytes, read back in the order in which they were written.
 
-    The first ones stay in memory, up to a bound; the others go to a file in `folder` that has no name: it is gone with
-    the process, however that ends. Where the system knows no such files it has the name of an unfinished file for an
+    Up to a bound they stay in memory; beyond it they go to a file in `folder` that has no name: it is gone with the
+    process, however that ends. Where the system knows no such files it has the name of an unfinished file for an
     instant. Raises OSError when the disk is full.
     """
 
     def __init__(self, folder: Path, most_in_memory_bytes: int = MOST_IN_MEMORY_BYTES) -> None:
-        self._folder, self._room = folder, most_in_memory_bytes
-        self._held: list[bytes] = []
-        self._file: IO[bytes] | None = None
-        self._count = 0
+        super().__init__(most_in_memory_bytes, dir=str(folder), prefix=part_prefix(os.getpid()), suffix=".part")
+        self._lengths: list[int] = []
 
     def append(self, *parts: bytes) -> None:
         """One record, made of parts."""
-        record = b"".join(parts)
-        self._room -= len(record)
-        if self._room >= 0:
-            self._held.append(record)
-        else:
-            if self._file is None:
-                own = part_prefix(os.getpid())
-                self._file = TemporaryFile(dir=str(self._folder), prefix=own, suffix=".part")  # noqa: SIM115
-            self._file.write(_LENGTH.pack(len(record)) + record)
-        self._count += 1
+        self._lengths.append(self.write(b"".join(parts)))
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._lengths)
 
     def __iter__(self) -> Iterator[bytes]:
-        yield from self._held
-        if self._file is not None:
-            self._file.seek(0)
-            for _ in range(self._count - len(self._held)):
-                (length,) = _LENGTH.unpack(self._file.read(_LENGTH.size))
-                yield self._file.read(length)
-            self._file.seek(0, os.SEEK_END)
-
-    def close(self) -> None:
-        """Give the room back."""
-        self._held.clear()
-        if self._file is not None:
-            self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+        self.seek(0)
+        for length in self._lengths:
+            yield self.read(length)
 
 
 ROUTE_WORDS = {
@@ -130,15 +99,15 @@ ROUTE_WORDS = {
     "paper": "as in [Following]",
 }
 ABOVE_M = 0.1
-"""Rays are kept so far above what matters."""
+"""Margin above the highest relevant height within which rays are kept."""
 _SKEWED = (None, *Skewed)
 _ROW = struct.Struct("<qd5q4d?BB")
 
 
 class ScanRow(NamedTuple):
-    """A scan in numbers: what `scans.parquet` has of it, and when its time slots (K,) are; ms: to classify it.
+    """A scan's row of `scans.parquet`, and its time slots (K,). ms: time to classify it.
 
-    skewed: why its points have no times, None where they have. compact: what a map needs of it.
+    skewed: why its points have no times, None if they have. compact: a CompactScan as bytes, for maps.
     """
 
     t_ns: int
@@ -157,7 +126,7 @@ class ScanRow(NamedTuple):
 
     @property
     def shows_nothing(self) -> bool:
-        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
+        """Whether the scan has too few returns to be used in a map: an empty scan does not show free space."""
         return self.n_ground + self.n_obstacle < FEWEST_RETURNS
 
     @property
@@ -181,7 +150,7 @@ class ScanRow(NamedTuple):
 
 
 class WholeScan(NamedTuple):
-    """Every valid point of a scan that is kept for pictures: xyz_m (N, 3) in base, label and time slot (N,)."""
+    """All valid points of a scan kept for figures: xyz_m (N, 3) in base, label and time slot (N,)."""
 
     t_ns: int
     xyz_m: NDArray[np.float32]
@@ -192,7 +161,7 @@ class WholeScan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ScanTally:
-    """How scans were looked at, and how many were not levelled although they should have been."""
+    """Number of scans by classification route, and of those not levelled, by reason."""
 
     routes: Counter[str] = field(default_factory=Counter)
     tilted: Counter[NotLevelled] = field(default_factory=Counter)
@@ -200,7 +169,7 @@ class ScanTally:
 
 @dataclass(frozen=True, slots=True)
 class ScanSettings:
-    """What of the configuration decides what is kept of a scan; compact: None where no maps are wanted of it."""
+    """Settings for reducing scans; compact: None where no maps are made."""
 
     classifier: RangeImageSettings | PaperSettings
     compact: CompactSettings | None
@@ -215,7 +184,7 @@ class ScanSettings:
 
 
 class Scanner:
-    """Classifies clouds one by one, and keeps in the spill what is needed of them later."""
+    """Classify clouds one by one, and write the reduced scans to the spill."""
 
     def __init__(
         self,
@@ -226,13 +195,13 @@ class Scanner:
         spill: Spill,
         expected: int | None = None,
     ) -> None:
-        """expected: how many clouds are said to come."""
+        """expected: number of clouds, if known."""
         self.tally, self.spill = ScanTally(), spill
         self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, expected)
         self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
         self._compactor: ScanCompactor | None = None
         if settings.compact is not None:
-            # Windows lie about base, and what is kept about the lidar.
+            # Windows are centred on base, compact scans on the lidar.
             reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
             self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
         self._tilt, self._transform_lidar_to_base = tilt, transform_lidar_to_base
@@ -300,7 +269,7 @@ def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
 
 
 def _sweep(cloud: PointCloud) -> tuple[int, int]:
-    """Times of the first and the last point, relative to the stamp; 0 where they cannot be."""
+    """Times of the first and last point relative to the stamp; 0 if they are implausible."""
     if cloud.times is None or len(cloud.times) == 0:
         return 0, 0
     first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns

@@ -1,4 +1,4 @@
-"""The stages of a replay, one entry each: what does it, by which keys of the configuration, into which files."""
+"""The table of stages of a replay: for each its work, the config keys it reads, and the files it writes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What is done, marked and reused as a whole; `filter` and `map` are, because a map needs its scans' points.
+    """A unit of work that is done, marked and reused as a whole. `filter` and `map` are one, as maps need the scans.
 
-    names: as `--until` takes them and reports show them. work: "module:function" in this package, which is called with
-    the replay's context, and loaded only then. reads: sections and keys of the configuration that decide the results,
-    beside those of the stages before; `test_stage` holds them against what is really read. files: all that it may
-    write. needs_compiled: whether the work, on what has been found so far, calls compiled code.
+    names: as `--until` takes them and reports show them. work: "module:function" in this package, imported when it is
+    called with the replay's context. reads: sections and keys of the configuration that decide the results, besides
+    those of earlier stages; `test_stage` compares them with what is really read. files: all that it may write.
+    needs_compiled: whether the work calls compiled code, given what earlier stages have found.
     """
 
     names: tuple[str, ...]
@@ -41,7 +41,7 @@ class Stage:
         return work
 
 
-# Whether the IMU is read for the scans' sake decides when the recording begins, and with it all of `position`.
+# lidar.level: whether the IMU is read for the scans, which may change where the recording begins.
 POSITION = Stage(
     ("position",),
     "position:locate_walk",
@@ -56,7 +56,7 @@ FILTER = Stage(
     files=STAGE_FILES["filter"],
     needs_compiled=lambda _: True,
 )
-# What is kept of clouds is gone with the process: other maps read the recording again.
+# Compact scans are not saved: changed map settings read the recording again.
 MAP = Stage(
     ("filter", "map"),
     "perceive:filter_and_map",
@@ -85,8 +85,11 @@ CONTROL = Stage(
 )
 
 
+ALL = (POSITION, FILTER, MAP, PLAN, CONTROL)
+"""In the order of their work; `filter` is done alone only where no map is asked for."""
+
+
 def stages_for(last: str) -> tuple[Stage, ...]:
-    """Those that `--until last` asks for, in order. `ingest` and `report` are done each time, and are none of them."""
+    """The stages of `--until last`, in order, without `ingest` and `report`, which are done each time."""
     asked = stages_until(last)
-    scans = MAP if "map" in asked else FILTER
-    return tuple(stage for stage in (POSITION, scans, PLAN, CONTROL) if stage.name in asked)
+    return tuple(stage for stage in ALL if stage.name in asked and not (stage is FILTER and "map" in asked))

@@ -1,4 +1,4 @@
-"""How the body is tilted, as the messages that have been read so far tell it: a scan does not wait for later ones."""
+"""The body's tilt from the messages read so far, for levelling scans while the recording is read."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from quadlog.recordings.tf_tree import TransformTree
 
 
 def imu_mount(frame_id: str, tree: TransformTree, base_frame: str = "") -> Float | None:
-    """(3, 3) rotation from an IMU's frame to base through static tf; None where it is not told, or is no rotation."""
+    """(3, 3) rotation from an IMU's frame to base through static tf; None if unknown or the identity."""
     base = tree.base_frame(base_frame)
     mount = None if base is None else tree.static_transform(frame_id, base)
     return None if mount is None or np.array_equal(mount[:3, :3], np.eye(3)) else mount[:3, :3]
 
 
 def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
-    """The same turned into base's axes, where static tf tells how the IMU is mounted; else as it came."""
+    """The series in base's axes, where static tf gives the IMU's mount; else unchanged."""
     mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
     if mount is None or base is None:
         return imu
@@ -40,16 +40,16 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
 
 
 LOOKED_AT = 50
-"""Messages at the beginning by which an IMU's orientation is seen to be there, and to change."""
+"""Number of first messages that show whether an IMU gives an orientation that changes."""
 RECENT = 1024
 """Orientations that are kept: a second at 1 kHz."""
 
 
 class Tilt:
-    """The orientation of the first of IMU, odometry and moving tf that there is.
+    """The orientation of base from the first available of IMU, odometry and moving tf.
 
-    topics: those whose messages must be taken before the clouds that were logged after them. An IMU that has always
-    sent the same orientation has none; once it changes it counts.
+    topics: those whose messages must be taken before clouds logged after them. An IMU is ignored while its orientation
+    has never changed.
     """
 
     def __init__(
@@ -77,14 +77,14 @@ class Tilt:
         return [*named, *tf] if self._imu is None or self._frozen else named
 
     def take(self, gathered: Gathered) -> None:
-        """File orientations; the moving transforms are in the tree already."""
+        """Store orientations; moving transforms are in the tree already."""
         if gathered.topic == self._imu_topic and self._imu is not None:
             self._frozen &= not self._imu.take(gathered)
         elif gathered.topic == self._odometry_topic and self._odometry is not None:
             self._odometry.take(gathered)
 
     def reaches(self, t_ns: int) -> bool:
-        """Whether orientations up to an instant are known, or none will ever be."""
+        """Whether orientations are known up to an instant, or there is no source of them."""
         source = self._source() if self._wanted else None
         return source is None or source.latest_ns >= t_ns
 
@@ -106,7 +106,7 @@ class Tilt:
 
 
 class _Recent:
-    """The last orientations of a topic, of a sensor that is turned in base by rotation_sensor_to_base (3, 3)."""
+    """The last orientations of a sensor mounted with rotation_sensor_to_base (3, 3)."""
 
     def __init__(self, rotation_sensor_to_base: Float | None) -> None:
         self._rotation = rotation_sensor_to_base

@@ -25,9 +25,9 @@ from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 
 def compilation(stages: Collection[str], config: Config, say: Callable[[str], None]) -> Compilation:
-    """What the given stages need of compiled code, a part each; nothing that this configuration does not use.
+    """The compiled code of the given stages with this configuration, as one part for each.
 
-    Positions and the robot with a body take about as long as all the rest: another process compiles those.
+    `position` and `control` take about as long as all other parts, and are shared with another process.
     """
     parts: dict[str, Callable[[], object]] = {
         "filter": partial(_classify_toy_scan, config),
@@ -133,7 +133,7 @@ def _walk_toy_robot(controller: str) -> None:
 
 def main(controller: str, *names: str) -> None:
     """Compile parts in this process, and print the name of each when it is done."""
-    # What compiling leaves behind is not worth looking through, time and again, in a process that ends soon.
+    # Collecting garbage is not worth the time in a process that ends soon.
     gc.disable()
     for name in names:
         if name == "position":

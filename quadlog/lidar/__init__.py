@@ -1,1 +1,1 @@
-"""A scan is split into outliers, ground and obstacles."""
+"""Classify the points of lidar scans as outliers, ground or obstacles."""

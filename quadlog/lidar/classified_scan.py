@@ -1,4 +1,4 @@
-"""What a point of a scan can be, which points may be looked at at all, and a scan whose points are classified."""
+"""Point classes, valid ranges and field of view, and scans whose points are classified."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PointClass(IntEnum):
 
 
 def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
-    """Which of the points (N, 3), in the lidar's frame, are returns: (N,) bool.
+    """Mask (N,) of the points (N, 3), in the lidar's frame, that are valid returns.
 
     Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number. One of these left in disables the
     statistical filter or pulls the ground plane through the sensor, so all go before anything is computed.
@@ -59,9 +59,9 @@ def in_field_of_view(x_m: Float, y_m: Float, field_of_view_deg: float) -> NDArra
 
 
 Route = Literal["rings", "elevations", "height_map", "paper"]
-"""By the driver's beam numbers, by beams the elevations show, by a map of the lowest points, or as the paper does."""
+"""Method used: the driver's ring numbers, beams found in the elevations, a map of lowest points, or the paper's."""
 FEWEST_RETURNS = 20
-"""Among fewer on the ground and on obstacles no filter tells a thing from a false point."""
+"""With fewer ground and obstacle points a scan is not used for maps."""
 FLATTEST_CLOUD = 0.05
 """In sines of elevation; a cloud that spans less is a scan in a plane."""
 MOUNT_KNOWN_M = 0.1
@@ -76,7 +76,7 @@ class ClassifiedScan:
     label: (N,) uint8 of PointClass.
     ground: the plane found, its inliers counted over all N points, or None.
     height_m: (N,) float32 height above the ground at each point's place, NaN where the point is invalid.
-    route: how the scan was looked at.
+    route: the method used.
     """
 
     xyz_base_m: Float32
@@ -170,7 +170,7 @@ class ClassifiedReturns:
 
     @property
     def n_raw(self) -> int:
-        """Points as they came."""
+        """Points of the message."""
         return int(self.counts.sum())
 
     @property
@@ -180,20 +180,20 @@ class ClassifiedReturns:
 
     @property
     def n_outlier(self) -> int:
-        """Points without neighbours."""
+        """Outlier points."""
         return int(self.counts[PointClass.OUTLIER])
 
     @property
     def n_ground(self) -> int:
-        """Points on the ground."""
+        """Ground points."""
         return int(self.counts[PointClass.GROUND])
 
     @property
     def n_obstacle(self) -> int:
-        """Points that are left."""
+        """Obstacle points."""
         return int(self.counts[PointClass.OBSTACLE])
 
     @property
     def shows_nothing(self) -> bool:
-        """Whether a map would be wrong to say anything because of this scan: an empty one is no sight of free space."""
+        """Whether the scan has too few returns to update a map: an empty scan does not show free space."""
         return self.n_ground + self.n_obstacle < FEWEST_RETURNS

@@ -1,4 +1,4 @@
-"""When the points of a scan were measured, so that what survives of it is put where it was while the robot moved.
+"""Deskewing: time slots of a scan's points, and the robot's pose at each slot.
 
 A spinning lidar takes a tenth of a second for its points: at 0.7 m/s and
 0.5 rad/s a wall 10 m away is drawn half a metre off at one end. Points are
@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from quadlog.messages import Float, Int, PointTimes
 
 MAX_OFFSET_NS = 1_000_000_000
-"""No scan takes longer, and no stamp is farther from its points."""
+"""Upper limit of a scan's duration and of the distance between its stamp and its points."""
 MAX_SPEED_MPS, MAX_TURN_RADPS = 10.0, 2 * math.pi
-"""Faster poses jump, rather than that the robot moves."""
+"""Faster changes of pose are taken for jumps."""
 
 
 class Skewed(StrEnum):
-    """Why a scan stays as it came."""
+    """Why a scan is not deskewed."""
 
-    NO_TIMES = "its points have no times of their own"
-    ABSURD_TIMES = "the times of its points cannot be"
-    NO_POSE = "no pose is known at the time of all its points"
-    JUMP = "the poses jump while it lasts"
+    NO_TIMES = "its points have no timestamps"
+    ABSURD_TIMES = "the timestamps of its points are implausible"
+    NO_POSE = "no pose is known for the whole scan"
+    JUMP = "the poses jump during the scan"
 
 
 MOST_TIME_SLOTS = 32
@@ -47,7 +47,7 @@ class Slots:
 
 
 def sweep_span(times: PointTimes | None, n_points: int) -> tuple[int, int] | Skewed:
-    """The times of the first and the last of N points relative to the stamp, or why these tell nothing.
+    """The times of the first and the last of N points relative to the stamp, or why they cannot be used.
 
     The times may start, end or lie about 0; none farther from it than the scan lasts.
     """

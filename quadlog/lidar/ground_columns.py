@@ -20,7 +20,7 @@ _PIECE_WIDTH_M, _PIECE_RISE_M, _PIECE_RISE_PER_M = np.float32(2.5), np.float32(0
 _RAMP_SLOPE, _RAMP_AGREES, _RAMP_STEP_M = np.float32(0.12), np.float32(0.12), np.float32(0.3)
 
 _NOTHING, _PIECE, _NONE, _TURN = np.int8(0), np.int8(3), np.float32(0), np.float32(2 * np.pi)
-# A number of a type, which a plain 0 is not: with that, everything would be compiled twice.
+# Typed: a plain 0 would make numba compile everything twice.
 _ZERO: int = np.int64(0)  # type: ignore[assignment]
 # What the range does from one return to the next: to something farther, to something nearer, or nothing is near.
 _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
@@ -28,21 +28,10 @@ _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
 
 @inner
 def drop_pieces(
-    kind: Marks,
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    row: int,
-    off_m: Float32,
-    gap_m: Float32,
-    rise_m: Float32,
-    column: NDArray[np.int32],
-    edges: NDArray[np.int32],
-    ranges_m: Float32,
-    edge: Marks,
-    ground: Marks,
-) -> None:
+    kind: Marks, good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, row: int, off_m: Float32,
+    gap_m: Float32, rise_m: Float32, column: NDArray[np.int32], edges: NDArray[np.int32], ranges_m: Float32,
+    edge: Marks, ground: Marks,
+) -> None:  # fmt: skip
     """No short piece of a beam is ground that stands out of it, with something farther, or nothing, at an end.
 
     kind, ground, range_m, off_m, gap_m, rise_m: (columns,) of the beam in `row`, the last three from the column's
@@ -51,7 +40,7 @@ def drop_pieces(
     """
     n = _ZERO
     for c in range(len(kind)):
-        # Written whatever they are: a branch that is often guessed wrongly takes longer.
+        # Written unconditionally: a mispredicted branch takes longer.
         column[n], ranges_m[n] = c, range_m[c]
         n += kind[c] != _NOTHING
     if n == 0:
@@ -88,19 +77,9 @@ def drop_pieces(
 
 @inner
 def _drop(
-    column: NDArray[np.int32],
-    begin: int,
-    size: int,
-    n: int,
-    kind: Marks,
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    row: int,
-    gap_m: Float32,
-    rise_m: Float32,
-    ground: Marks,
-) -> None:
+    column: NDArray[np.int32], begin: int, size: int, n: int, kind: Marks, good: Marks, distance_m: Float32,
+    z_m: Float32, row: int, gap_m: Float32, rise_m: Float32, ground: Marks,
+) -> None:  # fmt: skip
     """Mark a piece, unless it goes on as a ramp does: to the next beam's returns at about the same slope."""
     ramps = 0
     for j in range(begin, begin + size):
@@ -119,10 +98,10 @@ def _drop(
 
 STEEPEST = np.float32(0.47)
 """25 degrees: a ramp of 20 and what the gait tilts."""
-# Height off the line of the ground before it: sure ground, and what is still possible behind an obstacle.
+# Height off the line of the ground before it: certain ground, and possible ground behind an obstacle.
 _NEAR_M, _NEAR_PER_M, _BEHIND_PER_M = np.float32(0.04), np.float32(0.02), np.float32(0.05)
 _SLACK_M, _BACK_M = np.float32(0.03), np.float32(-0.05)
-# A wall: steeper than this up to a return of the next beams, and at least so much higher.
+# A wall: steeper than _WALL_SLOPE up to a return of the next beams, and at least _WALL_RISE_M higher.
 _WALL_SLOPE, _WALL_RISE_M, _WALL_BEAMS = np.float32(0.7), np.float32(0.05), 3
 _WALL_FOOT_M = np.float32(0.012)
 # Farther off, no return is at a wall's foot.
@@ -171,20 +150,10 @@ class ColumnWalk:
 
 @kernel
 def _walk(
-    good: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    descending: NDArray[np.bool_],
-    floor_m: float,
-    floats: Float32,
-    marks: Marks,
-    wide: Marks,
-    numbers: NDArray[np.int32],
-    ranges_m: Float32,
-    ground: Marks,
+    good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, descending: NDArray[np.bool_], floor_m: float,
+    floats: Float32, marks: Marks, wide: Marks, numbers: NDArray[np.int32], ranges_m: Float32, ground: Marks,
     wall: Marks,
-) -> None:
+) -> None:  # fmt: skip
     # Of every column: where its last ground is, how steep the ground was there, and what lies between.
     last_m, last_z_m, slope = floats[0], floats[1], floats[2]
     gap_m, rise_m, off_m = floats[3], floats[4], floats[5]
@@ -226,15 +195,9 @@ def _walk(
 # The following have no branches, and few arrays each, so that they become vector instructions.
 @inner
 def _off_the_ground(
-    distance_m: Float32,
-    z_m: Float32,
-    last_m: Float32,
-    last_z_m: Float32,
-    slope: Float32,
-    gap_m: Float32,
-    rise_m: Float32,
-    off_m: Float32,
-) -> None:
+    distance_m: Float32, z_m: Float32, last_m: Float32, last_z_m: Float32, slope: Float32, gap_m: Float32,
+    rise_m: Float32, off_m: Float32,
+) -> None:  # fmt: skip
     for c in range(len(gap_m)):
         gap_m[c] = distance_m[c] - last_m[c]
     for c in range(len(gap_m)):
@@ -274,15 +237,9 @@ def _sort_out(here: Marks, walkable: Marks, wall: Marks, off_m: Float32, kind: M
 
 @inner
 def _step_out(
-    kind: Marks,
-    ground: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    hidden: Marks,
-    last_m: Float32,
-    last_z_m: Float32,
-    slope: Float32,
-) -> None:
+    kind: Marks, ground: Marks, distance_m: Float32, z_m: Float32, hidden: Marks, last_m: Float32,
+    last_z_m: Float32, slope: Float32,
+) -> None:  # fmt: skip
     for c in range(len(kind)):
         hidden[c] = hidden[c] if kind[c] == NOTHING else (_NO if ground[c] != _NO else _YES)
     for c in range(len(kind)):
@@ -317,7 +274,7 @@ def _vote(
         if ayes == 0 or kind[c] == NOTHING or (wall[c] != _NO and off_m[c] > _WALL_FOOT_M):
             continue
         if votes[c] == ayes:
-            # All agree, at whatever distance.
+            # All agree, at any distance.
             ground[c] = _YES
             continue
         near_m = _VOTER_M + _VOTER_PER_M * distance_m[c]

@@ -98,16 +98,9 @@ def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_
 # Sums of a sector's sixteen returns may be taken in any order.
 @njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def _profile(
-    ground: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    floor_m: float,
-    outward: Float,
-    turn: Float,
-    plane: Float,
-    sums: Float32,
-    height_m: Float32,
-) -> None:
+    ground: Marks, distance_m: Float32, z_m: Float32, floor_m: float, outward: Float, turn: Float, plane: Float,
+    sums: Float32, height_m: Float32,
+) -> None:  # fmt: skip
     """outward: (sectors, 2) directions of the sectors in the lidar's frame; turn: (2, 2) from there to base."""
     rows, columns = ground.shape
     sectors = len(outward)
@@ -163,13 +156,9 @@ def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: floa
 
 @inner
 def profile_height(
-    heights_m: Float32,
-    first: NDArray[np.int32],
-    second: NDArray[np.int32],
-    across: Float32,
-    column: int,
+    heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32], across: Float32, column: int,
     distance_m: float,
-) -> float:
+) -> float:  # fmt: skip
     """The ground's height at a distance in a column; heights_m: (sectors * STEPS,), the rest as in GroundProfile."""
     v = min(distance_m * _PER_STEP, np.float32(STEPS - 2))
     k = np.int32(v)
@@ -180,7 +169,7 @@ def profile_height(
     return near + across[column] * (far - near)
 
 
-# Height off the ground of what is ground: after the walk said so, without it, and at the foot of a wall.
+# Largest height of ground points: found by the column walk, not found by it, and at the foot of a wall.
 _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
 _INVALID, _CROPPED, _OUTLIER = (np.uint8(each) for each in (PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER))
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
@@ -198,15 +187,18 @@ def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile:
         _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label, counts)
 
 
-def crop_to_view(image: Image, lidar_xy_m: tuple[float, float], field_of_view_deg: float, counts: Int) -> None:
-    """Label CROPPED what lies beside a fan about base's x axis, and correct counts. [Following]"""
+def crop_to_view(image: Image, lidar_xy_m: Float, field_of_view_deg: float, counts: Int) -> None:
+    """Label CROPPED the points outside a fan about base's x axis, and correct counts. [Following]"""
     n = image.rows * image.columns + image.n_others
     x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
     label = image.label[:n]
     label[~in_field_of_view(x_m, y_m, field_of_view_deg) & (label != _INVALID)] = _CROPPED
-    n_invalid = counts[_INVALID]
-    counts[:] = np.bincount(label, minlength=len(counts))
-    counts[_INVALID] = n_invalid
+    recount(label, counts)
+
+
+def recount(label: NDArray[np.uint8], counts: Int) -> None:
+    """Set counts (5,) to the number of labels of each class, but for INVALID: empty cells are no points."""
+    counts[1:] = np.bincount(label, minlength=len(counts))[1:]
 
 
 def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:
@@ -223,13 +215,9 @@ def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:
 
 @kernel
 def _judge_others(
-    n_others: int,
-    other_range_m: Float32,
-    other_cell: NDArray[np.int32],
-    range_m: Float32,
-    columns: int,
+    n_others: int, other_range_m: Float32, other_cell: NDArray[np.int32], range_m: Float32, columns: int,
     label: NDArray[np.uint8],
-) -> None:
+) -> None:  # fmt: skip
     cells = range_m.shape[1]
     for other in range(n_others):
         row, c = other_cell[other] // columns, other_cell[other] % columns
@@ -239,20 +227,10 @@ def _judge_others(
 
 @kernel
 def _label_cells(
-    good: Marks,
-    ground: Marks,
-    wall: Marks,
-    distance_m: Float32,
-    z_m: Float32,
-    range_m: Float32,
-    heights_m: Float32,
-    first: NDArray[np.int32],
-    second: NDArray[np.int32],
-    across: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    counts: Int,
-) -> None:
+    good: Marks, ground: Marks, wall: Marks, distance_m: Float32, z_m: Float32, range_m: Float32,
+    heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32], across: Float32, height_m: Float32,
+    label: NDArray[np.uint8], counts: Int,
+) -> None:  # fmt: skip
     """The nearest return of every cell: INVALID where there is none, OUTLIER where it is not supported."""
     rows, columns = good.shape
     none = np.float32(0)
@@ -282,21 +260,10 @@ def _label_cells(
 
 @kernel
 def _label_others(
-    n_others: int,
-    other_range_m: Float32,
-    other_cell: NDArray[np.int32],
-    range_m: Float32,
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    heights_m: Float32,
-    first: NDArray[np.int32],
-    second: NDArray[np.int32],
-    across: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    counts: Int,
-) -> None:
+    n_others: int, other_range_m: Float32, other_cell: NDArray[np.int32], range_m: Float32, dx_m: Float32,
+    dy_m: Float32, z_m: Float32, heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32],
+    across: Float32, height_m: Float32, label: NDArray[np.uint8], counts: Int,
+) -> None:  # fmt: skip
     """Returns that share a cell with a nearer one, or belong to no row: those have no neighbours to be judged by."""
     columns, cells = len(across), range_m.shape[1]
     for other in range(n_others):

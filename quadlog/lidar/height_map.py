@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.ground_labels import recount
 from quadlog.lidar.range_image import Image
 from quadlog.messages import Float, Float32, Int
 
@@ -30,7 +31,7 @@ _GROUND_M = 0.06
 
 
 def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
-    """Fill height_m of an image in which `label_supported` labelled what is real, and label what is ground.
+    """Fill height_m of an image in which `label_supported` labelled outliers, and label the ground.
 
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.
@@ -46,9 +47,7 @@ def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
     _measure(*places, cells, known, plane, height_m)
     label = image.label[:n]
     label[(label == PointClass.OBSTACLE) & (np.abs(height_m) <= _GROUND_M)] = PointClass.GROUND
-    n_invalid = counts[PointClass.INVALID]
-    counts[:] = np.bincount(label, minlength=len(counts))
-    counts[PointClass.INVALID] = n_invalid
+    recount(label, counts)
     return plane
 
 
@@ -68,17 +67,9 @@ def _plane(cells: Float, floor_m: float) -> Float:
 
 @kernel
 def _grow(
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: NDArray[np.uint8],
-    floor_m: float,
-    order: Int,
-    lowest: Int,
-    cells: Float,
-    known: NDArray[np.bool_],
-    walled: NDArray[np.bool_],
-) -> None:
+    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], floor_m: float, order: Int, lowest: Int,
+    cells: Float, known: NDArray[np.bool_], walled: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """Of every ground cell x, y from the lidar, z of its lowest point, and the slopes along x and y there."""
     size = len(lowest)
     for i in range(len(dx_m)):
@@ -105,7 +96,7 @@ def _grow(
             fits = near_plane and abs(z - nearest_z) <= _STEEPEST * nearest_m + _SLACK_M
         else:
             r = math.sqrt(x * x + y * y)
-            # Growth never starts on a wall, of which only a part may be in view.
+            # Growth never starts on a wall, which may be visible in part only.
             fits = r < _FIRST_M and not walled[a, b] and abs(z - floor_m) <= _FIRST_RISE_M + _FIRST_SLOPE * r
         if fits:
             cells[a, b, 0], cells[a, b, 1], cells[a, b, 2] = x, y, z
@@ -145,15 +136,9 @@ def _extrapolate(
 
 @kernel
 def _measure(
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: NDArray[np.uint8],
-    cells: Float,
-    known: NDArray[np.bool_],
-    plane: Float,
-    height_m: Float32,
-) -> None:
+    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], cells: Float, known: NDArray[np.bool_],
+    plane: Float, height_m: Float32,
+) -> None:  # fmt: skip
     """Heights above the cells about each point, the nearer the more; above the plane where none is within 2 m."""
     for i in range(len(label)):
         if label[i] == np.uint8(PointClass.INVALID):

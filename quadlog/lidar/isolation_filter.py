@@ -1,4 +1,4 @@
-"""The isolation filter on the range image: a return that no neighbouring return lies near is false."""
+"""The isolation filter on the range image: a return without neighbours at a similar range is an outlier."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Chosen on seed 100 of quadlog.simulation.synthetic.labelled_scans; never reporte
 _HALF = np.float32(0.5)
 # Returns of one surface, four standard deviations of a range apart at most, are averaged.
 _SAME_SURFACE_M = np.float32(0.08)
-# Range of an empty cell while neighbours are compared: near to nothing.
+# Range of an empty cell in comparisons: far from every other.
 _FAR_OFF_M = np.float32(-1e6)
 
 
@@ -77,18 +77,9 @@ class Isolated:
 
 @kernel
 def _isolate(
-    range_m: Float32,
-    dx_m: Float32,
-    dy_m: Float32,
-    raw_z_m: Float32,
-    layers: int,
-    lidar_z: float,
-    wide: Float32,
-    good: NDArray[np.int8],
-    raw_distance_m: Float32,
-    distance_m: Float32,
-    z_m: Float32,
-) -> None:
+    range_m: Float32, dx_m: Float32, dy_m: Float32, raw_z_m: Float32, layers: int, lidar_z: float, wide: Float32,
+    good: NDArray[np.int8], raw_distance_m: Float32, distance_m: Float32, z_m: Float32,
+) -> None:  # fmt: skip
     one, none = np.float32(1), np.float32(0)
     rows, columns = good.shape
     for row in range(rows):

@@ -1,9 +1,9 @@
-"""How the robot's body is tilted at the instant of a scan, so that up is up when its points are judged.
+"""Levelling: the tilt of the robot's body at the time of a scan, from IMU orientations.
 
 [Following] turns a point by roll and pitch before the heading. Only the direction that is up in the body matters for
 that, and it is interpolated: it knows no heading, so an IMU whose north is anywhere serves as well.
 
-What this cannot see: an IMU whose mount is tilted by a degree or two, and not in tf, tilts every scan by as much.
+Limitation: a small tilt of the IMU's mount that is missing in tf tilts every scan by as much.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from quadlog.messages import Float, Int
 
 MAX_AGE_NS = 200_000_000
-"""An orientation farther away than this says nothing about the scan."""
+"""Longest time between a scan and an orientation used for it."""
 MAX_TILT_RAD = math.radians(40.0)
-"""A robot that walks is tilted less; more is an IMU mounted another way round, or a fall."""
+"""A walking robot tilts less; more means an IMU mounted another way round, or a fall."""
 
 
 class NotLevelled(StrEnum):
-    """Why the body is taken to be upright."""
+    """Why a scan is not levelled."""
 
     STALE = "no orientation within 0.2 s"
     STEEP = "tilted by more than 40 degrees"
@@ -61,8 +61,7 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
 def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevelled | None]:
     """(W, 3, 3) rotations R_y(pitch) R_x(roll) that turn base upright at the instants (W,) of one scan. [Following]
 
-    All are the identity, and the reason is told, where one of them cannot be
-    known: half a scan that is levelled would be torn.
+    Where one of them is unknown, all are the identity and the reason is returned: half a levelled scan would be torn.
     """
     rotations = []
     for t_ns in t_ns_wanted.tolist():
@@ -74,7 +73,7 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
 
 
 def _up_at(t_ns: int, series: UpSeries) -> tuple[float, float, float] | NotLevelled:
-    """In plain numbers: a scan asks for two instants, for which arrays take ten times as long."""
+    """In plain floats: for the two instants of a scan, arrays take ten times as long."""
     if len(series) == 0:
         return NotLevelled.STALE
     after = min(int(series.t_ns.searchsorted(t_ns, "left")), len(series) - 1)

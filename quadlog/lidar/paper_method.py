@@ -1,6 +1,6 @@
 """The paper's chain: crop to the front, statistical outliers, one RANSAC plane, obstacles. [Following]
 
-Kept as published, with what it cannot do: after the crop a near wall holds more points than the floor, and is then
+Kept as published, with its limitations: after the crop a near wall holds more points than the floor, and is then
 removed as the ground; and where no floor is in view, a level plane through the sensor itself wins, because every near
 point lies close to it. Of a scan in a plane that would be every point, and nothing would block: there no ground is
 looked for.
@@ -42,7 +42,7 @@ class PaperSettings:
 def classify_scan_paper(
     xyz_lidar_m: Float, transform_lidar_to_base: Float, settings: PaperSettings, seed: int
 ) -> ClassifiedScan:
-    """The class of every point of a scan (N, 3) in the lidar's frame, whatever is in it. [Following]
+    """The class of every point of a scan (N, 3) in the lidar's frame; any values are accepted. [Following]
 
     The seed alone decides which planes are tried, so that a scan's result does not depend on the scans before it.
     """

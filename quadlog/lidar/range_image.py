@@ -77,7 +77,7 @@ class Beams:
 
 
 def beams_by_ring(polar: Polar, ring: NDArray[np.uint16] | None, upright: bool) -> Beams | None:
-    """Beams as the driver numbers them, in whatever order; None where the numbers do not go with elevations."""
+    """Beams by the driver's ring numbers, in any order; None where these do not match the elevations."""
     if ring is None or ring.shape != polar.range_m.shape:
         return None
     return _sorted_beams(polar, ring.astype(np.uint16, copy=False), upright)
@@ -106,7 +106,7 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
 
 
 def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, NDArray[np.uint16]]:
-    """Beams that are none, and the number (N,) of each point's: bins of elevation, and about a point to a cell.
+    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to a cell.
 
     For clouds without beams; range_m, sine: (N,) by directions along base's axes from where the lidar stands.
     """
@@ -142,17 +142,9 @@ def phase_and_strangers(
 
 @kernel
 def _sample(
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    key: NDArray[np.uint16],
-    first_cell: NDArray[np.int32],
-    sines: Float32,
-    by_elevation: bool,
-    columns: int,
-    limits: Float,
-    found: Float,
-) -> None:
+    x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], first_cell: NDArray[np.int32],
+    sines: Float32, by_elevation: bool, columns: int, limits: Float, found: Float,
+) -> None:  # fmt: skip
     """Sums of the cosine and the sine of the phase, points looked at, and those of them that are on no beam."""
     last_key = len(first_cell) - 1
     # An odd step meets every beam of a sweep that is sent column by column.
@@ -213,42 +205,23 @@ class _Statistics(NamedTuple):
 
 
 def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
-    beams = min(int(beam.max(initial=0)) + 1, MOST_BEAMS)
-    total, squares, first = np.zeros((3, beams))
-    statistics = _Statistics(np.zeros(beams, np.int64), total, squares, first, np.zeros((beams, _ARCS), np.int64))
-    _gather(polar.range_m, polar.sine, polar.turn, beam, *statistics)
-    return statistics
-
-
-@kernel
-def _gather(
-    range_m: Float32,
-    sine: Float32,
-    turn: Float32,
-    beam: NDArray[np.uint16],
-    count: Int,
-    total: Float,
-    squares: Float,
-    first: Float,
-    arcs: Int,
-) -> None:
-    # A number too large for a beam names none.
-    for i in range(len(range_m)):
-        b = np.int64(beam[i])
-        if range_m[i] == 0 or b >= len(count):
-            continue
-        if count[b] == 0:
-            first[b] = sine[i]
-        # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
-        apart = sine[i] - first[b]
-        count[b] += 1
-        total[b] += apart
-        squares[b] += apart * apart
-        arcs[b, int(turn[i] * _ARCS)] += 1
+    """Numbers from MOST_BEAMS on are ignored."""
+    known = (polar.range_m > 0) & (beam < MOST_BEAMS)
+    number, sine = beam[known].astype(np.int64), polar.sine[known].astype(np.float64)
+    n = int(number.max(initial=0)) + 1
+    first = np.zeros(n)
+    # Of repeated indices the last assignment holds: in reverse order the first point.
+    first[number[::-1]] = sine[::-1]
+    # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
+    apart = sine - first[number]
+    total, squares = (np.bincount(number, weights, n).astype(np.float64) for weights in (apart, apart**2))
+    arc = number * _ARCS + (polar.turn[known] * _ARCS).astype(np.int64)
+    arcs = np.bincount(arc, minlength=n * _ARCS).reshape(n, _ARCS)
+    return _Statistics(np.bincount(number, minlength=n), total, squares, first, arcs)
 
 
 BLOCK = 1024
-"""Points of which the intermediate results stay in the fastest cache."""
+"""Points per block: its intermediate results fit the L1 cache."""
 _SCRATCH_ROWS = 5
 _HALF_BINS = np.float32(ELEVATION_BINS / 2)
 
@@ -310,30 +283,12 @@ class Image:
 
 @kernel
 def _lay(
-    n: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    key: NDArray[np.uint16],
-    slot: NDArray[np.uint8],
-    first_cell: NDArray[np.int32],
-    by_elevation: bool,
-    columns: int,
-    turning: Float32,
-    limits: Float32,
-    scratch: Float32,
-    whole: NDArray[np.int32],
-    range_m: Float32,
-    next_range_m: Float32,
-    cell_dx_m: Float32,
-    cell_dy_m: Float32,
-    cell_z_m: Float32,
-    cell_slot: NDArray[np.uint8],
-    other_range_m: Float32,
-    other_cell: NDArray[np.int32],
-    point: NDArray[np.int32],
-    keeps_points: bool,
-) -> tuple[int, int, int]:
+    n: int, x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], slot: NDArray[np.uint8],
+    first_cell: NDArray[np.int32], by_elevation: bool, columns: int, turning: Float32, limits: Float32,
+    scratch: Float32, whole: NDArray[np.int32], range_m: Float32, next_range_m: Float32, cell_dx_m: Float32,
+    cell_dy_m: Float32, cell_z_m: Float32, cell_slot: NDArray[np.uint8], other_range_m: Float32,
+    other_cell: NDArray[np.int32], point: NDArray[np.int32], keeps_points: bool,
+) -> tuple[int, int, int]:  # fmt: skip
     """How many returns are valid, how many have no cell of their own, and how many belong to no row.
 
     Block by block: first without branches and in 32 bits, so that it becomes vector instructions, what can be said of
@@ -363,31 +318,24 @@ def _lay(
             n_valid += 1
             row_begins = first_cell[np.uint32(min(bins[j], last_key))]
             cell = np.int64(row_begins) + column[j]
-            if row_begins >= 0 and range_m[np.uint32(cell)] == nothing:
-                k = np.uint32(cell)
-                range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slots[j]
-                if keeps_points:
-                    point[k] = begin + j
-                continue
-            other = np.uint32(cells + n_others)
-            at = np.uint32(n_others)
-            n_others += 1
-            k = np.uint32(cell)
-            if row_begins < 0 or r >= range_m[k]:
-                other_range_m[at], cell_slot[other] = r, slots[j]
-                cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = x_out[j], y_out[j], z_out[j]
-                if keeps_points:
-                    point[other] = begin + j
-            else:
-                other_range_m[at], cell_slot[other] = range_m[k], cell_slot[k]
-                cell_dx_m[other], cell_dy_m[other], cell_z_m[other] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
-                range_m[k], cell_dx_m[k], cell_dy_m[k], cell_z_m[k] = r, x_out[j], y_out[j], z_out[j]
-                cell_slot[k] = slots[j]
-                if keeps_points:
-                    point[other], point[k] = point[k], begin + j
-            other_cell[at] = cell if row_begins >= 0 else -1 - column[j]
-            n_without += row_begins < 0
+            at = k = np.uint32(cell)
+            if row_begins < 0 or range_m[k] != nothing:
+                at, other = np.uint32(cells + n_others), np.uint32(n_others)
+                other_range_m[other], other_cell[other] = r, cell if row_begins >= 0 else -1 - column[j]
+                n_others += 1
+                n_without += row_begins < 0
+                if row_begins >= 0 and r < range_m[k]:
+                    # The nearer return takes the cell.
+                    other_range_m[other], cell_slot[at] = range_m[k], cell_slot[k]
+                    cell_dx_m[at], cell_dy_m[at], cell_z_m[at] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
+                    if keeps_points:
+                        point[at] = point[k]
+                    at = k
+            if at < cells:
+                range_m[at] = r
+            cell_dx_m[at], cell_dy_m[at], cell_z_m[at], cell_slot[at] = x_out[j], y_out[j], z_out[j], slots[j]
+            if keeps_points:
+                point[at] = begin + j
     if n_others > 0:
         next_range_m[:] = nothing
     for i in range(n_others):
@@ -399,16 +347,9 @@ def _lay(
 
 @inner
 def _directions(
-    size: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    limits: Float32,
-    columns: int,
-    r_m: Float32,
-    part: Float32,
+    size: int, x_m: Float32, y_m: Float32, z_m: Float32, limits: Float32, columns: int, r_m: Float32, part: Float32,
     column: NDArray[np.int32],
-) -> None:
+) -> None:  # fmt: skip
     """Range of each point of a block, 0 where it does not count, and its column.
 
     The arctangent is a polynomial of degree 9 (Abramowitz and Stegun 4.4.49, error below 1e-5 rad): a hundredth of
@@ -441,16 +382,9 @@ def _directions(
 
 @inner
 def _turned(
-    size: int,
-    x_m: Float32,
-    y_m: Float32,
-    z_m: Float32,
-    slot: NDArray[np.uint8],
-    t: Float32,
-    x_out: Float32,
-    y_out: Float32,
-    z_out: Float32,
-) -> None:
+    size: int, x_m: Float32, y_m: Float32, z_m: Float32, slot: NDArray[np.uint8], t: Float32, x_out: Float32,
+    y_out: Float32, z_out: Float32,
+) -> None:  # fmt: skip
     """Points of a block in base made upright, by the tilt of their time slots."""
     for j in range(size):
         x, y, z, s = x_m[j], y_m[j], z_m[j], np.float32(slot[j])

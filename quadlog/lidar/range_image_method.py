@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,19 +33,19 @@ from quadlog.lidar.ransac_plane import GroundPlane
 from quadlog.messages import Float, Float32, Int
 
 FEWEST_BEAMS = 3
-"""Below that no slope from beam to beam tells ground from walls: everything is an obstacle."""
+"""With fewer beams, slopes between beams cannot separate ground from walls: everything is an obstacle."""
 MOST_TILT_COSINE = 0.7
-"""A lidar that leans farther than 45 degrees has no columns to walk outwards along."""
+"""A lidar tilted by more than 45 degrees has no columns that lead outwards over the ground."""
 NEAR_FLOOR_M = 5.0
 SCANS_BETWEEN_LOOKS = 50
-"""How often the beams are looked for again although nothing seems to have changed."""
+"""The beams are searched for again at least this often."""
 # So many more points, as a share of the scan's, without a cell or a beam of their own than when the beams were found
 # mean that the sensor or its driver has changed.
 _CHANGED_SHARE = 0.03
 
 XyzM = tuple[Float32, Float32, Float32]
 Laid = tuple[XyzM, NDArray[np.uint16], NDArray[np.uint8], Beams, Float32, tuple[float, float], float]
-"""What `Image.lay` was given."""
+"""Arguments of `Image.lay`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class RangeImageSettings:
 
 @dataclass(slots=True)
 class _Known:
-    """What was found out about the sensor, and what a scan was like then: shares of points without a cell or a beam."""
+    """The sensor's beams, and the shares of points without a cell or a beam in the scan in which they were found."""
 
     beams: Beams
     route: Route
@@ -102,7 +103,6 @@ class ImageClasses:
     counts: Int
     ground: GroundPlane | None
     route: Route
-    beams: Beams
     laid: Laid
 
     def point_numbers(self) -> NDArray[np.int32]:
@@ -129,70 +129,72 @@ class RangeImageClassifier:
     def classify(
         self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
     ) -> ImageClasses:
-        """The class of every point x, y, z (N,) in the lidar's frame, whatever is in it.
+        """The class of every point x, y, z (N,) in the lidar's frame; any values are accepted.
 
-        ring: (N,) beam numbers in any order, or None; numbers that contradict the elevations are not believed. slot:
-        (N,) time slots. transforms: (2, 4, 4) to base made upright, and what that changes per slot.
-        The whole scan is looked at, also where only a field of view is kept: what is beside it helps to judge what is
-        in it.
+        ring: (N,) beam numbers in any order, or None; numbers that contradict the elevations are ignored. slot: (N,)
+        time slots. transforms: (2, 4, 4) to base made upright, and its change per slot. The whole scan is classified
+        and then cropped to the field of view: points outside it help to judge those inside.
         """
         transform = transforms[0]
-        upright = float(transform[2, 2])
         counts = np.zeros(len(PointClass), np.int64)
-        made = None
-        if abs(upright) >= MOST_TILT_COSINE:
-            made = self._lay_beams(xyz_m, ring, slot, transforms)
-        if made is None:
-            made = self._lay_bins(xyz_m, slot, transform)
-        space, route, beams, laid = made
-        image, lidar_m = space.image, transform[:3, 3]
-        plane = self._label(space, beams, route, transform, counts)
-        counts[PointClass.INVALID] = len(xyz_m[0]) - image.n_valid
+        laid = None
+        if abs(float(transform[2, 2])) >= MOST_TILT_COSINE:
+            laid = self._lay_beams(xyz_m, ring, slot, transforms)
+        space, route, arguments = laid or self._lay_bins(xyz_m, slot, transform)
+        plane = self._label(space, arguments[3], route, transform, counts)
+        counts[PointClass.INVALID] = len(xyz_m[0]) - space.image.n_valid
         if self._settings.field_of_view_deg < 360:
-            lidar_xy_m = float(lidar_m[0]), float(lidar_m[1])
-            crop_to_view(image, lidar_xy_m, self._settings.field_of_view_deg, counts)
+            crop_to_view(space.image, transform[:2, 3], self._settings.field_of_view_deg, counts)
         enough = counts[PointClass.GROUND] >= self._settings.ground_min_points
-        return ImageClasses(image, counts, _as_ground(plane) if enough else None, route, beams, laid)
+        return ImageClasses(space.image, counts, _as_ground(plane) if enough else None, route, arguments)
 
     def _lay_beams(
         self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
-    ) -> tuple[_Space, Route, Beams, Laid] | None:
+    ) -> tuple[_Space, Route, Laid] | None:
         """The scan in an image of its beams; None where it shows none."""
         known, upright, n = self._known, bool(transforms[0, 2, 2] > 0), len(xyz_m[0])
-        key = self._no_key if ring is None else ring
+        scan = xyz_m, self._no_key if ring is None else ring, slot, _turning(transforms)
         alike = known is not None and (known.upright, known.has_rings) == (upright, ring is not None)
         if known is not None and alike and known.scans_left > 0 and abs(n - known.n_points) <= known.n_points // 4:
             known.scans_left -= 1
-            phase, strangers = phase_and_strangers(xyz_m, key, known.beams, self._settings.ranges_m)
-            if strangers <= known.without_row_share + _CHANGED_SHARE:
-                laid = xyz_m, key, slot, known.beams, _turning(transforms), self._settings.ranges_m, phase
-                space = self._space_for(known.beams, n)
-                space.image.lay(*laid)
-                if _share(space.image.n_others, n) <= known.others_share + _CHANGED_SHARE:
-                    return space, known.route, known.beams, laid
-        return self._look_for_beams(xyz_m, ring, slot, transforms)
-
-    def _look_for_beams(
-        self, xyz_m: XyzM, ring: NDArray[np.uint16] | None, slot: NDArray[np.uint8], transforms: Float
-    ) -> tuple[_Space, Route, Beams, Laid] | None:
-        self._known, upright, n = None, bool(transforms[0, 2, 2] > 0), len(xyz_m[0])
+            most = known.without_row_share + _CHANGED_SHARE, known.others_share + _CHANGED_SHARE
+            if (found := self._lay_on(known.beams, *scan, *most)) is not None:
+                return found[0], known.route, found[1]
+        self._known = None
         polar = to_polar(xyz_m, self._settings.ranges_m)
         route: Route = "rings"
         beams = beams_by_ring(polar, ring, upright)
         if beams is None:
             route, beams = "elevations", beams_by_elevation(polar, upright)
-        if beams is None:
+        if beams is None or (found := self._lay_on(beams, *scan)) is None:
             return None
-        key = self._no_key if ring is None else ring
-        phase, strangers = phase_and_strangers(xyz_m, key, beams, self._settings.ranges_m)
-        space = self._space_for(beams, n)
-        laid = xyz_m, key, slot, beams, _turning(transforms), self._settings.ranges_m, phase
-        space.image.lay(*laid)
-        shares = _share(space.image.n_others, n), strangers
-        self._known = _Known(beams, route, upright, n, ring is not None, SCANS_BETWEEN_LOOKS, *shares)
-        return space, route, beams, laid
+        self._known = _Known(beams, route, upright, n, ring is not None, SCANS_BETWEEN_LOOKS, *found[2:])
+        return found[0], route, found[1]
 
-    def _lay_bins(self, xyz_m: XyzM, slot: NDArray[np.uint8], transform: Float) -> tuple[_Space, Route, Beams, Laid]:
+    def _lay_on(
+        self,
+        beams: Beams,
+        xyz_m: XyzM,
+        key: NDArray[np.uint16],
+        slot: NDArray[np.uint8],
+        turning: Float32,
+        most_strangers: float = math.inf,
+        most_others: float = math.inf,
+    ) -> tuple[_Space, Laid, float, float] | None:
+        """The image, the arguments of its `lay`, and the shares of points without a cell or a beam of their own.
+
+        None where one of the shares is larger than allowed.
+        """
+        phase, strangers = phase_and_strangers(xyz_m, key, beams, self._settings.ranges_m)
+        if strangers > most_strangers:
+            return None
+        space = self._space_for(beams, len(xyz_m[0]))
+        laid = xyz_m, key, slot, beams, turning, self._settings.ranges_m, phase
+        space.image.lay(*laid)
+        others = space.image.n_others / max(len(xyz_m[0]), 1)
+        return None if others > most_others else (space, laid, others, strangers)
+
+    def _lay_bins(self, xyz_m: XyzM, slot: NDArray[np.uint8], transform: Float) -> tuple[_Space, Route, Laid]:
         """The scan in an image by directions along base's axes from the lidar's place."""
         turn = transform[:3, :3].astype(np.float32)
         with np.errstate(all="ignore"):
@@ -205,7 +207,7 @@ class RangeImageClassifier:
         space = _Space.of(beams, len(key))
         laid = turned, key, slot, beams, _turning(unturned), self._settings.ranges_m, 0.0
         space.image.lay(*laid)
-        return space, "height_map", beams, laid
+        return space, "height_map", laid
 
     def _space_for(self, beams: Beams, room: int) -> _Space:
         space = self._space
@@ -233,10 +235,6 @@ class RangeImageClassifier:
         return plane
 
 
-def _share(count: int, of: int) -> float:
-    return count / max(of, 1)
-
-
 def _turning(transforms: Float) -> Float32:
     """(2, 3, 4) float32 as `Image.lay` takes it."""
     turning: Float32 = transforms[:, :3].astype(np.float32)
@@ -259,7 +257,7 @@ def _label_bins(space: _Space, transform: Float, counts: Int) -> Float:
         return _all_obstacles(space, lidar_z_m, counts)
     floor_m = 0.0
     if lidar_z_m <= MOUNT_KNOWN_M:
-        # The lowest twentieth of what is near lies on the floor, or on what stands for it.
+        # The lowest twentieth of the near points is taken for the floor.
         near_z_m = z_m[range_m < NEAR_FLOOR_M]
         floor_m = float(np.quantile(near_z_m, 0.05)) if len(near_z_m) else lidar_z_m
     label_supported(image, space.isolated, counts)
@@ -275,7 +273,7 @@ def _all_obstacles(space: _Space, lidar_z_m: float, counts: Int) -> Float:
 
 
 def _floor_below(isolated: Isolated, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
-    """Half of what the lowest beam that returns anything sees lies on the floor, unless the lidar is walled in."""
+    """Median height of the lowest beam with enough returns."""
     for row in np.flatnonzero(descending):
         seen = isolated.z_m[row][isolated.good[row] != 0]
         if len(seen) >= isolated.good.shape[1] // 20:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
 
-# A share of inliers so small that it asks for more is not searched further.
+# Upper limit for very small inlier shares.
 MOST_ITERATIONS = 100_000
-# Above a steeper plane (a wall that RANSAC took for the ground) no height can be told.
+# A steeper plane is a wall that RANSAC took for the ground: no heights are measured from it.
 STEEPEST_GROUND_DEG = 45.0
 
 
@@ -84,7 +84,7 @@ def is_level(ground: GroundPlane | None) -> bool:
 
 
 def height_above_ground(xyz_base_m: Float, ground: GroundPlane | None) -> Float:
-    """Vertical height (N,) of points (N, 3) above the plane; above base's own floor when there is none, or none level.
+    """Vertical height (N,) of points (N, 3) above the plane; above base's own floor without a level plane.
 
     Without this rule a wall taken for the ground would hide every obstacle
     that stands farther from it than the greatest height.

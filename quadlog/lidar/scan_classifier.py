@@ -1,4 +1,4 @@
-"""The class of every return of a scan, without the robot's pose: what the one pass over a recording asks of a cloud."""
+"""Classify the returns of one scan after the other, without the robot's pose."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ScanClassifier:
         return _as_returns(found, xyz_m, moving[0], slots)
 
     def _load(self, cloud: PointCloud) -> Slots:
-        """Copy what is needed of a cloud out of its message's payload."""
+        """Copy coordinates, rings and times from the message's payload."""
         n = len(cloud.xyz_m)
         if n > len(self._slot):
             room = n + n // 8

@@ -173,7 +173,7 @@ def _halve(columns: Float, index: Int, axis: int, start: int, end: int, middle: 
 
 @njit(cache=True)
 def _diagonal2(box: Float) -> float:
-    # A hair more than the diagonal squared, so that rounding never puts two points of the box farther apart.
+    # Slightly more than the diagonal squared, so that rounding never puts two points of the box farther apart.
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return (x * x + y * y + z * z) * (1.0 + 1e-12)
 
@@ -206,17 +206,9 @@ def _leaves_near(box: Float, leaf: int, n_leaves: int, reach2: float, near: Int,
 
 @njit(cache=True)
 def _measure(
-    xyz: Float,
-    near: Int,
-    near_box: Float,
-    n_near: int,
-    x: float,
-    y: float,
-    z: float,
-    limit2: float,
-    gap2: Float,
+    xyz: Float, near: Int, near_box: Float, n_near: int, x: float, y: float, z: float, limit2: float, gap2: Float,
     d2: Float,
-) -> tuple[int, int]:
+) -> tuple[int, int]:  # fmt: skip
     """Write the squared distances to all points of the leaves nearer than the limit, a row of d2 for each leaf.
 
     Returns how many rows, and how many distances in them are within the limit.
@@ -283,7 +275,7 @@ def _sum_of_roots(d2: Float, n: int, limit2: float, kept: Float) -> tuple[float,
     return total, largest2, n_kept
 
 
-# A hair above the limit still counts as within it: the mean of equal numbers may round to less than each of them.
+# Tolerance of the limit: the mean of equal numbers may round to less than each of them.
 ROUNDING = 1e-12
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
-from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.compact import CompactScan, slot_transforms
 from quadlog.mapping.grid import FARTHEST_CELL, Window
 from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
 from quadlog.mapping.placing import NO_TOP, PlacedScan
@@ -60,14 +59,9 @@ class AccumulatedMap:
 
 @kernel
 def _count(
-    top_mm: NDArray[np.int16],
-    lowest_ray_mm: NDArray[np.int16],
-    below_mm: int,
-    hits: NDArray[np.int32],
-    passes: NDArray[np.int32],
-    first_row: int,
-    first_col: int,
-) -> None:
+    top_mm: NDArray[np.int16], lowest_ray_mm: NDArray[np.int16], below_mm: int, hits: NDArray[np.int32],
+    passes: NDArray[np.int32], first_row: int, first_col: int,
+) -> None:  # fmt: skip
     one, none = np.int32(1), np.int32(0)
     rows, cols = top_mm.shape
     for row in range(rows):
@@ -136,20 +130,12 @@ class GroundHeight:
 
 @kernel
 def _cells_of_ground(
-    ground: NDArray[np.int16],
-    slot: NDArray[np.uint8],
-    poses: Float,
-    unit_m: float,
-    cell_m: float,
-    cells: Int,
+    ground: NDArray[np.int16], slot: NDArray[np.uint8], poses: Float, unit_m: float, cell_m: float, cells: Int,
     bounds: Int,
-) -> None:
+) -> None:  # fmt: skip
     """The lattice's cells (col, row) of the ground's means, and their bounds."""
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
-    moved = np.empty((len(poses), 4))
-    for k in range(len(poses)):
-        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
-        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    moved = slot_transforms(poses, unit_m)
     for i in range(len(ground)):
         at, x, y = slot[i], ground[i, 0] + 0.5, ground[i, 1] + 0.5
         col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)
@@ -162,14 +148,9 @@ def _cells_of_ground(
 
 @kernel
 def _add(
-    ground: NDArray[np.int16],
-    points: NDArray[np.uint16],
-    cells: Int,
-    col0: int,
-    row0: int,
-    sum_m: Float,
+    ground: NDArray[np.int16], points: NDArray[np.uint16], cells: Int, col0: int, row0: int, sum_m: Float,
     count: NDArray[np.int32],
-) -> None:
+) -> None:  # fmt: skip
     for i in range(len(ground)):
         row, col = cells[i, 1] - row0, cells[i, 0] - col0
         sum_m[row, col] += points[i] * (ground[i, 2] * 0.001)

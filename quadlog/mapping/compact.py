@@ -1,4 +1,4 @@
-"""What a map needs of a classified scan before the robot's poses are known, in some tens of kilobytes.
+"""Compact scans: the part of a classified scan that maps need, in some tens of kilobytes.
 
 Everything lies in base, levelled by the tilt at the time of the scan, and is not deskewed: each item carries the time
 slot in which it was measured, so that one rigid transform per slot puts it where it was.
@@ -58,7 +58,7 @@ class ObstacleSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompactSettings:
-    """What is kept of a scan.
+    """Parameters of compact scans.
 
     blocking: what counts as an obstacle. reach_m: what lies farther from the lidar is in no window. highest_m: how
     high above the ground rays still matter. ground_cell_m: edge of the cells over which ground returns are averaged.
@@ -132,7 +132,7 @@ class CompactScan:
 
 
 def _fixed(array: NDArray) -> NDArray:
-    """The array, read-only: for one kind of arrays what is compiled for it is compiled once."""
+    """The array, read-only, so that kernels are compiled for one kind of array."""
     array.flags.writeable = False
     return array
 
@@ -153,7 +153,7 @@ class ScanCompactor:
         self._grow(0, 1)
 
     def compact(self, returns: ClassifiedReturns, t_ns: int) -> CompactScan:
-        """What a map needs of a scan with the stamp t_ns; overwritten by the next one."""
+        """The compact form of a scan with the stamp t_ns; overwritten by the next one."""
         n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
         if n > len(self._obstacle) or width > len(self._key):
             self._grow(n + n // 8, width)
@@ -197,6 +197,16 @@ class ScanCompactor:
         self._ground_count, self._sums = np.zeros(room, np.uint16), np.zeros((room, 4), np.float32)
 
 
+@inner
+def slot_transforms(poses: Float, unit_m: float) -> Float:
+    """(K, 4) cosine and sine of the yaw times unit_m, and x, y, of poses (K, 3) x, y, yaw at the time slots."""
+    moved = np.empty((len(poses), 4))
+    for k in range(len(poses)):
+        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
+        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    return moved
+
+
 _X, _Y, _HALF_LENGTH, _HALF_WIDTH, _LOWEST, _HIGHEST, _REACH = 0, 1, 3, 4, 5, 6, 7
 _PER_THIN, _PER_CELL, _PER_UNIT = 8, 9, 10
 # So that sums of heights stay within 16 bits.
@@ -206,22 +216,10 @@ _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 @kernel
 def _keep_obstacles(
-    n: int,
-    width: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: UInt8,
-    slot: UInt8,
-    limits: Float32,
-    counts: bool,
-    key: NDArray[np.int32],
-    column: NDArray[np.int32],
-    table: NDArray[np.int32],
-    obstacle: Int16,
-    count: UInt8,
-    obstacle_slot: UInt8,
-) -> int:
+    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
+    counts: bool, key: NDArray[np.int32], column: NDArray[np.int32], table: NDArray[np.int32], obstacle: Int16,
+    count: UInt8, obstacle_slot: UInt8,
+) -> int:  # fmt: skip
     """One of the points that block in each cell of THIN_M, with the greatest height of them.
 
     Of neighbours in a row that lie in one cell only the first is looked at, unless it matters how many there are.
@@ -237,7 +235,7 @@ def _keep_obstacles(
         _thin_cells(size, dxs, dys, heights, label[begin:], limits, key)
         n_columns, before = 0, _NOWHERE
         for c in range(size):
-            # Written whatever they are: a branch that is often guessed wrongly takes longer.
+            # Written unconditionally: a mispredicted branch takes longer.
             column[n_columns] = c
             n_columns += (key[c] != _NOWHERE) & ((key[c] != before) | counts)
             before = key[c] if key[c] != _NOWHERE else before
@@ -279,19 +277,9 @@ def _thin_cells(
 
 @kernel
 def _average_ground(
-    n: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    z_m: Float32,
-    label: UInt8,
-    slot: UInt8,
-    limits: Float32,
-    table: NDArray[np.int32],
-    sums: Float32,
-    ground: Int16,
-    count: UInt16,
-    ground_slot: UInt8,
-) -> int:
+    n: int, dx_m: Float32, dy_m: Float32, z_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
+    table: NDArray[np.int32], sums: Float32, ground: Int16, count: UInt16, ground_slot: UInt8,
+) -> int:  # fmt: skip
     """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: (room, 4) x, y, z and count."""
     kept, mask = 0, np.int32(table.shape[1] - 1)
     x0, y0, per_cell = limits[_X], limits[_Y], limits[_PER_CELL]

@@ -43,24 +43,9 @@ def escape_start(
     col, row = start_cell
     if not (0 <= col < cols and 0 <= row < rows):
         return None
-    way = _cheapest_way_out(occupied, blocked, col, row, goal_cell)
-    return Escape(way[-1], np.array(way, dtype=np.int32)) if way else None
-
-
-DETOUR = 20
-"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
-
-
-def _cheapest_way_out(
-    occupied: Grid, blocked: Grid, start_col: int, start_row: int, goal_cell: tuple[int, int] | None
-) -> list[tuple[int, int]]:
-    """Dijkstra's search to the unblocked cells: the cells (col, row) of the way to one, none when there is none.
-
-    Plain Python: growth is some cells deep, so there is little to search.
-    """
-    rows, cols = occupied.shape
+    # Dijkstra's search in plain Python: growth is a few cells deep, so there is little to search.
     solid, closed_off = occupied.tobytes(), blocked.tobytes()
-    start = start_row * cols + start_col
+    start = row * cols + col
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
     best, best_cost, most = -1, 0, 0
@@ -89,7 +74,14 @@ def _cheapest_way_out(
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    return _way_to(came_from, best, cols) if best >= 0 else []
+    if best < 0:
+        return None
+    way = _way_to(came_from, best, cols)
+    return Escape(way[-1], np.array(way, dtype=np.int32))
+
+
+DETOUR = 20
+"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
 
 
 def _octile(cols: int, rows: int) -> int:
@@ -117,7 +109,7 @@ class Projection(NamedTuple):
 
 
 def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
-    """The cell that stands for the goal (2,) in map, always one the robot can get to. [Planning, section 1.2]
+    """The reachable cell to plan to for a goal (2,) in map. [Planning, section 1.2]
 
     - A goal in the window, on a cell that can be reached, is its own cell.
     - Beyond the window, the line from the robot to the goal crosses its margin

@@ -13,7 +13,7 @@ from quadlog.messages import Int
 def inflate(occupied: Grid, radius_cells: float) -> Grid:
     """Every cell whose centre lies within radius_cells of an occupied cell's centre. Raises ValueError below 0."""
     rows_away = np.arange(_reach(occupied, radius_cells) + 1)
-    # A hair more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
+    # Slightly more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
     half_widths = np.floor(np.sqrt(np.maximum((radius_cells + 1e-9) ** 2 - rows_away**2, 0.0))).astype(np.int64)
     return _stamp(occupied, np.minimum(half_widths, rows_away[-1]))
 
@@ -31,7 +31,7 @@ INFLATIONS = {"euclidean": inflate, "square": inflate_square}
 def _reach(occupied: Grid, radius_cells: float) -> int:
     """Whole cells to either side that a stamp covers, no more than the grid is large."""
     if not radius_cells >= 0:
-        raise ValueError(f"obstacles cannot grow by {radius_cells} cells")
+        raise ValueError(f"the inflation radius must be at least 0 cells, not {radius_cells}")
     return math.floor(min(radius_cells + 1e-9, max(occupied.shape)))
 
 
@@ -57,6 +57,6 @@ def _stamp(occupied: Grid, half_widths: Int) -> Grid:
 
 
 def _add_moved(to: Grid, what: Grid, by: int) -> None:
-    """Set in flat `to` what is set in flat `what` moved by so many cells either way."""
+    """Set in flat `to` what is set in flat `what` shifted by `by` cells in either direction."""
     to[by:] |= what[: len(what) - by]
     to[: len(to) - by] |= what[by:]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -15,23 +15,27 @@ BLOCK_CELLS = 128
 MOST_CELLS = 4096 * 4096
 
 
-class Layers(Protocol):
+class Layers(ABC):
     """Named arrays over one window of the lattice, zero where nothing was written."""
 
+    @abstractmethod
     def cover(self, window: Window) -> bool:
         """Make room for a window; False, and nothing changes, where there is none."""
 
-    def view(self, name: str, window: Window) -> NDArray:
-        """The layer within a window that is covered; writing to it changes the layer."""
-
+    @abstractmethod
     def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
         """The whole layer, and the row and column at which a window that is covered begins in it.
 
         Compiled loops over a part of a two-dimensional array become no vector instructions; over its rows they do.
         """
 
+    def view(self, name: str, window: Window) -> NDArray:
+        """The layer within a window that is covered; writing to it changes the layer."""
+        layer, row, col = self.whole(name, window)
+        return layer[row : row + window.shape[0], col : col + window.shape[1]]
 
-class SlidingLattice:
+
+class SlidingLattice(Layers):
     """Layers as large as the window: what it leaves behind is forgotten."""
 
     def __init__(self, layers: dict[str, DTypeLike]) -> None:
@@ -48,16 +52,12 @@ class SlidingLattice:
                 self._layers[name] = empty if before is None else crop(self._layers[name], before, window)
         return True
 
-    def view(self, name: str, window: Window) -> NDArray:
-        """The layer, of the window slid to last."""
-        return self._layers[name]
-
     def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
         """The layer, which begins with the window slid to last."""
         return self._layers[name], 0, 0
 
 
-class GrowingLattice:
+class GrowingLattice(Layers):
     """Layers of equal shape, each an array over the same window of the lattice, zero where nothing was added.
 
     layers: the dtype of each layer by its name.
@@ -78,11 +78,6 @@ class GrowingLattice:
         if _union(self._held, covered) != self._held:
             self._grow(_in_blocks(covered))
         return True
-
-    def view(self, name: str, window: Window) -> NDArray:
-        """The layer within a window that is covered; writing to it changes the layer."""
-        dcol, drow = self._held.shift_to(window)
-        return self._layers[name][drow : drow + window.shape[0], dcol : dcol + window.shape[1]]
 
     def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
         """The whole layer, and the row and column at which a window that is covered begins in it."""

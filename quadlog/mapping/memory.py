@@ -1,4 +1,4 @@
-"""What a map remembers of earlier scans: nothing, everything for a while, or all that was not seen through since."""
+"""Memory of maps between scans: none, decay after a fixed time, or log odds cleared by rays that pass through."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Int16 = NDArray[np.int16]
 _HIT_MS = np.int16(200)
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
 LONGEST_STEP_S = 0.2
-"""A gap between scans says nothing: it contradicts no longer than this."""
+"""Longest time between scans that counts as contradicting sight."""
 _LONGEST_MS = 32000
 _SAME_HEIGHT_MM = np.int16(1)
-# So much higher than what a cell has held so far is something else, above it.
+# An obstacle higher by this than the cell's top is stored as a second one above it.
 _STACKED_MM = np.int16(150)
 
 
@@ -45,7 +45,7 @@ class ScanMemory:
 
 
 class DecayMemory:
-    """A cell stays occupied for decay_s after it was last hit, whatever was seen since."""
+    """A cell stays occupied for decay_s after it was last hit, even if rays have passed through it since."""
 
     LAYERS: ClassVar = {"hit_ns": np.int64}
 
@@ -100,18 +100,9 @@ class LogOddsMemory:
 
 @kernel
 def _remember(
-    top_mm: Int16,
-    lowest_ray_mm: Int16,
-    low_ms: Int16,
-    low_mm: Int16,
-    high_ms: Int16,
-    high_mm: Int16,
-    first_row: int,
-    first_col: int,
-    passed_ms: int,
-    clear_ms: int,
-    occupied: Grid,
-) -> None:
+    top_mm: Int16, lowest_ray_mm: Int16, low_ms: Int16, low_mm: Int16, high_ms: Int16, high_mm: Int16,
+    first_row: int, first_col: int, passed_ms: int, clear_ms: int, occupied: Grid,
+) -> None:  # fmt: skip
     none, settled = np.int16(0), min(np.int16(2 * _HIT_MS), clear_ms)
     rows, cols = top_mm.shape
     for row in range(rows):

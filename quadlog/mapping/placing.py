@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
-from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.compact import CompactScan, slot_transforms
 from quadlog.mapping.grid import Window
 from quadlog.mapping.ray_tracing import RayPlacer
 from quadlog.messages import Float
@@ -63,16 +63,9 @@ class ScanPlacer:
 
 @kernel
 def _raise_tops(
-    obstacle: NDArray[np.int16],
-    points: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    poses: Float,
-    unit_m: float,
-    place: Float,
-    min_points: int,
-    count: NDArray[np.int32],
-    top_mm: NDArray[np.int16],
-) -> None:
+    obstacle: NDArray[np.int16], points: NDArray[np.uint8], slot: NDArray[np.uint8], poses: Float, unit_m: float,
+    place: Float, min_points: int, count: NDArray[np.int32], top_mm: NDArray[np.int16],
+) -> None:  # fmt: skip
     """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
     radius.
     """
@@ -81,10 +74,7 @@ def _raise_tops(
     counts = min_points > 1
     if counts:
         count[:] = 0
-    moved = np.empty((len(poses), 4))
-    for k in range(len(poses)):
-        moved[k, 0], moved[k, 1] = math.cos(poses[k, 2]) * unit_m, math.sin(poses[k, 2]) * unit_m
-        moved[k, 2], moved[k, 3] = poses[k, 0], poses[k, 1]
+    moved = slot_transforms(poses, unit_m)
     per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
     for i in range(len(obstacle)):
         at, x, y = slot[i], obstacle[i, 0] + 0.5, obstacle[i, 1] + 0.5

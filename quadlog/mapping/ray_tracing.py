@@ -1,4 +1,4 @@
-"""Where a scan's rays went: what was seen through is free, as far down as it was seen through.
+"""Ray tracing: free space between the lidar and its returns, down to the height of the lowest ray.
 
 Before the robot's poses are known, the rays of a scan are kept by direction: of each sector the few that count, by
 reach and slope. With the poses, every cell of the window takes its height from the sector it lies in, so that none in
@@ -19,16 +19,16 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 
 MOST_SECTORS, FEWEST_SECTORS = 512, 64
-"""Directions told apart; at the edge of a 20 m window they are about as far apart as a cell of 0.1 m is wide."""
+"""Number of directions; at the edge of a 20 m window they are about as far apart as a cell of 0.1 m is wide."""
 RAYS_IN_SECTOR = 16
-"""Scattered points get so many to a sector, so that none is empty between two that are not."""
+"""Rays per sector for scattered points, so that no sector between filled ones is empty."""
 STEEPEST, FLATTEST, BINS = -1.0, 0.25, 40
-"""Rays are told apart by how far they climb per metre; 40 bins are 1.8 degrees each, finer than beams are apart."""
+"""Bins of slope, rise per metre: 1.8 degrees each, finer than the spacing of beams."""
 SLOPE_UNIT = 1 / 16384
 NO_RAY = np.int16(32767)
 """Height, in mm, of the lowest ray through a cell that none crossed."""
 _DIRECTIONS = 4096
-# A ray stops so much before its end, in cells: the cell in which it ends is not crossed, nor one it only touches.
+# A ray stops this far before its end, in cells: the cell in which it ends, or that it only touches, is not crossed.
 _SHORT_CELLS = 0.75
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
 _INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
@@ -50,7 +50,7 @@ class Rays:
 
 
 class RayGatherer:
-    """Keeps of each scan the rays that count, in arrays that are kept from scan to scan."""
+    """Selects the rays of scans, one after the other, in arrays that are reused."""
 
     def __init__(self) -> None:
         self._reach_m, self._slope = np.zeros((2, MOST_SECTORS * BINS + 1), np.float32)
@@ -92,27 +92,11 @@ def _sectors(returns: ClassifiedReturns) -> tuple[int, int]:
 
 @kernel
 def _gather(
-    n: int,
-    width: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    limits: Float32,
-    sectors: int,
-    together: int,
-    length_m: Float32,
-    rise: Float32,
-    place: NDArray[np.int32],
-    reach_m: Float32,
-    slope: Float32,
-    bin_slot: NDArray[np.uint8],
-    count: NDArray[np.uint8],
-    sector_slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slopes: NDArray[np.int16],
-) -> int:
+    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8],
+    slot: NDArray[np.uint8], limits: Float32, sectors: int, together: int, length_m: Float32, rise: Float32,
+    place: NDArray[np.int32], reach_m: Float32, slope: Float32, bin_slot: NDArray[np.uint8],
+    count: NDArray[np.uint8], sector_slot: NDArray[np.uint8], reach: NDArray[np.uint16], slopes: NDArray[np.int16],
+) -> int:  # fmt: skip
     """Fill count, sector_slot, reach and slopes, as in Rays; returns how many rays there are.
 
     width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
@@ -133,7 +117,7 @@ def _gather(
                 length_m[c] = min(length_m[2 * c], length_m[2 * c + 1])
         for c in range(size):
             k = np.uint32(place[c])
-            # Written whatever they are: a branch that is often guessed wrongly takes longer.
+            # Written unconditionally: a mispredicted branch takes longer.
             reach_m[k] = min(length_m[c], reach_m[k])
             slope[k] = max(rise[c], slope[k])
             bin_slot[k] = slots[together * c]
@@ -173,17 +157,9 @@ def _turn(x: np.float32, y: np.float32) -> np.float32:
 
 @inner
 def _bins(
-    size: int,
-    dx_m: Float32,
-    dy_m: Float32,
-    height_m: Float32,
-    label: NDArray[np.uint8],
-    limits: Float32,
-    sectors: int,
-    length_m: Float32,
-    rise: Float32,
-    place: NDArray[np.int32],
-) -> None:
+    size: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8], limits: Float32,
+    sectors: int, length_m: Float32, rise: Float32, place: NDArray[np.int32],
+) -> None:  # fmt: skip
     """Horizontal length and slope of each ray, and sector * BINS + bin.
 
     Of rays that count for nothing the length is infinite, the slope -infinity and the bin one more than there are.
@@ -209,7 +185,7 @@ def _bins(
 
 
 class RayPlacer:
-    """Finds how low the cells of windows were seen through, in arrays that are kept from scan to scan."""
+    """Finds the lowest ray through each cell of a window, in arrays that are reused."""
 
     def __init__(self) -> None:
         self._profile_mm = np.zeros((MOST_SECTORS + 1, 0), np.int16)
@@ -248,22 +224,11 @@ class RayPlacer:
 
 @kernel
 def _place(
-    count: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slope: NDArray[np.int16],
-    unit_m: float,
-    lidar_base_m: Float,
-    poses: Float,
-    corner: Float,
-    outward: Float,
-    sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16],
-    dx: Float32,
-    step: NDArray[np.int32],
-    direction: NDArray[np.int32],
+    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
+    unit_m: float, lidar_base_m: Float, poses: Float, corner: Float, outward: Float, sector: NDArray[np.int32],
+    profile_mm: NDArray[np.int16], dx: Float32, step: NDArray[np.int32], direction: NDArray[np.int32],
     lowest_mm: NDArray[np.int16],
-) -> None:
+) -> None:  # fmt: skip
     """corner: the window's first column and row on the lattice, and the edge of a cell."""
     n, cell_m = len(poses), corner[2]
     moved_m = np.empty((5, n))
@@ -288,18 +253,10 @@ def _place(
 
 @inner
 def _draw_profiles(
-    count: NDArray[np.uint8],
-    slot: NDArray[np.uint8],
-    reach: NDArray[np.uint16],
-    slope: NDArray[np.int16],
-    unit_m: float,
-    lidar_m: float,
-    moved: Float,
-    outward: Float,
-    cell_m: float,
-    sector: NDArray[np.int32],
+    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
+    unit_m: float, lidar_m: float, moved: Float, outward: Float, cell_m: float, sector: NDArray[np.int32],
     profile_mm: NDArray[np.int16],
-) -> None:
+) -> None:  # fmt: skip
     """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
     the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
 
@@ -348,15 +305,9 @@ def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: fl
 
 @inner
 def _look_up(
-    start_col: float,
-    start_row: float,
-    sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16],
-    dx: Float32,
-    step: NDArray[np.int32],
-    direction: NDArray[np.int32],
-    lowest_mm: NDArray[np.int16],
-) -> None:
+    start_col: float, start_row: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16], dx: Float32,
+    step: NDArray[np.int32], direction: NDArray[np.int32], lowest_mm: NDArray[np.int16],
+) -> None:  # fmt: skip
     """The height of each cell's sector at its distance from the start, both of the cell's middle."""
     rows, cols = lowest_mm.shape
     last, steps = np.float32(profile_mm.shape[1] - 1), profile_mm.shape[1]

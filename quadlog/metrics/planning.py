@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from quadlog.messages import Float, Int
 from quadlog.metrics.intervals import Interval, median_interval, ratio_interval_in_time
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, finite_samples, metrics_of
+from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.planning.protocol import Bool
 
 COUNTS = ("expanded", "generated", "touched")
@@ -217,7 +217,6 @@ class Replans:
     """N replans of one planner at t_ns, rising, (N,) each: the columns of plans.parquet.
 
     cost, optimal_cost: NaN where there is none.
-    astar_expanded: cells A* closes on the same queries, None where that was not counted.
     """
 
     t_ns: Int
@@ -227,33 +226,22 @@ class Replans:
     cost: Float
     optimal_cost: Float
     from_scratch: Bool
-    astar_expanded: Int | None = None
 
 
-SEARCH_METRICS = (
-    *("expanded_total", "generated_total", "expanded_mean", "success_rate", "ratio_to_astar"),
-    *("fallback_share", "suboptimality_mean"),
-)
-
-
-def search_metrics(replans: Replans, incremental: bool) -> Metrics:
-    """Node counts, success, sub-optimality as a fraction of the optimal cost; those that do not apply are absent.
-
-    incremental: whether the planner builds on the plan before. Only then is there a
-    fallback_share, the share of replans that had to start from scratch; the first
-    one always does and is left out.
-    """
-    metrics = metrics_of(search_samples(replans))
-    if replans.astar_expanded is not None and np.any(replans.expanded):
-        ratio = float(np.sum(replans.astar_expanded)) / int(np.sum(replans.expanded))
-        metrics["ratio_to_astar"] = Metric(ratio, len(replans.t_ns), "")
-    if not incremental:
-        metrics.pop("fallback_share", None)
-    return {name: metrics[name] for name in SEARCH_METRICS if name in metrics}
+def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
+    """ratio_to_astar of N replans, from the cells (N,) that the planner and A* close; none where it closes none."""
+    if not np.any(expanded):
+        return {}
+    ratio = float(np.sum(astar_expanded)) / int(np.sum(expanded))
+    return {"ratio_to_astar": Metric(ratio, len(expanded), "")}
 
 
 def search_samples(replans: Replans) -> dict[str, Samples]:
-    """The samples behind search_metrics, ratio_to_astar apart."""
+    """Of node counts, success, and sub-optimality as a fraction of the optimal cost.
+
+    fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
+    first one, which always does.
+    """
     # A robot that is at its goal already has nothing to be worse than: 0 / 0.
     compared = np.asarray(replans.found, np.bool_) & (np.asarray(replans.optimal_cost, np.float64) > 0)
     excess = np.full(len(compared), np.nan)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, metrics_of
+from quadlog.metrics.summary import Samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,33 +23,26 @@ class Trajectory:
         return Trajectory(self.t_ns[index], self.position_m[index], self.quat_xyzw[index])
 
 
-def uwb_metrics(error_xy_m: Float | None, residual_rms_m: Float, n_ranges: Int) -> Metrics:
-    """uwb_rmse_m and uwb_bias_m from error_xy_m (N, 2), fix less truth, None without a truth; and uwb_residual_m.
+def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
+    """Of uwb_rmse_m and uwb_bias_m, from fixes less truth (N, 2) at t_ns (N,), NaN without a truth.
 
     uwb_bias_m is the length of the mean error: what averaging would not remove.
-    uwb_residual_m is the rms over all single ranges, of M fixes with residual_rms_m (M,) over n_ranges (M,) each.
     """
-    metrics: Metrics = {}
-    if error_xy_m is not None:
-        known = error_xy_m[np.isfinite(error_xy_m).all(axis=1)]
-        if len(known):
-            metrics["uwb_rmse_m"] = Metric(float(np.sqrt(np.mean(np.hypot(*known.T) ** 2))), len(known), "m")
-            metrics["uwb_bias_m"] = Metric(float(np.hypot(*known.mean(axis=0))), len(known), "m")
-    fixed = np.isfinite(residual_rms_m) & (n_ranges > 0)
-    ranges = int(np.sum(n_ranges[fixed]))
-    if ranges:
-        mean_square = float(np.sum(residual_rms_m[fixed] ** 2 * n_ranges[fixed])) / ranges
-        metrics["uwb_residual_m"] = Metric(mean_square**0.5, ranges, "m")
-    return metrics
+    known = np.isfinite(error_xy_m).all(axis=1)
+    t_ns, error_m = t_ns[known], error_xy_m[known]
+    mean_m = error_m.mean(axis=0) if len(error_m) else np.zeros(2)
+    length_m = float(np.hypot(*mean_m))
+    direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
+    return {
+        "uwb_rmse_m": Samples(t_ns, np.hypot(*error_m.T), "rms"),
+        "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean", vectors=error_m),
+    }
 
 
-def trajectory_metrics(reference: Trajectory, estimate: Trajectory, max_difference_s: float = 0.01) -> Metrics:
-    """ate_rmse_m and rpe_rmse_m (consecutive pairs), translation part, without alignment: both are in map already.
-
-    Absent when no, or for rpe_rmse_m only one, pair of poses lies within max_difference_s.
-    """
-    in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s)
-    return metrics_of(pair_samples(reference.rows(in_reference), estimate.rows(in_estimate)))
+def residual_samples(t_ns: Int, residual_rms_m: Float, n_ranges: Int) -> dict[str, Samples]:
+    """Of uwb_residual_m, the rms over single ranges: the residual of each of N fixes counts once for each range."""
+    used = np.isfinite(residual_rms_m) & (n_ranges > 0)
+    return {"uwb_residual_m": Samples(t_ns[used], residual_rms_m[used], "rms", n_ranges[used])}
 
 
 def pair_samples(reference: Trajectory, estimate: Trajectory) -> dict[str, Samples]:

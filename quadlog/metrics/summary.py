@@ -16,7 +16,7 @@ from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval, mean_interval_in_time, student_interval, wilson_interval
 from quadlog.metrics.metric import Metric, Metrics
 
-Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
+Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +24,20 @@ class Samples:
     """What a value is made of: t_ns (N,) rising, values (N,) finite, statistic: how they make the value.
 
     weights: (N,) how often each counts, for the statistic rms alone; None when all count once.
+    vectors: (N, 2) of the statistic "length of mean"; values are their components along their mean, whose mean is the
+    same length but for rounding.
     """
 
     t_ns: Int
     values: Float
     statistic: Statistic
     weights: Int | None = None
+    vectors: Float | None = None
+
+    @property
+    def count(self) -> int:
+        """What the value rests on: the samples, each as often as it counts."""
+        return len(self.values) if self.weights is None else int(self.weights.sum())
 
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
@@ -41,8 +49,8 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
 
 def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name; none of too few samples."""
-    known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
-    return {name: Metric(_value(each), len(each.values), CATALOGUE[name].unit) for name, each in known.items()}
+    known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
+    return {name: Metric(_value(each), each.count, CATALOGUE[name].unit) for name, each in known.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +75,15 @@ def summarise(samples: Samples) -> SampleSummary | None:
     The interval says how the value would scatter over walks as long as this one that go on as it did. It treats
     neighbours in time as dependent (`mean_interval_in_time`); it knows nothing of how other walks would differ.
     """
-    x, weights = samples.values, samples.weights
-    count = len(x)
-    if count == 0 or (weights is not None and weights.sum() == 0):
+    x = samples.values
+    if samples.count == 0:
         return None
     p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
     return SampleSummary(
         value=_value(samples),
-        n=count if weights is None else int(weights.sum()),
+        n=samples.count,
         mean=float(np.mean(x)),
-        std=float(np.std(x, ddof=1)) if count > 1 else None,
+        std=float(np.std(x, ddof=1)) if len(x) > 1 else None,
         p50=p50,
         p95=p95,
         interval=_interval(samples),
@@ -100,13 +107,16 @@ def _value(samples: Samples) -> float:
             return float(np.min(x))
         case "max":
             return float(np.max(x))
+        case "length of mean":
+            assert samples.vectors is not None
+            return float(np.hypot(*samples.vectors.mean(axis=0)))
 
 
 def _interval(samples: Samples) -> Interval | None:
     """Of the value, from the interval of the mean that it is a function of; an extreme is none."""
     x, weights = samples.values, samples.weights
     match samples.statistic:
-        case "mean":
+        case "mean" | "length of mean":
             return _possible(mean_interval_in_time(x), x)
         case "std":
             return _root(mean_interval_in_time((x - np.mean(x)) ** 2))

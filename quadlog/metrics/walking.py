@@ -104,11 +104,9 @@ def effort_metrics(
 
 @dataclass(frozen=True, slots=True)
 class TrackedWalk:
-    """A walk of T ticks, (T,) each; NaN where there was nothing to measure, None where it does not apply.
+    """A walk of T ticks, (T,) each: columns of control.parquet, NaN where there was nothing to measure.
 
-    error_m, cross_track_m, time_error_m, heading_error_rad, plan_error_m: columns of control.parquet.
-    clearance_m: from the body to the nearest obstacle, <= 0 in contact.
-    target_distance_m: to who is followed. fallen: None for a robot that cannot fall.
+    fallen: None for a robot that cannot fall.
     """
 
     t_ns: Int
@@ -117,8 +115,6 @@ class TrackedWalk:
     time_error_m: Float
     heading_error_rad: Float
     plan_error_m: Float | None = None
-    clearance_m: Float | None = None
-    target_distance_m: Float | None = None
     fallen: Bool | None = None
 
 
@@ -148,21 +144,17 @@ def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
         ("plan_error_m", "mean", walk.plan_error_m),
         ("fallen", "max", walk.fallen),
     )
-    samples = {
+    return {
         name: finite_samples(walk.t_ns, column, statistic) for name, statistic, column in columns if column is not None
     }
-    if walk.clearance_m is not None:
-        samples |= clearance_samples(walk.t_ns, walk.clearance_m)
-    if walk.target_distance_m is not None:
-        samples["following_distance_mean_m"] = finite_samples(walk.t_ns, walk.target_distance_m, "mean")
-    return samples
 
 
-def clearance_samples(t_ns: Int, clearance_m: Float) -> dict[str, Samples]:
-    """Of clearance_min_m and collisions, from ticks (T,).
+def clearance_samples(t_ns: Int, clearance_m: Float, target_distance_m: Float) -> dict[str, Samples]:
+    """Of clearance_min_m, collisions and following_distance_mean_m, from the columns (T,) of clearances.parquet.
 
-    Contact begins at a tick in contact whose tick before was not. Infinite clearance was measured too: there was no
-    obstacle, hence no collision, but no distance either; NaN is unknown, and no contact.
+    clearance_m: from the body to the nearest obstacle, <= 0 in contact; target_distance_m: to who is followed. Contact
+    at a tick in contact whose tick before was not. Infinite clearance was measured too: there was no obstacle,
+    hence no collision, but no distance either; NaN is unknown, and no contact.
     """
     contact = np.asarray(clearance_m) <= 0
     begins = contact & ~np.concatenate([[False], contact[:-1]])
@@ -170,4 +162,5 @@ def clearance_samples(t_ns: Int, clearance_m: Float) -> dict[str, Samples]:
     return {
         "clearance_min_m": finite_samples(t_ns, clearance_m, "min"),
         "collisions": finite_samples(t_ns[inside], begins[inside], "sum"),
+        "following_distance_mean_m": finite_samples(t_ns, target_distance_m, "mean"),
     }

@@ -66,7 +66,7 @@ def s_curve() -> Course:
 
 
 TROT = "trot-32s"
-"""The experiment of [Foot, section 4], which `quadlog simulate` takes beside the courses: it has no path."""
+"""The experiment of [Foot, section 4], which `quadlog simulate` accepts as a course; it has no path."""
 COURSES: dict[str, Callable[[], Course]] = {"line": line, "circle": circle, "s-curve": s_curve}
 
 
@@ -94,7 +94,7 @@ TICK_COLUMNS = (
     *(f"fz_{leg}_n" for leg in range(4)),
     "fallen",
 )
-"""What is written for every tick, in this order: control.parquet without its times."""
+"""Columns of control.parquet without the times, in this order."""
 POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
     TICK_COLUMNS.index(name)
     for name in ("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen")
@@ -102,7 +102,7 @@ POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
 
 
 class FollowedPath:
-    """A path (K, 2) under way: where the robot is on it, and where it takes itself to be by the pose it knows.
+    """Progress along a path (K, 2) by the robot's true pose and by its measured one.
 
     space: where the robot may leave the path to cut across; None for anywhere.
     """
@@ -119,8 +119,7 @@ def steer(
 ) -> Command | None:
     """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command for the next dt_s; returns that.
 
-    Without a path the robot is told to stand. It is steered by the pose that it knows, disturbed as that may be; what
-    is written of it is true.
+    path: None to stand still. The robot is steered by its measured pose; what is written of it is true.
     """
     row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
     row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
@@ -135,7 +134,7 @@ def steer(
         row[LOOKAHEAD:COMMAND] = ahead
         row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
     has_body = not math.isnan(robot.mass_kg)
-    # A robot without a body has the speed that it is told at once.
+    # A robot without a body has the commanded speed at once.
     row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
     row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
     return command
@@ -149,7 +148,7 @@ def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:
 
 
 NS = 1_000_000_000
-# A robot that takes so many times as long as the course at its speed, and this longer, arrives no more.
+# Timeout of a walk: MOST_TIMES the course's nominal duration plus SPARE_S.
 MOST_TIMES, SPARE_S = 2.0, 10.0
 
 

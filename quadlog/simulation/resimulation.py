@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
 NS = 1_000_000_000
-# Behind what is written for every tick stands how far off the obstacles are.
+# The column after those of TICK_COLUMNS: clearance to obstacles.
 CLEARANCE = len(TICK_COLUMNS)
 
 
@@ -57,8 +57,8 @@ CLEARANCE = len(TICK_COLUMNS)
 class MapInstant:
     """One recorded map: occupied (rows, cols) bool of a window, undilated, at t_ns.
 
-    standing: what the whole run knows to stand there, seen at that instant or
-    not. The robot plans on occupied; what it touches is told from both.
+    standing: cells that the map of the whole run holds occupied. The robot plans on `occupied`; clearance is to
+    both.
     """
 
     t_ns: int

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from dask.local import SynchronousExecutor
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
+from quadlog.cli.main import run as run_cli
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.batch import batch
 from quadlog.pipelines.batch.plan import Planned, plan_batch
+from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor.executor import Engine
 from quadlog.pipelines.executor.progress import Listener, Silent, told_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
+from quadlog.results.run.tables import read_table
+from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHORT_S = 3.0
@@ -38,6 +46,60 @@ def fixture_request(run: Path, **options: object) -> ReplayRequest:
 def fixtures() -> Path:
     """Where the committed recording is."""
     return FIXTURES
+
+
+@dataclass(frozen=True)
+class CommandResult:
+    """What a user gets from `quadlog replay`: the exit code, stderr, and the run folder."""
+
+    code: int
+    err: str
+    run: Path
+
+    def record(self) -> dict[str, Any]:
+        return json.loads((self.run / "run.json").read_text())
+
+    def table(self, name: str) -> dict[str, Any]:
+        return read_table(self.run, name)
+
+    def warned(self) -> list[str]:
+        return [line for line in self.err.splitlines() if line.startswith("warning: ")]
+
+
+@pytest.fixture
+def replay_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., CommandResult]:
+    """`quadlog replay` in this process: it prints no traceback, and there is a run.json where the exit code says so."""
+
+    def go(recording: Path, *flags: str) -> CommandResult:
+        code = run_cli(["replay", str(recording), "-o", str(tmp_path / "runs"), *flags])
+        err = capsys.readouterr().err
+        assert "Traceback" not in err
+        result = CommandResult(code, err, tmp_path / "runs" / recording.stem)
+        assert (result.run / "run.json").exists() == (code in (0, 3))
+        return result
+
+    return go
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A replay draws nothing, which takes most of a short one's time."""
+    monkeypatch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
+
+
+@pytest.fixture(scope="session")
+def from_obstacle() -> Callable[[Obstacle, np.ndarray], np.ndarray]:
+    """How far places (N, 2) are from an obstacle, 0 inside of it."""
+
+    def distance_m(obstacle: Obstacle, places_m: np.ndarray) -> np.ndarray:
+        away_m = places_m - [obstacle.x_m, obstacle.y_m]
+        if isinstance(obstacle, Cylinder):
+            return np.maximum(np.linalg.norm(away_m, axis=1) - obstacle.radius_m, 0)
+        cos, sin = np.cos(obstacle.yaw_rad), np.sin(obstacle.yaw_rad)
+        own_m = np.abs(away_m @ np.array([[cos, -sin], [sin, cos]]))
+        return np.linalg.norm(np.maximum(own_m - np.array([obstacle.length_m, obstacle.width_m]) / 2, 0), axis=1)
+
+    return distance_m
 
 
 @pytest.fixture
@@ -58,43 +120,27 @@ def follow_request() -> Callable[..., ReplayRequest]:
     return fixture_request
 
 
-LIAS_ANCHORS_M = (
-    (-3.4203, 3.0053, 1.0442),
-    (0.0016, 3.0110, 1.0446),
-    (3.6056, 2.9795, 1.0463),
-    (3.6011, -0.0008, 1.0422),
-    (3.5674, -3.0087, 1.0443),
-    (-0.0072, -2.9652, 1.0444),
-    (-3.4673, -2.9587, 1.0445),
-    (-3.4858, -0.0098, 1.0457),
-)
-
-
 @dataclass(frozen=True)
 class Lias:
     """A real recording of three tags on a trolley: its folder, and where on the trolley the tags are."""
 
     folder: Path
-    levers_m: tuple[tuple[float, float], ...] = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
+    anchors_m: np.ndarray
+    levers_m: np.ndarray
 
     def config(self, robot: int) -> Config:
         """With one of the tags as the robot's."""
-        anchors = [{"id": i, "x_m": x, "y_m": y, "z_m": z} for i, (x, y, z) in enumerate(LIAS_ANCHORS_M)]
+        anchors = [{"id": i, "x_m": x, "y_m": y, "z_m": z} for i, (x, y, z) in enumerate(self.anchors_m.tolist())]
         tags = [
             {"id": i, "role": "robot" if i == robot else "none", "height_m": 0.97, "x_m": x, "y_m": y}
-            for i, (x, y) in enumerate(self.levers_m)
+            for i, (x, y) in enumerate(self.levers_m.tolist())
         ]
         return Config.model_validate({"uwb": {"anchors": anchors, "tags": tags}})
 
 
 @pytest.fixture(scope="session")
-def lias() -> Lias:
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    folder = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias"
-    if not folder.exists():
-        pytest.skip(f"{folder} is not there")
-    return Lias(folder)
+def lias(lias_site: SimpleNamespace) -> Lias:
+    return Lias(lias_site.folder, lias_site.anchors_m, lias_site.levers_m[:, :2])
 
 
 TIMINGS = {"ms", "us"}
@@ -144,7 +190,8 @@ def season_config() -> Config:
     """The anchors of `season`, and its ground truth."""
     rows = [(0, 1.0, 1.0, 1.15), (1, 20.0, 1.2, 1.2), (2, 17.5, 15.8, 1.26), (3, 1.2, 14.8, 1.22)]
     anchors = ", ".join(f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, x, y, z in rows)
-    return load_config(None, [f"uwb.anchors=[{anchors}]", "topics.reference=/truth/robot/pose"], {})
+    settings = ["topics.reference=/truth/robot/pose", "simulation.controller=kinematic"]
+    return load_config(None, [f"uwb.anchors=[{anchors}]", *settings], {})
 
 
 @pytest.fixture(scope="session")
@@ -156,6 +203,50 @@ def planned(season: Path, season_config: Config) -> Callable[..., list[Planned]]
         return plan_batch(arguments, output, season_config, ReplayOptions(until=until), existing, ("quadlog",))
 
     return plan
+
+
+@pytest.fixture(scope="session")
+def replayed_season(planned: Callable[..., list[Planned]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All of `season` until positions, one after the other in a worker; not to be changed."""
+    output = tmp_path_factory.mktemp("replayed")
+    batch.replay_batch(planned(output, until="position"), 1, None, BatchLines([].append))
+    return output
+
+
+@pytest.fixture(scope="session")
+def located_run(tmp_path_factory: pytest.TempPathFactory) -> ReplayOutcome:
+    """The same seconds as far as positions; not to be changed."""
+    request = fixture_request(tmp_path_factory.mktemp("runs") / "follow", until="position")
+    return replay(request, Silent())
+
+
+@pytest.fixture(scope="session")
+def cut() -> Callable[..., Path]:
+    """Copies an MCAP file's beginning: (source, target, seconds, keep(schema name, topic), changed(n, data))."""
+
+    def copy(
+        source: Path,
+        target: Path,
+        seconds: float,
+        keep: Callable[[str, str], bool],
+        changed: Callable[[int, bytes], bytes] = lambda _, data: data,
+    ) -> Path:
+        with source.open("rb") as read, target.open("wb") as written:
+            writer, channels = Writer(written), {}
+            writer.start()
+            reader = make_reader(read)
+            end_ns = reader.get_summary().statistics.message_start_time + int(seconds * 1e9)
+            kept = (each for each in reader.iter_messages(ending_before=end_ns) if keep(each[0].name, each[1].topic))
+            for count, (schema, channel, message) in enumerate(kept):
+                if channel.id not in channels:
+                    known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, known)
+                data = changed(count, message.data)
+                writer.add_message(channels[channel.id], message.log_time, data, message.publish_time, message.sequence)
+            writer.finish()
+        return target
+
+    return copy
 
 
 @pytest.fixture(scope="session")

@@ -19,6 +19,7 @@ from quadlog.errors import (
     UsageError,
 )
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
 SHORT = ["--duration", "1.5", "--until", "plan", "--seed", "3"]
 
 
@@ -26,10 +27,12 @@ SHORT = ["--duration", "1.5", "--until", "plan", "--seed", "3"]
 def replayed(tmp_path_factory, fixtures):
     output = tmp_path_factory.mktemp("runs")
     config, settings = fixtures / "follow.toml", {"planner.name": "astar", "grid": {"size_cells": np.int64(120)}}
-    run = quadlog.replay(
-        str(fixtures / "follow.mcap"), config=config, settings=settings, output=output,
-        duration_s=np.float32(1.5), until="plan", seed=np.int64(3),
-    )  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
+        run = quadlog.replay(
+            str(fixtures / "follow.mcap"), config=config, settings=settings, output=output,
+            duration_s=np.float32(1.5), until="plan", seed=np.int64(3),
+        )  # fmt: skip
     return run, output
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -26,32 +27,68 @@ TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 
 TAGFRAME += bytes(12 + 16 + 24)
 
 
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+MAKE: dict[str, Callable[..., Any]] = STORE.types
+Row = tuple[str, str, bytes, int]
+"""Topic, type, payload and log time of a message."""
+
+
+def encoded(message: Any) -> bytes:
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__))
+
+
+def header(stamp_ns: int, frame_id: str = "map") -> Any:
+    return MAKE["std_msgs/msg/Header"](
+        MAKE["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9), frame_id
+    )
+
+
+def pose(stamp_ns: int) -> bytes:
+    place = MAKE["geometry_msgs/msg/Pose"](
+        MAKE["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), MAKE["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    return encoded(MAKE["geometry_msgs/msg/PoseStamped"](header(stamp_ns), place))
+
+
+def still(stamp_ns: int) -> bytes:
+    """A static transform."""
+    turn, shift = (
+        MAKE["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        MAKE["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.4),
+    )
+    inner = MAKE["geometry_msgs/msg/Transform"](shift, turn)
+    transform = MAKE["geometry_msgs/msg/TransformStamped"](header(stamp_ns, "base"), "lidar", inner)
+    return encoded(MAKE["tf2_msgs/msg/TFMessage"]([transform]))
+
+
+def write(path: Path, rows: Iterable[Row], definitions: Mapping[str, bytes] = {}, **settings: Any) -> Path:
+    """An MCAP of the rows; without definitions but those given."""
+    with path.open("wb") as file:
+        writer, channels = Writer(file, **settings), {}
+        writer.start()
+        for topic, name, payload, t_ns in rows:
+            if (topic, name) not in channels:
+                schema = writer.register_schema(name, "ros2msg", definitions.get(name, b""))
+                channels[topic, name] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channels[topic, name], t_ns, payload, t_ns)
+        writer.finish()
+    return path
+
+
+POINT, POSE, TF = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
+
+
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Odometry on simulation time, header-less LinkTrack frames without definition, one of them cut short."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kind = store.types["geometry_msgs/msg/PointStamped"]
-    stamp = store.types["builtin_interfaces/msg/Time"](47, 0)
-    message = kind(
-        store.types["std_msgs/msg/Header"](stamp, "map"), store.types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
-    )
-    path = tmp_path / "walk.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        text = store.generate_msgdef("geometry_msgs/msg/PointStamped", ros_version=2)[0].encode()
-        points = writer.register_channel(
-            "/point", "cdr", writer.register_schema("geometry_msgs/msg/PointStamped", "ros2msg", text)
-        )
-        frames = writer.register_channel(
-            "/uwb", "cdr", writer.register_schema("nlink_parser/msg/LinktrackTagframe0", "ros2msg", b"")
-        )
-        for i in range(12):
-            t_ns = T0 + i * 10**8
-            writer.add_message(points, t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
-            writer.add_message(frames, t_ns, TAGFRAME[:-30] if i == 6 else TAGFRAME, t_ns)
-        writer.finish()
-    return path
+    point = encoded(MAKE[POINT](header(47 * 10**9), MAKE["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)))
+    rows: list[Row] = []
+    for i in range(12):
+        t_ns = T0 + i * 10**8
+        frame = TAGFRAME[:-30] if i == 6 else TAGFRAME
+        rows += [("/point", POINT, point, t_ns), ("/uwb", "nlink_parser/msg/LinktrackTagframe0", frame, t_ns)]
+    text = STORE.generate_msgdef(POINT, ros_version=2)[0].encode()
+    return write(tmp_path / "walk.mcap", rows, {POINT: text})
 
 
 def test_the_whole_object(recording: Path) -> None:
@@ -70,36 +107,13 @@ def test_the_whole_object(recording: Path) -> None:
 
 def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
     """Where a replay would stop; but a static transform may be of any age."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    pose = types["geometry_msgs/msg/Pose"](
-        types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    )
-    still = types["geometry_msgs/msg/Transform"](
-        types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.4), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    )
-    path = tmp_path / "walk.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channels = {
-            topic: writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
-            for topic, name in (("/pose", "geometry_msgs/msg/PoseStamped"), ("/tf_static", "tf2_msgs/msg/TFMessage"))
-        }
-        for i in range(1200):
-            t_ns = T0 + i * 10**7
-            stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9 + (172_800 if i >= 1100 else 0), t_ns % 10**9)
-            header = types["std_msgs/msg/Header"](stamp, "map")
-            message = types["geometry_msgs/msg/PoseStamped"](header, pose)
-            writer.add_message(channels["/pose"], t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
-            if i in (0, 1199):
-                header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1 + i * 10**6, 0), "base")
-                transform = types["geometry_msgs/msg/TransformStamped"](header, "lidar", still)
-                message = types["tf2_msgs/msg/TFMessage"]([transform])
-                payload = bytes(store.serialize_cdr(message, message.__msgtype__))
-                writer.add_message(channels["/tf_static"], t_ns, payload, t_ns)
-        writer.finish()
-    info = describe_recording(path, Config())
+    rows: list[Row] = []
+    for i in range(1200):
+        t_ns = T0 + i * 10**7
+        rows.append(("/pose", POSE, pose(t_ns + (172_800 * 10**9 if i >= 1100 else 0)), t_ns))
+        if i in (0, 1199):
+            rows.append(("/tf_static", TF, still((1 + i * 10**6) * 10**9), t_ns))
+    info = describe_recording(write(tmp_path / "walk.mcap", rows), Config())
     (jump,) = [line for line in info["warnings"] if "jump" in line]
     assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
     assert info["losses"] == []
@@ -107,30 +121,8 @@ def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
 
 def write_poses(path: Path, stamp_ns: int, *others: tuple[str, str]) -> Path:
     """Twelve poses of a reference and of static tf, all at one time, and a message of each other (topic, type)."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    make = store.types
-    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](0, stamp_ns), "map")
-    at, turn = make["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), make["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    inner = make["geometry_msgs/msg/Transform"](make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0), turn)
-    pose = make["geometry_msgs/msg/Pose"](at, turn)
-    still = make["geometry_msgs/msg/TransformStamped"](header, "lidar", inner)
-    rows = [
-        ("/mocap", make["geometry_msgs/msg/PoseStamped"](header, pose)),
-        ("/tf_static", make["tf2_msgs/msg/TFMessage"]([still])),
-    ]
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        for topic, message in rows:
-            name = message.__msgtype__
-            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
-            for _ in range(12):
-                writer.add_message(channel, 10**8, bytes(store.serialize_cdr(message, name)), 10**8)
-        for topic, name in others:
-            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
-            writer.add_message(channel, 10**8, b"", 10**8)
-        writer.finish()
-    return path
+    rows = [("/mocap", POSE, pose(stamp_ns), 10**8), ("/tf_static", TF, still(stamp_ns), 10**8)] * 12
+    return write(path, [*rows, *((topic, name, b"", 10**8) for topic, name in others)])
 
 
 @pytest.mark.parametrize(("stamp_ns", "warned"), [(0, True), (1, False)])
@@ -195,24 +187,10 @@ def test_packets_are_named() -> None:
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """More messages than are read unasked: a pose every 10 ms in chunks of about 50."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    pose = types["geometry_msgs/msg/Pose"](
-        types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    )
+    times_ns = [T0 + i * 10**7 for i in range(EXCERPT.messages + 100)]
     path = tmp_path_factory.mktemp("many") / "walk.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=5000, compression=CompressionType.NONE)
-        writer.start()
-        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
-        channel = writer.register_channel("/pose", "cdr", schema)
-        for i in range(EXCERPT.messages + 100):
-            t_ns = T0 + i * 10**7
-            stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
-            message = types["geometry_msgs/msg/PoseStamped"](types["std_msgs/msg/Header"](stamp, "map"), pose)
-            writer.add_message(channel, t_ns, bytes(store.serialize_cdr(message, message.__msgtype__)), t_ns)
-        writer.finish()
-    return path
+    rows = (("/pose", POSE, pose(t_ns), t_ns) for t_ns in times_ns)
+    return write(path, rows, chunk_size=5000, compression=CompressionType.NONE)
 
 
 def test_a_large_recording_is_sampled_and_its_counts_are_whole(many: Path) -> None:
@@ -256,15 +234,9 @@ def test_damage_inside_the_sample_is_told_and_all_of_it_makes_info_read_on(many:
 
 
 def test_without_message_indexes_all_is_read_and_said(many: Path, tmp_path: Path) -> None:
-    path = tmp_path / "bare.mcap"
-    with many.open("rb") as source, path.open("wb") as file:
-        writer = Writer(file, index_types=IndexType.ALL & ~IndexType.MESSAGE)
-        writer.start()
-        schema = writer.register_schema("geometry_msgs/msg/PoseStamped", "ros2msg", b"")
-        channel = writer.register_channel("/pose", "cdr", schema)
-        for _, _, message in make_reader(source).iter_messages():
-            writer.add_message(channel, message.log_time, message.data, message.publish_time)
-        writer.finish()
+    with many.open("rb") as source:
+        rows = (("/pose", POSE, message.data, message.log_time) for *_, message in make_reader(source).iter_messages())
+        path = write(tmp_path / "bare.mcap", rows, index_types=IndexType.ALL & ~IndexType.MESSAGE)
     steps = Steps()
     info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
     assert (info["sampled"], info["messages_read"]) == (False, EXCERPT.messages + 100)

@@ -15,7 +15,6 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.results import load_maps
 from quadlog.simulation.sensors.lidar import part_centres, ray_ranges
-from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 from quadlog.simulation.sensors.trajectory import Walk
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
@@ -105,20 +104,14 @@ def hidden(cells: np.ndarray, t_s: float) -> np.ndarray:
     return np.min(left_m, axis=0) > 0.3
 
 
-def from_obstacle(obstacle: Obstacle, places_m: np.ndarray) -> np.ndarray:
-    away_m = places_m - [obstacle.x_m, obstacle.y_m]
-    if isinstance(obstacle, Cylinder):
-        return np.maximum(np.linalg.norm(away_m, axis=1) - obstacle.radius_m, 0)
-    cos, sin = np.cos(obstacle.yaw_rad), np.sin(obstacle.yaw_rad)
-    own_m = np.abs(away_m @ np.array([[cos, -sin], [sin, cos]]))
-    return np.linalg.norm(np.maximum(own_m - np.array([obstacle.length_m, obstacle.width_m]) / 2, 0), axis=1)
+@pytest.fixture(scope="module")
+def from_what_stands(from_obstacle) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda places_m: np.min([from_obstacle(each, places_m) for each in SITE.obstacles], axis=0)
 
 
-def from_what_stands(places_m: np.ndarray) -> np.ndarray:
-    return np.min([from_obstacle(each, places_m) for each in SITE.obstacles], axis=0)
-
-
-def left_for_good(person: Walk, t_ns: list[int], after_s: float) -> list[tuple[int, tuple[int, int]]]:
+def left_for_good(
+    person: Walk, t_ns: list[int], after_s: float, clearance: Callable
+) -> list[tuple[int, tuple[int, int]]]:
     """Every time and cell that the person was in, left at least after_s ago, and that was in sight ever since."""
     fine_s = np.arange(0, seconds(t_ns[-1]), 0.02)
     way_m = person.at(fine_s).position_m
@@ -127,7 +120,7 @@ def left_for_good(person: Walk, t_ns: list[int], after_s: float) -> list[tuple[i
     cells = np.column_stack([cols.ravel(), rows.ravel()]).astype(int)
     xy_m = centres(cells)
     away_m = np.linalg.norm(xy_m[:, None] - way_m, axis=2)
-    clear = from_what_stands(xy_m) > 0.3
+    clear = clearance(xy_m) > 0.3
     for other in (SITE.person, SITE.passer_by):
         if other is not person:
             clear &= np.linalg.norm(xy_m[:, None] - other.at(fine_s).position_m, axis=2).min(axis=1) > 1.0
@@ -145,11 +138,11 @@ def left_for_good(person: Walk, t_ns: list[int], after_s: float) -> list[tuple[i
     return found
 
 
-def test_who_walked_away_leaves_nothing_behind_for_half_a_second(maps_of):
+def test_who_walked_away_leaves_nothing_behind_for_half_a_second(maps_of, from_what_stands):
     """Wherever the lidar can see that it is free; a person who is still there is in the map."""
     maps = maps_of("grid.memory=log_odds")
     times = sorted(maps)
-    left = left_for_good(SITE.person, times, 0.5) + left_for_good(SITE.passer_by, times, 0.5)
+    left = [each for who in (SITE.person, SITE.passer_by) for each in left_for_good(who, times, 0.5, from_what_stands)]
     assert len(left) > 2000
     assert [(t_ns, cell) for t_ns, cell in left if cell in maps[t_ns]] == []
     for t_ns in times:
@@ -168,7 +161,7 @@ def hidden_since(cells: np.ndarray, t_ns: list[int]) -> np.ndarray:
     return since_s
 
 
-def test_what_is_hidden_for_two_seconds_stays(maps_of):
+def test_what_is_hidden_for_two_seconds_stays(maps_of, from_what_stands):
     """Behind a person, a tree or a box; what the window has left behind is another matter."""
     maps = maps_of("grid.memory=log_odds")
     times = sorted(maps)

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,7 +21,6 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results import load_maps
-from quadlog.simulation.sensors.scene import Cylinder
 from quadlog.simulation.synthetic.follow import synthesize
 
 CONTRACT_FILES = {
@@ -31,39 +32,12 @@ CONTRACT_FILES = {
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
     *("links.parquet", "dilution.npz", "uwb_errors.parquet", "pose_uncertainty.parquet"),
 }
-TIMINGS = ("ms", "us")
 SHORT_S = 3.0
+pytestmark = pytest.mark.usefixtures("without_pictures")  # but the shared runs have them
 
 
 def table(run, name):
     return dict(pq.read_table(run / f"{name}.parquet").to_pandas().items())
-
-
-def same_results(one, other):
-    """Every result file byte for byte, timings apart."""
-    names = {path.name for path in one.iterdir() if path.is_file()}
-    assert names == {path.name for path in other.iterdir() if path.is_file()}
-    for name in sorted(names - {"run.json", "stages.json", "report.html", "metrics.json", "derived.mcap"}):
-        if name.endswith(".parquet"):
-            left, right = pq.read_table(one / name), pq.read_table(other / name)
-            kept = [column for column in left.column_names if column not in TIMINGS]
-            assert left.select(kept).equals(right.select(kept)), name
-        else:
-            assert (one / name).read_bytes() == (other / name).read_bytes(), name
-    metrics = [json.loads((run / "metrics.json").read_text()) for run in (one, other)]
-    for each in metrics:
-        each.pop("realtime_factor")
-    assert metrics[0] == metrics[1]
-
-
-def distance_xy(obstacle, points_m):
-    """Horizontal distance of points (N, 2) to a box or cylinder, zero inside."""
-    away_m = points_m - np.array([obstacle.x_m, obstacle.y_m])
-    if isinstance(obstacle, Cylinder):
-        return np.maximum(np.hypot(*away_m.T) - obstacle.radius_m, 0)
-    c, s = np.cos(obstacle.yaw_rad), np.sin(obstacle.yaw_rad)
-    own_m = np.abs(away_m @ np.array([[c, -s], [s, c]]))
-    return np.hypot(*np.maximum(own_m - np.array([obstacle.length_m, obstacle.width_m]) / 2, 0).T)
 
 
 def test_every_file_of_the_contract_is_there_and_nothing_half_written(short_run):
@@ -102,11 +76,12 @@ def test_run_json_tells_how_the_run_came_about(short_run, fixtures):
     assert record["realtime_factor"] > 0
 
 
-def test_the_effective_config_gives_the_same_run(short_run, tmp_path, follow_request):
+def test_the_effective_config_gives_the_same_run(short_run, tmp_path, follow_request, saved):
     config = load_config(short_run.run / "config.toml", environ={})
     request = replace(follow_request(tmp_path / "again"), config=config)
     replay(request, Silent())
-    same_results(short_run.run, tmp_path / "again")
+    there = {name: each for name, each in saved(short_run.run).items() if not name.startswith("plots/")}
+    assert there == saved(tmp_path / "again")
 
 
 def test_poses_follow_the_truth_and_evo_agrees(whole_run):
@@ -120,7 +95,7 @@ def test_poses_follow_the_truth_and_evo_agrees(whole_run):
     assert rmse_m < 0.25
 
 
-def test_the_map_holds_the_obstacles_that_were_there(whole_run):
+def test_the_map_holds_the_obstacles_that_were_there(whole_run, from_obstacle):
     site = synthesize(seed=0, duration_s=0.2, azimuth_steps=8).site
     maps = load_maps(whole_run.run)
     hits = {}
@@ -130,17 +105,16 @@ def test_the_map_holds_the_obstacles_that_were_there(whole_run):
             hits[cell] = hits.get(cell, 0) + 1
     often = np.array([cell for cell, count in hits.items() if count >= 20]) * maps.cell_m + maps.cell_m / 2
     assert len(often) > 50
-    distances = np.min([distance_xy(obstacle, often) for obstacle in site.obstacles], axis=0)
+    distances = np.min([from_obstacle(obstacle, often) for obstacle in site.obstacles], axis=0)
     assert np.mean(distances < 0.4) > 0.9
 
 
-def test_until_stops_there_and_reports_what_there_is(tmp_path, follow_request):
-    outcome = replay(follow_request(tmp_path / "run", until="position"), Silent())
-    names = {path.name for path in outcome.run.iterdir() if path.is_file()}
+def test_until_stops_there_and_reports_what_there_is(located_run):
+    names = {path.name for path in located_run.run.iterdir() if path.is_file()}
     assert {"fixes.parquet", "poses.parquet", "metrics.json", "run.json", "report.html"} <= names
     assert not {"scans.parquet", "maps.npz", "plans.parquet", "control.parquet"} & names
-    assert "uwb_rmse_m" in outcome.metrics
-    assert "eta_m" not in outcome.metrics
+    assert "uwb_rmse_m" in located_run.metrics
+    assert "eta_m" not in located_run.metrics
 
 
 @pytest.mark.parametrize(
@@ -182,14 +156,14 @@ def test_an_existing_run_is_refused_resumed_or_replaced(tmp_path, follow_request
     assert tomllib.loads((first.run / "config.toml").read_text())["uwb"]["smooth"]
 
 
-def test_a_resumed_run_holds_nothing_of_another_one(tmp_path, follow_request, fixtures):
-    full = replay(follow_request(tmp_path / "run", duration_s=0.5), Silent())
-    assert "eta_m" in full.metrics
-    shorter = follow_request(tmp_path / "run", duration_s=0.4, until="position")
+def test_a_resumed_run_holds_nothing_of_another_one(tmp_path, short_run, follow_request):
+    run = Path(shutil.copytree(short_run.run, tmp_path / "run"))
+    assert (run / "plots" / "tracking_error.png").exists()
+    shorter = follow_request(run, duration_s=0.4, until="position")
     resumed = replay(replace(shorter, existing=Existing.RESUME), Silent())
     assert "eta_m" not in resumed.metrics
-    assert not (full.run / "control.parquet").exists()
-    assert not (full.run / "plots" / "tracking_error.png").exists()
+    assert not (run / "control.parquet").exists()
+    assert not (run / "plots" / "tracking_error.png").exists()
 
 
 def test_a_run_with_unset_values_in_its_config_is_recognised(tmp_path, follow_request, fixtures):
@@ -231,22 +205,14 @@ def test_what_a_causal_run_says_of_the_past_does_not_depend_on_the_future(tmp_pa
         np.testing.assert_allclose(early[name][:count], late[name][:count], atol=1e-9)
 
 
-def test_swapped_anchors_are_told_from_ranges_that_fit_nowhere(tmp_path, follow_request, fixtures):
-    swapped = (
-        (fixtures / "follow.toml")
-        .read_text()
-        .replace("{ id = 0, x", "{ id = 9, x")
-        .replace("{ id = 1, x", "{ id = 0, x")
-    )
-    (tmp_path / "swapped.toml").write_text(swapped.replace("{ id = 9, x", "{ id = 1, x"))
-    lines = {}
-    for name, folder in (("follow", fixtures), ("swapped", tmp_path)):
-        config = load_config(folder / f"{name}.toml", environ={})
-        kept = Kept()
-        replay(replace(follow_request(tmp_path / name, until="position"), config=config), kept)
-        lines[name] = [line for line in kept.lines if "check [[uwb.anchors]]" in line]
-    assert lines["follow"] == []
-    assert lines["swapped"]
+def test_swapped_anchors_are_told_from_ranges_that_fit_nowhere(tmp_path, located_run, follow_request):
+    request = follow_request(tmp_path / "run", until="position")
+    first, second, *others = request.config.uwb.anchors
+    exchanged = [first.model_copy(update={"id": second.id}), second.model_copy(update={"id": first.id}), *others]
+    uwb = request.config.uwb.model_copy(update={"anchors": exchanged})
+    replay(replace(request, config=request.config.model_copy(update={"uwb": uwb})), kept := Kept())
+    assert any("check [[uwb.anchors]]" in line for line in kept.lines)
+    assert "check [[uwb.anchors]]" not in (located_run.run / "run.json").read_text()
 
 
 def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(tmp_path, follow_request, fixtures):

@@ -7,22 +7,14 @@ import pytest
 
 from quadlog.errors import NotARun
 from quadlog.pipelines import report as reports
-from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.replay import replay
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.results.run.tables import read_table
 
 
-@pytest.fixture(scope="module")
-def located(follow_request, tmp_path_factory) -> Path:
-    """A run with few figures: how many there are plays no part."""
-    request = follow_request(tmp_path_factory.mktemp("runs") / "follow", until="position")
-    return replay(request, Silent()).run
-
-
 @pytest.fixture
-def run(located, tmp_path) -> Path:
-    return Path(shutil.copytree(located, tmp_path / "follow"))
+def run(located_run, tmp_path) -> Path:
+    """A run with few figures: how many there are plays no part."""
+    return Path(shutil.copytree(located_run.run, tmp_path / "follow"))
 
 
 def test_two_processes_write_what_one_does(run, monkeypatch):

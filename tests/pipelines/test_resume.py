@@ -17,14 +17,13 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages import position, report
-from quadlog.pipelines.stages import resume as stage_keys
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.compare.differences import Tolerance
 from quadlog.results.compare.run_diff import diff_runs, first_difference
 from quadlog.results.page.report import write_plots, write_report
 
 Ask = Callable[..., ReplayRequest]
-UNTIL = {"ingest": 0, "position": 1, "map": 3, "plan": 4, "control": 5}
+UNTIL = {"ingest": 0, "position": 1, "map": 3}
 ALL = ("position", "filter", "map", "plan", "control")
 KINEMATIC = "simulation.controller=kinematic"
 
@@ -180,21 +179,6 @@ def test_another_configuration_starts_at_the_stage_it_concerns(sets, count, ask,
     outcome, reused = resumed(ask(tmp_path / "run", *sets))
     assert reused == ALL[:count]
     assert saved(outcome.run) == saved(fresh(*sets))
-
-
-@pytest.mark.parametrize("option", [{"seed": 1}, {"duration_s": 0.9}, {"stamp": "log"}])
-def test_another_option_starts_anew(option, ask, fresh, saved, tmp_path):
-    replay(ask(tmp_path / "run", until="map"), Silent())
-    outcome, reused = resumed(ask(tmp_path / "run", until="map", **option))
-    assert reused == ()
-    assert saved(outcome.run) == saved(fresh(until="map", **option))
-
-
-def test_another_version_starts_anew(ask, monkeypatch, tmp_path):
-    replay(ask(tmp_path / "run", until="map"), Silent())
-    assert reusable_stages(ask(tmp_path / "run")) == ALL[:3]
-    monkeypatch.setattr(stage_keys, "__version__", "0.0.1")
-    assert reusable_stages(ask(tmp_path / "run")) == ()
 
 
 def test_another_input_of_the_same_name_and_size_starts_anew(ask, fixtures, tmp_path):

@@ -1,11 +1,18 @@
 from __future__ import annotations
 
 import json
+import struct
+import zlib
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import SeekingReader
+from mcap.records import DataEnd, Footer
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
 from PIL import Image
 
 from quadlog.config.file import load_config
@@ -22,6 +29,7 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation import run_folder as walk_folder
 from quadlog.results.page.report import write_report
+from quadlog.results.run.maps import read_ground
 from quadlog.results.run.run_folder import read_metrics, read_run_json
 from quadlog.results.run.tables import read_table
 from quadlog.simulation.robot.rendering import CannotDraw
@@ -126,7 +134,14 @@ def test_the_folder_of_runs_has_a_row_for_each(walked):
 def test_the_written_config_gives_the_same_walk(walked, path, tmp_path, undrawn):
     config = load_config(walked.run / "config.toml", [], {})
     again = _simulate(SimulateRequest(str(path), config, output=tmp_path))
-    for name in ("control.parquet", "config.toml", "paths.parquet", "ground.npz"):
+    for name in (
+        "control.parquet",
+        "config.toml",
+        "paths.parquet",
+        "ground.npz",
+        "derived.mcap",
+        "foxglove-layout.json",
+    ):
         assert (again.run / name).read_bytes() == (walked.run / name).read_bytes(), name
 
 
@@ -142,7 +157,7 @@ def test_the_page_speaks_of_a_simulation_and_can_be_made_again(walked):
     assert (walked.run / "report.html").read_bytes() == page
 
 
-def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path):
+def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path, undrawn):
     request = _request(path, tmp_path / "one", "simulation.terrain=6cm", *DISTURBED_OVERRIDES, seeds=(3, 4))
     one = simulate(request, 1, Silent())
     two = simulate(replace(request, output=tmp_path / "two"), 2, Silent())
@@ -150,6 +165,8 @@ def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_
     control = [(each.run / "control.parquet").read_bytes() for each in (*one, *two)]
     assert control[:2] == control[2:]
     assert control[0] != control[1]
+    first, second = ((each.run / "ground.npz").read_bytes() for each in one)
+    assert first != second
 
 
 @pytest.mark.parametrize("controller", ["fpm", "pmw", "kinematic"])
@@ -264,3 +281,99 @@ def test_pictures_of_the_robot_are_no_empty_sheets(walked):
 
 def test_json_is_plain(walked):
     assert json.loads(json.dumps(walked.to_dict(), allow_nan=False)) == walked.to_dict()
+
+
+def test_every_message_of_derived_mcap_is_what_the_tables_say(walked):
+    control, paths = read_table(walked.run, "control"), read_table(walked.run, "paths")
+    ticks = len(control["t_ns"])
+    found = Counter()
+    with (walked.run / "derived.mcap").open("rb") as file:
+        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            found[channel.topic] += 1
+            if channel.topic == "/quadlog/resim/error":
+                at = found[channel.topic] - 1
+                assert message.log_time == control["t_ns"][at]
+                values = [control[name][at] for name in ("error_m", "cross_track_m", "time_error_m")]
+                assert [decoded.x, decoded.y, decoded.z] == values
+        course, frames = (
+            [decoded for *_, decoded in reader.iter_decoded_messages(topics=[topic])]
+            for topic in ("/quadlog/path", "/quadlog/tf")
+        )
+        said = [decoded for *_, decoded in reader.iter_decoded_messages(["/quadlog/log"])]
+    metrics = set(read_metrics(walked.run)) - {"realtime_factor"}
+    assert found == {
+        "/quadlog/tf": ticks,
+        "/quadlog/resim/pose": ticks,
+        "/quadlog/resim/error": ticks,
+        "/quadlog/path": 1,
+        "/quadlog/path_smooth": 1,
+        "/quadlog/log": len(metrics) + len(read_run_json(walked.run)["warnings"]),
+    }
+    assert {line.message.split()[0] for line in said if line.name == "metric"} == metrics
+    points = course[0].entities[0].lines[0].points
+    assert [(point.x, point.y) for point in points] == list(zip(paths["x_m"], paths["y_m"], strict=True))
+    assert [frame.translation.z for frame in frames] == control["z_m"].tolist()
+    assert any(abs(frame.rotation.y) > 1e-4 for frame in frames)
+
+
+def test_all_checksums_of_derived_mcap_hold(walked):
+    content = (walked.run / "derived.mcap").read_bytes()
+    with (walked.run / "derived.mcap").open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+    footer = records[-1]
+    assert isinstance(footer, Footer)
+    (end,) = [record for record in records if isinstance(record, DataEnd)]
+    assert end.data_section_crc == zlib.crc32(content[: footer.summary_start - (1 + 8 + 4)]) != 0
+    assert footer.summary_crc == zlib.crc32(content[footer.summary_start : -12]) != 0
+    assert struct.unpack("<I", content[-12:-8])[0] == footer.summary_crc
+
+
+def test_the_layout_shows_what_there_is(walked):
+    layout = json.loads((walked.run / "foxglove-layout.json").read_text())
+    assert "Plot!expanded" not in layout["configById"]
+    assert set(layout["configById"]["3D!scene"]["topics"]) == {
+        *("/quadlog/path", "/quadlog/path_smooth", "/quadlog/resim/pose"),
+    }
+
+
+def test_a_walk_on_the_ground_of_another_is_that_walk(walked, path, tmp_path, undrawn):
+    """The ground goes through its file and is cut anew: the same within what float32 holds."""
+    (again,) = simulate(_request(path, tmp_path, f"simulation.terrain={walked.run}"), 1, progress := Kept())
+    assert not any("warning" in line for line in progress.lines)
+    ours, theirs = read_table(again.run, "control"), read_table(walked.run, "control")
+    for name in ("x_m", "y_m", "z_m", "yaw_rad"):
+        count = min(len(ours[name]), len(theirs[name]), 40)
+        np.testing.assert_allclose(ours[name][:count], theirs[name][:count], atol=2e-4)
+    # On a plane it goes otherwise.
+    plane = read_table(_simulate(_request(path, tmp_path / "flat")).run, "control")
+    assert np.abs(plane["z_m"][:40] - theirs["z_m"][:40]).max() > 2e-3
+    a, b = read_ground(again.run), read_ground(walked.run)
+    both = np.round((a.origin_m - b.origin_m) / b.cell_m).astype(int)
+    rows, cols = a.height_m.shape
+    assert (both >= 0).all()
+    np.testing.assert_array_equal(a.height_m, b.height_m[both[1] : both[1] + rows, both[0] : both[0] + cols])
+
+
+def test_a_run_tells_whose_ground_it_walked_on_and_what_of_it_nobody_saw(walked, tmp_path, undrawn):
+    path = tmp_path / "away.csv"
+    path.write_text("0,0\n0,8\n")
+    settings = (f"simulation.terrain={walked.run}", "simulation.controller=kinematic")
+    run = simulate(_request(path, tmp_path / "runs", *settings, seeds=(0, 1)), 1, progress := Kept())[0].run
+    record = read_run_json(run)
+    (warning,) = record["warnings"]
+    assert "lie beyond the ground that" in warning
+    assert [line for line in progress.lines if "beyond" in line] == [f"warning: {warning}"]
+    assert record["config"]["simulation"]["terrain"] == str(walked.run)
+    (note,) = record["notes"]
+    assert str(walked.run) in note
+    page = (run / "report.html").read_text()
+    assert "lie beyond the ground that" in page
+    assert note[-65:-1] in page
+
+
+def test_a_walk_is_no_terrain_for_what_replaces_it(walked, path):
+    before = (walked.run / "ground.npz").read_bytes()
+    with pytest.raises(UsageError, match="replaces it"):
+        _simulate(_request(path, walked.run.parent.parent, f"simulation.terrain={walked.run}", force=True))
+    assert (walked.run / "ground.npz").read_bytes() == before

@@ -1,4 +1,4 @@
-"""What `info` tells of UWB, on the committed recording and on a real one."""
+"""What `info` says about UWB, on the committed recording; its links and errors are those of a replay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from numpy.testing import assert_allclose
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
+from quadlog.pipelines.request import ReplayOutcome
 from quadlog.positioning.fix.dilution import dilution_at
+from quadlog.results.run.tables import read_table
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +24,22 @@ def follow(fixtures: Path) -> dict[str, Any]:
     return describe_recording(fixtures / "follow.mcap", config)
 
 
-@pytest.fixture(scope="module")
-def trolley(lias: Any) -> dict[str, Any]:
-    return describe_recording(lias.folder / "lias_fast.mcap", lias.config(robot=0))
+def test_links_and_errors_are_those_of_a_replay(follow: dict[str, Any], whole_run: ReplayOutcome) -> None:
+    """Of the person's tag, and of the robot's fixes: its track is steadied by odometry in a replay alone."""
+    links = read_table(whole_run.run, "links")
+    rows, person = [row for row in follow["uwb"] if row["tag"] == 1], links["tag"] == 1
+    assert len(follow["uwb"]) == len(person)
+    same = {"residual_m": "residual_rms_m"} | {name: name for name in ("bias_m", "bias_std_m", "bias_applied", "n")}
+    for info, saved in (same | {"nlos_share": "nlos_share"}).items():
+        assert_allclose([float(row[info]) for row in rows], links[saved][person].astype(float), err_msg=info)
+    errors, told = read_table(whole_run.run, "uwb_errors"), follow["uwb_tags"][0]["fix_error"]
+    fixes = errors["source"] == "fixes"
+    error_m = np.column_stack([errors["error_x_m"][fixes], errors["error_y_m"][fixes]])
+    length_m = np.hypot(*error_m.T)
+    assert told["n"] == len(error_m)
+    assert_allclose([told["bias_x_m"], told["bias_y_m"]], error_m.mean(axis=0))
+    assert told["rmse_m"] == pytest.approx(np.sqrt(np.mean(length_m**2)))
+    assert told["share_in_ellipse"] == pytest.approx(np.mean(length_m <= errors["bound_m"][fixes]))
 
 
 def test_it_is_plain_json(follow: dict[str, Any]) -> None:
@@ -84,32 +99,6 @@ def test_what_cannot_be_located_is_said(fixtures: Path) -> None:
     info = describe_recording(fixtures / "follow.mcap", Config.model_validate({"uwb": {"anchors": anchors}}))
     assert (info["uwb"], info["uwb_tags"], info["dilution"]) == ([], [], None)
     assert any("needs three" in line for line in info["warnings"])
-
-
-def test_real_tags_are_as_good_as_the_reference_says(trolley: dict[str, Any]) -> None:
-    """The three tags ride on one trolley, each at its own place; an independent Gauss-Newton got .084 .077 .071 m."""
-    tags = trolley["uwb_tags"]
-    assert [tag["reference"] for tag in tags] == ["/mocap/trolley/pose"] * 3
-    assert (np.array([tag["fix_error"]["rmse_m"] for tag in tags]) <= [0.086, 0.082, 0.075]).all()
-    assert (np.array([tag["track_error"]["rmse_m"] for tag in tags]) <= [0.067, 0.059, 0.050]).all()
-    for tag in tags:
-        assert tag["fix_error"]["share_in_ellipse"] > 0.9
-        assert np.hypot(tag["fix_error"]["bias_x_m"], tag["fix_error"]["bias_y_m"]) < 0.02
-        assert tag["hdop_median"] == pytest.approx(0.71, abs=0.01)
-
-
-def test_real_links_are_all_corrected(trolley: dict[str, Any]) -> None:
-    assert len(trolley["uwb"]) == 24
-    assert all(row["bias_applied"] for row in trolley["uwb"])
-    assert all(0.05 < row["bias_m"] < 0.35 for row in trolley["uwb"])
-    assert max(row["nlos_share"] for row in trolley["uwb"]) < 0.03
-    assert any("145 of 17234 stamps" in line for line in trolley["warnings"])
-
-
-def test_the_lever_arms_matter(lias: Any, trolley: dict[str, Any]) -> None:
-    """With the tags taken for the trolley's middle, a fix would be off by the lever itself."""
-    for tag, lever_m in zip(trolley["uwb_tags"], lias.levers_m, strict=True):
-        assert tag["track_error"]["rmse_m"] < 0.5 * np.hypot(*lever_m)
 
 
 def test_swapped_anchors_are_told_by_info(fixtures: Path) -> None:

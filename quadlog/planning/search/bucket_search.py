@@ -44,7 +44,7 @@ _NO_ROUTE: Cells = np.empty((0, 2), dtype=np.int32)
 
 
 class BucketSearch:
-    """A* with its work arrays kept from call to call: 34 bytes a cell, of which only touched pages become memory."""
+    """A* with its work arrays kept from call to call: 34 bytes a cell, allocated as pages are touched."""
 
     def __init__(self, corner_cutting: bool = False) -> None:
         self._corner_cutting = corner_cutting
@@ -110,7 +110,7 @@ class BucketSearch:
 
 @inlined
 def _sort(keys, count):  # type: ignore[no-untyped-def]
-    """Sorts keys[:count] by insertion: a list comes nearly sorted, for what is linked later mostly has a smaller g."""
+    """Sorts keys[:count] by insertion: lists are nearly sorted, for cells linked later mostly have a smaller g."""
     for i in range(1, count):
         key = keys[i]
         j = i
@@ -171,21 +171,8 @@ def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ign
 
 @inner
 def _search(  # type: ignore[no-untyped-def]
-    padded,
-    records,
-    parent_step,
-    stack,
-    listed,
-    keys,
-    way,
-    heads,
-    steps,
-    width,
-    start,
-    goal_cell,
-    cutting,
-    is_open,
-):
+    padded, records, parent_step, stack, listed, keys, way, heads, steps, width, start, goal_cell, cutting, is_open,
+):  # fmt: skip
     """(cells of the path, its cost, expanded, generated, touched); way's last rows then hold the path.
 
     start is a flat index in the grid with its border, goal_cell (col, row) counts that too.
@@ -245,26 +232,9 @@ def _search(  # type: ignore[no-untyped-def]
 
 @kernel
 def _search_on(  # type: ignore[no-untyped-def]
-    blocked,
-    route,
-    dcol,
-    drow,
-    start,
-    goal,
-    kept_cells,
-    padded,
-    records,
-    parent_step,
-    stack,
-    listed,
-    keys,
-    way,
-    heads,
-    steps,
-    width,
-    cutting,
-    is_open,
-):
+    blocked, route, dcol, drow, start, goal, kept_cells, padded, records, parent_step, stack, listed, keys, way,
+    heads, steps, width, cutting, is_open,
+):  # fmt: skip
     """What _search gives for the whole path, and how many of its cells are the route's; -1 cells when none is kept.
 
     An empty route: the path is searched from start. One kernel, because compiling the search twice takes as long again,
@@ -300,7 +270,7 @@ def _search_on(  # type: ignore[no-untyped-def]
 
 
 def make_search(rules: Rules) -> BucketSearch | HeapSearch:
-    """The fastest search that goes by these rules."""
+    """The fastest search that supports these rules."""
     if (rules.costs, rules.heuristic, rules.ties) == ("integer", "octile", "larger_g"):
         return BucketSearch(rules.corner_cutting)
     return HeapSearch(rules)

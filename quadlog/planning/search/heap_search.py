@@ -1,4 +1,4 @@
-"""The compiled A* for everything the bucket queue cannot do: any heuristic, exact costs, either tie, dear cells.
+"""The compiled A* for rules that the bucket queue does not support: any heuristic, exact costs, either tie, danger.
 
 OPEN is a binary heap that holds each cell once and knows where. Cells once
 closed stay closed, as the papers print it; with the consistent octile or zero
@@ -27,7 +27,7 @@ from quadlog.planning.search.grid_steps import (
 
 
 @inlined
-def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
+def is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
     return f < than_f or (f == than_f and tie < than_tie)
 
 
@@ -42,7 +42,7 @@ def rise(heap, keys, place_of, place, cell, f, tie):  # type: ignore[no-untyped-
     """Puts a cell at a free place, or nearer to the top where its key belongs."""
     while place > 0:
         above = (place - 1) >> 1
-        if not _is_less(f, tie, keys[above, 0], keys[above, 1]):
+        if not is_less(f, tie, keys[above, 0], keys[above, 1]):
             break
         _put(heap, keys, place_of, place, heap[above], keys[above, 0], keys[above, 1])
         place = above
@@ -56,9 +56,9 @@ def take(heap, keys, place_of, size):  # type: ignore[no-untyped-def]
     cell, f, tie = heap[last], keys[last, 0], keys[last, 1]
     while True:
         child = 2 * place + 1
-        if child + 1 < last and _is_less(keys[child + 1, 0], keys[child + 1, 1], keys[child, 0], keys[child, 1]):
+        if child + 1 < last and is_less(keys[child + 1, 0], keys[child + 1, 1], keys[child, 0], keys[child, 1]):
             child += 1
-        if child >= last or not _is_less(keys[child, 0], keys[child, 1], f, tie):
+        if child >= last or not is_less(keys[child, 0], keys[child, 1], f, tie):
             break
         _put(heap, keys, place_of, place, heap[child], keys[child, 0], keys[child, 1])
         place = child

@@ -31,13 +31,14 @@ from quadlog.compiled import inlined, kernel
 from quadlog.planning.protocol import Bool, Cell, Plan, is_usable, no_plan
 from quadlog.planning.rules import Rules
 from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
+from quadlog.planning.search.heap_search import is_less
 
 CostType = np.dtype[np.int32] | np.dtype[np.int64]
 # Dearer than any way, by the type of the costs: 14 for each cell of a map of 8192 by 8192 is less.
 FAR_COSTS: dict[CostType, int] = {np.dtype(np.int32): 2**30, np.dtype(np.int64): 2**60}
 # Columns of the per-cell record; PLACE: where in OPEN, from 1, 0 when not there. STAMP: the last call that opened it.
 G, RHS, PLACE, STAMP = 0, 1, 2, 3
-# Entries of the search's state: what it carries on, what it goes by, and four results.
+# Entries of the search's state: values kept between calls, parameters, and four results.
 SIZE, CALL, WIDTH, ROOT, TARGET, KM, FAR, STRAIGHT, DIAGONAL, PUBLISHED, EXPANDED, GENERATED, TOUCHED, REUSED = range(
     14
 )
@@ -80,11 +81,6 @@ def _step_cost(state, k):  # type: ignore[no-untyped-def]
     return state[STRAIGHT] if k < FIRST_DIAGONAL else state[DIAGONAL]
 
 
-@inlined
-def _is_less(f, tie, than_f, than_tie):  # type: ignore[no-untyped-def]
-    return f < than_f or (f == than_f and tie < than_tie)
-
-
 @kernel
 def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
     """Compiled once for its four callers."""
@@ -110,7 +106,7 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
     f, tie = keys[cell, 0], keys[cell, 1]
     while place > 0:
         above = heap[(place - 1) >> 1]
-        if not _is_less(f, tie, keys[above, 0], keys[above, 1]):
+        if not is_less(f, tie, keys[above, 0], keys[above, 1]):
             break
         heap[place] = above
         records[above, PLACE] = place + 1
@@ -119,8 +115,8 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
         child = 2 * place + 1
         if child + 1 < size:
             left, right = heap[child], heap[child + 1]
-            child += _is_less(keys[right, 0], keys[right, 1], keys[left, 0], keys[left, 1])
-        if child >= size or not _is_less(keys[heap[child], 0], keys[heap[child], 1], f, tie):
+            child += is_less(keys[right, 0], keys[right, 1], keys[left, 0], keys[left, 1])
+        if child >= size or not is_less(keys[heap[child], 0], keys[heap[child], 1], f, tie):
             break
         heap[place] = heap[child]
         records[heap[place], PLACE] = place + 1
@@ -131,7 +127,7 @@ def _sift(records, keys, heap, size, cell, place):  # type: ignore[no-untyped-de
 
 @kernel
 def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
-    """Has OPEN hold the cell, with its key of now, exactly when g and rhs differ."""
+    """Keeps the cell in OPEN, with its current key, exactly when g and rhs differ."""
     place = records[cell, PLACE] - 1
     if records[cell, G] != records[cell, RHS]:
         if records[cell, STAMP] != state[CALL]:
@@ -152,7 +148,7 @@ def _settle(records, keys, heap, state, cell):  # type: ignore[no-untyped-def]
 
 @kernel
 def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
-    """Works out a cell's rhs anew from the map and its neighbours."""
+    """Recomputes a cell's rhs from the map and its neighbours."""
     if padded[cell]:
         records[cell, G] = records[cell, RHS] = state[FAR]
     elif cell != state[ROOT]:
@@ -168,7 +164,7 @@ def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # t
 
 @inlined
 def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: ignore[no-untyped-def]
-    """Sets g to rhs where the way got cheaper, forgets it where it got dearer, and tells the neighbours."""
+    """Sets g to rhs where the way got cheaper, to FAR where it got dearer, and updates the neighbours."""
     if records[cell, STAMP] != state[CALL]:
         records[cell, STAMP] = state[CALL]
         state[GENERATED] += 1
@@ -261,11 +257,11 @@ def repair(  # type: ignore[no-untyped-def]
     while state[SIZE] > 0:
         cell = heap[0]
         f, tie = _key(records, state, target)
-        if records[target, RHS] <= records[target, G] and not _is_less(keys[cell, 0], keys[cell, 1], f, tie):
+        if records[target, RHS] <= records[target, G] and not is_less(keys[cell, 0], keys[cell, 1], f, tie):
             break
         # Since this key was made the target may have moved: then the cell waits for its turn.
         f, tie = _key(records, state, cell)
-        if _is_less(keys[cell, 0], keys[cell, 1], f, tie):
+        if is_less(keys[cell, 0], keys[cell, 1], f, tie):
             _settle(records, keys, heap, state, cell)
         else:
             _expand(padded, records, keys, heap, steps, state, cell, cutting)
@@ -329,7 +325,7 @@ class LifelongSearch:
         return Plan(True, cells, self._cost_of(cells), expanded, generated, touched, is_fresh, reused)
 
     def _can_grow_from(self, field: Field, root: Cell) -> bool:
-        """Whether what is known serves a root in this cell of the window before, which may lie outside it."""
+        """Whether the stored costs are valid for a root in this cell of the previous window or outside of it."""
         return root == self._root
 
     def _cost_of(self, cells: Array) -> float:
@@ -337,7 +333,7 @@ class LifelongSearch:
         return self._rules.cost_of(len(cells) - 1 - diagonals, diagonals)
 
     def _start_afresh(self, padded: Array) -> tuple[Field, Array, Array]:
-        """A field that knows nothing but its root: (field, cells to open, cells that changed)."""
+        """A new field with only its root known: (field, cells to open, cells that changed)."""
         field = empty_field(padded.shape, self._costs)
         field.padded[:] = padded.reshape(-1)
         field.records[self._state[ROOT], RHS] = 0
@@ -355,7 +351,7 @@ class LifelongSearch:
             self._state[KM] += straight * abs(across - along) + diagonal * min(across, along)
         else:
             field, before = _slid(field, self._shape, padded.shape, shift)
-            # All keys are made anew, so they need no allowance for where the target was.
+            # All keys are recomputed, so km starts from 0.
             self._state[[SIZE, KM]] = 0
             opened = np.flatnonzero(field.records[:, G] != field.records[:, RHS])
         changed = np.flatnonzero(before != padded)
@@ -371,7 +367,7 @@ def _by_cost(field: Field, far: int) -> Array:
 
 
 def _slid(field: Field, shape: tuple[int, int], to_shape: tuple[int, ...], shift: Cell) -> tuple[Field, Array]:
-    """What a field knows in a window moved by shift, and its old map there: blocked outside it.
+    """A field's costs in a window moved by shift, and its old map there, blocked outside it.
 
     That map keeps, on the border of the new window, what was free there: a change like any other, now that it left.
     """

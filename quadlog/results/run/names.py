@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from quadlog.recordings.file_names import stem
+from quadlog.results.run.stages import STAGE_FILES
 from quadlog.results.run.tables import TABLES
 
 # Files that quadlog writes into a run folder; `--force` removes only these.
 OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
-        *("run.json", "config.toml", "stages.json", "metrics.json", "report.html"),
-        *("maps.npz", "cloud_samples.npz", "ground.npz", "dilution.npz"),
-        *("derived.mcap", "foxglove-layout.json", "trajectory.tum", "reference.tum", "map.pgm", "map.yaml"),
+        *(file for files in STAGE_FILES.values() for file in files),
+        *("run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"),
     }
 )
 

@@ -1,4 +1,4 @@
-"""What a simulated robot has to bear beside its ground: pushes, and sensors and models that are not quite right."""
+"""Disturbances of a simulated robot: pushes, errors of its sensors, and errors of its mass model."""
 
 from __future__ import annotations
 

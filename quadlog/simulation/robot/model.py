@@ -15,7 +15,7 @@ from quadlog.simulation.robot.height_field import FRICTION, HeightField
 
 TIMESTEP_S = 0.002
 _GAP_M = 1e-4
-"""How far above the ground a robot's feet start: nothing may start inside of another thing."""
+"""Initial gap between feet and ground, so that no contact starts in penetration."""
 _OTHER_FRICTION = (0.005, 0.0001)
 """Twisting and rolling: MuJoCo's defaults, unused by contacts of three dimensions."""
 _RISE_RADII = np.linspace(0.0, 1.0, 5)
@@ -55,7 +55,7 @@ class QuadrupedModel:
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, quat)
         rotation = turn.reshape(3, 3)
-        # Above its place, not beside it: the height is along the body's own axis.
+        # The standing height is measured along the body's own axis, which may be tilted.
         position = np.array([x_m, y_m, plane @ [x_m, y_m, 1.0] + robot.standing_height_m / rotation[2, 2]])
         wanted = feet @ rotation.T + position
         joints, placed = np.empty(12), np.empty((4, 3))
@@ -72,7 +72,7 @@ class QuadrupedModel:
         return qpos
 
     def _lift_clear(self, qpos: Float) -> None:
-        """Raise the robot out of what it touches: MuJoCo's triangles lie a little beside the bilinear surface."""
+        """Raise the robot until nothing penetrates: MuJoCo's triangles differ a little from the bilinear surface."""
         data = mujoco.MjData(self.model)
         for _ in range(4):
             data.qpos[:] = qpos

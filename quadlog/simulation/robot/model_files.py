@@ -1,4 +1,4 @@
-"""A robot's MJCF or URDF file from anywhere, read without trusting it.
+"""Read untrusted MJCF and URDF files of robots.
 
 Only what makes a robot is taken over: its bodies, joints, masses, shapes and torque limits. The rest, and whatever
 could make MuJoCo allocate without bound or open other files, never reaches it. Meshes and included files must lie in
@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -22,9 +21,9 @@ Element = ElementTree.Element
 
 MOST_XML_BYTES = 4 << 20
 MOST_MESH_BYTES = 64 << 20
-# Of a file with all that is not taken over; parsing so many takes 0.1 s.
+# Before pruning; parsing this many takes 0.1 s.
 MOST_XML_TAGS = 50_000
-# What MuJoCo and quadlog take long for, some of it by the square of how many there are.
+# Processing time grows with these counts, in part quadratically.
 MOST_PARTS: dict[str, tuple[frozenset[str] | None, int]] = {
     "bodies": (frozenset({"body", "link"}), 200),
     "geoms": (frozenset({"geom", "collision"}), 1000),
@@ -44,7 +43,7 @@ _KEPT = {
 _KEPT["worldbody"] = _KEPT["frame"] = _KEPT["body"]
 _SHAPES = {"sphere", "capsule", "cylinder", "box", "ellipsoid", "mesh", ""}
 _IGNORED = ("material", "hfield", "content_type", "meshdir", "assetdir", "texturedir")
-"""Attributes that name what is left out."""
+"""Attributes that refer to pruned elements."""
 _URDF_OPTIONS = '<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true"/></mujoco>'
 
 
@@ -63,7 +62,7 @@ def read_model(path: Path) -> mujoco.MjSpec:
 
 
 def content_digest(path: Path) -> str:
-    """SHA-256 of what is taken over of a robot's file, of those that it includes and of its meshes.
+    """SHA-256 of the parts of a robot's file that are used, with its included files and meshes.
 
     Raises UnreadableFile, TooLarge.
     """
@@ -75,7 +74,7 @@ def content_digest(path: Path) -> str:
 
 
 def _take_over(path: Path) -> tuple[Element, dict[str, bytes]]:
-    """What makes the robot, and the content of its meshes by their names in it."""
+    """The pruned model, and the content of its meshes by name."""
     root = _parse(path)
     meshes: dict[str, bytes] = {}
     if root.tag == "mujoco":
@@ -96,13 +95,13 @@ def _take_over(path: Path) -> tuple[Element, dict[str, bytes]]:
     else:
         raise UnreadableFile(path, f"is neither MJCF nor URDF: it begins with <{root.tag}>")
     if any("nan" in value.lower().split() for each in root.iter() for value in each.attrib.values()):
-        raise UnreadableFile(path, "has numbers that are none (nan)")
+        raise UnreadableFile(path, "contains numbers that are not finite (nan)")
     return root, meshes
 
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """MuJoCo writes its warnings to MUJOCO_LOG.TXT wherever the user happens to be; within this it does not."""
+    """Keep MuJoCo from writing its warnings to MUJOCO_LOG.TXT in the working directory."""
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         yield
@@ -111,7 +110,7 @@ def without_log() -> Iterator[None]:
 
 
 def first_line(error: Exception) -> str:
-    """What MuJoCo complains about, short enough for one line."""
+    """MuJoCo's message, shortened to one line."""
     return " ".join(str(error).split())[:200]
 
 
@@ -129,7 +128,7 @@ def _parse(path: Path) -> Element:
         text = content.decode("utf-8-sig")
         # Entities can swell without bound and name files; no robot needs them.
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
-            raise UnreadableFile(path, "has a document type or entities, which quadlog does not take")
+            raise UnreadableFile(path, "has a document type or entities, which quadlog does not accept")
         if (tags := text.count("<")) > MOST_XML_TAGS:
             raise TooLarge(f"{path}: XML tags", tags, MOST_XML_TAGS)
         root = ElementTree.fromstring(text.encode())  # noqa: S314 without entities and bounded
@@ -150,7 +149,7 @@ def _depth_exceeds(root: Element, most: int) -> bool:
 
 
 def _include(root: Element, path: Path, seen: list[Path]) -> None:
-    """Put the content of included files in their places; as in MuJoCo, their names start at the main file's folder."""
+    """Insert the content of included files; as in MuJoCo, paths are relative to the main file's folder."""
     waiting = [root]
     while waiting:
         parent = waiting.pop()
@@ -169,7 +168,7 @@ def _include(root: Element, path: Path, seen: list[Path]) -> None:
 
 
 def _inside(path: Path, file: Path) -> Path:
-    """The real place of a file that `path` names. Raises UnreadableFile unless it lies in path's folder or below."""
+    """The resolved path of a file that `path` refers to. Raises UnreadableFile outside of path's folder."""
     try:
         real, folder = file.resolve(), path.parent.resolve()
         if real.is_relative_to(folder) and real.is_file():
@@ -189,7 +188,7 @@ def _mesh_folder(root: Element, path: Path) -> Path:
 
 
 def _prune(root: Element, path: Path) -> None:
-    """Leave what a robot is made of. Raises TooLarge where there is more of it than any robot needs."""
+    """Remove everything but the robot's parts. Raises TooLarge where there are more of them than MOST_PARTS."""
     waiting = [root]
     while waiting:
         parent = waiting.pop()
@@ -199,16 +198,13 @@ def _prune(root: Element, path: Path) -> None:
             if root.tag == "mujoco":
                 parent[:] = []
             continue
-        parent[:] = [child for child in parent if child.tag in _KEPT[parent.tag] and not _is_odd(child)]
+        kept = [child for child in parent if child.tag in _KEPT[parent.tag]]
+        parent[:] = [child for child in kept if child.tag != "geom" or child.get("type", "") in _SHAPES]
         waiting += list(parent)
     for name, (tags, most) in MOST_PARTS.items():
         count = sum(1 for each in root.iter() if tags is None or each.tag in tags)
         if count > most:
             raise TooLarge(f"{path}: {name}", count, most)
-
-
-def _is_odd(child: Element) -> bool:
-    return child.tag == "geom" and child.get("type", "") not in _SHAPES
 
 
 def _take_meshes(root: Element, path: Path, folder: Path) -> dict[str, bytes]:
@@ -238,17 +234,13 @@ def limits_nm(spec: mujoco.MjSpec) -> dict[str, float]:
         if high > low:
             limits[joint.name] = float(min(-low, high))
     for actuator in spec.actuators:
-        for bounds, gain in _bounds(actuator):
+        gear = float(actuator.gear[0])
+        ranges = [(actuator.forcerange, gear)]
+        if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED:
+            # A motor's control is a torque as well.
+            ranges.append((actuator.ctrlrange, gear * float(actuator.gainprm[0])))
+        for bounds, gain in ranges:
             if bounds[1] > bounds[0]:
                 limit = float(min(-bounds[0], bounds[1])) * abs(gain)
                 limits[actuator.target] = min(limit, limits.get(actuator.target, limit))
     return {name: limit for name, limit in limits.items() if limit > 0}
-
-
-def _bounds(actuator: Any) -> list[tuple[Any, float]]:
-    """Ranges of torque and what they are multiplied by; a motor's control is one too."""
-    gear = float(actuator.gear[0])
-    bounds = [(actuator.forcerange, gear)]
-    if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED:
-        bounds.append((actuator.ctrlrange, gear * float(actuator.gainprm[0])))
-    return bounds

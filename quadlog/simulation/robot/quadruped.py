@@ -1,4 +1,4 @@
-"""A simulated quadruped, one tick after the other: what controllers read of it, and what they do to it."""
+"""A simulated quadruped in MuJoCo: the state that controllers read at each tick, and the torques they apply."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def foot_motion(position, rotation, qvel, first, joints, anchors, axes, foot, ja
 
 @inner
 def _carried(omega, alpha, arm):  # type: ignore[no-untyped-def]
-    """How the end of an arm that turns is accelerated beside its beginning."""
+    """Acceleration of the end of a rotating arm relative to its start."""
     return _plus(_cross(alpha, arm), _cross(omega, _cross(omega, arm)))
 
 

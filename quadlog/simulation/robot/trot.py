@@ -17,6 +17,7 @@ from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import GRAVITY_MPS2, JOINTS, LEGS, ROBOTS, SIDES, Robot
 from quadlog.messages import Float, Int
+from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf
 from quadlog.simulation.robot.model_files import without_log
@@ -60,16 +61,16 @@ LEG_KG, TRUNK_KG = 0.4, 8.4
 TIMESTEP_S = 0.001
 HEIGHT_M = 0.2
 """[Foot, Table 2]; its section 4 gives none."""
-# A leg is its thigh and its shank [Foot, below eq. 7], even rods; but MuJoCo wants every link to weigh something.
+# A leg is its thigh and its shank [Foot, below eq. 7], even rods; but MuJoCo needs a mass for every link.
 _ABDUCTION_KG, _ABDUCTION_KGM2 = 1e-6, 1e-6
 _ROD_RADIUS_M, _PAYLOAD_RADIUS_M = 0.012, 0.03
-# Nothing may start inside of another thing.
+# Initial gap between feet and ground.
 _GAP_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class TrotRobot:
-    """What the robot is beside its plan, which is symmetric; its controller knows the plan alone.
+    """How the robot differs from its symmetric plan; its controller knows the plan only.
 
     payload_kg: on top of the trunk, payload_x_m ahead and payload_y_m left of its middle. leg_mass_spread: left legs
     are heavier by this share, right ones lighter. hip_offset_m: left hips sit so far ahead, right ones so far behind.
@@ -144,7 +145,7 @@ def _weigh(spec: mujoco.MjSpec, leg: str, rod_kg: float, body: Robot) -> None:
 def _load(spec: mujoco.MjSpec, robot: TrotRobot, body: Robot) -> None:
     place = [robot.payload_x_m, robot.payload_y_m, body.trunk_m[2] / 2 + _PAYLOAD_RADIUS_M]
     payload = spec.body("trunk").add_body(name="payload", pos=place, mass=robot.payload_kg, explicitinertial=True)
-    # Unless it is said, MuJoCo takes the body's place for that of the mass in it.
+    # The default would be the body's origin.
     payload.ipos = np.zeros(3)
     payload.inertia = np.full(3, 0.4 * robot.payload_kg * _PAYLOAD_RADIUS_M**2)
     ball = payload.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[_PAYLOAD_RADIUS_M, 0, 0], contype=0, conaffinity=0)
@@ -152,7 +153,7 @@ def _load(spec: mujoco.MjSpec, robot: TrotRobot, body: Robot) -> None:
 
 
 def _drive(spec: mujoco.MjSpec, foot_radius_m: float) -> None:
-    """Each motor holds its joint at an angle; and what tells torques and loads."""
+    """Make each motor a position servo, and add sensors of joint torques and foot loads."""
     for motor in spec.actuators:
         motor.set_to_position(kp=GAIN_NM_PER_RAD, kv=DAMPING_NMS_PER_RAD)
         motor.ctrllimited = False
@@ -185,18 +186,18 @@ PERIOD_S, STEP_M, LIFT_M = 1.0, 0.04, 0.02
 PAIRS: Int = np.array([0, 1, 1, 0])
 """Of each leg: 0 with the left fore one, 1 with the right fore one."""
 SAMPLES_HZ = 50
-"""How often a second what the robot does is kept."""
+"""Rate of the samples that are kept."""
 SAMPLE_TICKS = round(1 / (SAMPLES_HZ * TIMESTEP_S))
 NS = 1_000_000_000
 
 
 class OutOfReach(ValueError):
-    """The feet are sent to where the legs do not reach."""
+    """A commanded foot position is out of the legs' reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrotWalk:
-    """What the robot did, T samples: what columns of control.parquet there are, and MuJoCo's coordinates (T, nq)."""
+    """The recorded walk, T samples: columns of control.parquet, and MuJoCo's coordinates (T, nq)."""
 
     t_ns: Int
     position_m: Float
@@ -210,23 +211,17 @@ class TrotWalk:
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """By the names of control.parquet. There is no course, hence no reference, no error and no command."""
-        three = {
-            **dict(zip(("x_m", "y_m", "z_m"), self.position_m.T, strict=True)),
-            **dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), self.rpy_rad.T, strict=True)),
-            **dict(zip(("vx_mps", "vy_mps"), self.velocity_mps.T, strict=True)),
-        }
+        motion = np.column_stack([self.position_m, self.rpy_rad, self.velocity_mps, self.yaw_rate_radps])
         return {
             "t_ns": self.t_ns,
-            **three,
-            "yaw_rate_radps": self.yaw_rate_radps,
-            **{f"tau_{joint:02d}_nm": self.torques_nm[:, joint] for joint in range(12)},
-            **{f"fz_{leg}_n": self.loads_n[:, leg] for leg in range(4)},
+            **dict(zip(TICK_COLUMNS[POSE:REFERENCE], motion.T, strict=True)),
+            **dict(zip(TICK_COLUMNS[EFFORT:FALLEN], np.column_stack([self.torques_nm, self.loads_n]).T, strict=True)),
             "fallen": self.fallen,
         }
 
 
 def joint_targets(plan: Robot, asides_m: Float, power: int = PARABOLA, first_pair: int = 0) -> Float:
-    """(N, 12) what every joint is sent to at each tick; raises OutOfReach.
+    """(N, 12) target angle of every joint at each tick; raises OutOfReach.
 
     asides_m: (4,) the peak of each leg's y(t), left positive, and power of its shape; first_pair: of PAIRS, which
     swings first. While it rests the robot already stands as the first step begins, the first pair's feet half a step
@@ -249,7 +244,7 @@ def joint_targets(plan: Robot, asides_m: Float, power: int = PARABOLA, first_pai
 
 
 def walk_trot(model: QuadrupedModel, targets: Float, posture_rad: Float) -> TrotWalk:
-    """The whole experiment, joints sent to targets (N, 12), from joints that are posture_rad (12,) beside the first.
+    """Run the experiment: joint targets (N, 12), initial joint angles offset by posture_rad (12,) from the first.
 
     A fall is a result.
     """

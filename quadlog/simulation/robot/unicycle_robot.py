@@ -1,4 +1,4 @@
-"""A robot without a body: told a speed and a yaw rate, it has them at once, and walks nowhere but where they lead."""
+"""A kinematic robot without a body: it has a commanded speed and yaw rate at once and moves along their arc."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def unicycle_step(
 
 
 class UnicycleRobot:
-    """Stands in for a WalkingRobot. Of all that disturbs one, only what is wrong with its pose does anything to it."""
+    """Has the interface of WalkingRobot. Of the disturbances only the pose errors affect it."""
 
     mass_kg = float("nan")
     fallen = False
@@ -64,7 +64,7 @@ class UnicycleRobot:
         return float("nan"), float("nan"), float(self.pose[2])
 
     def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
-        """Go on for so many ticks along the arc of a speed and a yaw rate."""
+        """Move for a number of ticks along the arc of a speed and a yaw rate."""
         x_m, y_m, yaw_rad = self.pose.tolist()
         moved = unicycle_step(x_m, y_m, yaw_rad, speed_mps, yaw_rate_radps, ticks * self.tick_s)
         self.pose = np.array(moved, dtype=np.float64)

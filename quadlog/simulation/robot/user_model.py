@@ -1,4 +1,4 @@
-"""A robot that the user brings, made to stand on quadlog's ground and to count its joints as quadlog does.
+"""Load a user's robot model and adapt its joints, motors and contacts to quadlog's conventions.
 
 Its masses, inertias, limits and shapes stay its own. Joints that turn the other way round are turned; its motors give
 way to torque motors within the same limits; only its feet and trunk touch the ground.
@@ -24,7 +24,7 @@ from quadlog.simulation.robot.model_files import first_line, limits_nm, read_mod
 _OFF_M = 0.005
 """Robots of this kind have their feet a few millimetres off the leg's plane."""
 _STANDING = 0.62
-"""Of the straight leg's length: how high the hips of a robot stand that nobody has told."""
+"""Hip height of a standing robot, as a share of the straight leg's length; the file does not give it."""
 _LIKE_OURS = (
     "x forward, y left, z up; four equal legs at the corners of a rectangle; joints about x, y and y; "
     "straight down with all joints at 0"
@@ -32,7 +32,7 @@ _LIKE_OURS = (
 
 
 def measured_robot(model: mujoco.MjModel, path: Path, torque_limit_nm: float, foot_radius_m: float) -> Robot:
-    """The robot that this model is. Raises UnusableRobot where its legs are not quadlog's."""
+    """The robot's dimensions and masses. Raises UnusableRobot where its legs are of another kind."""
     data = mujoco.MjData(model)
     joints = [f"{leg}_{kind}" for leg in LEGS for kind in JOINTS]
     data.qpos[:] = 0
@@ -113,17 +113,13 @@ class _Foot:
     radius_m: float
 
 
+@without_log()
 def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with the robot of an MJCF or URDF file.
 
     Legs are told by the beginning of their joints' names, see PREFIXES; joints along a leg by their order.
     Raises UnreadableFile, TooLarge, UnusableRobot.
     """
-    with without_log():
-        return _load(path, ground, friction)
-
-
-def _load(path: Path, ground: HeightField, friction: float) -> QuadrupedModel:
     spec = read_model(path)
     limits = limits_nm(spec)
     joints, feet, root = _find(spec, path)
@@ -221,7 +217,7 @@ def _foot(leg: str, shank: Any) -> _Foot | None:
 
 
 def _clear(spec: mujoco.MjSpec, root: Any) -> None:
-    """Take away motors and surroundings, and let nothing collide; see that the robot can move freely."""
+    """Remove motors and surroundings, disable all collisions, and add a free joint where there is none."""
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for body in list(spec.worldbody.bodies):
@@ -241,11 +237,11 @@ def _clear(spec: mujoco.MjSpec, root: Any) -> None:
 
 
 def _name(spec: mujoco.MjSpec, joints: list[Any], root: Any, torque_nm: Float) -> None:
-    """Give the joints our names, and motors, and the body that all hangs on the trunk's."""
+    """Name the joints and the trunk as quadlog does, and add a torque motor to each joint."""
     for number, body in enumerate(spec.bodies[1:]):
         body.name = f"user_{number}"
     root.name = "trunk"
-    # First out of the way of names that another of them may have.
+    # First make all names unique: a new name may be in use for another joint.
     for number, joint in enumerate(spec.joints):
         joint.name = f"user_{number}"
     names = [f"{leg}_{kind}" for leg in LEGS for kind in JOINTS]
@@ -259,7 +255,7 @@ def _name(spec: mujoco.MjSpec, joints: list[Any], root: Any, torque_nm: Float) -
 
 
 def _turn_joints(model: mujoco.MjModel, spec: mujoco.MjSpec) -> None:
-    """Make each joint turn the way ours do: abduction about x, hip and knee about -y."""
+    """Give each joint quadlog's sense of rotation: abduction about x, hip and knee about -y."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0
     data.qpos[3] = 1
@@ -282,7 +278,7 @@ def _add_contacts(joints: list[Any], feet: list[_Foot], root: Any, friction: flo
     for geom in shapes:
         geom.conaffinity, geom.condim, geom.friction = 1, 3, touch["friction"]
     if not shapes:
-        # Nothing is known of its shape but where the legs hang.
+        # Without a shape, a box that reaches to the hips.
         hip_m = np.abs([joint.parent.pos for joint in joints[::3]]).max(axis=0)
         size = np.maximum([0.1, 0.05, 0.05], hip_m * [1, 1, 0])
         root.add_geom(name="trunk", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, **touch)

@@ -1,4 +1,4 @@
-"""A simulated quadruped with its controller: told a speed and a yaw rate, it walks, and what it did is kept."""
+"""A simulated quadruped with its controller, commanded by a speed and a yaw rate."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class WalkingRobot:
         x_m, y_m, yaw_rad = start_pose.tolist()
         self._quadruped = Quadruped(model, x_m, y_m, yaw_rad)
         self._state = self._quadruped.read()
-        # What the controller takes for it.
+        # The state that the controller is given.
         self._estimated = WholeBodyState() if disturbances.velocity_bias_mps else self._state
         settings = replace(settings, mass_error=disturbances.mass_error)
         self.walker = Walker(model.robot, settings, self._state)
@@ -55,7 +55,7 @@ class WalkingRobot:
 
     @property
     def mass_kg(self) -> float:
-        """All of it, as it truly is."""
+        """True total mass."""
         return self.model.robot.mass_kg
 
     @property
@@ -95,18 +95,15 @@ class WalkingRobot:
 
     @property
     def effort(self) -> Effort:
-        """What the walk took so far."""
+        """Energy, distance, torques and body errors of the walk so far."""
         energy_j, distance_m, torque_max_nm, cut, pitch_squared, height_squared = self._sums.tolist()
         ticks = max(self._walked, 1)
         rms = (math.sqrt(pitch_squared / ticks), math.sqrt(height_squared / ticks))
         return Effort(energy_j, distance_m, torque_max_nm, cut / (12 * ticks), *rms)
 
+    @without_log()
     def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
-        """Go on for so many ticks towards a speed and a yaw rate; a robot that has fallen lies."""
-        with without_log():
-            self._walk(ticks, speed_mps, yaw_rate_radps)
-
-    def _walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
+        """Walk for a number of ticks towards a speed and a yaw rate; a robot that has fallen does not move."""
         for done in range(ticks):
             if self.fallen:
                 self.ticks += ticks - done
@@ -144,7 +141,7 @@ class WalkingRobot:
 
 @kernel
 def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-untyped-def]
-    """Adds a tick to what Effort is made of."""
+    """Add one tick to the sums behind Effort."""
     now, wanted = state[0], reference[0]
     pitch_error, height_error = now.rpy[1] - wanted.rpy[1], now.position_m[2] - wanted.position_m[2]
     for joint in range(12):

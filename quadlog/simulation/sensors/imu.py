@@ -1,4 +1,4 @@
-"""What the robot itself believes of its motion: an IMU whose north is not the map's, and odometry that drifts."""
+"""Simulated IMU with an arbitrary yaw offset, and simulated odometry that drifts."""
 
 from __future__ import annotations
 

@@ -186,7 +186,9 @@ def _mesh(obstacle: Obstacle, terrain: Terrain) -> tuple[Float, Int]:
     sides = len(outline_m)
     floor_m = float(terrain.height_at(np.array([[obstacle.x_m, obstacle.y_m]]))[0])
     hangs = obstacle.bottom_m > 0
-    low_m = floor_m + obstacle.bottom_m if hangs else _foot(terrain.height_at(outline_m))
+    around_m = terrain.height_at(outline_m)
+    # What stands reaches below the lowest ground along its outline, so that no light passes under it.
+    low_m = floor_m + obstacle.bottom_m if hangs else float(around_m.min() - np.ptp(around_m))
     low = np.column_stack([outline_m, np.full(sides, low_m)])
     high = np.column_stack([outline_m, np.full(sides, floor_m + obstacle.height_m)])
     here = np.arange(sides)
@@ -198,11 +200,6 @@ def _mesh(obstacle: Obstacle, terrain: Terrain) -> tuple[Float, Int]:
     below = np.column_stack([np.zeros(sides - 2, dtype=np.int64), here[1:-1], here[2:]])
     lids = [below + sides, below] if hangs else [below + sides]
     return np.concatenate([low, high]), np.concatenate([*walls, *lids])
-
-
-def _foot(around_m: Float) -> float:
-    """How deep an obstacle reaches so that no light falls under it, from the ground's heights along its outline."""
-    return float(around_m.min() - np.ptp(around_m))
 
 
 def _box_outline(box: Box) -> Float:

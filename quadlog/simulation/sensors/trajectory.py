@@ -1,4 +1,4 @@
-"""Walks: a smooth closed route through a site, and somebody going along it at a gently changing speed."""
+"""Trajectories: smooth closed routes through a site, and walks along them at a slowly varying speed."""
 
 from __future__ import annotations
 

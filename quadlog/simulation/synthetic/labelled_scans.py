@@ -204,7 +204,7 @@ def _scan_at(place: ScanSite, rng: np.random.Generator) -> LabelledScan:
     mount = transform_from_rpy(np.array([0.0, 0.0, height_m]), 0.0, 0.0, 0.0)
     caster = RayCaster(place.obstacles, place.terrain)
     world = SweepScene(caster, place.robot, tuple((each, TruePointClass.PERSON) for each in place.people), mount)
-    # What nobody does while the scan lasts needs no clock.
+    # Nothing moves during the scan, so the time does not matter.
     scan = sweep(SCANS_LIDAR, world, start_ns=0, stamp_ns=0, rng=rng)
     pose = _pose(place.robot.at(np.zeros(1)))
     assert scan.cloud.ring is not None

@@ -1,4 +1,4 @@
-"""From quadlog's messages to ROS payloads, ROS 1 and ROS 2, with the definitions that go into the recording."""
+"""Encode quadlog's messages as ROS 1 and ROS 2 payloads, with the definitions that the recording embeds."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.messages import Float, Imu, Message, Odometry, Pose, Transforms, UwbRanges
 from quadlog.recordings.decoders.ros_messages import BUNDLED, HEADER_FIELD
 from quadlog.simulation.sensors.lidar import SimulatedScan
 
+Fields = dict[str, Any]
+"""Field values of a message by name."""
 LINKTRACK = "nlink_parser/msg/LinktrackTagframe0"
 
 TYPE_NAMES: dict[type, str] = {
@@ -50,16 +53,8 @@ class RosEncoder:
         text = (BUNDLED / package / "msg" / f"{name}.msg").read_text(encoding="utf-8")
         self._store.register(get_types_from_msg(HEADER_FIELD + text, LINKTRACK))
         if version == 1:
-            # rosbags knows tf's own package in ROS 2 only.
+            # rosbags has the tf2_msgs definitions for ROS 2 only.
             self._store.register(get_types_from_msg(_TF_MESSAGE, TYPE_NAMES[Transforms]))
-        self._fill: dict[type, Callable[[Any, int], Any]] = {
-            SimulatedScan: self._scan,
-            UwbRanges: self._uwb_ranges,
-            Imu: self._imu,
-            Odometry: self._odometry,
-            Pose: self._pose,
-            Transforms: self._transforms,
-        }
 
     def definition(self, type_name: str) -> Definition:
         """What the recording embeds for a type."""
@@ -68,135 +63,130 @@ class RosEncoder:
 
     def encode(self, message: Message | SimulatedScan, sequence: int) -> bytes:
         """The payload of a message, the sequence-th of its topic (ROS 1 headers say so)."""
-        filled, type_name = self._fill[type(message)](message, sequence), TYPE_NAMES[type(message)]
+        type_name = TYPE_NAMES[type(message)]
+        filled = self._make(type_name, _FIELDS[type(message)](message, sequence))
         if self.version == 1:
             return bytes(self._store.serialize_ros1(filled, type_name))
         return bytes(self._store.serialize_cdr(filled, type_name))
 
-    def _make(self, type_name: str, **fields: Any) -> Any:
-        return self._store.types[type_name](**fields)
+    def _make(self, type_name: str, fields: Fields) -> Any:
+        """A message from its fields, nested messages as dictionaries too; arrays that are not given are zeros."""
+        values = {}
+        described: Any = self._store.fielddefs[type_name][1]
+        for name, (kind, of) in described:
+            if kind == Nodetype.NAME:
+                values[name] = self._make(of, fields[name])
+            elif kind == Nodetype.ARRAY and name not in fields:
+                (_, (dtype, _)), size = of
+                values[name] = np.zeros(size, dtype=dtype)
+            elif kind == Nodetype.SEQUENCE and of[0][0] == Nodetype.NAME:
+                values[name] = [self._make(of[0][1], each) for each in fields[name]]
+            else:
+                values[name] = fields[name]
+        return self._store.types[type_name](**values)
 
-    def _header(self, stamp_ns: int | None, frame_id: str, sequence: int) -> Any:
-        assert stamp_ns is not None
-        stamp = self._make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-        numbered = {"seq": sequence} if self.version == 1 else {}
-        return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id, **numbered)
 
-    def _vector(self, xyz: Float, kind: str = "Vector3") -> Any:
-        x, y, z = (float(each) for each in xyz)
-        return self._make(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+def _header(stamp_ns: int | None, frame_id: str, sequence: int) -> Fields:
+    """ROS 2 has no `seq`."""
+    assert stamp_ns is not None
+    return {
+        "seq": sequence,
+        "stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9},
+        "frame_id": frame_id,
+    }
 
-    def _quaternion(self, quat_xyzw: Float) -> Any:
-        x, y, z, w = (float(each) for each in quat_xyzw)
-        return self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def _scan(self, scan: SimulatedScan, sequence: int) -> Any:
-        cloud = scan.cloud
-        points = np.empty(len(cloud.xyz_m), dtype=POINT)
-        for axis, name in enumerate("xyz"):
-            points[name] = cloud.xyz_m[:, axis]
-        points["intensity"], points["ring"] = scan.intensity, cloud.ring
-        assert cloud.offset_ns is not None
-        points["time"] = cloud.offset_ns * 1e-9
-        return self._make(
-            TYPE_NAMES[SimulatedScan],
-            header=self._header(cloud.stamp_ns, cloud.frame_id, sequence),
-            height=1,
-            width=len(points),
-            fields=self._point_fields(),
-            is_bigendian=False,
-            point_step=POINT.itemsize,
-            row_step=POINT.itemsize * len(points),
-            data=points.view(np.uint8).reshape(-1),
-            is_dense=True,
-        )
+def _named(values: Float, names: str = "xyz") -> Fields:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
 
-    def _point_fields(self) -> list[Any]:
-        assert POINT.fields is not None
-        return [
-            self._make(
-                "sensor_msgs/msg/PointField",
-                name=name,
-                offset=field[1],
-                datatype=_POINT_FIELD_TYPES[field[0].str[1:]],
-                count=1,
-            )
+
+def _pose_fields(pose: Pose | Odometry) -> Fields:
+    return {"position": _named(pose.position_m), "orientation": _named(pose.quat_xyzw, "xyzw")}
+
+
+def _scan(scan: SimulatedScan, sequence: int) -> Fields:
+    cloud = scan.cloud
+    points = np.empty(len(cloud.xyz_m), dtype=POINT)
+    for axis, name in enumerate("xyz"):
+        points[name] = cloud.xyz_m[:, axis]
+    assert cloud.offset_ns is not None
+    points["intensity"], points["ring"], points["time"] = scan.intensity, cloud.ring, cloud.offset_ns * 1e-9
+    assert POINT.fields is not None
+    return {
+        "header": _header(cloud.stamp_ns, cloud.frame_id, sequence),
+        "height": 1,
+        "width": len(points),
+        "fields": [
+            {"name": name, "offset": field[1], "datatype": _POINT_FIELD_TYPES[field[0].str[1:]], "count": 1}
             for name, field in POINT.fields.items()
-        ]
+        ],
+        "is_bigendian": False,
+        "point_step": POINT.itemsize,
+        "row_step": POINT.itemsize * len(points),
+        "data": points.view(np.uint8).reshape(-1),
+        "is_dense": True,
+    }
 
-    def _uwb_ranges(self, ranges: UwbRanges, sequence: int) -> Any:
-        assert ranges.stamp_ns is not None
-        distances = np.zeros(_LINKTRACK_ANCHORS, dtype=np.float32)  # 0: no range
-        distances[ranges.anchor] = ranges.range_m
-        clock_ms = ranges.stamp_ns // 10**6 % 2**32
-        # The module's own fix and IMU are off: quadlog does the fixing.
-        own = {"pos_3d": 3, "eop_3d": 3, "vel_3d": 3, "angle_3d": 3, "quaternion": 4, "imu_gyro_3d": 3, "imu_acc_3d": 3}
-        return self._make(
-            LINKTRACK,
-            header=self._header(ranges.stamp_ns, "map", sequence),
-            role=_LINKTRACK_TAG_ROLE,
-            id=ranges.tag,
-            local_time=clock_ms,
-            system_time=clock_ms,
-            voltage=_LINKTRACK_VOLTAGE,
-            dis_arr=distances,
-            **{name: np.zeros(size, dtype=np.float32) for name, size in own.items()},
-        )
 
-    def _imu(self, imu: Imu, sequence: int) -> Any:
-        assert imu.quat_xyzw is not None
-        return self._make(
-            TYPE_NAMES[Imu],
-            header=self._header(imu.stamp_ns, imu.frame_id, sequence),
-            orientation=self._quaternion(imu.quat_xyzw),
-            orientation_covariance=np.zeros(9),
-            angular_velocity=self._vector(imu.angular_radps),
-            angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=self._vector(imu.linear_mps2),
-            linear_acceleration_covariance=np.zeros(9),
-        )
+def _uwb_ranges(ranges: UwbRanges, sequence: int) -> Fields:
+    """The module's own position, velocity and IMU fields stay zero."""
+    assert ranges.stamp_ns is not None
+    distances = np.zeros(_LINKTRACK_ANCHORS, dtype=np.float32)  # 0: no range
+    distances[ranges.anchor] = ranges.range_m
+    clock_ms = ranges.stamp_ns // 10**6 % 2**32
+    return {
+        "header": _header(ranges.stamp_ns, "map", sequence),
+        "role": _LINKTRACK_TAG_ROLE,
+        "id": ranges.tag,
+        "local_time": clock_ms,
+        "system_time": clock_ms,
+        "voltage": _LINKTRACK_VOLTAGE,
+        "dis_arr": distances,
+    }
 
-    def _pose_fields(self, position_m: Float, quat_xyzw: Float) -> Any:
-        return self._make(
-            "geometry_msgs/msg/Pose",
-            position=self._vector(position_m, "Point"),
-            orientation=self._quaternion(quat_xyzw),
-        )
 
-    def _pose(self, pose: Pose, sequence: int) -> Any:
-        return self._make(
-            TYPE_NAMES[Pose],
-            header=self._header(pose.stamp_ns, pose.frame_id, sequence),
-            pose=self._pose_fields(pose.position_m, pose.quat_xyzw),
-        )
+def _imu(imu: Imu, sequence: int) -> Fields:
+    assert imu.quat_xyzw is not None
+    return {
+        "header": _header(imu.stamp_ns, imu.frame_id, sequence),
+        "orientation": _named(imu.quat_xyzw, "xyzw"),
+        "angular_velocity": _named(imu.angular_radps),
+        "linear_acceleration": _named(imu.linear_mps2),
+    }
 
-    def _odometry(self, odometry: Odometry, sequence: int) -> Any:
-        twist = self._make(
-            "geometry_msgs/msg/Twist",
-            linear=self._vector(odometry.linear_mps),
-            angular=self._vector(odometry.angular_radps),
-        )
-        pose = self._pose_fields(odometry.position_m, odometry.quat_xyzw)
-        return self._make(
-            TYPE_NAMES[Odometry],
-            header=self._header(odometry.stamp_ns, odometry.frame_id, sequence),
-            child_frame_id=odometry.child_frame_id,
-            pose=self._make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-            twist=self._make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
-        )
 
-    def _transforms(self, transforms: Transforms, sequence: int) -> Any:
-        stamped = [
-            self._make(
-                "geometry_msgs/msg/TransformStamped",
-                header=self._header(pose.stamp_ns, pose.frame_id, sequence),
-                child_frame_id=pose.child_frame_id,
-                transform=self._make(
-                    "geometry_msgs/msg/Transform",
-                    translation=self._vector(pose.position_m),
-                    rotation=self._quaternion(pose.quat_xyzw),
-                ),
-            )
+def _pose(pose: Pose, sequence: int) -> Fields:
+    return {"header": _header(pose.stamp_ns, pose.frame_id, sequence), "pose": _pose_fields(pose)}
+
+
+def _odometry(odometry: Odometry, sequence: int) -> Fields:
+    twist = {"linear": _named(odometry.linear_mps), "angular": _named(odometry.angular_radps)}
+    return {
+        "header": _header(odometry.stamp_ns, odometry.frame_id, sequence),
+        "child_frame_id": odometry.child_frame_id,
+        "pose": {"pose": _pose_fields(odometry)},
+        "twist": {"twist": twist},
+    }
+
+
+def _transforms(transforms: Transforms, sequence: int) -> Fields:
+    return {
+        "transforms": [
+            {
+                "header": _header(pose.stamp_ns, pose.frame_id, sequence),
+                "child_frame_id": pose.child_frame_id,
+                "transform": {"translation": _named(pose.position_m), "rotation": _named(pose.quat_xyzw, "xyzw")},
+            }
             for pose in transforms.transforms
         ]
-        return self._make(TYPE_NAMES[Transforms], transforms=stamped)
+    }
+
+
+_FIELDS: dict[type, Callable[[Any, int], Fields]] = {
+    SimulatedScan: _scan,
+    UwbRanges: _uwb_ranges,
+    Imu: _imu,
+    Odometry: _odometry,
+    Pose: _pose,
+    Transforms: _transforms,
+}

@@ -101,7 +101,7 @@ class Db3Recording:
     ros_version: Literal[1, 2] = 2
 
     def __init__(self, path: Path) -> None:
-        # No journal: nothing is written beside the file, and a file that fails is thrown away whole.
+        # No journal file: a recording that fails is deleted anyway.
         self._database = sqlite3.connect(path, isolation_level=None)
         self._database.execute("PRAGMA journal_mode = OFF")
         self._database.execute("PRAGMA synchronous = OFF")

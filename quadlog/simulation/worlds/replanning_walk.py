@@ -20,7 +20,7 @@ from quadlog.simulation.worlds.world import World
 
 # Four times the longest straight way of a forest: a robot that is not there by then goes in circles.
 MOST_REPLANS = 1000
-# Replans without a step before the robot gives up: 9 s at one cell a replan, in which somebody passes by.
+# Replans without a step before the robot gives up: 9 s at one cell a replan, enough for a person to pass.
 PATIENCE = 25
 
 
@@ -74,7 +74,7 @@ def walk_world(world: World, planner: Planner, *, cells_per_replan: int = 1) -> 
     PATIENCE such replans in a row it is stuck. Raises ValueError unless it walks at least one cell a replan.
     """
     if cells_per_replan < 1:
-        raise ValueError(f"a robot that walks {cells_per_replan} cells a replan arrives nowhere")
+        raise ValueError(f"cells_per_replan must be at least 1, not {cells_per_replan}")
     planner.reset()
     instants: list[ReplanInstant] = []
     plans: list[Plan] = []

@@ -27,7 +27,7 @@ MOST_PER_M2 = 2.0
 # The routes of Table 1 are 15 to 27 m long; the paper prints no trees.
 GOAL_AWAY_M = (15.0, 25.0)
 TRUNK_RADIUS_M = (0.1, 0.25)
-# How far beside the straight line a detour may lead while the window still shows forest on every side.
+# Margin for detours from the straight line, within which the window still shows forest on every side.
 DETOUR_M = 4.0
 # Between the growth of a tree and the goal, which lies up to half a cell's diagonal from the centre of its cell.
 _CLEAR_M = 0.1

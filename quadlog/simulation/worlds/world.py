@@ -1,4 +1,4 @@
-"""A planner's world of rectangles and discs, some of which move, and how far a body stays from what was seen of it."""
+"""Planner test worlds of static and moving rectangles and discs, and a body's clearance to occupied cells."""
 
 from __future__ import annotations
 

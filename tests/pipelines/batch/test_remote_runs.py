@@ -15,7 +15,7 @@ from quadlog.pipelines.batch import remote as remote_runs
 from quadlog.pipelines.batch import summary
 from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
@@ -33,14 +33,6 @@ FILES_UNTIL = {
     "map": ("poses.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
 }
 Request = Callable[..., ReplayRequest]
-
-
-class Heard(Silent):
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
 
 
 @pytest.fixture
@@ -115,7 +107,7 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     written = bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"]
     with pytest.raises(AlreadyExists, match="--resume"):
         replay_anywhere(small, Silent())
-    heard = Heard()
+    heard = Kept()
     finished = replay_anywhere(replace(small, existing=Existing.RESUME), heard)
     assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
     assert finished.metrics["eta_m"]["value"] == 0.25
@@ -132,7 +124,7 @@ def test_another_input_of_the_same_name_is_another_run(small: ReplayRequest, buc
     request = replace(small, existing=Existing.RESUME)
     replay_anywhere(request, Silent())
     bucket.pipe_file(f"{bucket.name}/season/walk.mcap", b"another one")
-    heard = Heard()
+    heard = Kept()
     replay_anywhere(request, heard)
     assert heard.lines == []
 
@@ -145,6 +137,7 @@ def test_a_folder_of_somebody_else_is_left_alone(request_there: ReplayRequest, b
     assert names(bucket) == {"thesis.tex"}
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
     request_there: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,7 +150,7 @@ def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
             replay_anywhere(request_there, Silent())
     assert "run.json" not in names(bucket)
     assert {"config.toml", "poses.parquet", "stages.json"} <= names(bucket)
-    heard = Heard()
+    heard = Kept()
     replay_anywhere(replace(request_there, existing=Existing.RESUME), heard)
     assert any(line.startswith("reused 1 of 3 stages") for line in heard.lines)
     assert {"run.json", "maps.npz"} <= names(bucket)
@@ -232,6 +225,7 @@ def test_two_machines_do_not_lose_each_other_s_rows(
     assert "./broken/" not in page
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_from_python_both_may_be_urls(request_there: ReplayRequest, bucket: Any) -> None:
     run = quadlog.replay(request_there.recording.url, output=f"s3://{bucket.name}/runs", until="position")
     assert len(run.tables["poses"]) > 0

@@ -17,7 +17,9 @@ from quadlog.pipelines.request import ReplayRequest
 def planned_run(follow_request: Callable[..., ReplayRequest], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder up to its stage `plan`; not to be changed."""
     run = tmp_path_factory.mktemp("planned") / "follow"
-    replay(follow_request(run, duration_s=1.0, until="plan"), Silent())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
+        replay(follow_request(run, duration_s=1.0, until="plan"), Silent())
     return run
 
 

@@ -19,17 +19,6 @@ from quadlog.pipelines.executor import local_pool
 from quadlog.pipelines.executor.progress import tell
 from quadlog.storage.atomic_write import whole_file
 
-prepared = []
-
-def prepare(word):
-    prepared.append(word)
-
-def prepared_words():
-    return list(prepared)
-
-def refuse():
-    raise ValueError("not prepared")
-
 def variable(name):
     return os.environ.get(name)
 
@@ -115,6 +104,13 @@ def talk_on(pipe):
     with open(pipe, "w"):
         while True:
             tell("on")
+
+def is_replaying():
+    from quadlog.pipelines.executor import dask_cluster
+    return dask_cluster._one_at_a_time.locked()
+
+def count_executing(dask_worker):
+    return dask_worker.state.executing_count
 
 def talk(words):
     for word in words:

@@ -55,10 +55,10 @@ def test_a_process_of_two_threads_replays_one_at_a_time(tasks, cluster, gate):
         first = opened.submit(tasks.held, path, "first")
         assert heard.get()["begun"] == "first"
         second = opened.submit(tasks.talk, ["second"])
-        while opened._client.run(count_executing, workers=[worker])[worker] < 2:
+        while opened._client.run(tasks.count_executing, workers=[worker])[worker] < 2:
             assert not second.done()
         assert heard.empty()
-        assert opened._client.run(is_replaying, workers=[worker])[worker]
+        assert opened._client.run(tasks.is_replaying, workers=[worker])[worker]
         path.write_bytes(b"")
         assert (first.result()[0], second.result()) == ("first", 1)
         assert heard.get() == "second"
@@ -178,11 +178,3 @@ def pages():
             return f"http://127.0.0.1:{server.server_port}/status"
 
         yield start
-
-
-def is_replaying():
-    return dask_task._one_at_a_time.locked()
-
-
-def count_executing(dask_worker):
-    return dask_worker.state.executing_count

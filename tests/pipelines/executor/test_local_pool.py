@@ -89,15 +89,6 @@ def test_what_no_pickle_holds_is_that_tasks_error(tasks, task, arguments, says):
         assert pool.submit(abs, -3).result() == 3
 
 
-def test_each_process_is_prepared_once_and_a_failure_is_each_tasks(tasks):
-    with LocalPool(1, tasks.prepare, ("once",)) as pool:
-        assert [pool.submit(tasks.prepared_words).result() for _ in range(2)] == [["once"]] * 2
-    with LocalPool(1, tasks.refuse) as pool:
-        for _ in range(2):
-            with pytest.raises(ValueError, match="not prepared"):
-                pool.submit(abs, 1).result()
-
-
 def test_an_error_of_the_listener_is_its_tasks_and_no_answer_is_taken_for_anothers(tasks):
     def listen(message):
         if message == "bad":
@@ -125,10 +116,11 @@ def test_an_exception_stops_workers_which_clean_up_and_cancels_the_rest(tasks, g
     assert list(folder.iterdir()) == []
 
 
-def stopped_amid(task, *arguments, initializer=None):
+def stopped_amid(task, *arguments, first=int):
     """How a worker ends that is stopped when the task says that it has begun."""
     heard = queue.Queue()
-    with pytest.raises(KeyboardInterrupt), LocalPool(1, initializer, listener=heard.put) as pool:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), LocalPool(1, listener=heard.put) as pool:  # noqa: PT012
+        pool.submit(first)
         running = pool.submit(task, *arguments)
         heard.get()
         raise KeyboardInterrupt
@@ -149,7 +141,7 @@ def test_what_is_broken_off_is_no_error_of_the_tasks_own(tasks, gate, capfd):
 
 
 def test_a_worker_ends_also_when_what_it_does_holds_it(tasks, gate):
-    assert stopped_amid(tasks.held_by_force, gate("gate"), initializer=tasks.unwind_at_once) == LEFT
+    assert stopped_amid(tasks.held_by_force, gate("gate"), first=tasks.unwind_at_once) == LEFT
 
 
 def test_a_worker_leaves_ctrl_c_to_its_parent(tasks, gate):

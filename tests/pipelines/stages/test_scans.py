@@ -18,7 +18,7 @@ from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.compact import CompactScan
 from quadlog.messages import Float, Imu, Int, PointCloud, Pose
 from quadlog.pipelines.stages.perceive import deskewed
-from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings, Spill
+from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.tilt import Tilt
 from quadlog.recordings.decoders.columns import Columns
 from quadlog.recordings.gathering import Many
@@ -154,6 +154,12 @@ def test_when_points_were_measured_is_kept_as_far_as_it_can_be(offset_ns, deskew
     assert (len(row.slot_ns), row.skewed) == (slots, skewed)
     assert (np.diff(row.slot_ns) > 0).all()
     assert len(CompactScan.from_bytes(row.compact).slot_ns) == slots
+
+
+@pytest.mark.parametrize(("step_ns", "last_ns"), [(100_000, 89_900_000), (1_000_000_000, 0)])
+def test_a_sweep_ends_with_its_last_point_unless_its_times_are_absurd(step_ns, last_ns):
+    offset_ns = np.repeat(np.arange(900, dtype=np.int64) * step_ns, 16)
+    assert end_of_sweep_ns(T_NS, cloud(offset_ns=offset_ns)) == T_NS + last_ns
 
 
 def test_a_row_is_read_back_as_it_was_written(look):

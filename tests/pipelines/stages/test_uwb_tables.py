@@ -18,14 +18,9 @@ from quadlog.results.run.maps import read_dilution
 from quadlog.results.run.tables import read_table
 
 
-@pytest.fixture(scope="module")
-def located(tmp_path_factory: pytest.TempPathFactory, follow_request: Callable[..., ReplayRequest]) -> ReplayOutcome:
-    return replay(follow_request(tmp_path_factory.mktemp("runs") / "run", until="position"), Silent())
-
-
-def test_links_are_what_the_saved_ranges_show(located: ReplayOutcome, follow_request: Callable[..., ReplayRequest]):
-    links, ranges = read_table(located.run, "links"), read_table(located.run, "ranges")
-    anchors = follow_request(located.run).config.uwb.anchors
+def test_links_are_what_the_saved_ranges_show(located_run: ReplayOutcome, follow_request: Callable[..., ReplayRequest]):
+    links, ranges = read_table(located_run.run, "links"), read_table(located_run.run, "ranges")
+    anchors = follow_request(located_run.run).config.uwb.anchors
     assert list(zip(links["tag"], links["anchor"], strict=True)) == [(t, a.id) for t in (0, 1) for a in anchors]
     assert_allclose(links["x_m"], [anchor.x_m for anchor in anchors] * 2)
     assert_allclose(links["z_m"], [anchor.z_m for anchor in anchors] * 2)
@@ -39,21 +34,23 @@ def test_links_are_what_the_saved_ranges_show(located: ReplayOutcome, follow_req
     assert ((links["why_not"] == "") == links["bias_applied"]).all()
 
 
-def test_errors_agree_with_the_metric(located: ReplayOutcome):
-    errors = read_table(located.run, "uwb_errors")
+def test_errors_agree_with_the_metric(located_run: ReplayOutcome):
+    errors = read_table(located_run.run, "uwb_errors")
     assert set(errors["tag"]) == {0}
     fixes, track = errors["source"] == "fixes", errors["source"] == "track"
     assert (fixes | track).all()
     length_m = np.hypot(errors["error_x_m"], errors["error_y_m"])
-    assert np.sqrt(np.mean(length_m[fixes] ** 2)) == pytest.approx(located.metrics["uwb_rmse_m"]["value"])
-    assert fixes.sum() == located.metrics["uwb_rmse_m"]["n"]
+    assert np.sqrt(np.mean(length_m[fixes] ** 2)) == pytest.approx(located_run.metrics["uwb_rmse_m"]["value"])
+    assert fixes.sum() == located_run.metrics["uwb_rmse_m"]["n"]
     assert (errors["bound_m"] > 0).all()
     assert np.median(errors["bound_m"][track]) < np.median(errors["bound_m"][fixes])
 
 
-def test_the_saved_map_is_that_of_the_robots_tag(located: ReplayOutcome, follow_request: Callable[..., ReplayRequest]):
-    grid = read_dilution(located.run)
-    anchors = follow_request(located.run).config.uwb.anchors
+def test_the_saved_map_is_that_of_the_robots_tag(
+    located_run: ReplayOutcome, follow_request: Callable[..., ReplayRequest]
+):
+    grid = read_dilution(located_run.run)
+    anchors = follow_request(located_run.run).config.uwb.anchors
     assert grid.tag_height_m == 0.6
     assert max(grid.hdop.shape) > 60
     centre_m = grid.origin_m + (np.array([30, 20]) + 0.5) * grid.cell_m

@@ -34,12 +34,6 @@ def make_ring_scan(n_azimuth: int, seed: int, height_m: float = 0.5, wall_m: flo
 
 
 @pytest.fixture(scope="session")
-def large_ring_scan():
-    """The same of 30,000 points (N, 3)."""
-    return make_ring_scan(n_azimuth=1875, seed=3)[0]
-
-
-@pytest.fixture(scope="session")
 def real_scans():
     """name -> list of (N, 3) float32 of the two real 16-beam recordings."""
     root = os.environ.get("QUADLOG_DATASETS")

@@ -41,7 +41,7 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
         ([-(2**63), 2**63 - 1, 0, 0], Skewed.ABSURD_TIMES),
     ],
 )
-def test_times_that_tell_nothing_are_refused(offset_ns, why):
+def test_unusable_times_are_refused(offset_ns, why):
     offsets = None if offset_ns is None else PointTimes.of_offsets(np.array(offset_ns, dtype=np.int64))
     slot = np.ones(4, np.uint8)
     slots = sweep_slots(offsets, slot)
@@ -68,7 +68,7 @@ def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
         (5, 0, 0.15, Skewed.JUMP), (5, 1, -0.15, Skewed.JUMP), (5, 2, 0.1, Skewed.JUMP), (5, 0, 0.02, None),
     ],
 )  # fmt: skip
-def test_poses_that_are_not_known_or_jump_leave_the_scan_as_it_came(row, column, change, why):
+def test_unknown_or_jumping_poses_disable_deskewing(row, column, change, why):
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
     poses = poses_of(slot_ns)
     poses[row:, column] += change
@@ -77,6 +77,6 @@ def test_poses_that_are_not_known_or_jump_leave_the_scan_as_it_came(row, column,
     np.testing.assert_array_equal(found, poses[1:] if why is None else np.tile(poses[0], (len(slot_ns), 1)))
 
 
-def test_a_yaw_that_passes_behind_is_no_jump():
+def test_a_yaw_wrapping_at_pi_is_no_jump():
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
     assert slot_poses(T_NS, slot_ns, poses_of(slot_ns, np.pi - 0.02))[1] is None

@@ -76,7 +76,7 @@ def test_a_gap_is_not_bridged():
     assert level_rotations(at(0, 300), known)[1] is None
 
 
-def test_without_orientations_nothing_is_levelled():
+def test_scans_without_orientations_are_not_levelled():
     nothing = np.array([[np.nan] * 4, [0.0] * 4, [np.inf, 0, 0, 1]])
     known = up_in_base(at(0, 1, 2), nothing)
     assert len(known) == 0
@@ -95,7 +95,7 @@ def test_rows_that_are_no_rotation_are_left_out():
 
 
 @pytest.mark.parametrize(("roll_deg", "steep"), [(39.9, False), (-39.9, False), (40.1, True), (90, True), (180, True)])
-def test_what_no_walking_robot_does_is_not_believed(roll_deg, steep):
+def test_implausible_tilts_are_ignored(roll_deg, steep):
     rotations, why = level_rotations(at(0), series([0.5, 0.0, np.radians(roll_deg)]))
     assert why is (NotLevelled.STEEP if steep else None)
     assert np.allclose(rotations, np.eye(3)) == steep
@@ -117,7 +117,7 @@ def test_two_opposite_orientations_have_no_mean():
 
 @settings(deadline=None)
 @given(tilt, tilt, heading, heading, st.floats(-1.4, 1.4), heading)
-def test_an_imu_mounted_turned_tells_the_tilt_of_base(pitch, roll, yaw, mount_yaw, mount_pitch, mount_roll):
+def test_a_rotated_imu_mount_gives_the_tilt_of_base(pitch, roll, yaw, mount_yaw, mount_pitch, mount_roll):
     imu_to_base = Rotation.from_euler("ZYX", [mount_yaw, mount_pitch, mount_roll])
     imu_to_world = Rotation.from_euler("ZYX", [yaw, pitch, roll]) * imu_to_base
     known = up_in_base(at(0), imu_to_world.as_quat()[None], imu_to_base.as_matrix())

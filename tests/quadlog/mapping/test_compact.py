@@ -104,7 +104,7 @@ def test_ground_is_averaged_by_cell(compacted) -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 300), st.integers(0, 2**32), st.sampled_from([5.0, 15.0, 300.0, 3000.0]))
-def test_a_scan_survives_its_bytes_and_no_array_is_larger_than_its_points(compacted, n, seed, reach_m) -> None:
+def test_compact_scans_round_trip_through_bytes(compacted, n, seed, reach_m) -> None:
     random = np.random.default_rng(seed)
     xyz_m = random.normal(0, reach_m, (n, 3)).clip(-1e4, 1e4)
     compact = compacted(xyz_m, random.integers(0, 5, n), reach_m=reach_m, height_m=random.uniform(-1, 3, n))

@@ -18,7 +18,7 @@ windows = st.builds(
 
 @settings(deadline=None)
 @given(st.lists(windows, min_size=1, max_size=8))
-def test_what_was_written_stays_where_it_was(added: list[Window]) -> None:
+def test_layers_keep_their_values_when_the_lattice_grows(added: list[Window]) -> None:
     lattice = GrowingLattice(0.1, {"count": np.int32})
     reference = np.zeros((1600, 1600), dtype=np.int32)
     for window in added:

@@ -39,7 +39,7 @@ def test_without_memory_a_map_is_its_scan() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
-def test_what_has_passed_leaves_no_ghost_after_half_a_second(rate_hz: int) -> None:
+def test_moving_obstacles_are_cleared_within_half_a_second(rate_hz: int) -> None:
     memory = log_odds()
     step_ns = 10**9 // rate_hz
     for k in range(20):
@@ -49,7 +49,7 @@ def test_what_has_passed_leaves_no_ghost_after_half_a_second(rate_hz: int) -> No
     assert any(gone) or rate_hz == 5, "one glance past an obstacle must not clear it"
 
 
-def test_what_is_out_of_sight_stays() -> None:
+def test_obstacles_out_of_sight_are_kept() -> None:
     memory = log_odds()
     memory.add(0, WINDOW, PlacedScan(tops((5, 5)), SEEN_THROUGH))
     for k in range(1, 600):
@@ -91,7 +91,7 @@ def test_a_gap_between_scans_contradicts_nothing() -> None:
     assert memory.add(100 * STEP_NS, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
 
 
-def test_decay_forgets_after_its_time_whatever_was_seen() -> None:
+def test_decay_clears_cells_after_its_time_regardless_of_rays() -> None:
     memory = DecayMemory(SlidingLattice(DecayMemory.LAYERS), 1.0)
     memory.add(10**18, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
     assert memory.add(10**18 + 10**9, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
@@ -111,7 +111,7 @@ def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(kind, lattice, 
     assert bool(memory.add(4 * 10**9, near, PlacedScan(tops(), UNSEEN))[5, 5]) is comes_back
 
 
-def test_beyond_its_room_a_scan_is_counted_and_stands_alone() -> None:
+def test_scans_beyond_the_size_limit_are_counted_and_used_alone() -> None:
     memory = LogOddsMemory(GrowingLattice(0.1, LogOddsMemory.LAYERS, most_cells=200), 0.4)
     memory.add(0, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
     far = Window(5000, 0, 0.1, WINDOW.shape)
@@ -137,7 +137,7 @@ def test_a_crate_outlasts_the_person_who_stepped_over_it(passes: int) -> None:
     assert not all(add(tops(), rays(0.15)) for _ in range(5)), "what is taken away is forgotten as before"
 
 
-def test_what_is_seen_over_is_no_higher_than_that() -> None:
+def test_rays_above_an_obstacle_limit_its_height() -> None:
     """Of a person who stood where a crate is left, the crate remains."""
     memory = log_odds()
     for k in range(5):

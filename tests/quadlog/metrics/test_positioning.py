@@ -7,12 +7,26 @@ from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.positioning import Trajectory, associate, positions_at, trajectory_metrics, uwb_metrics
+from quadlog.metrics.metric import Metrics
+from quadlog.metrics.positioning import (
+    Trajectory,
+    associate,
+    fix_error_samples,
+    pair_samples,
+    positions_at,
+    residual_samples,
+)
+from quadlog.metrics.summary import metrics_of, summarise
 
 
 def trajectory(rng, t_ns):
     n = len(t_ns)
     return Trajectory(t_ns, rng.normal(size=(n, 3)).cumsum(axis=0), Rotation.random(n, rng=rng).as_quat())
+
+
+def trajectory_metrics(reference: Trajectory, estimate: Trajectory) -> Metrics:
+    in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, 0.01)
+    return metrics_of(pair_samples(reference.rows(in_reference), estimate.rows(in_estimate)))
 
 
 def as_evo(ours):
@@ -70,15 +84,30 @@ def test_trajectories_without_common_time_have_no_metrics():
 
 
 def test_uwb_by_hand():
-    error_m = np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]])
-    metrics = uwb_metrics(error_m, np.array([0.1, 0.2, np.nan]), np.array([3, 1, 4]))
+    t_ns = np.arange(3)
+    samples = fix_error_samples(t_ns, np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]]))
+    metrics = metrics_of(samples | residual_samples(t_ns, np.array([0.1, 0.2, np.nan]), np.array([3, 1, 4])))
     assert (metrics["uwb_rmse_m"].value, metrics["uwb_rmse_m"].n) == (5.0, 2)
-    assert metrics["uwb_bias_m"].value == 3.0
+    assert (metrics["uwb_bias_m"].value, metrics["uwb_bias_m"].n) == (3.0, 2)
     assert metrics["uwb_residual_m"].value == pytest.approx(np.sqrt((3 * 0.01 + 0.04) / 4))
     assert metrics["uwb_residual_m"].n == 4
-    without_truth = uwb_metrics(None, np.array([0.1]), np.array([3]))
-    assert set(without_truth) == {"uwb_residual_m"}
-    assert uwb_metrics(np.empty((0, 2)), np.empty(0), np.empty(0, dtype=int)) == {}
+    assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_without_a_truth_there_are_no_errors(count):
+    samples = fix_error_samples(np.arange(count), np.full((count, 2), np.nan))
+    assert metrics_of(samples) == {}
+    assert [summarise(each) for each in samples.values()] == [None, None]
+
+
+def test_the_samples_of_a_bias_average_to_it():
+    error_m = np.random.default_rng(0).normal([0.3, -0.4], 1, (500, 2))
+    error_m[3] = np.nan
+    bias = fix_error_samples(np.arange(500), error_m)["uwb_bias_m"]
+    assert summarise(bias).value == pytest.approx(np.hypot(*np.nanmean(error_m, axis=0)))
+    assert bias.values.mean() == pytest.approx(summarise(bias).value)
+    assert bias.count == len(bias.t_ns) == 499
 
 
 def test_positions_between_poses():

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.metrics.planning import Replans, search_metrics
+from quadlog.metrics.planning import Replans, ratio_to_astar, search_samples
+from quadlog.metrics.summary import metrics_of
 
 
 def replans(**columns):
@@ -20,7 +21,7 @@ def replans(**columns):
 
 
 def test_by_hand():
-    metrics = search_metrics(replans(), incremental=True)
+    metrics = metrics_of(search_samples(replans()))
     assert metrics["expanded_total"].value == 631
     assert metrics["generated_total"].value == 711
     assert metrics["expanded_mean"].value == pytest.approx(126.2)
@@ -30,19 +31,17 @@ def test_by_hand():
     # Neither the failed replan nor the robot at its goal can be compared.
     assert metrics["suboptimality_mean"].n == 3
     assert metrics["suboptimality_mean"].value == pytest.approx((0 + 0.1 + 0.25) / 3)
-    assert "ratio_to_astar" not in metrics
 
 
-def test_ratio_only_with_counts_and_share_only_for_incremental_planners():
-    metrics = search_metrics(replans(astar_expanded=np.full(5, 631)), incremental=False)
-    assert metrics["ratio_to_astar"].value == pytest.approx(5.0)
-    assert "fallback_share" not in metrics
+def test_the_ratio_is_that_of_the_totals():
+    assert ratio_to_astar(replans().expanded, np.full(5, 631))["ratio_to_astar"].value == pytest.approx(5.0)
+    assert ratio_to_astar(np.zeros(5, dtype=int), np.full(5, 631)) == {}
 
 
 def test_nothing_from_nothing():
-    empty = replans(**dict.fromkeys(Replans.__slots__[:-1], np.empty(0)))
-    assert search_metrics(empty, incremental=True) == {}
+    empty = replans(**dict.fromkeys(Replans.__slots__, np.empty(0)))
+    assert metrics_of(search_samples(empty)) == {}
     failed = replans(found=np.zeros(5, dtype=bool), optimal_cost=np.full(5, np.nan), expanded=np.zeros(5))
-    metrics = search_metrics(failed, incremental=True)
+    metrics = metrics_of(search_samples(failed))
     assert metrics["success_rate"].value == 0.0
     assert "suboptimality_mean" not in metrics

@@ -5,7 +5,8 @@ import statistics
 import numpy as np
 import pytest
 
-from quadlog.metrics.walking import TrackedWalk, tracking_metrics
+from quadlog.metrics.summary import metrics_of
+from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_metrics
 
 
 def walk(n=50, **columns):
@@ -42,8 +43,7 @@ def test_mean_and_sample_deviation_against_the_standard_library():
 
 def test_what_does_not_apply_is_absent():
     metrics = tracking_metrics(walk())
-    absent = {"completion_time_s", "fallen", "clearance_min_m", "collisions", "following_distance_mean_m"}
-    assert not absent & set(metrics)
+    assert not {"completion_time_s", "fallen"} & set(metrics)
     nothing = np.full(4, np.nan)
     empty = tracking_metrics(
         walk(4, error_m=nothing, cross_track_m=nothing, time_error_m=nothing, heading_error_rad=nothing)
@@ -60,23 +60,26 @@ def test_ticks_without_a_plan_do_not_count():
     assert (metrics["eta_m"].value, metrics["eta_m"].n) == (pytest.approx(0.3), 2)
 
 
-def test_completion_falls_distance():
-    tracked = walk(3, fallen=np.array([False, True, True]), target_distance_m=np.array([1.0, np.nan, 2.0]))
-    metrics = tracking_metrics(tracked, completed_ns=1_500_000_000)
+def test_completion_and_falls():
+    metrics = tracking_metrics(walk(3, fallen=np.array([False, True, True])), completed_ns=1_500_000_000)
     assert metrics["completion_time_s"].value == 1.5
     assert metrics["fallen"].value == 1.0
-    assert (metrics["following_distance_mean_m"].value, metrics["following_distance_mean_m"].n) == (1.5, 2)
+
+
+def clearances(clearance_m):
+    distance_m = np.array([1.0, np.nan, 2.0, *[np.nan] * len(clearance_m)])[: len(clearance_m)]
+    return metrics_of(clearance_samples(np.arange(len(clearance_m)), np.array(clearance_m), distance_m))
 
 
 def test_a_collision_is_counted_once_while_it_lasts():
-    clearance_m = np.array([-0.1, 0.2, 0.0, -0.2, 0.3, np.inf, np.nan, -0.1])
-    metrics = tracking_metrics(walk(8, clearance_m=clearance_m))
+    metrics = clearances([-0.1, 0.2, 0.0, -0.2, 0.3, np.inf, np.nan, -0.1])
     assert metrics["clearance_min_m"].value == -0.2
     assert (metrics["collisions"].value, metrics["collisions"].n) == (3, 7)
+    assert (metrics["following_distance_mean_m"].value, metrics["following_distance_mean_m"].n) == (1.5, 2)
 
 
 def test_no_obstacle_at_all_is_no_collision_and_no_distance():
-    metrics = tracking_metrics(walk(2, clearance_m=np.array([np.inf, np.inf])))
+    metrics = clearances([np.inf, np.inf])
     assert metrics["collisions"].value == 0
     assert "clearance_min_m" not in metrics
-    assert "collisions" not in tracking_metrics(walk(2, clearance_m=np.array([np.nan, np.nan])))
+    assert "collisions" not in clearances([np.nan, np.nan])

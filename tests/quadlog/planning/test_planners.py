@@ -64,24 +64,6 @@ def test_optimal_while_the_root_of_the_search_keeps_its_cell(assert_throughout, 
 
 
 @each_planner
-@pytest.mark.parametrize(("start", "goal"), [((-1, 0), (2, 2)), ((0, 0), (5, 2)), ((0, 0), (2, 4)), ((1, 1), (2, 2))])
-def test_start_or_goal_outside_or_blocked_is_a_result(name, start, goal):
-    blocked = np.zeros((4, 5), dtype=bool)
-    blocked[1, 1] = True
-    plan = make_planner(name).plan(blocked, start, goal)
-    assert (plan.found, plan.cells.shape, plan.expanded) == (False, (0, 2), 0)
-
-
-@each_planner
-def test_start_and_goal_in_one_cell(name):
-    planner = make_planner(name)
-    for _ in range(2):
-        plan = planner.plan(np.zeros((1, 1), dtype=bool), (0, 0), (0, 0))
-        assert plan.cells.tolist() == [[0, 0]]
-        assert plan.cost == 0
-
-
-@each_planner
 @pytest.mark.parametrize("rules", [Rules(), Rules(costs="exact", ties="smaller_g")], ids=str)
 def test_after_a_reset_it_plans_as_a_fresh_one_on_maps_of_any_size(grids, cells_of, name, rules):
     """What one map left in the work arrays must not be taken for the next one's."""

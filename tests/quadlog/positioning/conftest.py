@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,12 +95,8 @@ class Trolley:
 
 
 @pytest.fixture(scope="session")
-def trolley() -> Trolley:
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    path = Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast.mcap"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
+def trolley(lias_site: SimpleNamespace) -> Trolley:
+    path = lias_site.folder / "lias_fast.mcap"
     stamps, tags, rows, poses = [], [], [], []
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -123,21 +117,9 @@ def trolley() -> Trolley:
         np.array(rows, dtype=np.float64).reshape(-1),
     )
     t_ns, first = np.unique(np.array([pose[0] for pose in poses]), return_index=True)
-    anchors_m = np.array(
-        [
-            (-3.4203, 3.0053, 1.0442),
-            (0.0016, 3.0110, 1.0446),
-            (3.6056, 2.9795, 1.0463),
-            (3.6011, -0.0008, 1.0422),
-            (3.5674, -3.0087, 1.0443),
-            (-0.0072, -2.9652, 1.0444),
-            (-3.4673, -2.9587, 1.0445),
-            (-3.4858, -0.0098, 1.0457),
-        ]
-    )
-    lever_m = np.array([(-0.0689, -0.1423, 0.0011), (-0.0750, 0.1402, 0.0016), (0.2034, 0.1451, -0.0008)])
     position_m = np.array([poses[i][1] for i in first])
-    return Trolley(series, anchors_m, lever_m, t_ns, position_m, Rotation.from_quat([poses[i][2] for i in first]))
+    rotation = Rotation.from_quat([poses[i][2] for i in first])
+    return Trolley(series, lias_site.anchors_m, lias_site.levers_m, t_ns, position_m, rotation)
 
 
 @pytest.fixture(scope="session")

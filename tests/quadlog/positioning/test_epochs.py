@@ -27,15 +27,6 @@ def test_single_ranges_make_a_round_at_their_mean_time():
     np.testing.assert_array_equal(got.last_ns, [big + 26, big + 40])
 
 
-def test_nothing_in_nothing_out():
-    assert len(group_epochs(series([]), 0, ids(1, 2, 3), 0.1)) == 0
-
-
-def test_anchor_ids_need_not_be_sorted():
-    got = group_epochs(series([(0, 0, 1, 1.0), (0, 0, 2, 2.0), (0, 0, 3, 3.0)]), 0, ids(3, 1, 2), 0.1)
-    np.testing.assert_array_equal(got.range_m, [[3.0, 1.0, 2.0]])
-
-
 def test_too_many_cells_are_refused(monkeypatch):
     monkeypatch.setattr(epochs_module, "MAX_CELLS", 5)
     with pytest.raises(TooLarge, match="tag 0: 6 exceeds the limit of 5"):

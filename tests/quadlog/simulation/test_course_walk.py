@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import ClassVar
 
@@ -10,7 +11,7 @@ from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.results.run.tables import TABLES
-from quadlog.simulation.course_walk import COURSES, Course, longest_s, walk_course
+from quadlog.simulation.course_walk import COURSES, SPACING_M, Course, longest_s, walk_course
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import TIMESTEP_S, quadruped_model
@@ -91,7 +92,7 @@ def test_a_unicycle_on_a_circle_errs_as_pure_pursuit_does_in_steady_state():
     assert walk.control["yaw_rate_radps"][100:-200] == pytest.approx(0.6 / 5, rel=0.02)
 
 
-def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
+def test_steering_uses_measured_poses_and_errors_use_true_ones():
     late = _walk(BEND, _unicycle(BEND, replace(NONE, pose_lag_s=0.5)))
     calm = _walk(BEND, _unicycle(BEND))
     turns = [int(np.flatnonzero(walk.control["cmd_yaw_rate_radps"])[0]) for walk in (late, calm)]
@@ -100,7 +101,7 @@ def test_the_robot_knows_only_what_is_measured_but_is_judged_by_the_truth():
     np.testing.assert_allclose(away, late.control["error_m"], atol=1e-9)
 
 
-def test_the_look_ahead_goes_by_the_error_that_is_known():
+def test_the_look_ahead_uses_the_measured_error():
     class Told(FixedLookahead):
         heard: ClassVar[list[float]] = []
 
@@ -113,7 +114,7 @@ def test_the_look_ahead_goes_by_the_error_that_is_known():
     np.testing.assert_allclose(Told.heard[25:], control["cross_track_m"][:-25], atol=1e-9)
 
 
-def test_who_falls_at_the_end_has_not_arrived():
+def test_a_fall_at_the_end_is_no_arrival():
     class Stumbler(UnicycleRobot):
         @property
         def fallen(self):
@@ -147,7 +148,7 @@ def test_the_rate_is_that_of_the_ticks_and_each_is_watched():
     assert len(seen) == len(walk.control["t_ns"]) == 51
 
 
-def test_a_robot_without_a_body_has_the_speed_it_is_told_at_once():
+def test_a_unicycle_has_the_commanded_speed_at_once():
     control = _walk(BEND, _unicycle(BEND)).control
     np.testing.assert_array_equal(control["vx_mps"], control["cmd_v_mps"])
     np.testing.assert_array_equal(control["yaw_rate_radps"], control["cmd_yaw_rate_radps"])
@@ -155,3 +156,50 @@ def test_a_robot_without_a_body_has_the_speed_it_is_told_at_once():
     steps_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
     np.testing.assert_allclose(steps_m, control["vx_mps"][:-1] * 0.02, atol=1e-6)
     np.testing.assert_allclose(np.diff(control["yaw_rad"]), control["yaw_rate_radps"][:-1] * 0.02, atol=1e-12)
+
+
+def _length_m(course: Course) -> float:
+    return float(np.hypot(*np.diff(course.path_m, axis=0).T).sum())
+
+
+@pytest.mark.parametrize(
+    ("name", "length_m", "end", "start_yaw_rad", "speed_mps"),
+    [
+        ("line", math.hypot(10, 10), (10, 10), math.pi / 4, 0.6),
+        ("circle", 10 * math.pi, (0, 0), 0.0, 0.6),
+        ("s-curve", 12 + 6 * math.pi, (24, 0), 0.0, 0.5),
+    ],
+)
+def test_courses_are_as_long_and_end_where_the_contract_says(name, length_m, end, start_yaw_rad, speed_mps):
+    course = COURSES[name]()
+    # Chords are shorter than their arcs, by (spacing / radius)^2 / 24.
+    assert _length_m(course) == pytest.approx(length_m, rel=1e-5)
+    assert course.path_m[0].tolist() == [0, 0]
+    assert course.path_m[-1] == pytest.approx(end, abs=1e-9)
+    assert course.start_pose[2] == pytest.approx(start_yaw_rad, abs=SPACING_M / 5)
+    assert course.speed_mps == speed_mps
+    assert np.hypot(*np.diff(course.path_m, axis=0).T).max() < SPACING_M + 1e-9
+
+
+def test_the_circle_has_its_radius_and_lies_to_the_left():
+    path_m = COURSES["circle"]().path_m
+    assert np.hypot(*(path_m - [0, 5]).T) == pytest.approx(np.full(len(path_m), 5.0))
+    assert path_m[1, 1] > 0
+
+
+def test_the_s_curve_bends_left_right_left_by_3_m_without_a_kink():
+    path_m = COURSES["s-curve"]().path_m
+    steps = np.diff(path_m, axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    curvature = np.diff(heading) / np.hypot(*steps[1:].T)
+    assert np.abs(curvature).max() == pytest.approx(1 / 3, rel=1e-3)
+    assert np.diff(np.sign(curvature[np.abs(curvature) > 0.3])).nonzero()[0].size == 2
+    assert heading.max() == pytest.approx(math.pi / 2, abs=0.01)
+    assert heading.min() == pytest.approx(-math.pi / 2, abs=0.01)
+    assert path_m[:, 1].max() == pytest.approx(6.0, abs=1e-3)
+
+
+def test_a_start_pose_looks_to_the_first_other_point():
+    course = Course("own", np.array([[1.0, 1.0], [1.0, 1.0], [1.0, 3.0]]), 0.5)
+    assert course.start_pose.tolist() == [1.0, 1.0, pytest.approx(math.pi / 2)]
+    assert Course("point", np.array([[1.0, 1.0]]), 0.5).start_pose.tolist() == [1.0, 1.0, 0.0]

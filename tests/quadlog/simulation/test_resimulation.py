@@ -77,7 +77,7 @@ def test_walks_round_a_wall_with_clearance():
     assert np.abs(walk.control["y_m"]).max() > 1.0
 
 
-def test_outside_the_window_it_holds_its_last_plan_and_counts():
+def test_outside_the_window_the_last_plan_is_kept_and_ticks_are_counted():
     """The recorded window stays where it was while the robot walks on towards a far target."""
     near = list(instants(60, size=30))
     walk = run(near, fixed(30.0, 0.0))
@@ -93,7 +93,7 @@ def test_outside_the_window_it_holds_its_last_plan_and_counts():
     assert held.control["x_m"][-1] == pytest.approx(1.45, abs=0.1)
 
 
-def test_without_any_target_it_stands_and_has_no_error():
+def test_without_a_target_the_robot_stands_still():
     walk = run(instants(10), fixed(np.nan, np.nan))
     assert walk.plans == []
     assert (walk.control["x_m"] == 0).all()
@@ -101,7 +101,7 @@ def test_without_any_target_it_stands_and_has_no_error():
     assert np.isnan(walk.control["ref_x_m"]).all()
 
 
-def test_walled_in_it_stands_and_the_replan_failed():
+def test_a_walled_in_robot_stands_still():
     maps = list(instants(5))
     for each in maps:
         each.occupied[:] = True
@@ -128,7 +128,7 @@ def test_the_same_input_gives_the_same_walk():
         assert dataclasses.replace(ours, us=0.0) == dataclasses.replace(theirs, us=0.0)
 
 
-def test_no_maps_no_walk():
+def test_without_maps_there_is_no_walk():
     walk = run([], fixed(4.0, 0.0))
     assert len(walk.control["t_ns"]) == 0
     assert walk.plans == []
@@ -142,7 +142,7 @@ def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
         run([first, dataclasses.replace(first, t_ns=START_NS - 1), first], fixed(4.0, 0.0))
 
 
-def test_what_stands_there_is_touched_though_no_map_at_that_instant_shows_it():
+def test_clearance_includes_cells_of_the_whole_runs_map():
     """The way is planned as if the wall were not there, and the walk is honest about it."""
     walls = [
         dataclasses.replace(each, standing=wall.occupied)
@@ -180,7 +180,7 @@ def test_a_robot_with_a_body_walks_as_the_plan_goes():
     assert (walk.clearance_m > 0).all()
 
 
-def test_a_robot_that_fell_lies_where_it_fell():
+def test_a_fallen_robot_does_not_move():
     """Without friction nobody walks: the fall is in the table, and the walk goes on to its end."""
     model = quadruped_model(ROBOTS["tracking"], flat(), friction=0.01)
     robot = WalkingRobot(model, WalkerSettings(), np.zeros(3), np.random.default_rng(0))

@@ -5,23 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from quadlog.control.following.path import lookahead_within, nearest_on_path, remaining_length
+from quadlog.control.following.path import lookahead_within, nearest_on_path
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
-
-
-def test_one_point_and_repeated_points():
-    point = np.array([[1.0, 1.0]])
-    near = nearest_on_path(point, 4.0, 5.0)
-    assert abs(near.distance_m) == 5.0
-    assert math.isnan(near.heading_rad)
-    assert ahead_of(point, 4.0, 5.0, near, 1.0) == (1.0, 1.0)
-    assert remaining_length(point, 0, 0.0) == 0.0
-    repeated = np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
-    near = nearest_on_path(repeated, 2.5, 0.0)
-    assert near.heading_rad == 0.0
-    assert near.distance_m == 0.5
-    assert remaining_length(repeated, near.segment, near.fraction) == 0.0
 
 
 def ahead_of(path, x, y, near, lookahead_m):

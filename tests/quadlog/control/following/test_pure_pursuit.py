@@ -31,12 +31,6 @@ def test_on_a_circle_the_command_is_that_circle(radius_m, lookahead_m, left):
     assert math.hypot(command.lookahead_x_m, command.lookahead_y_m) == pytest.approx(lookahead_m)
 
 
-def test_curvature_is_two_y_over_l_squared():
-    path = np.array([[0.0, 0.4], [10.0, 0.4]])
-    command = command_at(0.0, 0.0, 0.0, path, 1.0, 0.6, 5.0)
-    assert command.yaw_rate_radps / command.v_mps == pytest.approx(2 * 0.4 / 1.0**2)
-
-
 def test_tight_curves_are_walked_slower_on_the_same_arc():
     command = command_at(0.0, 0.0, 0.0, circle(0.5), 0.4, 0.6, 0.3)
     assert abs(command.yaw_rate_radps) == pytest.approx(0.3)

@@ -1,4 +1,4 @@
-"""The MPC against solvers that quadlog does not use, and on a nonlinear rigid body that walks under its forces."""
+"""The MPC against solvers that quadlog does not use; `test_walker` and `test_walking_robot` walk under its forces."""
 
 from __future__ import annotations
 
@@ -97,78 +97,6 @@ def test_the_second_solver_gives_the_same_forces(monkeypatch):
         np.testing.assert_allclose(second.all_forces_n, solution.all_forces_n, atol=1e-6)
     assert mpc.counts[MpcStatus.SECOND_SOLVER] > 1
     assert mpc.counts.total() == 10
-
-
-def _motion(state, forces_n, feet_m):
-    roll, pitch, yaw = state[:3]
-    attitude = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
-    inertia, omega = attitude @ INERTIA @ attitude.T, state[6:9]
-    torque = np.cross(feet_m - state[3:6], forces_n).sum(axis=0) - np.cross(omega, inertia @ omega)
-    rates = np.array(
-        [
-            [np.cos(pitch) * np.cos(yaw), -np.sin(yaw), 0],
-            [np.cos(pitch) * np.sin(yaw), np.cos(yaw), 0],
-            [-np.sin(pitch), 0, 1],
-        ]
-    )
-    acceleration = forces_n.sum(axis=0) / MASS_KG + [0, 0, -9.81]
-    return np.concatenate([np.linalg.solve(rates, omega), state[9:], np.linalg.solve(inertia, torque), acceleration])
-
-
-def _moved(state, forces_n, feet_m, dt_s):
-    """One Runge-Kutta step of the nonlinear body, with forces held."""
-    k1 = _motion(state, forces_n, feet_m)
-    k2 = _motion(state + dt_s / 2 * k1, forces_n, feet_m)
-    k3 = _motion(state + dt_s / 2 * k2, forces_n, feet_m)
-    k4 = _motion(state + dt_s * k3, forces_n, feet_m)
-    return state + dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
-def _trot(t_s):
-    """Diagonal pairs in turn, 56 % of 0.44 s on the ground."""
-    first, second = (t_s / 0.44) % 1 < 0.56, (t_s / 0.44 + 0.5) % 1 < 0.56
-    return np.array([first, second, second, first])
-
-
-def _trotted(mpc, seconds, speed_mps, yaw_rate_radps):
-    """States (K, 12) every 6 ms of the nonlinear body in closed loop, feet set down below the hips."""
-    tick_s = 0.006
-    state, feet_m, stood, states = STANDING.copy(), HIPS_M.copy(), np.ones(4, dtype=bool), []
-    for tick in range(round(seconds / tick_s)):
-        stands = _trot(tick * tick_s)
-        turn = Rotation.from_euler("z", state[2]).as_matrix()
-        down = stands & ~stood
-        feet_m[down] = ([1, 1, 0] * (state[3:6] + state[9:12] * 0.44 * 0.56 / 2) + HIPS_M @ turn.T)[down]
-        if tick % 5 == 0 or (stands != stood).any():
-            after_s = DT_S * np.arange(1, STEPS + 1)
-            reference = np.tile(STANDING, (STEPS, 1))
-            reference[:, 2] = state[2] + yaw_rate_radps * after_s
-            reference[:, 8] = yaw_rate_radps
-            reference[:, 9:11] = speed_mps * np.stack([np.cos(reference[:, 2]), np.sin(reference[:, 2])], axis=1)
-            reference[:, 3:5] = state[3:5] + DT_S * np.cumsum(reference[:, 9:11], axis=0)
-            contacts = np.array([_trot(tick * tick_s + step * DT_S) for step in range(STEPS)])
-            ends_m = np.concatenate([state[None, 3:6], reference[:, 3:6]])
-            arms_m = feet_m - (ends_m[:-1, None] + ends_m[1:, None]) / 2
-            # A foot in the air, now or before the step, will stand below its hip.
-            lands = ~np.logical_and.accumulate(contacts, axis=0)
-            arms_m[lands] = (ARMS_M @ turn.T)[lands]
-            forces_n = mpc.solve(state, reference, arms_m, contacts).forces_n
-        state = _moved(state, forces_n * stands[:, None], feet_m, tick_s)
-        stood = stands
-        states.append(state)
-    return np.array(states)
-
-
-@pytest.mark.parametrize("yaw_rate_radps", [0.0, 0.8])
-def test_walks_upright_at_the_wanted_speed_whatever_the_heading(yaw_rate_radps):
-    mpc = Mpc(MASS_KG, INERTIA)
-    states = _trotted(mpc, 5.0, 0.5, yaw_rate_radps)
-    settled = states[len(states) // 4 :]
-    assert mpc.counts == {MpcStatus.SOLVED: mpc.counts.total()}
-    assert settled[-1, 2] == pytest.approx(5.0 * yaw_rate_radps, rel=0.05, abs=0.02)
-    assert np.linalg.norm(settled[:, 9:11], axis=1).mean() == pytest.approx(0.5, abs=0.02)
-    assert abs(settled[:, :2]).max() < np.radians(1.5)
-    assert abs(settled[:, 5] - HEIGHT_M).max() < 0.004
 
 
 def test_swing_feet_have_no_force_and_flight_needs_no_solver():

@@ -93,14 +93,28 @@ def test_an_absent_anchor_is_as_one_that_is_not_there(method, height_m):
 
 
 @pytest.mark.parametrize("method", NAMES)
-def test_heights_known_and_solved_for_agree(method):
-    place_m = np.array([[3.0, 4.0, 0.6]])
-    range_m = np.linalg.norm(place_m[:, None, :] - HALL_M, axis=2)
-    for height_m in (0.6, None):
-        fixes = solve_fixes(method, HALL_M, range_m, height_m, 1e-5, 0.5)
-        np.testing.assert_allclose(fixes.position_m, place_m[:, :2], atol=1e-6)
-        np.testing.assert_allclose(fixes.z_m, 0.6, atol=1e-6)
-        np.testing.assert_allclose(fixes.residual_m, 0, atol=1e-5)
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height solved for"])
+@given(st.floats(0.5, 7.5), st.floats(0.5, 6.5), st.floats(-2, 2), st.floats(-5e6, 5e6), st.floats(-5e6, 5e6))
+@settings(max_examples=40, deadline=None)
+def test_exact_ranges_give_the_place_back(method, known, x_m, y_m, z_m, east_m, north_m):
+    """Anywhere on the map, at any height below or above the anchors."""
+    anchors_m, place_m = (np.add(each, [east_m, north_m, 0.0]) for each in (HALL_M, [[x_m, y_m, z_m]]))
+    range_m = np.linalg.norm(place_m[:, None] - anchors_m, axis=2)
+    fixes = solve_fixes(method, anchors_m, range_m, z_m if known else None, 1e-5, 0.5)
+    np.testing.assert_allclose(fixes.position_m, place_m[:, :2], atol=1e-6)
+    np.testing.assert_allclose(fixes.z_m, z_m, atol=1e-6)
+    np.testing.assert_allclose(fixes.residual_m, 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", NAMES)
+@pytest.mark.parametrize(("height_m", "flat"), [(0.6, [1, 0, 1]), (None, [1, 1, 0])], ids=["on a line", "level"])
+def test_too_few_ranges_and_flat_geometry_are_not_solved(method, height_m, flat):
+    _, range_m = noisy_ranges(HALL_M, 3)
+    range_m[1, 2:] = np.nan
+    fixes = solve_fixes(method, HALL_M * flat, range_m, height_m, 0.1, 0.5)
+    np.testing.assert_array_equal(fixes.solved, [False] * 3)
+    np.testing.assert_array_equal(fixes.degenerate, [True, False, True])
+    assert not solve_fixes(method, HALL_M, range_m, height_m, 0.1, 0.5).solved[1]
 
 
 @pytest.mark.parametrize("method", NAMES)

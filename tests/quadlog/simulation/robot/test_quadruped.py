@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.robot import ROBOTS
-from quadlog.simulation.robot.height_field import flat, slope
+from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf, quadruped_model
 from quadlog.simulation.robot.quadruped import DOF, Quadruped, roll_pitch_yaw
 
@@ -60,7 +60,7 @@ def hold(quadruped: Quadruped, seconds: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_read_is_where_the_robot_is(model, seed):
+def test_the_state_read_is_mujocos(model, seed):
     quadruped = tumbling(model, seed)
     qpos, qvel = quadruped.data.qpos.copy(), quadruped.data.qvel.copy()
     state = quadruped.read()
@@ -102,16 +102,6 @@ def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
     np.testing.assert_allclose(state.mass_matrix, full, atol=1e-12)
 
 
-def test_it_starts_on_its_feet_where_it_is_put():
-    up = quadruped_model(ROBOT, slope(0.1))
-    quadruped = Quadruped(up, 1.0, -2.0, 0.7)
-    state = quadruped.read()
-    np.testing.assert_allclose(state.position_m[:2] - [1.0, -2.0], 0, atol=ROBOT.standing_height_m * 0.11)
-    assert roll_pitch_yaw(state.rotation_body_to_map)[2] == pytest.approx(0.7)
-    hold(quadruped, 0.2)
-    assert quadruped.read().touches.all()
-
-
 def test_a_foot_touches_when_it_is_no_higher_than_its_radius(model):
     quadruped, data, rng = Quadruped(model, 0.0, 0.0, 0.3), mujoco.MjData(model.model), np.random.default_rng(2)
     wanted = quadruped.data.qpos[model.joint_qpos].copy()
@@ -141,7 +131,7 @@ def test_a_robot_on_its_back_touches_with_no_foot(model):
     assert loads_n.sum() < 0.5 * ROBOT.mass_kg * 9.81
 
 
-def test_moving_the_feet_carry_what_holds_the_robot_up(model):
+def test_foot_loads_sum_to_the_vertical_constraint_force(model):
     quadruped, rng = Quadruped(model, 0.0, 0.0, 0.0), np.random.default_rng(1)
     hold(quadruped, 0.1)
     for _ in range(50):
@@ -179,7 +169,7 @@ def test_a_push_changes_the_momentum_for_one_tick(model):
         np.testing.assert_allclose(change, dt_s * (weight_n + (0 if push_n is None else push_n)), rtol=1e-3, atol=1e-3)
 
 
-def test_legs_in_another_order_are_read_and_driven_as_quadlogs(model):
+def test_models_with_another_leg_order_behave_alike(model):
     """The same robot with its right legs first, as many a user's file has them."""
     order = [1, 0, 3, 2]
     head, *legs = re.split(r"(?=<body name=\"[a-z_]+_abduction\")", mjcf(ROBOT))
@@ -209,7 +199,7 @@ def test_roll_pitch_yaw_against_scipy(seed):
     np.testing.assert_allclose(roll_pitch_yaw(rotation.as_matrix()), [roll, pitch, yaw], atol=1e-12)
 
 
-def test_straight_down_rounding_is_survived():
+def test_pitch_is_defined_when_pointing_straight_down():
     rotation = Rotation.from_euler("y", math.pi / 2).as_matrix()
     rotation[2, 0] = -1.0000000000000002
     assert roll_pitch_yaw(rotation)[1] == math.pi / 2

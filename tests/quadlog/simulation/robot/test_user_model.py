@@ -74,7 +74,7 @@ def write(folder: Path, text: str, name: str = "robot.xml") -> Path:
 
 
 @pytest.mark.parametrize("kind", ["ours", "mjcf", "urdf"])
-def test_our_robot_in_other_words_is_our_robot(tmp_path: Path, kind: str):
+def test_models_with_other_names_and_axes_move_alike(tmp_path: Path, kind: str):
     texts = {"ours": mjcf(ROBOT), "mjcf": unitree_names(mjcf(ROBOT)), "urdf": urdf(ROBOT)}
     ground = undulating(0.03, seed=1, extent=Extent(-1.0, -1.0, 1.0, 1.0))
     theirs, ours = load_user_model(write(tmp_path, texts[kind]), ground), quadruped_model(ROBOT, ground)
@@ -115,7 +115,7 @@ def test_a_joint_that_is_turned_round_keeps_its_range(tmp_path: Path):
     np.testing.assert_array_equal(model.joint("left_fore_knee").range, [-30, 20])
 
 
-def test_a_trunk_of_meshes_alone_reaches_as_far_as_the_hips(tmp_path: Path):
+def test_a_trunk_without_shapes_gets_a_box_up_to_the_hips(tmp_path: Path):
     quadruped = load_user_model(write(tmp_path, urdf(ROBOT)), flat())
     geom = quadruped.model.geom("trunk")
     assert geom.bodyid[0] == quadruped.trunk_body
@@ -123,7 +123,7 @@ def test_a_trunk_of_meshes_alone_reaches_as_far_as_the_hips(tmp_path: Path):
     assert (geom.contype[0], geom.conaffinity[0]) == (0, 1)
 
 
-def test_numbers_before_a_legs_name_do_not_matter(tmp_path: Path):
+def test_digits_before_leg_names_are_ignored(tmp_path: Path):
     text = (
         urdf(ROBOT).replace("FL_", "01_lf_").replace("FR_", "02_rf_").replace("RL_", "03_lh_").replace("RR_", "04_rh_")
     )
@@ -171,7 +171,7 @@ def test_a_body_whose_origin_is_elsewhere_keeps_it(tmp_path: Path):
         (urdf(ROBOT).replace('effort="33.5"', 'effort="0"', 1), "a torque limit of FL_calf_joint"),
     ],
 )
-def test_what_is_missing_is_told(tmp_path: Path, text: str, needed: str):
+def test_missing_parts_are_named(tmp_path: Path, text: str, needed: str):
     with pytest.raises(UnusableRobot) as caught:
         load_user_model(write(tmp_path, text), flat())
     assert needed in str(caught.value)
@@ -196,7 +196,7 @@ def test_what_is_missing_is_told(tmp_path: Path, text: str, needed: str):
         "\ud800",
     ],
 )
-def test_a_file_that_is_no_model_or_reaches_out_is_refused(tmp_path: Path, text: str):
+def test_invalid_files_and_paths_outside_the_folder_are_refused(tmp_path: Path, text: str):
     folder = tmp_path / "robot"
     folder.mkdir()
     write(tmp_path, "<mujoco/>", "secret.xml")
@@ -207,7 +207,7 @@ def test_a_file_that_is_no_model_or_reaches_out_is_refused(tmp_path: Path, text:
         model_files.read_model(path)
 
 
-def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path: Path):
+def test_symlinks_out_of_the_folder_are_refused(tmp_path: Path):
     folder = tmp_path / "robot"
     folder.mkdir()
     (folder / "inner.xml").symlink_to(write(tmp_path, "<mujoco/>", "secret.xml"))
@@ -215,7 +215,7 @@ def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path: Path):
         model_files.read_model(write(folder, '<mujoco><include file="inner.xml"/></mujoco>'))
 
 
-def test_what_could_swell_never_reaches_mujoco(tmp_path: Path):
+def test_elements_that_could_allocate_without_bound_are_removed(tmp_path: Path):
     swelling = (
         '<size memory="900G"/><asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'
         '<texture name="t" type="2d" builtin="flat" width="99999" height="99999"/></asset>'
@@ -264,7 +264,7 @@ def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         ("<worldbody>", '<asset><mesh vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>', 5_000, "elements"),
     ],
 )
-def test_more_parts_than_a_robot_has_are_refused_before_mujoco_sees_them(
+def test_too_many_parts_are_refused_before_mujoco_loads_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, part: str, many: int, named: str
 ):
     monkeypatch.setattr(mujoco, "MjSpec", None)
@@ -280,7 +280,7 @@ def test_an_urdf_of_many_shapes_is_refused(tmp_path: Path):
         model_files.read_model(write(tmp_path, urdf(ROBOT).replace("</link>", shape * 100 + "</link>"), "r.urdf"))
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path):
+def test_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(UnreadableFile, match="no such file"):
         load_user_model(tmp_path / "absent.xml", flat())
 

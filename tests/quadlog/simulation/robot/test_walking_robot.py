@@ -36,7 +36,7 @@ def walked(model):
     return robot, np.array(loads)
 
 
-def test_it_starts_where_it_is_put(model):
+def test_the_robot_starts_at_its_start_pose(model):
     robot = _robot(model)
     np.testing.assert_allclose(robot.pose, START, atol=1e-9)
     assert robot.position_m[2] == pytest.approx(ROBOT.standing_height_m, abs=1e-3)
@@ -44,7 +44,7 @@ def test_it_starts_where_it_is_put(model):
     assert not robot.fallen
 
 
-def test_it_walks_as_it_is_told(walked):
+def test_the_robot_walks_at_the_commanded_speed(walked):
     robot, _ = walked
     assert robot.t_s == pytest.approx(1.0)
     assert not robot.fallen
@@ -73,13 +73,13 @@ def test_effort_is_summed_over_all_ticks(walked):
     assert effort.height_rms_m < 0.01
 
 
-def test_it_turns_as_it_is_told(model):
+def test_the_robot_turns_at_the_commanded_yaw_rate(model):
     robot = _robot(model)
     robot.walk(400, 0.2, 0.5)
     assert robot.pose[2] - 0.5 == pytest.approx(0.5 * 0.8 - 0.5 * 0.5**2 / 4, abs=0.08)
 
 
-def test_a_push_moves_it_and_a_strong_one_fells_it(model):
+def test_pushes_move_the_robot_and_strong_ones_make_it_fall(model):
     pushed = _robot(model, replace(NONE, push_n=60.0, push_s=0.1, push_every_s=0.2))
     calm = _robot(model)
     for robot in (pushed, calm):
@@ -97,7 +97,7 @@ def test_a_push_moves_it_and_a_strong_one_fells_it(model):
     assert felled.t_s == pytest.approx(1.03)
 
 
-def test_what_it_walked_is_what_it_truly_walked(model):
+def test_the_distance_is_measured_on_the_true_state(model):
     biased = _robot(model, replace(NONE, velocity_bias_mps=0.2))
     places = [biased.pose[:2]]
     for _ in range(150):
@@ -106,7 +106,7 @@ def test_what_it_walked_is_what_it_truly_walked(model):
     assert biased.effort.distance_m == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum(), rel=0.02)
 
 
-def test_the_controller_is_told_the_velocity_with_its_error(model, monkeypatch):
+def test_the_controller_gets_the_biased_velocity(model, monkeypatch):
     told, step = [], Walker.step
 
     def spy(walker, t_s, dt_s, state, wanted):

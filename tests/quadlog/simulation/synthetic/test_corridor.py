@@ -42,18 +42,7 @@ def test_the_way_is_the_middle_and_bends_four_times_by_a_right_angle():
     assert np.allclose(np.sin(2 * heading[np.abs(curvature) < 0.02]), 0.0, atol=0.05)
 
 
-def test_the_seed_puts_the_cartons_down_and_leaves_the_building():
-    one, same, other = (corridor.synthesize(seed=s, duration_s=1.0, azimuth_steps=16).site for s in (3, 3, 4))
-    assert one.obstacles == same.obstacles
-    assert one.obstacles != other.obstacles
-    building = set(corridor.building())
-    assert building < set(one.obstacles)
-    cartons = [each for each in other.obstacles if each not in building]
-    assert 8 <= len(cartons) <= 12
-    assert all(0.15 <= each.height_m <= 0.9 for each in cartons)
-
-
-def test_round_the_bend_sight_to_anchors_is_lost(lap):
+def test_anchors_around_the_corner_are_out_of_sight(lap):
     for ranges, tag in zip(lap.ranges, lap.tags, strict=True):
         place = tag.position_m((ranges.t_ns - START_NS) * 1e-9)
         south = (place[:, 1] < 1.5) & (np.abs(place[:, 0] - 8.0) < 4.0)
@@ -64,7 +53,7 @@ def test_round_the_bend_sight_to_anchors_is_lost(lap):
         assert (ranges.line_of_sight.sum(axis=1) >= 2).all()
 
 
-def test_there_is_a_ceiling_and_it_is_not_in_the_way():
+def test_the_ceiling_is_above_the_robot():
     caster = RayCaster(corridor.building())
     up = caster.cast(np.array([[1.0, 6.0, 0.45]]), np.array([[0.0, 0.0, 1.0]]))
     assert up.range_m == pytest.approx(2.15, abs=1e-4)

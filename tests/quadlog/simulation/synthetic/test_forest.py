@@ -75,7 +75,7 @@ def test_the_person_stands_on_the_ground_too(recording):
         np.testing.assert_allclose(tag.position_m(t_s)[:, 2] - ground_m, height_m, atol=0.05)
 
 
-def test_trunks_hold_up_uwb_and_saplings_do_not():
+def test_trunks_block_uwb_and_saplings_do_not():
     lap = forest.synthesize(seed=2, duration_s=60.0, azimuth_steps=16)
     trunks = RayCaster(lap.site.obstacles, lap.site.terrain)
     for ranges, tag in zip(lap.ranges, lap.tags, strict=True):

@@ -37,24 +37,6 @@ def in_level(scan, wanted):
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_scans_are_those_of_the_sensor(scans, name):
-    for scan in scans[name]:
-        n = len(scan.truth)
-        assert 8_000 < n <= RAYS
-        assert {len(each) for each in (scan.xyz_lidar_m, scan.ring, scan.offset_ns, scan.height_m)} == {n}
-        assert (scan.xyz_lidar_m.dtype, scan.ring.dtype, scan.truth.dtype) == (np.float32, np.uint16, np.uint8)
-        x, y, z = scan.xyz_lidar_m.astype(np.float64).T
-        elevation_deg = np.rad2deg(np.arctan2(z, np.hypot(x, y)))
-        np.testing.assert_allclose(elevation_deg, -15 + 2 * scan.ring.astype(float), atol=1e-3)
-        # Column by column, each bottom up.
-        assert (np.diff(scan.offset_ns) >= 0).all()
-        same_column = np.diff(scan.offset_ns) == 0
-        assert (np.diff(scan.ring.astype(int))[same_column] > 0).all()
-        assert len(np.unique(scan.offset_ns)) <= 1875
-        assert 0.4 <= scan.transform_lidar_to_base[2, 3] <= 0.5
-
-
-@pytest.mark.parametrize("name", PLACES)
 def test_one_percent_are_outliers_and_the_rest_is_ground_and_obstacles(scans, name):
     truth = np.concatenate([scan.truth for scan in scans[name]])
     assert set(np.unique(truth)) == {PointClass.OUTLIER, PointClass.GROUND, PointClass.OBSTACLE}
@@ -125,15 +107,6 @@ def test_the_wall_ahead_is_near_and_across_the_way(scans):
         np.testing.assert_allclose(x[ahead], askew * y[ahead] + near_m, atol=0.1)
 
 
-def test_corridor_walls_are_two_metres_apart(scans):
-    for scan in scans["corridor"]:
-        x, y, _ = in_map(scan, PointClass.OBSTACLE).T
-        inside = np.min([x, y, 16.0 - x, 12.0 - y], axis=0)
-        # Inside the outer walls (doors 10 cm back), and in the ring but for the one room and doors.
-        assert inside.min() > -0.3
-        assert np.mean(inside < 2.2) > 0.85
-
-
 def test_a_person_stands_one_to_three_metres_ahead(scans):
     for name in ("flat", "corridor", "forest", "slope_15"):
         found = 0
@@ -158,7 +131,7 @@ def test_every_other_scan_is_tilted_by_the_gait_and_levelling_undoes_it():
 
 
 @pytest.mark.parametrize("name", ["undulating", "corridor", "forest"])
-def test_a_scan_is_its_seeds_and_its_numbers(scans, name):
+def test_scans_depend_on_seed_and_index(scans, name):
     again = list(labelled_scans(name, seed=7, n=2))
     for one, other in zip(scans[name], again, strict=False):
         np.testing.assert_array_equal(one.xyz_lidar_m, other.xyz_lidar_m)

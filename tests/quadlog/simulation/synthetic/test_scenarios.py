@@ -20,7 +20,7 @@ def synthesize(name, seed, duration_s=1.0):
 
 @each_scenario
 @pytest.mark.parametrize("seed", range(4))
-def test_robot_and_people_touch_neither_what_stands_there_nor_one_another(name, seed, distance_to):
+def test_robot_and_people_keep_clear_of_obstacles_and_of_each_other(name, seed, distance_to):
     site = synthesize(name, seed).site
     for walk, room_m in ((site.robot, 0.42), (site.person, 0.4), (site.passer_by, 0.3)):
         xy = walk.at(LAP_S).position_m
@@ -34,7 +34,7 @@ def test_robot_and_people_touch_neither_what_stands_there_nor_one_another(name, 
 
 
 @each_scenario
-def test_the_seed_decides(name):
+def test_sites_depend_on_the_seed(name):
     one, same, other = (synthesize(name, seed).site for seed in (3, 3, 4))
     assert (one.obstacles, one.foliage) == (same.obstacles, same.foliage)
     np.testing.assert_array_equal(one.terrain.height_m, same.terrain.height_m)
@@ -52,7 +52,7 @@ def test_sight_to_the_anchors_is_lost_at_times_and_kept_mostly(name):
         assert ranges.line_of_sight.sum(axis=1).min() >= 1
 
 
-def test_the_way_to_the_person_is_at_times_not_straight(distance_to):
+def test_the_direct_line_to_the_person_is_blocked_at_times(distance_to):
     """Within the fixture's 12 s the straight line, with the papers' 0.3 m of room, runs into something."""
     site, t_s = synthesize("follow", 0).site, np.arange(0.0, 12.0, 0.05)
     robot, person = site.robot.at(t_s).position_m, site.person.at(t_s).position_m

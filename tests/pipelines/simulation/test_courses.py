@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from quadlog.config.file import commented_toml, load_config
+from quadlog.config.schema import Config
+from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
+from quadlog.pipelines.simulation.courses import (
+    LEAST_POINTS,
+    MARGIN_M,
+    NEAR_M,
+    SeenGround,
+    find_course,
+    ground_remarks,
+    make_ground,
+    seen_ground,
+)
+from quadlog.results.run.maps import GroundMap, write_ground
+from quadlog.simulation.course_walk import Course
+from quadlog.simulation.robot.height_field import HeightField
+
+CELL_M = 0.2
+BEND = Course("bend", np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]), 0.6)
+
+
+def _config(*given):
+    return load_config(None, given, {})
+
+
+def _write(run: Path, height_m, count=None, origin_m=(-2.0, -2.0), cell_m=CELL_M) -> Path:
+    run.mkdir(exist_ok=True)
+    height_m = np.asarray(height_m, np.float64)
+    count = np.full(height_m.shape, LEAST_POINTS, np.int64) if count is None else np.asarray(count, np.int64)
+    write_ground(run, GroundMap(np.array(origin_m), cell_m, height_m, count))
+    return run
+
+
+def _run(folder: Path, height_m, origin_m=(-6.0, -6.0), cell_m=CELL_M) -> str:
+    return f"simulation.terrain={_write(folder, height_m, None, origin_m, cell_m)}"
+
+
+@pytest.mark.parametrize(("course", "own_mps"), [("line", 0.6), ("circle", 0.6), ("s-curve", 0.5), ("file", 0.6)])
+def test_a_course_has_its_own_speed_unless_it_is_told_another(tmp_path, course, own_mps):
+    path = tmp_path / "path.csv"
+    path.write_text("0,0\n1,0\n")
+    name = str(path) if course == "file" else course
+    assert find_course(name, _config()).speed_mps == own_mps
+    told = find_course(name, _config("pursuit.speed_mps=0.7"))
+    assert told.speed_mps == 0.7
+    np.testing.assert_array_equal(told.path_m, find_course(name, _config()).path_m)
+
+
+def test_the_config_that_init_writes_leaves_courses_their_speed(tmp_path):
+    written = tmp_path / "quadlog.toml"
+    written.write_text(commented_toml(Config()))
+    assert "# speed_mps =" in written.read_text()
+    assert find_course("s-curve", load_config(written, [], {})).speed_mps == 0.5
+
+
+def test_a_path_that_ends_where_it_begins_to_be_walked_is_refused(tmp_path):
+    path = tmp_path / "short.csv"
+    path.write_text("0,0\n0.06,0\n0.06,0.04\n")
+    with pytest.raises(UnreadableFile, match=r"short\.csv: is walked before it begins: 0\.1 m"):
+        find_course(str(path), _config())
+    path.write_text("0,0\n0.06,0\n0,0\n")
+    assert len(find_course(str(path), _config()).path_m) == 3
+
+
+def test_a_run_folder_is_the_ground_it_saw(tmp_path):
+    rng = np.random.default_rng(0)
+    height_m = rng.uniform(0, 0.02, (60, 60))
+    config = _config(_run(tmp_path / "run", height_m))
+    ground = make_ground("bend", BEND, config, 0)
+    rows, cols = np.meshgrid(np.arange(16, 47), np.arange(16, 47), indexing="ij")
+    centres_m = -6 + 0.2 * (np.stack([cols.ravel(), rows.ravel()], axis=1) + 0.5)
+    inside = (centres_m > -MARGIN_M).all(axis=1) & (centres_m < [2 + MARGIN_M, 1 + MARGIN_M]).all(axis=1)
+    np.testing.assert_allclose(
+        ground.height_at(centres_m[inside]), height_m[rows.ravel(), cols.ravel()][inside], atol=1e-6
+    )
+    again = make_ground("bend", BEND, config, 5)
+    assert again.height_m.tobytes() == ground.height_m.tobytes()
+    assert ground_remarks(BEND, config).warnings == ()
+    assert "SHA-256" in ground_remarks(BEND, config).notes[0]
+
+
+def test_ground_is_there_wherever_the_course_goes_and_it_is_said_where_it_was_not_seen(tmp_path):
+    config = _config(_run(tmp_path / "run", np.full((10, 10), 0.3), origin_m=(-1.0, -1.0)))
+    far = Course("far", np.array([[0.0, 0.0], [15.0, 0.0]]), 0.6)
+    ground = make_ground("far", far, config, 0)
+    assert ground.origin_m[0] <= -MARGIN_M
+    assert ground.origin_m[0] + ground.cell_m * (ground.height_m.shape[1] - 1) >= 15 + MARGIN_M
+    assert not ground.is_plane
+    assert set(ground.height_m.ravel().tolist()) == {float(np.float32(0.3))}
+    (warning,) = ground_remarks(far, config).warnings
+    assert warning.startswith("13.6 of the course's 15.0 m, the first at (1.5, 0.0) m, lie beyond the ground that")
+
+
+def test_steep_ground_is_refused_where_the_course_goes_and_let_be_elsewhere(tmp_path):
+    height_m = np.zeros((60, 60))
+    height_m[-3:, -3:] = 4.0
+    config = _config(_run(tmp_path / "run", height_m))
+    assert make_ground("bend", BEND, config, 0).too_steep_for(0.8) is None
+    height_m[30:, 36:] = 4.0
+    with pytest.raises(TooSteep, match="choose another terrain"):
+        make_ground("bend", BEND, _config(_run(tmp_path / "run", height_m)), 0)
+
+
+def test_what_is_no_terrain_is_refused_with_the_choices(tmp_path):
+    for ask in (lambda config: make_ground("bend", BEND, config, 0), lambda config: ground_remarks(BEND, config)):
+        with pytest.raises(UnknownName, match="3cm, 6cm, a run folder, course, flat"):
+            ask(_config("simulation.terrain=9cm"))
+        with pytest.raises(NotARun, match=r"no terrain without a ground\.npz"):
+            ask(_config(f"simulation.terrain={tmp_path}"))
+        with pytest.raises(NotARun, match=f"none of its cells holds {LEAST_POINTS} points"):
+            ask(_config(_run(tmp_path / "empty", np.full((4, 4), np.nan))))
+
+
+def test_a_ground_too_fine_for_its_course_is_refused_before_it_is_made(tmp_path):
+    config = _config(_run(tmp_path / "run", np.zeros((9, 9)), cell_m=0.001))
+    with pytest.raises(TooLarge, match="the ground's corners"):
+        make_ground("bend", BEND, config, 0)
+
+
+@pytest.mark.parametrize("terrain", ["flat", "3cm", "6cm", "course"])
+def test_drawn_grounds_need_no_remark(terrain):
+    remarks = ground_remarks(BEND, _config(f"simulation.terrain={terrain}"))
+    assert remarks.notes == remarks.warnings == ()
+
+
+def _seen(run: Path) -> SeenGround:
+    seen = seen_ground(run)
+    assert seen is not None
+    return seen
+
+
+def test_cells_that_were_seen_often_enough_are_taken_and_the_rest_is_as_the_nearest(tmp_path):
+    height_m, count = np.zeros((20, 20)), np.full((20, 20), LEAST_POINTS)
+    height_m[:, 10:] = 0.02
+    height_m[4, 4], count[4, 4] = 9.0, LEAST_POINTS - 1
+    height_m[5, 5] = np.nan
+    seen = _seen(_write(tmp_path, height_m, count))
+    assert len(seen.seen_m) == 400 - 2
+    at = [-2 + 4.5 * CELL_M, -2 + 4.5 * CELL_M]
+    assert not (np.abs(seen.seen_m - at).max(axis=1) < 1e-9).any()
+    heights = seen.ground.height_at(np.array([at, [-1.0, 1.0], [1.0, 1.0]]))
+    np.testing.assert_allclose(heights, [0.0, 0.0, 0.02], atol=1e-7)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(st.floats(-8, 8), st.floats(-8, 8)), min_size=2, max_size=5, unique=True),
+    st.integers(0, 2**32 - 1),
+)
+def test_what_lies_beyond_is_as_long_as_brute_force_finds(tmp_path, points, seed):
+    path_m = np.array(points)
+    length_m = np.hypot(*np.diff(path_m, axis=0).T).sum()
+    if length_m < 0.2:
+        return
+    count = np.where(np.random.default_rng(seed).random((20, 20)) < 0.05, LEAST_POINTS, 0)
+    count[0, 0] = LEAST_POINTS
+    seen = _seen(_write(tmp_path, np.zeros((20, 20)), count))
+    rows, cols = np.nonzero(count)
+    centres_m = -2 + CELL_M * (np.stack([cols, rows], axis=1) + 0.5)
+    fine = np.concatenate([np.linspace(a, b, max(int(np.hypot(*(b - a)) / 0.01), 2)) for a, b in pairwise(path_m)])
+    away_m = np.hypot(*(fine[:, None] - centres_m).transpose(2, 0, 1)).min(axis=1)
+    said = seen.beyond(path_m)
+    if said is None:
+        # Nothing but what lies between the middles of pieces of 0.1 m.
+        longest = max(map(len, "".join(np.where(away_m > NEAR_M, "x", " ")).split()), default=0)
+        assert longest * 0.01 < 0.12
+        return
+    found = re.match(r"([\d.]+) of the course's ([\d.]+) m, the first at \((\S+), (\S+)\) m", said)
+    assert found is not None
+    beyond_m, whole_m, x_m, y_m = map(float, found.groups())
+    assert whole_m == pytest.approx(length_m, abs=0.06)
+    assert beyond_m == pytest.approx((away_m > NEAR_M).mean() * length_m, abs=0.3 + 0.05 * length_m)
+    assert np.hypot(*(centres_m - [x_m, y_m]).T).min() > NEAR_M - 0.2
+
+
+def test_a_path_on_seen_ground_has_nothing_beyond(tmp_path):
+    seen = _seen(_write(tmp_path, np.zeros((20, 20))))
+    assert seen.beyond(np.array([[-1.9, -1.9], [1.9, 1.9]])) is None
+    assert seen.beyond(np.array([[0.0, 0.0], [1.9 + NEAR_M - 0.01, 0.0]])) is None
+    assert seen.beyond(np.array([[0.0, 0.0], [1.9 + NEAR_M + 0.2, 0.0]])) is not None
+
+
+def test_all_of_a_path_far_away_lies_beyond(tmp_path):
+    said = _seen(_write(tmp_path, np.zeros((20, 20)))).beyond(np.array([[50.0, 50.0], [50.0, 51.01]]))
+    assert said is not None
+    assert said.startswith("1.0 of the course's 1.0 m, the first at (50.0, 50.0) m")
+
+
+@pytest.mark.parametrize(("y_m", "holds"), [(0.0, False), (-0.8, False), (1.0, False), (-2.6, True), (2.8, True)])
+def test_only_what_is_steep_beside_the_path_counts(tmp_path, y_m, holds):
+    height_m = np.zeros((40, 40))
+    height_m[20, 20] = 1.0  # a post about (2.1, 0.1) m, where the origin is at (-2, -4)
+    seen = _seen(_write(tmp_path, height_m, origin_m=(-2.0, -4.0)))
+    reason = seen.too_steep_along(np.array([[0.0, y_m], [4.0, y_m]]), 0.8)
+    assert (reason is None) == holds
+    assert holds or "79 degrees" in str(reason) or "82 degrees" in str(reason)
+
+
+def test_steepness_and_ground_are_those_of_the_whole_where_the_path_crosses_it(tmp_path):
+    rng = np.random.default_rng(0)
+    seen = _seen(_write(tmp_path, rng.uniform(0, 0.1, (20, 20))))
+    across = np.array([[-2.0, -2.0], [2.0, -2.0], [2.0, 0.0], [-2.0, 0.0], [-2.0, 2.0], [2.0, 2.0]])
+    for friction in (0.2, 0.5, 0.6, 0.7, 1.0):
+        whole: HeightField = seen.ground
+        assert (seen.too_steep_along(across, friction) is None) == (whole.too_steep_for(friction) is None)
+
+
+def test_provenance_names_the_run_and_its_hash(tmp_path):
+    run = _write(tmp_path, np.zeros((3, 3)))
+    assert re.fullmatch(
+        rf"the ground is what {re.escape(str(run))} saw .*SHA-256 [0-9a-f]{{64}}\)", _seen(run).provenance()
+    )
+
+
+def _with(row: int, value: float) -> np.ndarray:
+    height_m = np.zeros((5, 5))
+    height_m[row, row] = value
+    return height_m
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"height_m": _with(2, 1e300)},
+        {"height_m": _with(2, np.inf)},
+        {"height_m": np.zeros((5, 5)), "origin_m": (1e300, 0.0)},
+        {"height_m": np.zeros((5, 5)), "cell_m": 1e-9},
+        {"height_m": np.zeros((5, 5)), "cell_m": 1e9},
+    ],
+)
+def test_a_ground_that_is_nowhere_is_refused(tmp_path, damage):
+    with pytest.raises(NotARun, match=r"ground\.npz: is damaged"):
+        seen_ground(_write(tmp_path, **damage))
+
+
+@pytest.mark.parametrize("count", [0, LEAST_POINTS - 1, -9])
+def test_nothing_seen_is_none(tmp_path, count):
+    assert seen_ground(_write(tmp_path, np.zeros((4, 4)), np.full((4, 4), count))) is None
+    assert seen_ground(_write(tmp_path, np.full((4, 4), np.nan))) is None
+    assert seen_ground(_write(tmp_path, np.zeros((0, 0)))) is None

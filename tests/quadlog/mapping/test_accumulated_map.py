@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binned_statistic_2d
+
+from quadlog.geometry import apply_transform, transform_from_rpy
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.mapping.accumulated_map import FREE, OCCUPIED, AccumulatedMap, GroundHeight
+from quadlog.mapping.grid import Window, window_around
+from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.ray_tracing import NO_RAY
+
+
+def grid(window: Window, *cells: tuple[int, int]) -> np.ndarray:
+    occupied = np.zeros(window.shape, dtype=np.bool_)
+    for col, row in cells:
+        occupied[row, col] = True
+    return occupied
+
+
+def add(whole: AccumulatedMap, window: Window, hit: np.ndarray, crossed: np.ndarray) -> None:
+    top_mm = np.where(hit, np.int16(500), NO_TOP)
+    # What is seen through above the robot says nothing.
+    whole.add(window, PlacedScan(top_mm, np.where(crossed, np.int16(399), np.where(hit, NO_RAY, np.int16(400)))), 400)
+
+
+def test_a_cell_is_occupied_by_its_share_of_hits() -> None:
+    window = Window(0, 0, 1.0, (1, 10))
+    nothing = grid(window)
+    for hits, passes, expected in ((3, 7, OCCUPIED), (2, 7, FREE), (1, 0, OCCUPIED)):
+        whole = AccumulatedMap(1.0)
+        for _ in range(hits):
+            add(whole, window, grid(window, (4, 0)), nothing)
+        for _ in range(passes):
+            add(whole, window, nothing, grid(window, (4, 0)))
+        assert whole.to_cells()[0][0, 4] == expected
+
+
+def test_a_cell_counts_once_per_map_and_as_a_hit_first() -> None:
+    window = Window(0, 0, 1.0, (3, 9))
+    whole = AccumulatedMap(1.0)
+    assert whole.to_cells() is None
+    seen = np.ones(window.shape, dtype=np.bool_)
+    add(whole, window, grid(window, (8, 0), (8, 1), (8, 2)), seen)
+    assert whole._lattice.view("passes", window).tolist() == [[1] * 8 + [0]] * 3
+    assert whole.to_cells()[0].tolist() == [[FREE] * 8 + [OCCUPIED]] * 3
+
+
+def test_sliding_windows_agree_with_one_fixed_array() -> None:
+    random = np.random.default_rng(0)
+    whole = AccumulatedMap(0.5)
+    counts = np.zeros((400, 400), dtype=np.int64)
+    for position in np.cumsum(random.uniform(-3, 5, (40, 2)), axis=0) - 30:
+        window = window_around(position, 0.5, 20)
+        occupied = random.random((20, 20)) < 0.1
+        add(whole, window, occupied, np.zeros_like(occupied))
+        counts[window.row0 + 200 : window.row0 + 220, window.col0 + 200 : window.col0 + 220] += occupied
+    cells, held = whole.to_cells()
+    rows, cols = held.shape
+    inside = counts[held.row0 + 200 : held.row0 + 200 + rows, held.col0 + 200 : held.col0 + 200 + cols]
+    assert inside.sum() == counts.sum()
+    assert (whole._lattice.view("hits", held) == inside).all()
+    assert ((cells == OCCUPIED) == (inside > 0)).all()
+    assert whole.skipped == 0
+
+
+def test_a_pose_far_off_is_skipped_and_counted() -> None:
+    whole = AccumulatedMap(0.1)
+    for x_m in (0.0, 1e7, 5.0, -1e15):
+        window = window_around(np.array([x_m, 0.0]), 0.1, 200)
+        add(whole, window, grid(window, (3, 3)), grid(window))
+    cells, held = whole.to_cells()
+    assert whole.skipped == 2
+    assert cells.shape == held.shape == (200, 250)
+    assert (cells == OCCUPIED).sum() == 2
+
+
+@pytest.fixture
+def add_ground_height(compacted):
+    """Add points of base that are all ground, with one of another class among them."""
+
+    def run(ground: GroundHeight, xy_m, height_m, pose: tuple = (0.0, 0.0, 0.0), **settings) -> None:
+        xyz_m = np.column_stack([xy_m, height_m])
+        label = np.full(len(xyz_m), PointClass.GROUND, dtype=np.uint8)
+        at = len(xyz_m) // 2
+        xyz_m, label = np.insert(xyz_m, at, [[3.0, 3.0, 99.0]], axis=0), np.insert(label, at, PointClass.OBSTACLE)
+        ground.add(compacted(xyz_m, label, **settings), np.array([pose]))
+
+    return run
+
+
+def test_mean_heights_agree_with_scipy(add_ground_height) -> None:
+    """Cells of base that are those of map lose nothing."""
+    random = np.random.default_rng(0)
+    ground = GroundHeight(0.25)
+    scans = [random.uniform(-10, 10, (4000, 2)) for _ in range(4)]
+    heights = [random.normal(0, 0.1, 4000) for _ in scans]
+    for i, (xy_m, height_m) in enumerate(zip(scans, heights, strict=True)):
+        add_ground_height(ground, xy_m, height_m, (5.0 * i, 0.0, 0.0), ground_cell_m=0.25, reach_m=20.0)
+
+    terrain = ground.to_map()
+
+    assert terrain is not None
+    rows, cols = terrain.height_m.shape
+    edges = [terrain.origin_m[axis] + 0.25 * np.arange(size + 1) for axis, size in ((1, rows), (0, cols))]
+    xy_m = np.concatenate([each + np.array([5.0 * i, 0]) for i, each in enumerate(scans)])
+    height_m = np.concatenate(heights)
+    mean_m, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "mean", bins=edges)
+    count, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "count", bins=edges)
+    assert terrain.count.sum() == 16000
+    assert (terrain.count == count).mean() > 0.99, "a mean on the edge of a cell is rounded to a millimetre"
+    assert terrain.height_m[terrain.count == count] == pytest.approx(
+        mean_m[terrain.count == count], abs=1e-3, nan_ok=True
+    )
+
+
+def test_points_are_placed_in_map_by_the_pose(add_ground_height) -> None:
+    ground = GroundHeight(0.5)
+    add_ground_height(ground, np.array([[2.2, 1.3]]), np.array([0.25]), (10.0, -4.0, 0.7))
+    terrain = ground.to_map()
+    x_m, y_m, _ = apply_transform(transform_from_rpy(np.array([10, -4, 0]), 0, 0, 0.7), np.array([[2.2, 1.3, 0]]))[0]
+    assert terrain is not None
+    assert terrain.origin_m == pytest.approx(np.floor(np.array([x_m, y_m]) / 0.5) * 0.5)
+    assert terrain.height_m.tolist() == [[0.25]]
+
+
+def test_a_map_without_ground_is_none(add_ground_height) -> None:
+    ground = GroundHeight(0.2)
+    add_ground_height(ground, np.empty((0, 2)), np.empty(0))
+    assert ground.to_map() is None
+
+
+def test_a_scan_beyond_the_limit_is_skipped_and_counted(add_ground_height) -> None:
+    ground = GroundHeight(0.2)
+    add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]))
+    add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]), (1e9, 0.0, 0.0))
+    terrain = ground.to_map()
+    assert ground.skipped == 1
+    assert terrain is not None
+    assert terrain.height_m.tolist() == [[0.5]]

@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.kinematics import foot_positions
+from quadlog.control.locomotion.robot import LEGS, ROBOTS
+from quadlog.simulation.robot.height_field import Extent, HeightField, flat, s_course, slope, undulating
+from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
+
+ROBOT = ROBOTS["tracking"]
+NEAR = Extent(-1.0, -1.0, 2.0, 2.0)
+robots = pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
+
+
+def somewhere(quadruped: QuadrupedModel, seed: int) -> tuple[mujoco.MjData, np.ndarray]:
+    """A pose in the air with joints of its own, and them."""
+    rng, data = np.random.default_rng(seed), mujoco.MjData(quadruped.model)
+    joints = quadruped.robot.standing_joints_rad + rng.uniform(-0.5, 0.5, 12)
+    data.qpos[:3] = rng.uniform([-1, -1, 2], [1, 1, 4])
+    data.qpos[3:7] = Rotation.from_rotvec(rng.uniform(-1, 1, 3)).as_quat()[[3, 0, 1, 2]]
+    data.qpos[quadruped.joint_qpos] = joints
+    mujoco.mj_forward(quadruped.model, data)
+    return data, joints
+
+
+def stand(quadruped: QuadrupedModel, qpos: np.ndarray, seconds: float) -> tuple[mujoco.MjData, np.ndarray]:
+    """The robot held in qpos's joints by springs; also the feet's positions every step."""
+    data = mujoco.MjData(quadruped.model)
+    data.qpos[:] = qpos
+    feet = []
+    for _ in range(round(seconds / quadruped.model.opt.timestep)):
+        off = qpos[quadruped.joint_qpos] - data.qpos[quadruped.joint_qpos]
+        data.ctrl[quadruped.actuators] = 400 * off - 8 * data.qvel[quadruped.joint_qvel]
+        mujoco.mj_step(quadruped.model, data)
+        feet.append(data.site_xpos[quadruped.foot_sites].copy())
+    return data, np.array(feet)
+
+
+@robots
+def test_mass_and_inertia_of_the_model_match_the_robot(robot):
+    quadruped = quadruped_model(robot, flat())
+    data = mujoco.MjData(quadruped.model)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    data.qpos[quadruped.joint_qpos] = robot.standing_joints_rad
+    mujoco.mj_forward(quadruped.model, data)
+    assert quadruped.model.body_mass.sum() == pytest.approx(robot.mass_kg, abs=1e-12)
+    np.testing.assert_allclose(data.subtree_com[quadruped.trunk_body], robot.centre_of_mass_m, atol=1e-12)
+    # MuJoCo's own inertia of the joints-locked robot: the mass matrix's block of the trunk's rotation, moved from the
+    # body's origin to the centre of mass. Rotors belong to joints and are not in it.
+    mass_matrix = np.zeros((18, 18))
+    mujoco.mj_fullM(quadruped.model, data, mass_matrix)
+    centre = robot.centre_of_mass_m
+    moved = robot.mass_kg * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    np.testing.assert_allclose(mass_matrix[3:6, 3:6] - moved, robot.inertia_kgm2, atol=1e-12)
+
+
+@robots
+def test_feet_are_where_our_kinematics_have_them(robot):
+    quadruped = quadruped_model(robot, flat())
+    for seed in range(5):
+        data, joints = somewhere(quadruped, seed)
+        feet = np.empty((4, 3))
+        foot_positions(joints, robot.hips_m, robot.lengths, feet)
+        rotation = data.xmat[quadruped.trunk_body].reshape(3, 3)
+        expected = feet @ rotation.T + data.qpos[:3]
+        np.testing.assert_allclose(data.site_xpos[quadruped.foot_sites], expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(data.geom_xpos[quadruped.foot_geoms], expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [flat(), undulating(0.03, seed=1, extent=NEAR), undulating(0.06, seed=2, extent=NEAR)],
+    ids=["flat", "3cm", "6cm"],
+)
+@robots
+def test_it_stands_still(robot, ground: HeightField):
+    quadruped = quadruped_model(robot, ground)
+    qpos = quadruped.standing_at(0.4, 0.5, 0.3)
+    data, feet = stand(quadruped, qpos, 2.0)
+    assert abs(data.qpos[2] - qpos[2]) < 0.01
+    settled = feet[len(feet) // 4 :]
+    assert np.ptp(settled, axis=0).max() < 2e-3
+    assert data.xmat[quadruped.trunk_body][8] > 0.995
+    touching = {int(geom) for geom in data.contact.geom.ravel()}
+    assert touching == {quadruped.ground_geom, *quadruped.foot_geoms.tolist()}
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [flat(), slope(0.25, 0.4), undulating(0.06, seed=4), s_course(seed=1)],
+    ids=["flat", "slope", "6cm", "s-course"],
+)
+def test_it_starts_just_above_the_ground(ground: HeightField):
+    quadruped = quadruped_model(ROBOT, ground)
+    for x_m, yaw_rad in [(0.0, 0.0), (3.0, 0.7), (1.3, -2.0)]:
+        data = mujoco.MjData(quadruped.model)
+        data.qpos[:] = quadruped.standing_at(x_m, 0.4, yaw_rad)
+        mujoco.mj_forward(quadruped.model, data)
+        assert min(data.contact.dist, default=0.0) >= 0
+        feet = data.site_xpos[quadruped.foot_sites]
+        above = feet[:, 2] - ground.height_at(feet[:, :2])
+        assert (above >= ROBOT.foot_radius_m - 1e-6).all()
+        assert (above <= ROBOT.foot_radius_m + 0.004).all()
+
+
+def test_on_a_slope_it_stands_parallel_to_the_ground():
+    quadruped = quadruped_model(ROBOT, slope(math.radians(15), 0.3))
+    qpos = quadruped.standing_at(1.0, 2.0, 0.3)
+    yaw, pitch, roll = Rotation.from_quat(qpos[[4, 5, 6, 3]]).as_euler("ZYX")
+    assert (yaw, pitch, roll) == pytest.approx((0.3, -math.radians(15), 0.0), abs=1e-6)
+
+
+def test_rays_hit_the_ground_at_its_heights():
+    ground = s_course(seed=3)
+    quadruped = quadruped_model(ROBOT, ground)
+    data = mujoco.MjData(quadruped.model)
+    data.qpos[:3] = [0, 0, -50]
+    mujoco.mj_forward(quadruped.model, data)
+    geom, down = np.zeros(1, np.int32), np.array([0.0, 0.0, -1.0])
+    # At the corners, where MuJoCo's triangles and the bilinear surface agree; a hair aside, so that the ray meets one.
+    rows, cols = ground.height_m.shape
+    for row, col in np.random.default_rng(0).integers(1, [rows - 1, cols - 1], size=(40, 2)):
+        x_m, y_m = ground.origin_m[0] + 0.05 * col + 1e-7, ground.origin_m[1] + 0.05 * row + 2e-7
+        distance = mujoco.mj_ray(quadruped.model, data, np.array([x_m, y_m, 9.0]), down, None, 1, -1, geom)
+        assert geom[0] == quadruped.ground_geom
+        assert 9.0 - distance == pytest.approx(ground.height_m[row, col], abs=2e-6)
+
+
+def test_a_foot_slides_where_the_friction_is_too_low():
+    incline = slope(math.radians(25))
+    for friction, slides in [(0.3, True), (0.8, False)]:
+        quadruped = quadruped_model(ROBOT, incline, friction=friction)
+        _, feet = stand(quadruped, quadruped.standing_at(0.0, 0.0), 1.0)
+        assert (np.abs(feet[-1] - feet[0]).max() > 0.1) == slides
+
+
+def test_motors_are_limited_and_named_by_leg_and_joint():
+    quadruped = quadruped_model(ROBOT, flat())
+    model, data = quadruped.model, mujoco.MjData(quadruped.model)
+    assert (model.nq, model.nv, model.nu) == (19, 18, 12)
+    assert model.actuator(quadruped.actuators[4]).name == "right_fore_hip"
+    data.qpos[:] = quadruped.standing_at(0.0, 0.0)
+    data.ctrl[:] = 1e4
+    mujoco.mj_forward(model, data)
+    np.testing.assert_array_equal(data.qfrc_actuator[quadruped.joint_qvel], ROBOT.torque_limit_nm)
+    np.testing.assert_array_equal(model.dof_armature[quadruped.joint_qvel], 0.01)
+    assert [model.site(site).name for site in quadruped.foot_sites] == [f"{leg}_foot" for leg in LEGS]
+    assert (model.opt.timestep, model.opt.impratio, model.opt.cone) == (0.002, 10, mujoco.mjtCone.mjCONE_ELLIPTIC)
+
+
+def test_only_feet_and_trunk_touch_and_only_the_ground():
+    model = quadruped_model(ROBOT, flat()).model
+    names = {model.geom(geom).name for geom in np.flatnonzero(model.geom_conaffinity)}
+    assert names == {"trunk", *(f"{leg}_foot" for leg in LEGS)}
+    assert [model.geom(geom).name for geom in np.flatnonzero(model.geom_contype)] == ["ground"]

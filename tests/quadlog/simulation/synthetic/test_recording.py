@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic import follow
+from quadlog.simulation.synthetic.recording import LIDAR_TOPIC, START_NS, UWB_TOPIC
+
+
+def stamps(recording, topic):
+    return [
+        m.message.cloud.stamp_ns if isinstance(m.message, SimulatedScan) else m.message.stamp_ns
+        for m in recording.messages()
+        if m.topic == topic
+    ]
+
+
+def test_messages_come_in_order_of_log_time_and_at_their_rates(short):
+    times = [message.log_time_ns for message in short.messages()]
+    assert times == sorted(times)
+    for topic, hz in (
+        ("/imu/data", 100),
+        ("/odom", 50),
+        ("/truth/robot/pose", 50),
+        ("/truth/person/pose", 50),
+        (LIDAR_TOPIC, 10),
+    ):
+        assert np.unique(np.diff(stamps(short, topic))).tolist() == [10**9 // hz]
+    for tag in (0, 1):
+        own = [m for m in short.messages() if m.topic == UWB_TOPIC and m.message.tag == tag]
+        assert np.unique(np.diff([m.log_time_ns for m in own])).tolist() == [20_000_000]
+        assert all(m.log_time_ns == m.message.stamp_ns for m in own)
+
+
+@pytest.mark.parametrize("duration_s", [0.1, 0.95, 1.0, 1.05])
+def test_every_sweep_ends_within_the_recording(duration_s):
+    recording = follow.synthesize(seed=0, duration_s=duration_s, azimuth_steps=16)
+    scans = stamps(recording, LIDAR_TOPIC)
+    assert len(scans) == int(duration_s * 10 + 1e-9)
+    assert scans[-1] + 100_000_000 <= START_NS + round(duration_s * 1e9)
+
+
+def test_a_longer_recording_begins_like_a_shorter_one_but_for_its_noise():
+    short, long = (follow.synthesize(seed=0, duration_s=d, azimuth_steps=16) for d in (0.5, 2.0))
+    np.testing.assert_array_equal(short.bias_m, long.bias_m)
+    np.testing.assert_array_equal(short.ranges[1].true_m, long.ranges[1].true_m[: len(short.ranges[1].t_ns)])
+
+
+def test_the_number_of_rays_does_not_affect_other_sensors():
+    thin, thick = (follow.synthesize(seed=0, duration_s=0.5, azimuth_steps=n) for n in (16, 64))
+    for ours, theirs in zip(thin.ranges, thick.ranges, strict=True):
+        np.testing.assert_array_equal(ours.range_m, theirs.range_m)

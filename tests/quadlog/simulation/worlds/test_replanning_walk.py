@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadlog.mapping.grid import Window
+from quadlog.mapping.inflation import INFLATIONS
+from quadlog.planning.registry import make_planner
+from quadlog.simulation.worlds import replanning_walk
+from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
+from quadlog.simulation.worlds.scenes import forest_world
+from quadlog.simulation.worlds.world import MovingDisc, Rectangle, WaypointTrack, World, rectangles_in, standing
+
+
+def ground(goal, boxes=(), moving=(), start=(0.05, 0.05), dilation_m=0.3):
+    """Six metres about the origin, which nothing leaves, and two metres in view."""
+    window = Window(-60, -60, 0.1, (120, 120))
+    occupied = rectangles_in(window, [Rectangle(*box) for box in boxes])
+    goal = standing(*goal) if isinstance(goal, tuple) else goal
+    return World(window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
+
+
+def steps_of(walk, world):
+    """(N, 2) whole cells of the lattice that were stepped on."""
+    return world.window.cell_of(walk.path_xy_m)
+
+
+@pytest.mark.parametrize("cells_per_replan", [1, 3, 7])
+@pytest.mark.parametrize("goal", [(4.0, 1.3), (-1.2, 0.9), (-5.35, -5.35), (0.05, 5.0)])
+def test_an_empty_world_is_crossed_by_an_octile_way(goal, cells_per_replan):
+    world = ground(goal)
+    walk = walk_world(world, make_planner("astar"), cells_per_replan=cells_per_replan)
+    across, along = sorted(abs(world.window.cell_of(np.array(goal)) - world.window.cell_of(world.start_xy_m)))
+    steps = np.abs(np.diff(steps_of(walk, world), axis=0))
+    assert walk.outcome is Outcome.ARRIVED
+    assert steps.max() == 1
+    # Shortest over the whole way where it is straight or all in view; else the window's margin bends it somewhat.
+    if along <= 19 or across in (0, along):
+        assert (steps.sum(axis=1) == 2).sum() == across
+        assert len(steps) == along
+    else:
+        assert along <= len(steps) <= along + across
+    assert len(walk.plans) == len(walk.instants) == -(-len(steps) // cells_per_replan)
+
+
+@pytest.mark.parametrize("dilation", sorted(INFLATIONS))
+@pytest.mark.parametrize("leader", ["astar", "ia_star"])
+def test_steps_through_forests_are_legal_and_keep_out_of_the_growth(leader, dilation):
+    """On the world's own map: what has been seen is grown whole within 3 cells of the robot."""
+    for seed in range(4):
+        world = forest_world(0.3, np.random.default_rng([seed, 1]), dilation=dilation)
+        walk = walk_world(world, make_planner(leader))
+        assert walk.outcome is Outcome.ARRIVED
+        grown = INFLATIONS[dilation](world.occupied, 3)
+        cells = steps_of(walk, world)
+        assert not grown[cells[:, 1], cells[:, 0]].any()
+        for (col, row), (dcol, drow) in zip(cells[:-1], np.diff(cells, axis=0), strict=True):
+            assert max(abs(dcol), abs(drow)) == 1
+            assert not grown[row, col + dcol]
+            assert not grown[row + drow, col]
+
+
+def test_a_robot_in_the_growth_leaves_it_the_shortest_way_and_never_returns():
+    world = ground((4.0, 0.05), boxes=[(-0.5, 0.2, 1.0, 0.6)])
+    walk = walk_world(world, make_planner("astar"))
+    grown = INFLATIONS["euclidean"](world.occupied, 3)
+    cells = steps_of(walk, world)
+    in_growth = grown[cells[:, 1], cells[:, 0]]
+    # The wall is 2 cells away; its growth ends 3 cells from it.
+    assert in_growth.tolist() == [True, True] + [False] * (len(cells) - 2)
+    assert not world.occupied[cells[:, 1], cells[:, 0]].any()
+    assert walk.outcome is Outcome.ARRIVED
+
+
+def test_instants_hold_what_the_robot_saw():
+    path = WaypointTrack(np.array([0, 20 * 10**9]), np.array([[1.5, -1.5], [1.5, 1.5]]))
+    world = ground((3.0, 0.05), boxes=[(2.0, -0.5, 2.2, 0.6)], moving=(MovingDisc(path, 0.3),))
+    walk = walk_world(world, make_planner("astar"))
+    at_m = [instant.robot_xy_m for instant in walk.instants]
+    np.testing.assert_allclose(at_m, walk.path_xy_m[:-1])
+    for instant in walk.instants:
+        assert instant.window.shape == (40, 40)
+        assert tuple(instant.window.cell_of(instant.robot_xy_m)) == (20, 20)
+        seen = instant.occupied
+        assert seen.dtype == np.bool_
+        np.testing.assert_array_equal(seen, world.occupied_in(instant.window, instant.t_ns))
+        assert instant.occupied_bits.nbytes == 200
+    # Time passes as the robot walks: 0.1 m a straight step, and more for a diagonal one.
+    steps_m = np.hypot(*np.diff(walk.path_xy_m, axis=0).T)
+    times_s = np.diff([instant.t_ns for instant in walk.instants]) * 1e-9
+    np.testing.assert_allclose(times_s, steps_m[:-1] / world.speed_mps, atol=1e-8)
+
+
+def test_a_moving_goal_is_met_where_it_is_then():
+    goal = WaypointTrack(np.array([0, 15 * 10**9]), np.array([[3.05, 0.05], [3.05, 2.05]]))
+    walk = walk_world(ground(goal), make_planner("ia_star"))
+    assert walk.outcome is Outcome.ARRIVED
+    np.testing.assert_allclose(walk.path_xy_m[-1], [3.05, 2.05])
+    assert walk.instants[0].goal_xy_m.tolist() == [3.05, 0.05]
+    assert np.ptp([instant.goal_xy_m[1] for instant in walk.instants]) > 1.0
+
+
+def test_the_robot_waits_until_a_moving_obstacle_has_passed(monkeypatch):
+    """A corridor in which somebody stands for 5 s, then walks off: no other way leads through."""
+    walls = [(-6.0, 0.6, 6.0, 1.2), (-6.0, -1.1, 6.0, -0.5), (-6.0, -1.1, -0.6, 1.2)]
+    away = WaypointTrack(np.array([5, 8]) * 10**9, np.array([[1.0, 0.05], [1.0, 5.0]]))
+    world = ground((4.0, 0.05), walls, (MovingDisc(away, 0.5),))
+    monkeypatch.setattr(replanning_walk, "PATIENCE", 100)
+    walk = walk_world(world, make_planner("astar"))
+    assert walk.outcome is Outcome.ARRIVED
+    assert len(walk.instants) > len(walk.path_xy_m)
+    monkeypatch.setattr(replanning_walk, "PATIENCE", 3)
+    assert walk_world(world, make_planner("astar")).outcome is Outcome.STUCK
+
+
+def test_gives_up_when_walled_in():
+    walls = [(-1.0, 0.6, 1.0, 1.0), (-1.0, -1.0, 1.0, -0.5), (-1.0, -1.0, -0.6, 1.0), (0.6, -1.0, 1.0, 1.0)]
+    for dilation_m in (0.1, 0.6):
+        walk = walk_world(ground((4.0, 0.05), walls, dilation_m=dilation_m), make_planner("astar"))
+        assert walk.outcome is Outcome.STUCK
+        assert len(walk.plans) < 20 + replanning_walk.PATIENCE
+        # Grown together there is nowhere to go, and no planner is asked.
+        assert walk.plans[-1].found == (dilation_m == 0.1)
+
+
+def test_walks_end_at_the_limit_of_replans(monkeypatch):
+    monkeypatch.setattr(replanning_walk, "MOST_REPLANS", 7)
+    walk = walk_world(ground((4.0, 0.05)), make_planner("astar"))
+    assert walk.outcome is Outcome.OUT_OF_REPLANS
+    assert len(walk.plans) == 7
+    assert len(walk.path_xy_m) == 8
+
+
+def test_starting_at_the_goal_needs_no_plan():
+    walk = walk_world(ground((0.01, 0.09)), make_planner("astar"))
+    assert walk.outcome is Outcome.ARRIVED
+    assert walk.plans == walk.instants == ()
+    assert walk.path_xy_m.shape == (1, 2)
+
+
+@pytest.mark.parametrize("leader", ["astar", "ia_star", "mt_d_star_lite"])
+def test_the_same_walk_for_the_same_seed_whatever_the_planner_did_before(leader):
+    planner = make_planner(leader)
+    one, same = (walk_world(forest_world(0.2, np.random.default_rng(3)), planner) for _ in range(2))
+    np.testing.assert_array_equal(one.path_xy_m, same.path_xy_m)
+    for a, b in zip(one.instants, same.instants, strict=True):
+        assert (a.t_ns, a.window, a.occupied_bits.tobytes()) == (b.t_ns, b.window, b.occupied_bits.tobytes())
+    assert [plan.expanded for plan in one.plans] == [plan.expanded for plan in same.plans]
+
+
+def test_zero_cells_per_replan_are_refused():
+    with pytest.raises(ValueError, match="at least 1, not 0"):
+        walk_world(ground((4.0, 0.0)), make_planner("astar"), cells_per_replan=0)

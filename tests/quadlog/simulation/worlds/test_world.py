@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.mapping.grid import Window
+from quadlog.simulation.worlds.world import (
+    MovingDisc,
+    Rectangle,
+    WaypointTrack,
+    World,
+    body_clearance,
+    discs_in,
+    occupied_centres,
+    rectangles_in,
+    standing,
+)
+
+# No cell's centre lies on a rim that random numbers draw, so brute force needs no tolerance.
+COORDINATES = st.floats(-2.0, 2.0).map(lambda x: round(x, 3) + 0.00037)
+DISCS = st.lists(
+    st.tuples(COORDINATES, COORDINATES, st.one_of(st.floats(0.001, 0.06), st.floats(0.06, 0.9))), max_size=6
+)
+
+
+def brute_force(window, covers):
+    """covers(x, y) asked of the centre of every cell."""
+    centres = [
+        [((window.col0 + col + 0.5) * window.cell_m, (window.row0 + row + 0.5) * window.cell_m) for col in range(cols)]
+        for row, cols in enumerate([window.shape[1]] * window.shape[0])
+    ]
+    return np.array([[covers(x, y) for x, y in row] for row in centres])
+
+
+@settings(max_examples=60, deadline=None)
+@given(DISCS)
+def test_discs_cover_the_centres_in_them_and_the_cell_of_their_own(discs):
+    window = Window(-17, -12, 0.1, (23, 31))
+
+    def covers(x, y):
+        in_disc = any(math.hypot(x - x0, y - y0) <= radius for x0, y0, radius in discs)
+        return in_disc or any(max(abs(x - x0), abs(y - y0)) < 0.05 for x0, y0, _ in discs)
+
+    np.testing.assert_array_equal(discs_in(window, np.array(discs).reshape(-1, 3)), brute_force(window, covers))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(COORDINATES, COORDINATES, COORDINATES, COORDINATES), max_size=3))
+def test_rectangles_cover_the_centres_in_them(corners):
+    window = Window(-17, -12, 0.1, (23, 31))
+
+    def covers(x, y):
+        return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in corners)
+
+    found = rectangles_in(window, [Rectangle(*each) for each in corners])
+    np.testing.assert_array_equal(found, brute_force(window, covers))
+
+
+def somewhere(rng, moving=()):
+    occupied = rng.random((30, 50)) < 0.3
+    start_m = np.array([0.05, 0.05])
+    return World(Window(-11, 7, 0.1, occupied.shape), occupied, start_m, standing(1.0, 1.0), moving)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), col0=st.integers(-60, 60), row0=st.integers(-60, 60))
+def test_a_window_shows_what_lies_at_its_places(seed, col0, row0):
+    """Looked up by each cell's place in map; outside of the world nothing is occupied."""
+    world = somewhere(np.random.default_rng(seed))
+    window = Window(col0, row0, 0.1, (12, 17))
+    seen = world.occupied_in(window, 0)
+    for row in range(12):
+        for col in range(17):
+            there = world.window.cell_of(window.centre_of(np.array([col, row])))
+            expected = bool(world.window.contains(there)) and world.occupied[there[1], there[0]]
+            assert seen[row, col] == expected
+
+
+def test_reading_a_window_does_not_change_the_world():
+    disc = MovingDisc(standing(0.0, 1.5), 0.4)
+    world = somewhere(np.random.default_rng(1), (disc,))
+    before = world.occupied.copy()
+    somebody = discs_in(world.window, np.array([[0.0, 1.5, 0.4]]))
+    assert somebody.any()
+    np.testing.assert_array_equal(world.occupied_in(world.window, 0), before | somebody)
+    np.testing.assert_array_equal(world.occupied, before)
+
+
+def test_a_window_of_other_cells_is_refused():
+    with pytest.raises(ValueError, match="share no lattice"):
+        somewhere(np.random.default_rng(1)).occupied_in(Window(0, 0, 0.2, (10, 10)), 0)
+
+
+def test_a_track_is_linear_between_its_waypoints():
+    track = WaypointTrack(np.array([10, 20, 40]), np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 0.0]]))
+    for t_ns, xy in {0: (0, 0), 10: (0, 0), 15: (0.5, 1), 20: (1, 2), 35: (1, 0.5), 99: (1, 0)}.items():
+        np.testing.assert_allclose(track.at(t_ns), xy)
+    np.testing.assert_array_equal(standing(3.0, 4.0).at(10**12), [3.0, 4.0])
+
+
+def test_distances_from_the_sides_and_a_corner():
+    def clearance(x, y):
+        return body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, np.array([[x, y]]), 0.1)
+
+    assert clearance(1.0, 0.0) == pytest.approx(0.65)
+    assert clearance(0.0, -0.5) == pytest.approx(0.35)
+    assert clearance(0.6, 0.5) == pytest.approx(0.5 - 0.05)
+    assert clearance(0.2, 0.05) == pytest.approx(-0.05)
+
+
+def test_clearance_is_invariant_under_rotation():
+    rng = np.random.default_rng(0)
+    cells = rng.uniform(-2, 2, (20, 2))
+    yaw = 0.8
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    moved = cells @ turn.T + [3.0, -1.0]
+    assert body_clearance(3.0, -1.0, yaw, 0.6, 0.2, moved, 0.1) == pytest.approx(
+        body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, cells, 0.1)
+    )
+
+
+def test_without_obstacles_it_is_infinite():
+    window = Window(3, -2, 0.5, (4, 6))
+    occupied = np.zeros((4, 6), dtype=bool)
+    assert body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, occupied_centres(occupied, window), 0.5) == math.inf
+    occupied[1, 2] = True
+    np.testing.assert_allclose(occupied_centres(occupied, window), [[2.75, -0.25]])
