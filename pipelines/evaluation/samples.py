@@ -112,7 +112,7 @@ def _plans(run: _Run) -> dict[str, Samples]:
 
 
 def _control(run: _Run) -> dict[str, Samples]:
-    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")
+    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
     table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
     # A robot without joints cannot fall.
     fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
@@ -141,7 +141,7 @@ _SOURCES = (
         ("control.parquet",),
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
-            *("heading_rmse_rad", "fallen"),
+            *("heading_rmse_rad", "plan_error_m", "fallen"),
         ),
         _control,
     ),

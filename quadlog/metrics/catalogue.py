@@ -62,6 +62,14 @@ _ENTRIES = (
         *("√( 1/N Σ heading_error_i² )", _OURS, _TICKS),
     ),
     MetricEntry(
+        *(
+            "plan_error_m",
+            "m",
+            "mean distance from the re-simulated robot to its plan of the moment, made where it was",
+        ),
+        *("1/N Σ plan_error_i", _OURS, "control ticks with a plan"),
+    ),
+    MetricEntry(
         *("fallen", "", "1 when the robot fell, else 0; absent for a robot without a body"),
         *("max fallen_i", _OURS, "control ticks"),
     ),
@@ -91,7 +99,7 @@ _ENTRIES = (
         worst_is_lowest=True,
     ),
     MetricEntry(
-        *("collisions", "", "how often contact with an obstacle began"),
+        *("collisions", "", "how often contact began with an obstacle that did not first appear inside the body"),
         *("number of ticks with clearance ≤ 0 after one without", _OURS, "control ticks inside the map"),
     ),
     MetricEntry(

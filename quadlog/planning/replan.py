@@ -191,10 +191,11 @@ class PlannedPath:
 
 @dataclass(frozen=True, slots=True)
 class Replan:
-    """What one replan gives; path is None when no way was found."""
+    """What one replan gives; path is None when no way was found, query where there was nothing to plan."""
 
     record: PlanRecord
     path: PlannedPath | None
+    query: Query | None
 
 
 class Replanner:
@@ -202,7 +203,7 @@ class Replanner:
 
     def __init__(self, planner: Planner, settings: ReplanSettings) -> None:
         self._planner = planner
-        self._settings = settings
+        self.settings = settings
         self._reference = AStar(planner.rules)
         self._last_window: Window | None = None
         compile_planner(planner)
@@ -212,7 +213,7 @@ class Replanner:
 
         See make_query. Raises ValueError for a start that is not finite.
         """
-        settings = self._settings
+        settings = self.settings
         query = make_query(window, occupied, start_xy_m, goal_xy_m, settings.dilation_m, settings.dilation)
         plan = optimum = no_plan()
         goal_m, goal_projected, microseconds = goal_xy_m, False, math.nan
@@ -251,7 +252,7 @@ class Replanner:
             astar_expanded=optimum.expanded,
             astar_generated=optimum.generated,
         )
-        return Replan(record, path)
+        return Replan(record, path, None if isinstance(query, NoQuery) else query)
 
     def _shift_to(self, window: Window) -> Cell:
         """How far the window moved since the last plan; another cell size shares nothing, so the planner forgets."""
@@ -263,7 +264,7 @@ class Replanner:
         return self._last_window.shift_to(window)
 
     def _path(self, t_ns: int, raw_m: Float, query: Query, window: Window) -> PlannedPath:
-        settings = self._settings
+        settings = self.settings
         if settings.smooth:
             blocked = query.blocked
             if len(query.way_out):

@@ -27,6 +27,7 @@ CONTRACT_FILES = {
     *("run.json", "config.toml", "metrics.json", "report.html", "derived.mcap", "foxglove-layout.json"),
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
     *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
+    "contacts.parquet",
     *("resim_paths.parquet", "stages.json"),
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
     *("links.parquet", "dilution.npz", "uwb_errors.parquet", "innovations.parquet", "pose_uncertainty.parquet"),

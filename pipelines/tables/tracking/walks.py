@@ -57,7 +57,10 @@ class Steering:
 
 @dataclass(frozen=True, slots=True)
 class TrackingTask:
-    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture."""
+    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture.
+
+    turning_share, friction: of [mpc] and [simulation], None for the defaults.
+    """
 
     course: str
     terrain: str
@@ -65,6 +68,8 @@ class TrackingTask:
     disturbed: bool
     seed: int
     drawn: bool = False
+    turning_share: float | None = None
+    friction: float | None = None
 
     @property
     def config(self) -> Config:
@@ -74,9 +79,12 @@ class TrackingTask:
             fuzzy = asdict(steering.fuzzy)
             fuzzy |= {"lambda_v_s2_per_m": fuzzy.pop("lambda_v"), "lambda_w_s": fuzzy.pop("lambda_w")}
             assert fuzzy.pop("l0_m") == steering.lookahead_m
+        simulation = {} if self.friction is None else {"friction": self.friction}
         given: dict[str, Any] = {
+            "mpc": {} if self.turning_share is None else {"turning_share": self.turning_share},
             "pursuit": {"lookahead_m": steering.lookahead_m, "fuzzy": fuzzy},
-            "simulation": {
+            "simulation": simulation
+            | {
                 "controller": steering.controller,
                 "terrain": self.terrain,
                 "disturbances": asdict(DISTURBED) if self.disturbed else {},

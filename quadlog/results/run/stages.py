@@ -13,7 +13,9 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),
     "plan": ("plans.parquet", "paths.parquet", "astar.parquet"),
-    "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet"),
+    "control": (
+        *("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet", "contacts.parquet"),
+    ),
     "report": ("metrics.json", "trajectory.tum"),
 }
 """The stages in order, and the files that each writes into the run folder."""

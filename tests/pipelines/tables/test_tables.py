@@ -49,9 +49,9 @@ def tracked(task: TrackingTask) -> Tracked:
     """Its η grows with the look-ahead, is worse without whole-body control, and differs by seed; some fall."""
     steering = task.steering
     l_m = 1.5 if steering.controller != "pmw" else steering.lookahead_m
-    fell = steering.controller == "fpm" and task.disturbed and task.seed % 3 == 0
+    fell = steering.controller == "fpm" and (task.turning_share == 1.0 or (task.disturbed and task.seed % 3 == 0))
     eta_m = 0.01 * l_m * (1 + 0.01 * (task.seed % 7)) * (1.5 if steering.controller == "fpm" else 1.0)
-    eta_m *= {"6cm": 1.3}.get(task.terrain, 1.0) * (1.2 if task.disturbed else 1.0)
+    eta_m *= {"6cm": 1.3}.get(task.terrain, 1.0) * (1.2 if task.disturbed else 1.0) * (0.8 / (task.friction or 0.8))
     names = ("sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "heading_rmse_rad", "pitch_rms_rad")
     figures = dict.fromkeys((*names, "height_rms_m"), eta_m)
     figures |= {figure.key: eta_m for figure in (*courses.CURVED, *table_5.CURVED)}
