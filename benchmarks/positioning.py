@@ -37,7 +37,7 @@ TROLLEY_ANCHORS_M = np.array(
 )
 TROLLEY_LEVERS_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
 TROLLEY_LIMITS_M = {"as measured": (0.182, 0.163, 0.156), "calibrated": (0.086, 0.082, 0.075)}
-TRACK_LIMITS_M = (0.067, 0.059, 0.050)
+TRACK_LIMITS_M = (0.065, 0.047, 0.043)
 
 
 def measure(_: Path) -> Iterator[Figure]:
@@ -109,7 +109,7 @@ def _bursts() -> Iterator[Figure]:
             rms_m = [float(np.sqrt(np.mean(each**2))) for each in errors]
             total_m = float(np.sqrt(np.mean(np.square(rms_m))))
             worst = f"worst run {max(rms_m):.3f}, median {statistics.median(rms_m):.3f}"
-            yield Figure(f"bursts, {words}: smoothed RMSE", total_m, "m", 0.11, floor=worst)
+            yield Figure(f"bursts, {words}: smoothed RMSE", total_m, "m", 0.05, floor=worst)
             lost = sum(float(np.median(each[-50:])) > LOST_M for each in errors)
             yield Figure(f"bursts, {words}: runs that end locked out", lost, "of 1000", 0)
 

@@ -77,6 +77,7 @@ def print_info(info: dict[str, Any]) -> None:
     if links := info["links"]:
         tags, anchors = (", ".join(map(str, sorted({link[end] for link in links}))) for end in ("tag", "anchor"))
         _print_lines([f"UWB: tags {tags}; anchors {anchors}", *reach_lines(links)])
+    _print_lines(anchor_lines(info["anchors"]))
     if info["uwb"]:
         click.echo("")
         _print_table(*link_table(info["uwb"]))
@@ -142,6 +143,13 @@ MOST_LINKS = 40  # lines of links that are printed
 CELL = 6  # characters of a number of the HDOP map, with the space before it
 
 
+def anchor_lines(anchors: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """The positions of anchors that the messages contain."""
+    for anchor in anchors:
+        place = ", ".join(f"{axis}_m = {anchor[f'{axis}_m']:.3f}" for axis in "xyz")
+        yield f"  anchor {anchor['id']} in {anchor['messages']} messages: {place}"
+
+
 def reach_lines(links: Sequence[dict[str, Any]]) -> Iterator[str]:
     """A line per link with its number of ranges and their span; at most MOST_LINKS of them."""
     for link in links[:MOST_LINKS]:
@@ -186,12 +194,15 @@ def tag_lines(row: dict[str, Any]) -> Iterator[str]:
         axes = f"{row['ellipse_major_median_m']:.3f} x {row['ellipse_minor_median_m']:.3f} m"
         line += f"; median HDOP {row['hdop_median']:.2f}, median 95 % semi-axes {axes}"
     yield line
+    if row["nis"] is not None:
+        yield f"  normalised innovation squared {row['nis']:.2f} per range (1 where uwb.range_std_m is right)"
+    yield f"  biases: {row['calibration']}"
     for what, error in (("fixes", row["fix_error"]), ("track", row["track_error"])):
         if error is not None:
             yield (
                 f"  {what} against {row['reference']}: RMSE {error['rmse_m']:.3f} m, "
                 f"bias ({error['bias_x_m']:+.3f}, {error['bias_y_m']:+.3f}) m, "
-                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses"
+                f"{100 * error['share_in_ellipse']:.1f} % in their 95 % ellipses, NEES {error['nees']:.1f}"
             )
 
 

@@ -54,7 +54,10 @@ def print_table(table: PaperTable) -> None:
     from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
     from quadlog.results.text.markup import aligned
 
-    printed = [row for row in table.rows if row.paper is not None]
+    if not table.rows:
+        click.echo(f"{table.name}: {table.sizes}")
+        return
+    printed = [row for row in table.rows if row.paper is not None or row.reproduces is not None]
     click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
     left = [at for at, name in enumerate(SHOWN) if name not in RIGHT]
     for line in aligned([SHOWN, *(shown_cells(row) for row in printed or table.rows)], left):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -15,6 +15,7 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.recordings.clock import FAR_APART_NS, REORDERED_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
+from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -42,7 +43,7 @@ def describe_recording(
         roles = detect_roles(recording, config.topics)
         budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
         part, seen, unindexed = _look(recording, budget, open_progress)
-        uwb, warnings = _uwb(part, roles, config, whole=part is recording)
+        uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
         info = _describe(recording, roles, seen)
         jumps = _back_warnings(seen, warnings)
         sampled = {"sampled": part is not recording}
@@ -84,12 +85,22 @@ def _advance(recording: Recording, progress: Progress, messages: Iterator[Decode
             progress.advance(steps * step_ns * 1e-9)
 
 
-def _uwb(part: Recording, roles: Roles, config: Config, whole: bool) -> tuple[dict[str, Any], list[str]]:
-    if not config.uwb.anchors:
-        return {"uwb": [], "uwb_tags": [], "dilution": None}, []
-    from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics  # what locates takes half a second to load
+def _uwb(
+    part: Recording, roles: Roles, config: Config, places: Mapping[int, AnchorPlace], whole: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """The health of the ranges where anchors are configured, or placed by enough messages."""
+    if not config.uwb.anchors and len(places) < FEWEST_ANCHORS:
+        return {"uwb": [], "uwb_tags": [], "dilution": None}, place_warnings(places, {})
+    # What locates takes half a second to load.
+    from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics
+    from quadlog.pipelines.stages.uwb import configured_places, with_carried_anchors
 
-    return uwb_diagnostics(part, roles, config, whole)
+    warnings = place_warnings(places, configured_places(config))
+    effective = with_carried_anchors(config, places)
+    if not effective.uwb.anchors:
+        return {"uwb": [], "uwb_tags": [], "dilution": None}, warnings
+    found, more = uwb_diagnostics(part, roles, effective, whole)
+    return found, [*warnings, *more]
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
@@ -105,6 +116,11 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
+        "anchors": [
+            dict(zip(("id", "x_m", "y_m", "z_m"), (anchor, *place.position_m), strict=True))
+            | {"messages": place.n, "moved_m": place.moved_m}
+            for anchor, place in seen.anchor_places.items()
+        ],
         "links": [
             {
                 "topic": topic,

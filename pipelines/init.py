@@ -16,6 +16,7 @@ from quadlog.errors import AlreadyExists, printable
 from quadlog.messages import Float
 from quadlog.pipelines.stages.ingest import lidar_in_base
 from quadlog.recordings.containers.container import Loss
+from quadlog.recordings.decoders.anchor_places import place_warnings
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import gather
@@ -44,7 +45,7 @@ def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> Proposal:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)
         mount = _lidar_mount(recording, roles)
-        losses, warnings = tuple(recording.losses), tuple(recording.warnings)
+        losses, warnings = tuple(recording.losses), (*recording.warnings, *place_warnings(seen.anchor_places, {}))
     topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}
     if "uwb" in roles.found:
         topics["uwb"] = list(roles.found["uwb"].topics)
@@ -95,18 +96,25 @@ def mount_of(transform_lidar_to_base: Float) -> dict[str, float]:
 
 
 def _radio_skeleton(seen: Survey) -> str:
-    """Commented tables for every tag and anchor that ranged in the log, ready to be filled in."""
+    """Tables for the anchors that the log's messages place; commented ones for every other radio, to be filled in."""
     links = [link for topic in seen.links.values() for link in topic if link.anchor >= 0]
     if not links:
         return ""
     lines = ["", "# The radios that ranged in this log. Give the anchors their places in map and uncomment them."]
+    if seen.anchor_places:
+        lines = ["", "# The radios that ranged in this log. Its messages hold the places of the anchors given here."]
     for anchor in sorted({link.anchor for link in links}):
         reach = [link for link in links if link.anchor == anchor]
         count = sum(link.messages for link in reach)
         far_m = max((link.range_max_m for link in reach if link.range_max_m is not None), default=None)
         length = "" if far_m is None else f" of up to {far_m:.1f} m"
-        lines += ["#", f"# {count} ranges{length}", "# [[uwb.anchors]]", f"# id = {anchor}"]
-        lines += ["# x_m = ", "# y_m = ", "# z_m = "]
+        lines += ["#", f"# {count} ranges{length}"]
+        place = seen.anchor_places.get(anchor)
+        if place is None:
+            lines += ["# [[uwb.anchors]]", f"# id = {anchor}", "# x_m = ", "# y_m = ", "# z_m = "]
+        else:
+            x_m, y_m, z_m = (round(each, 4) + 0.0 for each in place.position_m)  # zero without a sign
+            lines += ["[[uwb.anchors]]", f"id = {anchor}", f"x_m = {x_m}", f"y_m = {y_m}", f"z_m = {z_m}"]
     lines += [
         "#",
         "# A tag is the robot, a person or none. Without this table the lowest id is the robot, the next the person.",

@@ -48,10 +48,11 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     with open_source(request, clock, progress) as source:
         todo = reachable_stages(source.roles, request.options.until)
         missing = [name for stage in todo if stage not in earlier for name in stage.names]
+        to_compile = [name for name in missing if name != "position" or source.by_uwb]
         clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
-        tracked = "position" in missing and wants_lidar_track(request.config, source.roles)
+        tracked = "position" in missing and wants_lidar_track(request.config, source.roles, source.by_uwb)
         with (
-            compilation(missing, request.config, progress.say) as compiled,
+            compilation(to_compile, request.config, progress.say) as compiled,
             open_walk(
                 *(source, request, clock, progress, described, clouds),
                 before_clouds=partial(_compile, compiled, "filter", "map"),

@@ -94,6 +94,7 @@ class UwbRanges:
     tag: id of the tag, None where only the topic tells it.
     anchor: (K,) int64 ids; range_m: (K,) float64; absent ranges are left out.
     first_path_gap_db: (K,) receiver power minus first-path power, or None; large means NLOS.
+    anchor_position_m: (K, 3) where the anchors are in map, NaN or zero where unknown, or None.
     """
 
     stamp_ns: int | None
@@ -101,6 +102,7 @@ class UwbRanges:
     anchor: Int
     range_m: Float
     first_path_gap_db: Float | None = None
+    anchor_position_m: Float | None = None
 
 
 @dataclass(frozen=True, slots=True)

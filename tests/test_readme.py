@@ -11,6 +11,7 @@ import yaml
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.errors import ExitCode
+from quadlog.results.run.run_folder import read_metrics
 from quadlog.version import __version__
 
 ROOT = Path(__file__).parents[1]
@@ -42,6 +43,12 @@ def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert "eta_m" in printed
     assert "report.html" in printed
+    # The robot follows the person round the end of a wall, and touches nothing.
+    metrics = {name: each["value"] for name, each in read_metrics(tmp_path / "runs" / "follow").items()}
+    assert metrics["fallen"] == metrics["collisions"] == 0
+    assert metrics["clearance_min_m"] >= 0.05
+    assert metrics["heading_rmse_rad"] <= 0.2
+    assert metrics["plan_error_m"] < metrics["eta_m"] < 0.2
 
 
 @pytest.mark.parametrize("key", ["title", "authors", "version", "license", "message", "cff-version"])

@@ -17,7 +17,7 @@ from quadlog.errors import ExitCode
 from quadlog.metrics.planner_verdict import notes, verdict
 from quadlog.metrics.planning import Comparison, compare_planners
 from quadlog.pipelines.comparison.problems import CompareOptions, ProblemSource, counted
-from quadlog.pipelines.comparison.run_planners import Answers, ask_everything
+from quadlog.pipelines.comparison.run_planners import Answers, ask_everything, repeats_for
 from quadlog.pipelines.comparison.sources import open_sources
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
@@ -66,9 +66,10 @@ def _compared(
     incremental = [name for name in names if planner_type(name).incremental]
     for number, source in enumerate(sources):
         progress.begin("compare", source.count)
-        answers = ask_everything(source, names, options.rules, progress)
+        answers = ask_everything(source, names, options.rules, progress, repeats_for(source, len(names)))
         rng = np.random.default_rng([options.seed, number, *b"intervals"])
-        yield source, compare_planners(answers.columns, rng, options.baseline, counted(options), incremental), answers
+        table = answers.columns | {"us_repeats": answers.us_repeats}
+        yield source, compare_planners(table, rng, options.baseline, counted(options), incremental), answers
 
 
 def rule_lines(names: Sequence[str], options: CompareOptions) -> list[str]:

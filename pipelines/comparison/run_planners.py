@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.metrics.intervals import corrected_confidence, fewest_values
 from quadlog.pipelines.comparison.problems import ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.query import Query
@@ -26,23 +27,27 @@ Columns = dict[str, list[Any]]
 class Answers:
     """columns: of replans.parquet, planner by planner at each question; scenarios: of scenarios.parquet.
 
+    us_repeats (N, K): microseconds of each time that a row's question was asked, of which column us has the median.
     scene: the question that took the baseline most cells, of the first episode only where one follows from the other,
     with all paths.
     """
 
     columns: dict[str, NDArray[Any]]
     scenarios: dict[str, NDArray[Any]]
+    us_repeats: NDArray[np.float64]
     scene: PathScene | None
 
 
 @dataclass(slots=True)
 class _Notebook:
-    """What has been answered so far."""
+    """What has been answered so far. at: the row of replans.parquet that comes next; a later pass adds times alone."""
 
     source: ProblemSource
     baseline: str
     replans: Columns = field(default_factory=lambda: {name: [] for name in REPLANS.names})
     scenarios: Columns = field(default_factory=lambda: {name: [] for name in SCENARIOS.names})
+    us_repeats: list[list[float]] = field(default_factory=list)
+    at: int = 0
     scene_paths: dict[str, NDArray[np.int32]] = field(default_factory=dict)
     scene_question: Question | None = None
     scene_at: tuple[int, int] = (-1, -1)
@@ -50,15 +55,23 @@ class _Notebook:
 
     def add(self, episode: int, replan: int, question: Question, answers: Sequence[Answer]) -> None:
         """The answers to one question."""
+        is_first_pass = self.at == len(self.us_repeats)
         for answer in answers:
-            row = _replan_row(self.source.name, episode, replan, question, answer)
-            for name, value in row.items():
-                self.replans[name].append(value)
-            if self.source.queries:
-                for name, value in _scenario_row(self.source, episode, answer).items():
-                    self.scenarios[name].append(value)
-        if episode == 0 or self.source.is_static:
+            if not is_first_pass:
+                self.us_repeats[self.at] += answer.us_repeats
+            else:
+                self._add_row(episode, replan, question, answer)
+            self.at += 1
+        if is_first_pass and (episode == 0 or self.source.is_static):
             self._look_at((episode, replan), question, answers)
+
+    def _add_row(self, episode: int, replan: int, question: Question, answer: Answer) -> None:
+        self.us_repeats.append(list(answer.us_repeats))
+        for name, value in _replan_row(self.source.name, episode, replan, question, answer).items():
+            self.replans[name].append(value)
+        if self.source.queries:
+            for name, value in _scenario_row(self.source, episode, answer).items():
+                self.scenarios[name].append(value)
 
     def _look_at(self, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
         """Keep the question for the picture when none before took the baseline more cells, and every answer to it."""
@@ -70,24 +83,59 @@ class _Notebook:
             self.scene_paths |= {each.planner: each.plan.cells for each in answers}
 
 
+FEWEST_REPEATS = 3
+
+
+def repeats_for(source: ProblemSource, planners: int) -> int:
+    """How often to ask everything, so that times have intervals.
+
+    Of a single question the repeats are all there is to tell planners apart by.
+    """
+    is_single = source.is_static and source.count == 1
+    return max(FEWEST_REPEATS, fewest_values(corrected_confidence(planners - 1)) if is_single else 0)
+
+
 def ask_everything(
-    source: ProblemSource, names: Sequence[str], rules: Rules, progress: Progress, *, curvatures: bool = True
+    source: ProblemSource,
+    names: Sequence[str],
+    rules: Rules,
+    progress: Progress,
+    repeats: int = 1,
+    *,
+    curvatures: bool = True,
 ) -> Answers:
     """Ask the planners of those names, the first of them the baseline, each by the rules it keeps of these.
 
+    repeats: how often, for the times; whatever else is answered is of the first time. Planners take turns: at every
+    question, or where questions stand alone and planners hold a map's memory one after the other, in every pass.
     curvatures: of smoothed paths, which take longer than the plans; static sources have none.
     """
     book = _Notebook(source, names[0])
     smoothing = ReplanSettings() if curvatures and not source.is_static else None
-    for members in [[name] for name in names] if source.is_static else [list(names)]:
-        panel = Panel([make_planner(name, rules) for name in members], smoothing)
-        for episode, questions in enumerate(source.episodes()):
-            panel.begin_episode()
-            for replan, question in enumerate(questions):
-                book.add(episode, replan, question, panel.ask(question.query))
-            if members[0] == names[0]:
-                progress.advance()
-    return Answers(_arrays(book.replans), _arrays(book.scenarios), _scene(book))
+    passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
+    for number in range(passes):
+        book.at = 0
+        for members in [[name] for name in names] if source.is_static else [list(names)]:
+            planners, *doubles = ([make_planner(name, rules) for name in members] for _ in range(rounds))
+            panel = Panel(planners, smoothing, doubles)
+            for episode, questions in enumerate(source.episodes()):
+                panel.begin_episode()
+                for replan, question in enumerate(questions):
+                    book.add(episode, replan, question, panel.ask(question.query))
+                if number == 0 and members[0] == names[0]:
+                    progress.advance()
+    columns, us_repeats = _arrays(book.replans), _repeats(book.us_repeats, repeats)
+    asked = np.isfinite(us_repeats).all(axis=1)
+    columns["us"][asked] = np.median(us_repeats[asked], axis=1)
+    return Answers(columns, _arrays(book.scenarios), us_repeats, _scene(book))
+
+
+def _repeats(us: list[list[float]], repeats: int) -> NDArray[np.float64]:
+    """(N, repeats), NaN where nobody was asked."""
+    table = np.full((len(us), repeats), np.nan)
+    for row, mine in zip(table, us, strict=True):
+        row[: len(mine)] = mine
+    return table
 
 
 def _replan_row(source: str, episode: int, replan: int, question: Question, answer: Answer) -> dict[str, Any]:

@@ -25,7 +25,8 @@ from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference,
 from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
-from quadlog.results.run.tables import start_ns
+from quadlog.results.run.tables import has_table, read_table, start_ns
+from quadlog.results.text.markup import aligned
 from quadlog.results.text.metrics import RunAtWorst, WorstInstant, explain_text
 
 _NS = 1_000_000_000
@@ -43,10 +44,31 @@ def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAt
     try:
         samples = _samples(name, run.path, reference)
         instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
+        details = _contacts(run.path) if name in _OF_CONTACTS else []
     except QuadlogError as error:
         return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
     why = "a run saves no samples of it" if samples is None else "at no instant bad"
-    return RunAtWorst(run.label, measured.value, measured.n, instants, why)
+    return RunAtWorst(run.label, measured.value, measured.n, instants, why, details)
+
+
+_OF_CONTACTS = ("collisions", "clearance_min_m")
+
+
+def _contacts(run: Path) -> list[str]:
+    """A table of the run's contacts, from their first line on; nothing where there is none."""
+    if not has_table(run, "contacts"):
+        return []
+    contacts = read_table(run, "contacts")
+    if len(contacts["t_ns"]) == 0:
+        return []
+    first_ns = start_ns(run)
+    rows = [
+        (f"{(t_ns - first_ns) / _NS:.3f}", f"{duration_s:.3f}", f"{x_m:.2f}", f"{y_m:.2f}", f"{clearance_m:.3f}",
+         "yes" if collision else "no", cause)
+        for t_ns, duration_s, x_m, y_m, clearance_m, cause, collision in zip(*contacts.values(), strict=True)
+    ]  # fmt: skip
+    head = ("from s", "for s", "x m", "y m", "clearance m", "collision", "cause")
+    return ["contacts, s from start:", *aligned([head, *rows])]
 
 
 def _samples(name: str, run: Path, reference: Reference | None) -> Samples | None:

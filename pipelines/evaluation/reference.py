@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -11,11 +11,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from quadlog.config.schema import Config
-from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
+from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Int, PoseSeries
-from quadlog.metrics.alignment import ClockOffset, align_rigidly, estimate_clock_offset, project_to_plane
-from quadlog.metrics.positioning import Trajectory, associate, fix_error_samples, pair_samples
+from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
+from quadlog.metrics.positioning import Trajectory, fix_error_samples
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
@@ -48,7 +49,7 @@ def robot_tag_of(run: Path) -> RobotTag:
     return RobotTag.among(tags.tolist(), config)
 
 
-REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", "ate_rmse_m", "rpe_rmse_m")
+REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", *TRAJECTORY_METRICS)
 _NS = 1_000_000_000
 _SEEN_M = 1e-3
 _LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
@@ -95,17 +96,22 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired."""
+    """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired.
+
+    summary: the reference's clock and the errors, in one line; warnings: a clock or a frame that is not the poses'.
+    """
 
     samples: dict[str, Samples]
     said: tuple[str, ...]
+    summary: str
+    warnings: tuple[str, ...]
 
 
 def compare_with_reference(run: Path, reference: Reference) -> Compared:
     """The trajectory's errors pair by pair, and those of the robot's UWB fixes. Raises as `compare_trajectory` does."""
     compared = compare_trajectory(run, reference)
     of_fixes = compare_fixes(run, reference, robot_tag_of(run)) if has_table(run, "fixes") else {}
-    return Compared(compared.samples | of_fixes, compared.said)
+    return replace(compared, samples=compared.samples | of_fixes)
 
 
 def compare_trajectory(run: Path, reference: Reference) -> Compared:
@@ -113,25 +119,31 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
 
     Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
     """
-    estimate, how = _trajectory_of(run), reference.how
-    truth = reference.trajectory
-    in_reference, in_estimate = associate(truth.t_ns, estimate.t_ns, how.max_difference_s, how.offset_s)
-    if len(in_reference) == 0:
+    estimate, how, truth = _trajectory_of(run), reference.how, reference.trajectory
+    options = how.max_difference_s, how.offset_s
+    try:
+        compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=how.planar)
+    except PosesOnLine as error:
+        raise NotARun(run, f"cannot be aligned with {reference.path}: {error}") from error
+    if compared is None:
         raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
-    said = [f"{reference.path}: {len(in_reference)} poses of {run} paired; {_ranges(truth.t_ns, estimate.t_ns, how)}"]
-    truth, estimate = truth.rows(in_reference), estimate.rows(in_estimate)
-    if how.align:
-        aligned = align_rigidly(estimate, truth)
-        if aligned is None:
-            raise NotARun(run, f"cannot be aligned with {reference.path}: poses on one line fit in any turn about it")
-        estimate = aligned
-    if how.planar:
-        truth = project_to_plane(truth)
-        # A run's poses lie in the plane, and projecting them again would change their last digit.
-        if estimate.position_m[:, 2].any() or estimate.quat_xyzw[:, :2].any():
-            estimate = project_to_plane(estimate)
-    samples = {name: each for name, each in pair_samples(truth, estimate).items() if len(each.values)}
-    return Compared(samples, (*said, *_height_words(truth, estimate)))
+    n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
+    said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {compared.summary()}"]
+    warnings = tuple(compared.warnings())
+    said += [f"warning: {words}" for words in warnings]
+    said += _height_words(compared.truth, compared.estimate)
+    return Compared(compared.samples, tuple(said), compared.summary(), warnings)
+
+
+def compare_with_own_reference(run: Path) -> Compared | None:
+    """The saved poses against the recording's own reference, in the plane; None without either, or without a pair."""
+    path = run / "reference.tum"
+    if not path.is_file() or not has_table(run, "poses"):
+        return None
+    try:
+        return compare_trajectory(run, Reference.read(path, OnTime(planar=True)))
+    except NoCommonTime:
+        return None
 
 
 def _trajectory_of(run: Path) -> Trajectory:

@@ -11,7 +11,8 @@ import numpy as np
 
 from quadlog.errors import QuadlogError
 from quadlog.metrics.planning import Replans, search_samples
-from quadlog.metrics.positioning import residual_samples
+from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation.reference import (
@@ -88,6 +89,19 @@ def _residuals(run: _Run) -> dict[str, Samples]:
     return residual_samples(*(fixes[name][own] for name in ("t_ns", "residual_rms_m", "n_ranges")))
 
 
+def _innovations(run: _Run) -> dict[str, Samples]:
+    table = read_table(run.path, "innovations", ["t_ns", "tag", "nis"])
+    own = table["tag"] == run.robot.id
+    return innovation_samples(table["t_ns"][own], table["nis"][own])
+
+
+def _ellipses(run: _Run) -> dict[str, Samples]:
+    table = read_table(run.path, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m", "bound_m"])
+    own = (table["tag"] == run.robot.id) & (table["source"] == "track")
+    t_ns, x_m, y_m, bound_m = (table[name][own] for name in ("t_ns", "error_x_m", "error_y_m", "bound_m"))
+    return ellipse_samples(t_ns, np.hypot(x_m, y_m), bound_m)
+
+
 def _own_trajectory(run: _Run) -> dict[str, Samples]:
     return compare_trajectory(run.path, run.reference).samples
 
@@ -98,7 +112,7 @@ def _plans(run: _Run) -> dict[str, Samples]:
 
 
 def _control(run: _Run) -> dict[str, Samples]:
-    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")
+    errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
     table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
     # A robot without joints cannot fall.
     fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
@@ -112,7 +126,9 @@ def _clearances(run: _Run) -> dict[str, Samples]:
 _SOURCES = (
     _Source(("fixes.parquet", "reference.tum"), ("uwb_rmse_m", "uwb_bias_m"), _own_fixes),
     _Source(("fixes.parquet",), ("uwb_residual_m",), _residuals),
-    _Source(("reference.tum",), ("ate_rmse_m", "rpe_rmse_m"), _own_trajectory),
+    _Source(("innovations.parquet",), ("uwb_nis",), _innovations, newer=True),
+    _Source(("uwb_errors.parquet",), ("uwb_nees", "uwb_coverage_95"), _ellipses, newer=True),
+    _Source(("reference.tum",), TRAJECTORY_METRICS, _own_trajectory),
     _Source(
         ("plans.parquet",),
         (
@@ -125,7 +141,7 @@ _SOURCES = (
         ("control.parquet",),
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
-            *("heading_rmse_rad", "fallen"),
+            *("heading_rmse_rad", "plan_error_m", "fallen"),
         ),
         _control,
     ),
@@ -136,5 +152,5 @@ _SOURCES = (
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""
 # The others need an incremental planner, or a reference in the frame of the poses, which no table tells.
-SELF_EVIDENT = SAMPLED - {"fallback_share", "ate_rmse_m", "rpe_rmse_m"}
+SELF_EVIDENT = SAMPLED - {"fallback_share", *TRAJECTORY_METRICS}
 """The metrics that apply wherever their files are."""

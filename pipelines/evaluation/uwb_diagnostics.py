@@ -20,7 +20,7 @@ from quadlog.pipelines.stages.tag_errors import (
 )
 from quadlog.pipelines.stages.uwb import anchors_of, located_warnings, settings_of, tags_of
 from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
-from quadlog.positioning.fix.dilution import ellipse_95
+from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
 from quadlog.recordings.recording import Recording
@@ -133,6 +133,8 @@ def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, refe
         "hdop_median": _median(fixes.hdop[solved]),
         "ellipse_major_median_m": _median(major_m),
         "ellipse_minor_median_m": _median(minor_m),
+        "nis": float(np.mean(result.nis)) if len(result.nis) else None,
+        "calibration": "calibration is off" if result.bias is None else result.bias.reason,
     }
     if errors is None:
         return row | {"reference": None, "fix_error": None, "track_error": None}
@@ -154,6 +156,7 @@ def _error_summary(errors: PositionErrors) -> dict[str, Any] | None:
         "bias_x_m": float(bias_x_m),
         "bias_y_m": float(bias_y_m),
         "share_in_ellipse": float(np.mean(errors.distance_m <= errors.bound_m)),
+        "nees": float(np.mean(CHI2_95 * (errors.distance_m / errors.bound_m) ** 2)),
     }
 
 

@@ -51,6 +51,7 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
         aside_m=simulation.swing_aside_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
+        turning_share=config.mpc.turning_share,
         mpc=mpc_settings(config.mpc),
         wbc=replace(wbc_settings(config.wbc), torque_limit_nm=robot.torque_limit_nm),
     )
@@ -58,7 +59,7 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
 
 def mpc_settings(mpc: MpcConfig) -> MpcSettings:
     """[mpc]."""
-    return MpcSettings(**mpc.model_dump(exclude={"every_s"}))
+    return MpcSettings(**mpc.model_dump(exclude={"every_s", "turning_share"}))
 
 
 def wbc_settings(wbc: Wbc) -> WbcSettings:

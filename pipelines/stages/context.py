@@ -139,7 +139,8 @@ class ReplayContext:
     robot's track by its clouds, None where it is not made. used: role -> topics
     that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
     stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
-    warnings of reused clouds.
+    warnings of reused clouds. config: with the anchors that the messages contain where none are configured;
+    anchors_from_messages says so.
     """
 
     config: Config
@@ -169,6 +170,7 @@ class ReplayContext:
     keep: tuple[str, ...] = ()
     left: set[str] = field(default_factory=set)
     read_before: WhatWasRead | None = None
+    anchors_from_messages: bool = False
     _folder_begun: bool = False
     _said: set[str] = field(default_factory=set)
 

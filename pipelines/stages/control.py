@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from quadlog.pipelines.stages.plan import PlanTables, configured_planner, record
 from quadlog.planning.replan import Replanner
 from quadlog.results.run.maps import load_maps
 from quadlog.results.run.tables import TABLES, write_table
+from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 from quadlog.simulation.robot.height_field import HeightField, flat
@@ -34,7 +35,7 @@ from quadlog.storage.formats.ros_map import read_rosmap
 
 
 def resimulate_walk(walk: ReplayContext) -> None:
-    """control, clearances, resim_plans and resim_paths; nothing without a target or a controller."""
+    """control, clearances, contacts, resim_plans and resim_paths; nothing without a target or a controller."""
     config = walk.config
     maps = load_maps(walk.run.path)
     if walk.target is None or config.simulation.parts is None or len(maps) == 0:
@@ -51,6 +52,7 @@ def resimulate_walk(walk: ReplayContext) -> None:
         beside = {"clearance_m": resim.clearance_m, "target_distance_m": resim.target_distance_m}
         clearances = {"t_ns": resim.control["t_ns"], **beside}
         write_table(walk.run.path / "clearances.parquet", TABLES["clearances"], clearances)
+        write_contacts(walk.run.path, resim.contacts)
         with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
             paths = {path.t_ns: path for path in resim.paths}
             for record in resim.plans:
@@ -66,6 +68,12 @@ def resimulate_walk(walk: ReplayContext) -> None:
     if resim.outside_ticks:
         walk.counts["ticks_outside_window"] = resim.outside_ticks
         walk.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+
+
+def write_contacts(run: Path, contacts: Sequence[Contact]) -> None:
+    """contacts.parquet, also where there was none."""
+    columns = zip(*contacts, strict=True) if contacts else [()] * len(Contact._fields)
+    write_table(run / "contacts.parquet", TABLES["contacts"], dict(zip(Contact._fields, columns, strict=True)))
 
 
 def _with_what_stands(run: Path) -> Iterator[MapInstant]:
@@ -113,4 +121,5 @@ def _settings(walk: ReplayContext) -> PursuitSettings:
         rate_hz=pursuit.rate_hz,
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
+        clear_chord=pursuit.clear_chord,
     )

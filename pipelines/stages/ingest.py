@@ -21,7 +21,7 @@ from quadlog.pipelines.stages.lidar_track import LidarTracker
 from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
-from quadlog.pipelines.stages.uwb import wants_uwb
+from quadlog.pipelines.stages.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -98,10 +98,11 @@ Clouds = Literal["filter", "map"] | None
 
 
 class Source(NamedTuple):
-    """An open recording, and which topic plays which role."""
+    """An open recording, which topic plays which role, and whether there are ranges and anchors to locate by."""
 
     recording: Recording
     roles: Roles
+    by_uwb: bool
 
 
 @contextmanager
@@ -113,7 +114,8 @@ def open_source(request: ReplayRequest, clock: StageClock, progress: Progress) -
     with recording:
         with clock.stage("ingest"):
             roles = detect_roles(recording, request.config.topics)
-        yield Source(recording, roles)
+            by_uwb = locates_by_uwb(recording, roles, request.config)
+        yield Source(recording, roles, by_uwb)
 
 
 def reachable_stages(roles: Roles, until: str) -> tuple[Stage, ...]:
@@ -147,15 +149,12 @@ def open_walk(
     """
     from quadlog.pipelines.request import Existing
 
-    recording, roles = source
     with ExitStack() as stack:
         with clock.stage("ingest"):
-            describe = _describing(request.recording, recording) if described is None else lambda: described
+            describe = _describing(request.recording, source.recording) if described is None else lambda: described
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
-            walk = _read(
-                request, recording, describe, roles, run, clouds, before_clouds, tracked, stack, clock, progress
-            )
+            walk = _read(request, source, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
             if choices := walk.roles.choices("reference"):
                 walk.warn(f"no reference is used: {choices}")
             walk.say_what_is_new()
@@ -180,9 +179,8 @@ def _describing(path: Path, recording: Recording) -> Callable[[], InputRecord]:
 
 def _read(
     request: ReplayRequest,
-    recording: Recording,
+    source: Source,
     describe: Callable[[], InputRecord],
-    roles: Roles,
     run: RunFolder,
     clouds: Clouds,
     before_clouds: Callable[[], None],
@@ -193,8 +191,9 @@ def _read(
 ) -> ReplayContext:
     """The replay's state with all that is read; the stack closes the spill."""
     config, options = request.config, request.options
+    recording, roles, by_uwb = source
     with clock.stage("ingest"):
-        topics = _topics_to_read(recording, roles, config)
+        topics = _topics_to_read(recording, roles, config, by_uwb)
         window = _window(recording, _played(roles), options.start_s, options.duration_s)
         wanted = Gatherer(**topics)
         wanted.take_static(recording)
@@ -230,8 +229,9 @@ def _read(
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
         first_ns, last_ns = _seen(recording, roles, streams, window, first_cloud_ns)
         described = describe()
+    effective = with_carried_anchors(config, streams.anchor_places)
     return ReplayContext(
-        config=config,
+        config=effective,
         seed=options.seed,
         run=run,
         input=described,
@@ -247,6 +247,7 @@ def _read(
         last_ns=last_ns,
         scanner=scanner,
         tracker=tracker,
+        anchors_from_messages=effective is not config,
     )
 
 
@@ -266,19 +267,18 @@ class _SmallTopics(TypedDict):
     tf: tuple[str, ...]
 
 
-def _topics_to_read(recording: Recording, roles: Roles, config: Config) -> _SmallTopics:
+def _topics_to_read(recording: Recording, roles: Roles, config: Config, by_uwb: bool) -> _SmallTopics:
     """The small topics by role, as `gather` takes them. Raises AmbiguousTopic for a role that is needed."""
     position = config.topics.position
     chosen = position if position in {channel.topic for channel in recording.channels} else None
-    locates = wants_uwb(config)
     # Odometry may be the position (auto) or the heading (UWB).
     needs_odometry = position in ("auto", "uwb", "odometry")
     # Otherwise the IMU is only used to level scans.
     upright = _unless_ambiguous(roles, "imu") if config.lidar.level else None
     return {
-        "uwb": roles.topics("uwb") if locates else (),
+        "uwb": roles.topics("uwb") if by_uwb else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
-        "imu": roles.topic("imu") if locates and position in ("auto", "uwb") else upright,
+        "imu": roles.topic("imu") if by_uwb and position in ("auto", "uwb") else upright,
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),

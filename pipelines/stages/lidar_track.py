@@ -12,15 +12,17 @@ from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySetti
 from quadlog.recordings.roles import Roles
 
 
-def wants_lidar_track(config: Config, roles: Roles) -> bool:
-    """Whether positions come from the lidar: as configured, or under auto where no other topic can tell them."""
+def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
+    """Whether positions come from the lidar: as configured, or under auto where nothing else can tell them.
+
+    by_uwb: whether there are ranges and anchors.
+    """
     position = config.topics.position
     if "lidar" not in roles.found or position not in ("auto", "lidar"):
         return False
     if position == "lidar":
         return True
     moving_tf = [topic for topic in roles.topics("tf") if topic.rsplit("/", 1)[-1] != "tf_static"]
-    by_uwb = bool(config.uwb.anchors) and bool(roles.topics("uwb"))
     return not (by_uwb or moving_tf or roles.topic("odometry"))
 
 

@@ -11,9 +11,8 @@ import numpy as np
 from quadlog.errors import MissingInput
 from quadlog.geometry import base_covariance, tag_to_base, wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, PoseSeries
-from quadlog.metrics.alignment import find_frame_offset, frame_offset_words
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
-from quadlog.pipelines.stages.tag_errors import lever_of, tag_truth
+from quadlog.pipelines.stages.tag_errors import lever_of
 from quadlog.pipelines.stages.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
@@ -221,7 +220,6 @@ def locate_walk(walk: ReplayContext) -> None:
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
-        _compare_frames(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 
@@ -370,16 +368,3 @@ def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_ra
     for name, row, column in (("cov_xx_m2", 0, 0), ("cov_xy_m2", 0, 1), ("cov_yy_m2", 1, 1)):
         columns[name] = covariance_m2[:, row, column]
     write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
-
-
-def _compare_frames(walk: ReplayContext) -> None:
-    """A warning where poses and reference differ by a shift and a turn: a user's error rather than the ranges'."""
-    robot, reference = walk.robot, walk.streams.reference
-    if robot is None or reference is None or robot.source == "fixed":
-        return
-    if robot.frame_id and reference.frame_id and robot.frame_id != reference.frame_id:
-        return  # Named frames that differ are no surprise; the report says what follows from them.
-    offset = find_frame_offset(robot.xy_m, tag_truth(robot.t_ns, reference, (0.0, 0.0)))
-    words = None if offset is None else frame_offset_words(offset)
-    if words is not None:
-        walk.warn(words)

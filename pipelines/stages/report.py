@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadlog.errors import NoCommonTime
 from quadlog.metrics.metric import Metric, Metrics
 from quadlog.metrics.planning import ratio_to_astar
+from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import metrics_of
 from quadlog.metrics.walking import effort_metrics
-from quadlog.pipelines.evaluation.reference import RobotTag
+from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.planning.registry import planner_plugin, planner_type
@@ -73,26 +73,40 @@ def _metrics(walk: ReplayContext) -> Metrics:
     plans = read_table(run, "plans", ["planner", "expanded"]) if has_table(run, "plans") else None
     ranges = walk.streams.ranges
     robot = RobotTag.among([] if ranges is None else np.unique(ranges.tag).tolist(), walk.config)
-    samples, errors = read_samples(run, SAMPLED - _not_applicable(walk, plans), may_lack=True, robot=robot)
-    for error in errors:
-        if not isinstance(error, NoCommonTime):
-            raise error
-    metrics = metrics_of(samples)
+    wanted = SAMPLED - {*TRAJECTORY_METRICS, *_not_applicable(plans)}
+    samples, errors = read_samples(run, wanted, may_lack=True, robot=robot)
+    if errors:
+        raise errors[0]
+    metrics = metrics_of(samples) | _trajectory_metrics(walk)
     if plans is not None:
         metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])
     return metrics if body is None else metrics | effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
 
 
-def _not_applicable(walk: ReplayContext, plans: Mapping[str, Any] | None) -> set[str]:
+def _not_applicable(plans: Mapping[str, Any] | None) -> set[str]:
     """Metrics that the tables would give, but that would be wrong numbers."""
-    names: set[str] = set()
-    if plans is not None and not (len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental):
-        names.add("fallback_share")
+    incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
+    return set() if plans is None or incremental else {"fallback_share"}
+
+
+def _trajectory_metrics(walk: ReplayContext) -> Metrics:
+    """Errors of the poses against the reference; a clock or a frame that differs from the reference's is warned of.
+
+    Poses in another frame than the reference by its name have no ate_rmse_m: where they start would be most of it.
+    """
+    compared = None
+    if walk.robot is not None and walk.robot.source != "fixed":
+        compared = compare_with_own_reference(walk.run.path)
+    if compared is None:
+        return {}
+    metrics = metrics_of(compared.samples)
     if not _in_reference_frame(walk):
-        names.add("ate_rmse_m")
-    if walk.robot is None or walk.robot.source == "fixed":
-        names |= {"ate_rmse_m", "rpe_rmse_m"}
-    return names
+        return {name: each for name, each in metrics.items() if name not in FRAME_METRICS}
+    if not compared.warnings:
+        walk.note(f"against the reference: {compared.summary}")
+    for words in compared.warnings:
+        walk.warn(words)
+    return metrics
 
 
 def _in_reference_frame(walk: ReplayContext) -> bool:
@@ -132,6 +146,7 @@ def _record(walk: ReplayContext, request: ReplayRequest, startup_s: float) -> Ru
         realtime_factor=_realtime_factor(walk, request),
         reused=walk.reused,
         plugins=_plugins(walk, request),
+        anchors_from_messages=walk.anchors_from_messages,
     )
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from quadlog.config.schema import Config
+from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
-from quadlog.messages import RangeSeries
+from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.tag_errors import TagErrors, dilution_of, errors_of_tags, levers_on_robot, roles_of
 from quadlog.positioning.anchor_bias import AnchorBias
@@ -18,6 +19,9 @@ from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
+from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import Roles
 from quadlog.results.run.maps import DilutionGrid, write_dilution
 from quadlog.results.run.tables import TABLES, TableWriter
 
@@ -121,6 +125,10 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             texts.append(f"tag {result.tag}: {_velocity_words(result.velocity)}")
         if result.bias is not None and result.bias.n.any():
             texts.append(_bias_words(result.tag, result.bias, config))
+        if result.shared_m != 0:
+            texts.append(
+                f"tag {result.tag}: a bias of {result.shared_m:+.3f} m that all links share is estimated with its track"
+            )
     return texts
 
 
@@ -165,15 +173,12 @@ def _misfit_warning(result: TagResult, config: Config) -> str | None:
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
+    """Whether ranges are corrected, by how much, and why."""
     if not bias.significant.any():
-        std_m = bias.std_m[bias.n > 0].max(initial=0.0)
-        return (
-            f"tag {tag}: ranges are not corrected by anchor biases, which this log tells from positions "
-            f"only to {std_m:.2f} m (a longer walk tells more)"
-        )
+        return f"tag {tag}: ranges are not corrected by anchor biases: {bias.reason}"
     links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
     words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
-    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}"
+    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}; {bias.reason}"
 
 
 def _range_warnings(counts: RangeCounts) -> list[str]:
@@ -207,16 +212,20 @@ class UwbPositions:
 
 def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     """Every tag in the recording located on its own; None when UWB is not used, which is said."""
-    config, ranges = walk.config, walk.streams.ranges
+    config, ranges, places = walk.config, walk.streams.ranges, walk.streams.anchor_places
     if not config.uwb.anchors:
+        known = f" and its messages place {len(places)} of the {FEWEST_ANCHORS} that a fix needs" if places else ""
         for topic in walk.roles.found["uwb"].topics if "uwb" in walk.roles.found else ():
-            walk.warn(f"{topic}: ranges are not used, no [[uwb.anchors]] are configured; quadlog init writes a form")
+            walk.warn(
+                f"{topic}: ranges are not used, no [[uwb.anchors]] are configured{known}; quadlog init writes a form"
+            )
         return None
     if not wants_uwb(config):
         return None
     if ranges is None:
         walk.warn("anchors are configured, but the recording has no UWB ranges")
         return None
+    _tell_places(walk)
     tags = tags_of(config, ranges)
     robot = roles_of(config, list(tags)).get("robot", -1)
     if robot in tags and config.uwb.odometry:
@@ -227,6 +236,52 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     roles = roles_of(config, list(tags))
     walk.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)))
+
+
+def _tell_places(walk: ReplayContext) -> None:
+    """Where the anchors' positions come from, and a warning where sources contradict one another."""
+    places = walk.streams.anchor_places
+    if walk.anchors_from_messages:
+        walk.note(f"positions of {len(places)} anchors from the messages; quadlog init writes them as [[uwb.anchors]]")
+    for text in place_warnings(places, {} if walk.anchors_from_messages else configured_places(walk.config)):
+        walk.warn(text)
+
+
+def configured_places(config: Config) -> dict[int, Float]:
+    """Anchor id -> position (3,) in map, of the configured anchors."""
+    return {each.id: np.array([each.x_m, each.y_m, each.z_m]) for each in config.uwb.anchors}
+
+
+SAMPLED_RANGES = 50
+
+
+def carries_anchors(recording: Recording, roles: Roles, config: Config) -> bool:
+    """Whether the first messages of UWB hold positions of anchors that are to be used, none being configured."""
+    if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
+        return False
+    places = AnchorPlaces()
+    for topic in roles.topics("uwb"):
+        for message in recording.sample(topic, SAMPLED_RANGES):
+            if isinstance(message, UwbRanges):
+                places.take(message)
+    return bool(places.found())
+
+
+def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
+    """Whether there are ranges, and anchors of the configuration or of the messages, to locate anything by."""
+    has_ranges = "uwb" in roles.found or "uwb" in roles.ambiguous
+    return (has_ranges and wants_uwb(config)) or carries_anchors(recording, roles, config)
+
+
+def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> Config:
+    """The configuration with the anchors that the messages place, where it has none and they are enough for a fix."""
+    if config.uwb.anchors or len(places) < FEWEST_ANCHORS or not may_use_uwb(config):
+        return config
+    anchors = [
+        Anchor(id=anchor, **dict(zip(("x_m", "y_m", "z_m"), place.position_m, strict=True)))
+        for anchor, place in places.items()
+    ]
+    return config.model_copy(update={"uwb": config.uwb.model_copy(update={"anchors": anchors})})
 
 
 def _body_motion(walk: ReplayContext) -> BodyMotion | None:
@@ -245,8 +300,13 @@ def _body_motion(walk: ReplayContext) -> BodyMotion | None:
 
 
 def wants_uwb(config: Config) -> bool:
+    """Whether the robot or the target may be located by UWB, and the anchors for it are known."""
+    return bool(config.uwb.anchors) and may_use_uwb(config)
+
+
+def may_use_uwb(config: Config) -> bool:
     """Whether the robot or the target may be located by UWB."""
-    return bool(config.uwb.anchors) and not {"auto", "uwb"}.isdisjoint({config.topics.position, config.topics.target})
+    return not {"auto", "uwb"}.isdisjoint({config.topics.position, config.topics.target})
 
 
 def anchors_of(config: Config) -> Anchors:
@@ -289,12 +349,16 @@ def settings_of(config: Config) -> LocateSettings:
 
 
 def write_uwb(walk: ReplayContext, uwb: UwbPositions) -> None:
-    """fixes.parquet and ranges.parquet, tag after tag; and what tells how good they are."""
+    """fixes, ranges and innovations, tag after tag; and what tells how good they are."""
     with ExitStack() as stack:
         fixes = stack.enter_context(TableWriter(walk.run.path / "fixes.parquet", TABLES["fixes"]))
         ranges = stack.enter_context(TableWriter(walk.run.path / "ranges.parquet", TABLES["ranges"]))
+        innovations = stack.enter_context(TableWriter(walk.run.path / "innovations.parquet", TABLES["innovations"]))
         for result in uwb.located.tags:
             fixes.append(_fix_columns(result))
+            innovations.append(
+                {"t_ns": result.track.t_ns, "tag": result.tag, "n_ranges": result.n_ranges, "nis": result.nis}
+            )
             rows = result.ranges
             columns = {"t_ns": rows.t_ns, "anchor": rows.anchor, "range_m": rows.range_m}
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})

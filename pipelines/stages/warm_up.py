@@ -20,7 +20,6 @@ from quadlog.messages import PointCloud, RangeSeries
 from quadlog.pipelines.executor.compilation import Compilation, python
 from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.scans import ScanSettings
-from quadlog.pipelines.stages.uwb import wants_uwb
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 
@@ -30,12 +29,11 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
     `position` and `control` take about as long as all other parts, and are shared with another process.
     """
     parts: dict[str, Callable[[], object]] = {
+        "position": _locate_toy_tag,
         "filter": partial(_classify_toy_scan, config),
         "map": partial(_map_toy_scan, config),
         "plan": partial(_walk_toy_map, config.planner.name),
     }
-    if wants_uwb(config):
-        parts["position"] = _locate_toy_tag
     if config.simulation.has_body:
         parts["control"] = partial(_walk_toy_robot, config.simulation.controller)
     parts = {name: part for name, part in parts.items() if name in stages}

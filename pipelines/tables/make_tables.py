@@ -21,6 +21,7 @@ from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.tables.errata import errata_appendix
 from quadlog.pipelines.tables.figure_index import figures_appendix
+from quadlog.pipelines.tables.real.recordings import folder_of_datasets
 from quadlog.pipelines.tables.registry import TABLES
 from quadlog.results.papers.page import prepare_folder, reusable_tables, write_readme, write_table
 from quadlog.results.papers.table import Origin, PaperTable, SavedTable
@@ -52,7 +53,7 @@ def _roots() -> list[tuple[str, Path]]:
 
 SHARED_OUT = ("tracking-courses", "tracking-5", "foot-drift")
 """Their walks go out over the cores: side by side with others they would only be in the way."""
-LONGEST_FIRST = ("planning-1", "planning-2", "following-2", "following-lidar")
+LONGEST_FIRST = ("planning-1", "planning-2", "following-2", "uwb-real", "following-lidar")
 """Of the others, so that no core waits long for the last one."""
 
 
@@ -98,6 +99,11 @@ def _measure(module: str, fast: bool, seed: int) -> PaperTable:
     return table
 
 
+def _can_be_made_now(table: PaperTable) -> bool:
+    """Whether it was skipped for want of recordings that are there by now."""
+    return not table.rows and folder_of_datasets() is not None
+
+
 def make_tables(
     names: Sequence[str],
     folder: Path,
@@ -118,7 +124,7 @@ def make_tables(
         raise UnknownName("table", unknown[0], TABLES)
     chosen = [name for name in TABLES if name in names or not names]
     origin = Origin(code_digest(), fast, seed)
-    reused = reusable_tables(folder, chosen, origin)
+    reused = [saved for saved in reusable_tables(folder, chosen, origin) if not _can_be_made_now(saved.table)]
     tables = {saved.table.name: saved.table for saved in reused}
     missing = {name: TABLES[name] for name in chosen if name not in tables}
     prepare_folder(folder, list(missing), reused, force)

@@ -13,4 +13,5 @@ TABLES = {
     "tracking-5": "quadlog.pipelines.tables.tracking.table_5",
     "foot-torque": "quadlog.pipelines.tables.foot.torque",
     "foot-drift": "quadlog.pipelines.tables.foot.drift",
+    "uwb-real": "quadlog.pipelines.tables.real.uwb_real",
 }

@@ -56,6 +56,11 @@ class Pursuit(Section):
         None, ge=0.01, le=10, description="unset: 0.6, along the s-curve 0.5 [Tracking, section 5]"
     )
     max_yaw_rate_radps: float = Field(1.5, ge=0.001, le=20, description="the robot turns no faster")
+    clear_chord: bool = Field(
+        True,
+        description="the look-ahead ends where the straight line to it leaves the space that the plan may use; ours, "
+        "for the look-ahead is longer than many plans, and the robot would cut their corners",
+    )
     rate_hz: float = Field(50.0, ge=1, le=1000, description="ticks of the controller and of control.parquet")
     fuzzy: Fuzzy = Fuzzy()
 
@@ -93,6 +98,13 @@ class MpcConfig(Section):
     weight_position: PerAxis = Field((20.0, 20.0, 80.0), description="of the place in m; ours")
     weight_omega: PerAxis = Field((0.15, 0.15, 0.4), description="of the angular velocity in rad/s; ours")
     weight_velocity: PerAxis = Field((2.0, 2.0, 0.8), description="of the velocity in m/s; ours")
+    turning_share: float = Field(
+        0.6,
+        gt=0,
+        le=1,
+        description="share of the standing robot's inertia that turns with the trunk, as feet stay where they stand; "
+        "ours: at 1 fpm falls on the s-curve (quadlog tables tracking-5)",
+    )
     alpha: float = Field(2e-5, gt=0, le=1e3, description="weight of squared forces in N; ours")
     mu: float = Field(0.6, gt=0, le=10, description="friction that is counted on; below simulation.friction to be safe")
     f_min_n: float = Field(0.0, ge=0, le=1e5, description="a foot that stands presses at least so hard")

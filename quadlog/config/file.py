@@ -33,8 +33,9 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "uwb": {"method": "paper", "calibrate": False, "smooth": False, "height": "given", "odometry": False},
         "lidar": {"method": "paper", "deskew": False, "level": False},
-        "grid": {"memory": "scan", "dilation": "square"},
+        "grid": {"memory": "scan", "dilation": "square", "min_points": 1},
         "planner": {"name": "ia_star"},
+        "pursuit": {"clear_chord": False},
     }
 }
 """What the papers did, where quadlog's own default may differ."""

@@ -4,6 +4,7 @@ PLANNER_CLASSES = {
     "astar": "quadlog.planning.planners.astar:AStar",
     "astar_paper": "quadlog.planning.planners.astar:AStarPaper",
     "ia_star": "quadlog.planning.planners.ia_star:IAStar",
+    "ia_star_end": "quadlog.planning.planners.ia_star:IAStarEnd",
     "ia_star_bounded": "quadlog.planning.planners.ia_star:IAStarBounded",
     "ea_star": "quadlog.planning.planners.ea_star:EAStar",
     "clearance_astar": "quadlog.planning.planners.ea_star:ClearanceAStar",

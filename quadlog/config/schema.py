@@ -90,7 +90,9 @@ class UwbConfig(Section):
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
-        True, description="constant bias of each anchor, estimated from the log, applied when significant"
+        True,
+        description="constant bias of each anchor, estimated with the track from the log, applied when positions "
+        "without one of the anchors agree better by 30 % with it",
     )
     smooth: bool = Field(
         True,
@@ -205,7 +207,12 @@ class Grid(Section):
     size_cells: int = Field(200, ge=3, le=4000, description="edge of the square window [Following]")
     min_height_m: Metres = Field(0.05, description="lower obstacle points, above the ground, are ignored")
     max_height_m: Metres = Field(1.5, description="higher points do not block the robot")
-    min_points: int = Field(1, ge=1, le=1_000_000, description="obstacle points that make a cell occupied")
+    min_points: int = Field(
+        2,
+        ge=1,
+        le=1_000_000,
+        description="obstacle points that make a cell occupied; 1 lets single false points stop it",
+    )
     memory: Literal["log_odds", "decay", "scan"] = Field(
         "log_odds",
         description="log_odds: a cell stays until it is seen through; decay: for decay_s; scan: this scan only "
@@ -247,7 +254,13 @@ class SmoothingConfig(Section):
     """From cells to a curve [Planning, eq. 14]."""
 
     enabled: bool = Field(True, description="false: the robot follows the path from cell to cell")
-    merge_m: float = Field(0.3, ge=0, le=100, description="inflection points closer than this become one")
+    merge_m: float = Field(
+        0.6,
+        ge=0,
+        le=100,
+        description="inflection points closer than this become one where the line between them is free; [Planning] "
+        "prints no distance",
+    )
     spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
 
 

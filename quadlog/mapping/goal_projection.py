@@ -27,11 +27,16 @@ class Escape(NamedTuple):
     path: NDArray[np.int32]
 
 
-def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> Escape | None:
-    """The nearest unblocked cell along a way that crosses no occupied cell; the start itself when it is not blocked.
+def escape_start(
+    occupied: Grid, blocked: Grid, start_cell: tuple[int, int], goal_cell: tuple[int, int] | None = None
+) -> Escape | None:
+    """An unblocked cell near by, along a way that crosses no occupied cell; the start itself when it is not blocked.
 
     `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a diagonal one needs both cells beside it
     unoccupied, as in planning. The robot's own cell counts as free even if something was seen in it: it stands there.
+    Without a goal it is the nearest such cell. With one, (col, row) anywhere, it is the one with the shortest way on to
+    the goal over free cells, the way out included, of those that cost at most DETOUR more: a robot should not turn back
+    to get out.
     None when the start lies outside the grid or is walled in.
     """
     rows, cols = blocked.shape
@@ -43,14 +48,21 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> 
     start = row * cols + col
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
+    best, best_cost, most = -1, 0, 0
     while waiting:
         at_cost, at = heappop(waiting)
         if at_cost > cost[at]:
             continue
-        if not closed_off[at]:
-            way = _way_to(came_from, at, cols)
-            return Escape(way[-1], np.array(way, dtype=np.int32))
+        if best >= 0 and at_cost > most:
+            break
         row, col = divmod(at, cols)
+        if not closed_off[at]:
+            to_goal = 0 if goal_cell is None else _octile(goal_cell[0] - col, goal_cell[1] - row)
+            if best < 0:
+                most = at_cost + (DETOUR if goal_cell is not None and at != start else -1)
+            if best < 0 or at_cost + to_goal < best_cost:
+                best, best_cost = at, at_cost + to_goal
+            continue
         for dcol, drow in STEPS:
             c, r = col + dcol, row + drow
             if not (0 <= r < rows and 0 <= c < cols) or solid[r * cols + c]:
@@ -62,7 +74,20 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: tuple[int, int]) -> 
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    return None
+    if best < 0:
+        return None
+    way = _way_to(came_from, best, cols)
+    return Escape(way[-1], np.array(way, dtype=np.int32))
+
+
+DETOUR = 20
+"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
+
+
+def _octile(cols: int, rows: int) -> int:
+    """The cost of a way over free cells."""
+    straight, diagonal = abs(abs(cols) - abs(rows)), min(abs(cols), abs(rows))
+    return 10 * straight + 14 * diagonal
 
 
 def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:

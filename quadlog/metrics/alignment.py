@@ -40,12 +40,21 @@ def aligned_square_m2(spread_m2: Float, other_spread_m2: Float, covariance_m2: F
     """Mean squared distance (L,) that the best rigid motion leaves between the pairs of each of L sets [Umeyama].
 
     From what a set can be summed up in: the variances (L,) of both trajectories, as mean squared distances from
-    their means, and covariance_m2 (L, 3, 3), one row for each axis of the first. On one line, too.
+    their means, and covariance_m2 (L, D, D) of D axes, one row for each axis of the first. On one line, too.
     """
     turned = np.linalg.svd(covariance_m2, compute_uv=False)
-    turned[:, 2] *= np.sign(np.linalg.det(covariance_m2))
+    turned[:, -1] *= np.sign(np.linalg.det(covariance_m2))
     left_m2: Float = np.maximum(spread_m2 + other_spread_m2 - 2 * turned.sum(axis=1), 0)
     return left_m2
+
+
+def centred_rotation(centred_m: Float, wanted_m: Float) -> Float:
+    """The rotation (D, D) that brings N centred positions (N, D) nearest to those wanted (N, D) [Umeyama]."""
+    u, _, vh = np.linalg.svd(wanted_m.T @ centred_m)
+    mirrored = np.ones(len(u))
+    mirrored[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vh))
+    rotation: Float = (u * mirrored) @ vh
+    return rotation
 
 
 _STEP_S = 0.05

@@ -62,6 +62,14 @@ _ENTRIES = (
         *("√( 1/N Σ heading_error_i² )", _OURS, _TICKS),
     ),
     MetricEntry(
+        *(
+            "plan_error_m",
+            "m",
+            "mean distance from the re-simulated robot to its plan of the moment, made where it was",
+        ),
+        *("1/N Σ plan_error_i", _OURS, "control ticks with a plan"),
+    ),
+    MetricEntry(
         *("fallen", "", "1 when the robot fell, else 0; absent for a robot without a body"),
         *("max fallen_i", _OURS, "control ticks"),
     ),
@@ -91,7 +99,7 @@ _ENTRIES = (
         worst_is_lowest=True,
     ),
     MetricEntry(
-        *("collisions", "", "how often contact with an obstacle began"),
+        *("collisions", "", "how often contact began with an obstacle that did not first appear inside the body"),
         *("number of ticks with clearance ≤ 0 after one without", _OURS, "control ticks inside the map"),
     ),
     MetricEntry(
@@ -152,8 +160,41 @@ _ENTRIES = (
         *("√( Σ n_i residual_i² / Σ n_i ), n_i ranges in fix i", _OURS, "ranges"),
     ),
     MetricEntry(
+        *(
+            "uwb_nis",
+            "",
+            "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
+        ),
+        *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
+    ),
+    MetricEntry(
+        *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),
+        *("1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ", "[BarShalom]", "positions of the robot's tag with a truth"),
+    ),
+    MetricEntry(
+        *("uwb_coverage_95", "", "share of the truth that lies in the 95 % ellipses of the robot's track"),
+        *("share of eᵢᵀ Cᵢ⁻¹ eᵢ ≤ 5.99", _OURS, "positions of the robot's tag with a truth"),
+        worst_is_lowest=True,
+    ),
+    MetricEntry(
         *("ate_rmse_m", "m", "absolute trajectory error against a reference, translation; equal to evo_ape's rmse"),
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *("ate_time_corrected_rmse_m", "m", "ate_rmse_m with reference_time_offset_s added to the poses' times"),
+        *("√( 1/N Σ |p_i − p_ref(t_i + offset)|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *("ate_aligned_rmse_m", "m", "the same after the rigid motion that fits best; of the plane where heights lack"),
+        *("√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s"),
+    ),
+    MetricEntry(
+        *(
+            "reference_time_offset_s",
+            "s",
+            "what to add to the poses' times to have the reference's",
+        ),
+        *("argmin over offset, R, t of Σ |R p_i + t − p_ref(t_i + offset)|²", _OURS, "poses compared"),
     ),
     MetricEntry(
         *("rpe_rmse_m", "m", "relative pose error from pair to pair, translation; equal to evo_rpe's rmse"),

@@ -1,8 +1,11 @@
-"""95 % intervals: of independent values, of shares, by resampling episodes or blocks of a series, of a mean in time."""
+"""95 % intervals: of independent values, of shares, by resampling episodes or blocks of a series, of a mean in time;
+and wider ones, where several are read together.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -43,10 +46,24 @@ def wilson_interval(count: int, total: int) -> Interval:
     return max(min(middle - half, share), 0.0), min(max(middle + half, share), 1.0)
 
 
-def median_interval(values: Float, rng: np.random.Generator) -> Interval | None:
+def corrected_confidence(comparisons: int) -> float:
+    """The confidence of each of several intervals that together hold all truths in 95 of 100 cases (Bonferroni).
+
+    For the best of k + 1, compared with each of the k others, it allows for the choice as well: to choose a wrong one,
+    the interval of its comparison with the right one must fail (Hsu 1984).
+    """
+    return 1 - 0.05 / max(comparisons, 1)
+
+
+def fewest_values(confidence: float) -> int:
+    """How many independent values it takes until their range holds the true median with this confidence."""
+    return 1 + math.ceil(-math.log2(1 - confidence))
+
+
+def median_interval(values: Float, rng: np.random.Generator, confidence: float = 0.95) -> Interval | None:
     """Interval of the median of values (N,) that are independent of one another; None below two.
 
-    Below FEWEST_VALUES it is the range of the values or less, and holds the true median in fewer than 95 of 100 cases.
+    Below fewest_values it is the range of the values or less, and holds the true median less often than it says.
     """
     if len(values) < 2:
         return None
@@ -55,10 +72,61 @@ def median_interval(values: Float, rng: np.random.Generator) -> Interval | None:
         np.median(values[rng.integers(len(values), size=(min(at_once, RESAMPLES - done), len(values)))], axis=1)
         for done in range(0, RESAMPLES, at_once)
     ]
-    return _middle_95(np.concatenate(medians))
+    return _middle(np.concatenate(medians), confidence)
 
 
-def ratio_interval_in_time(parts: NDArray[Any], wholes: NDArray[Any], rng: np.random.Generator) -> Interval | None:
+def pooled_median_interval(values: Float, group: NDArray[Any], rng: np.random.Generator) -> Interval | None:
+    """95 % interval of the median of all values (N,) of independent groups (N,), by resampling the groups.
+
+    None below FEWEST_VALUES groups.
+    """
+    names, member = np.unique(group, return_inverse=True)
+    if len(names) < FEWEST_VALUES:
+        return None
+
+    def weights(count: int) -> NDArray[np.int64]:
+        drawn = rng.integers(len(names), size=(count, len(names)))
+        return _counts(drawn, len(names))[:, member]
+
+    return _weighted_medians(values, weights)
+
+
+def median_interval_in_time(values: Float, rng: np.random.Generator) -> Interval | None:
+    """95 % interval of the median of one series (N,) in time order, by the moving-block bootstrap.
+
+    None below FEWEST_IN_TIME values. See ratio_interval_in_time.
+    """
+    n = len(values)
+    if n < FEWEST_IN_TIME:
+        return None
+
+    def weights(count: int) -> NDArray[np.int64]:
+        first, end = _blocks(n, count, rng)
+        return np.cumsum(_counts(first, n + 1) - _counts(end, n + 1), axis=1)[:, :n]
+
+    return _weighted_medians(values, weights)
+
+
+def _weighted_medians(values: Float, weights: Callable[[int], NDArray[np.int64]]) -> Interval | None:
+    """weights(B): how often (B, N) each value is drawn in B resamples. Of two values in the middle, the lower one."""
+    order, medians = np.argsort(values, kind="stable"), []
+    at_once = max(1, _MAX_DRAWN // len(values))
+    for done in range(0, RESAMPLES, at_once):
+        before = np.cumsum(weights(min(at_once, RESAMPLES - done))[:, order], axis=1)
+        middle = (2 * before >= before[:, -1:]).argmax(axis=1)
+        medians.append(values[order][middle])
+    return _middle(np.concatenate(medians))
+
+
+def _counts(drawn: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """(B, n) how often each of 0..n-1 is in a row of drawn (B, K)."""
+    rows = np.arange(len(drawn))[:, None] * n
+    return np.bincount((rows + drawn).ravel(), minlength=len(drawn) * n).reshape(-1, n)
+
+
+def ratio_interval_in_time(
+    parts: NDArray[Any], wholes: NDArray[Any], rng: np.random.Generator, confidence: float = 0.95
+) -> Interval | None:
     """Interval of sum(parts) / sum(wholes) of one series, (N,) each in time order, by the moving-block bootstrap.
 
     Blocks of block_length(N) neighbours are drawn and strung together to N values, so that what neighbours have in
@@ -67,12 +135,18 @@ def ratio_interval_in_time(parts: NDArray[Any], wholes: NDArray[Any], rng: np.ra
     n = len(parts)
     if n < FEWEST_IN_TIME:
         return None
-    length = block_length(n)
-    first = rng.integers(n - length + 1, size=(RESAMPLES, math.ceil(n / length)))
-    end = first + length
-    end[:, -1] -= end.shape[1] * length - n  # the last block is cut
+    first, end = _blocks(n, RESAMPLES, rng)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _middle_95(_sums(parts, first, end) / _sums(wholes, first, end))
+        return _middle(_sums(parts, first, end) / _sums(wholes, first, end), confidence)
+
+
+def _blocks(n: int, count: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(count, K) where the blocks of each resample begin and end; the last one is cut, so that they are n values."""
+    length = block_length(n)
+    first = rng.integers(n - length + 1, size=(count, math.ceil(n / length)))
+    end = first + length
+    end[:, -1] -= end.shape[1] * length - n
+    return first, end
 
 
 def block_length(n: int) -> int:
@@ -92,10 +166,11 @@ def _sums(values: NDArray[Any], first: NDArray[np.int64], end: NDArray[np.int64]
     return total
 
 
-def _middle_95(drawn: Float) -> Interval | None:
-    """The 2.5 and 97.5 % quantiles; None where one of them is not finite."""
+def _middle(drawn: Float, confidence: float = 0.95) -> Interval | None:
+    """The quantiles that leave out as much on either side; None where one of them is not finite."""
+    outside = 50 * (1 - confidence)
     with np.errstate(invalid="ignore"):
-        low, high = (float(each) for each in np.percentile(drawn, [2.5, 97.5]))
+        low, high = (float(each) for each in np.percentile(drawn, [outside, 100 - outside]))
     return (low, high) if math.isfinite(low) and math.isfinite(high) else None
 
 

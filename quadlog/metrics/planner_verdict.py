@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadlog.metrics.intervals import FEWEST_IN_TIME, FEWEST_VALUES, RESAMPLES, SAFE_IN_TIME, block_length
+from quadlog.metrics.planner_lead import lead_of
 from quadlog.metrics.planning import Comparison, PlannerRow
 
 _SPENT = {"expanded": "expanded", "generated": "generated", "touched": "tested"}
@@ -14,7 +15,10 @@ _WHAT = {"expanded": "cells", "generated": "cells", "touched": "neighbours"}
 
 
 def verdict(comparison: Comparison) -> str:
-    """One sentence: who saved most cells against the baseline and at which price, and who was fastest."""
+    """One sentence: who saved most cells against the baseline and at which price, and who was fastest.
+
+    Whom it calls best is the best by an interval that allows for the choice among several, or it says that none is.
+    """
     if not comparison.paired_replans:
         return f"On {comparison.source} no replan was solved by {_all_of(comparison)}: nothing can be compared."
     clauses = [_cells_clause(comparison), _optimal_clause(comparison), _time_clause(comparison)]
@@ -33,6 +37,8 @@ def notes(comparison: Comparison) -> list[str]:
         return [*lines, f"{comparison.baseline} was not run: there is no ratio to it."]
     if comparison.paired_replans:
         lines.append(f"{_ratio_note(comparison)} {_interval_note(comparison)}")
+        if next(iter(comparison.us.of.values())).ndim == 2:
+            lines.append(_time_note(comparison))
     for planner, ratios in comparison.episode_ratios.items():
         without = int(np.isnan(ratios).sum())
         if without:
@@ -52,7 +58,7 @@ def _what_it_rests_on(comparison: Comparison) -> str:
 
 
 def _cells_clause(comparison: Comparison) -> str:
-    rivals = [row for row in comparison.rows if row.planner != comparison.baseline and row.ratio_expanded is not None]
+    rivals = _rivals(comparison)
     base = comparison.baseline
     if not rivals:
         return f"no planner has a ratio of cells to {base}"
@@ -64,13 +70,13 @@ def _cells_clause(comparison: Comparison) -> str:
     paths = {_paths_clause(row) for row in best}
     return (
         f"{who} saved most: {_times(_ratio(best[0]))} times fewer {_what(comparison)} {_spent(comparison)} than {base}"
-        f"{where} ({_interval_words(best)})" + (paths.pop() if len(paths) == 1 else "")
+        f"{where} ({_lead_words(comparison, best, rivals)})" + (paths.pop() if len(paths) == 1 else "")
     )
 
 
 def _optimal_clause(comparison: Comparison) -> str:
     """The best of those whose every path was optimal, unless it is the best of all anyhow."""
-    rivals = [row for row in comparison.rows if row.planner != comparison.baseline and row.ratio_expanded is not None]
+    rivals = _rivals(comparison)
     known = [row for row in rivals if row.suboptimality_mean is not None]
     if not known or _ratio(_most_saved(rivals)[0]) <= 1 or not all(map(_is_excessive, _most_saved(rivals))):
         return ""
@@ -79,18 +85,45 @@ def _optimal_clause(comparison: Comparison) -> str:
         return "none saved any with optimal paths throughout"
     best = _most_saved(optimal)
     who = " and ".join(row.planner for row in best)
-    return f"with optimal paths throughout, {who} saved most, {_times(_ratio(best[0]))} times ({_interval_words(best)})"
+    words = _lead_words(comparison, best, [row for row in known if not _is_excessive(row)])
+    return f"with optimal paths throughout, {who} saved most, {_times(_ratio(best[0]))} times ({words})"
+
+
+def _rivals(comparison: Comparison) -> list[PlannerRow]:
+    return [row for row in comparison.rows if row.planner != comparison.baseline and row.ratio_expanded is not None]
 
 
 def _time_clause(comparison: Comparison) -> str:
-    fastest = min(comparison.rows, key=lambda row: row.us_median or 0.0)
-    base = next((row for row in comparison.rows if row.planner == comparison.baseline), None)
-    if base is None or not base.us_median or fastest.us_median is None:
-        return f"{fastest.planner} was fastest, {_time_of(fastest)}"
-    if fastest.us_median == base.us_median:
-        return f"none was faster than {base.planner}, {_time_of(base)}"
-    share = _times(fastest.us_median / base.us_median)
-    return f"{fastest.planner} was fastest, {_time_of(fastest)}, {share} times that of {base.planner}"
+    """Who was fastest, if an interval says so that allows for the choice."""
+    names = [row.planner for row in comparison.rows]
+    median = {row.planner: row.us_median or 0.0 for row in comparison.rows}
+    fastest = min(names, key=median.__getitem__)
+    baseline = comparison.baseline if comparison.baseline in names else names[0]
+    lead = lead_of(comparison.us, fastest, [name for name in names if name != fastest], baseline)
+    if lead is None or len(lead.unbeaten) == lead.choices - 1:
+        slowest = max(names, key=median.__getitem__)
+        medians = f"medians of {_times(median[fastest])} ({fastest}) to {_times(median[slowest])} us ({slowest})"
+        return f"no planner was shown to be the fastest, with {medians} per replan"
+    who = " and ".join([fastest, *lead.unbeaten])
+    told = f"{who} were fastest, not told apart, {fastest}" if lead.unbeaten else f"{fastest} was fastest,"
+    words = f"{told} with a median of {_times(median[fastest])} us per replan{_interval_of(comparison, fastest)}"
+    if fastest == baseline or lead.low is None or lead.high is None:
+        return words
+    bounds = f"{_bounds(1 / lead.high, 1 / lead.low)}, as the best of {lead.choices}"
+    return f"{words}, {_times(1 / lead.gain)} times that of {baseline} ({bounds})"
+
+
+def _time_note(comparison: Comparison) -> str:
+    """How times were taken, and the interval of each."""
+    repeats = next(iter(comparison.us.of.values())).shape[1]
+    bounds = [f"{row.planner}{_interval_of(comparison, row.planner)}" for row in comparison.rows]
+    known = f" Of their medians: {'; '.join(bounds)}." if all(each.endswith(")") for each in bounds) else ""
+    return f"Every question was asked {repeats} times, the planners in turns, and its time is the median.{known}"
+
+
+def _interval_of(comparison: Comparison, planner: str) -> str:
+    interval = comparison.us.median_interval(planner)
+    return "" if interval is None else f" ({_bounds(*interval)})"
 
 
 def _ratio_note(comparison: Comparison) -> str:
@@ -113,17 +146,37 @@ def _interval_note(comparison: Comparison) -> str:
     )
 
 
-def _interval_words(rows: Sequence[PlannerRow]) -> str:
-    """The interval that holds those of all rows, and whether it shows a difference."""
+def _lead_words(comparison: Comparison, best: Sequence[PlannerRow], rivals: Sequence[PlannerRow]) -> str:
+    """The interval of the best of several, which allows for the choice, and whom it is not shown to beat."""
+    names = [row.planner for row in best]
+    others = [row.planner for row in rivals if row.planner not in names]
+    leads = [lead_of(comparison.cells, name, others, comparison.baseline) for name in names]
+    known = [(each.low, each.high) for each in leads if each is not None and each.low is not None]
+    unbeaten = sorted({name for each in leads if each is not None for name in each.unbeaten})
+    if len(known) < len(best):
+        return _few_words(comparison, best)
+    low, high = min(low for low, _ in known), max(high for _, high in known if high is not None)
+    words = f"{_bounds(low, high)}" + (f", as the best of {len(rivals)}" if len(rivals) > 1 else "")
+    words = f"{words}, no difference shown" if low <= 1 <= high else words
+    return f"{words}; not told apart from {' and '.join(unbeaten)}" if unbeaten else words
+
+
+def _few_words(comparison: Comparison, rows: Sequence[PlannerRow]) -> str:
+    """Where the episodes are too few for an interval that allows for the choice: where they all lie."""
     bounds = [(row.ratio_low, row.ratio_high) for row in rows]
     known = [(low, high) for low, high in bounds if low is not None and high is not None]
-    if len(known) < len(bounds):
+    if len(known) < len(bounds) or comparison.paired_episodes == 1:
         return "too few for an interval"
     low, high = min(low for low, _ in known), max(high for _, high in known)
-    words = f"95 %: {_times(low)} to {_times(high)}"
-    if 1 < rows[0].episodes < FEWEST_VALUES:
-        words = f"{_times(low)} to {_times(high)} in {rows[0].episodes} episodes, too few for 95 %"
+    few = "for 95 %" if rows[0].episodes < FEWEST_VALUES else "to tell the best"
+    words = f"{_times(low)} to {_times(high)} in {rows[0].episodes} episodes, too few {few}"
     return f"{words}, no difference shown" if low <= 1 <= high else words
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    assert low is not None
+    assert high is not None
+    return f"95 %: {_times(low)} to {_times(high)}"
 
 
 def _paths_clause(row: PlannerRow) -> str:

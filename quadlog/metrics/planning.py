@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.intervals import Interval, median_interval, ratio_interval_in_time
+from quadlog.metrics.intervals import Interval, median_interval
 from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.planner_lead import Spending
 from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.planning.path import arc_lengths
 from quadlog.planning.protocol import Bool
 
 COUNTS = ("expanded", "generated", "touched")
@@ -68,6 +70,7 @@ class Comparison:
     paired_replans: those that all planners solved; paired_episodes: those E that have any.
     episode_ratios: per planner (E,), in order of episodes. NaN where the planner spent no cell: such an episode has no
     finite ratio, and is left out of the median and the interval, which can only make the planner look worse.
+    cells, us: what each spent on the paired replans, in cells and in microseconds.
     """
 
     source: str
@@ -77,6 +80,8 @@ class Comparison:
     paired_replans: int
     paired_episodes: int
     episode_ratios: Mapping[str, Float]
+    cells: Spending
+    us: Spending
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,25 +113,32 @@ def compare_planners(
 ) -> Comparison:
     """Compare the planners of one source, from the columns of its replans.parquet, (N,) each.
 
+    A column us_repeats (N, K) has the microseconds of each time that a question was asked, else `us` stands for it.
     rng: for the intervals; every planner resamples the same episodes, whatever the others are.
     incremental: the planners that build on the plan before; only they have a fallback_share.
     Raises ValueError for a table without rows, of several sources, or whose planners have not the same replans.
     """
     assert counted in COUNTS, counted
     replans = _align(table)
-    cells = dict(zip(replans.planners, replans.columns[counted], strict=True))
     seed = int(rng.integers(2**63))
+    cells, us = (_spending(replans, name, seed) for name in (counted, "us_repeats" if "us_repeats" in table else "us"))
     ratios, intervals = {}, {}
-    if baseline in cells:
+    if baseline in replans.planners:
         for name in replans.planners:
-            ratios[name] = _episode_ratios(replans, cells[baseline], cells[name])
-            intervals[name] = _interval(replans, cells[baseline], cells[name], ratios[name], seed)
+            ratios[name] = cells.ratios(baseline, name)
+            intervals[name] = _interval(cells, baseline, name, ratios[name])
     rows = tuple(
         _row(replans, at, ratios.get(name), intervals.get(name), name in incremental)
         for at, name in enumerate(replans.planners)
     )
     episodes = len(np.unique(replans.episode[replans.paired]))
-    return Comparison(replans.source, rows, baseline, counted, int(replans.paired.sum()), episodes, ratios)
+    paired = int(replans.paired.sum())
+    return Comparison(replans.source, rows, baseline, counted, paired, episodes, ratios, cells, us)
+
+
+def _spending(replans: _Aligned, column: str, seed: int) -> Spending:
+    of = {name: each[replans.paired] for name, each in zip(replans.planners, replans.columns[column], strict=True)}
+    return Spending(of, replans.episode[replans.paired], seed)
 
 
 def _align(table: Table) -> _Aligned:
@@ -148,23 +160,11 @@ def _align(table: Table) -> _Aligned:
     return _Aligned(sources[0], names, columns, columns["found"].astype(bool).all(axis=0))
 
 
-def _episode_ratios(replans: _Aligned, baseline: NDArray[Any], cells: NDArray[Any]) -> Float:
-    """(E,) cells of the baseline / cells of a planner, (R,) each, in every episode with paired replans."""
-    _, episode = np.unique(replans.episode[replans.paired], return_inverse=True)
-    # As weights they would be float64, which holds every sum of cells exactly up to 2^53.
-    of_baseline, of_planner = (np.bincount(episode, each[replans.paired]) for each in (baseline, cells))
-    ratios: Float = np.divide(of_baseline, of_planner, out=np.full(len(of_planner), np.nan), where=of_planner > 0)
-    return ratios
-
-
-def _interval(
-    replans: _Aligned, baseline: NDArray[Any], cells: NDArray[Any], ratios: Float, seed: int
-) -> Interval | None:
-    """Over episodes; a single one cannot be resampled, and blocks of its replans stand in."""
-    rng = np.random.default_rng(seed)
+def _interval(cells: Spending, baseline: str, name: str, ratios: Float) -> Interval | None:
+    """Over episodes, however few; a single one cannot be resampled, and blocks of its replans stand in."""
     if len(ratios) == 1:
-        return ratio_interval_in_time(baseline[replans.paired], cells[replans.paired], rng)
-    return median_interval(ratios[np.isfinite(ratios)], rng)
+        return cells.ratio_interval(baseline, name)
+    return median_interval(ratios[np.isfinite(ratios)], np.random.default_rng(cells.seed))
 
 
 def _row(replans: _Aligned, at: int, ratios: Float | None, interval: Interval | None, incremental: bool) -> PlannerRow:
@@ -254,3 +254,34 @@ def search_samples(replans: Replans) -> dict[str, Samples]:
         "fallback_share": finite_samples(replans.t_ns[1:], replans.from_scratch[1:], "mean"),
         "suboptimality_mean": finite_samples(replans.t_ns, excess, "mean"),
     }
+
+
+def path_change_m(before_m: Float, after_m: Float) -> float:
+    """How far a new path (K, 2) lies from the one before (L, 2), both in map: the mean distance of its points from it.
+
+    Only as much of the new path counts as was left of the old one from where the new one begins: what is added beyond
+    is no change of mind. 0 for a path that goes on as planned.
+    """
+    arc_before, arc_after = arc_lengths(before_m), arc_lengths(after_m)
+    left = arc_before[-1] - arc_before[np.hypot(*(before_m - after_m[0]).T).argmin()]
+    return float(_distances_to_path(after_m[arc_after <= left + ROUNDING], before_m).mean())
+
+
+def _distances_to_path(points_m: Float, path_m: Float) -> Float:
+    """(N,) distances of points (N, 2) from a polyline (L, 2)."""
+    if len(path_m) == 1:
+        single: Float = np.hypot(*(points_m - path_m[0]).T)
+        return single
+    begin, step = path_m[:-1], np.diff(path_m, axis=0)
+    along = ((points_m[:, None] - begin) * step).sum(axis=2) / np.maximum((step**2).sum(axis=1), 1e-300)
+    nearest = begin + np.clip(along, 0.0, 1.0)[..., None] * step
+    distances: Float = np.hypot(*np.moveaxis(points_m[:, None] - nearest, 2, 0)).min(axis=1)
+    return distances
+
+
+def join_turn_rad(path_m: Float, joint: int) -> float:
+    """How much a path (K, 2) without repeats turns at the point `joint`, left or right alike; 0 at its ends."""
+    if not 0 < joint < len(path_m) - 1:
+        return 0.0
+    (ax, ay), (bx, by) = path_m[joint] - path_m[joint - 1], path_m[joint + 1] - path_m[joint]
+    return float(abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by)))

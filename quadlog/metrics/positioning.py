@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.summary import Samples
+from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.positioning.fix.dilution import CHI2_95
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,23 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
     return {
         "uwb_rmse_m": Samples(t_ns, np.hypot(*error_m.T), "rms"),
         "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean", vectors=error_m),
+    }
+
+
+def innovation_samples(t_ns: Int, nis: Float) -> dict[str, Samples]:
+    """Of uwb_nis, from the normalised innovations squared (T,) of a track's instants."""
+    return {"uwb_nis": finite_samples(t_ns, nis, "mean")}
+
+
+def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, Samples]:
+    """Of uwb_nees and uwb_coverage_95, from the lengths of errors (N,) and the reach of 95 % ellipses towards them.
+
+    An error e with covariance C is e^T C^-1 e = CHI2_95 (distance/bound)^2.
+    """
+    share = distance_m / bound_m
+    return {
+        "uwb_nees": finite_samples(t_ns, CHI2_95 * share**2, "mean"),
+        "uwb_coverage_95": finite_samples(t_ns, np.where(np.isfinite(share), share <= 1, np.nan), "mean"),
     }
 
 

@@ -114,6 +114,7 @@ class TrackedWalk:
     cross_track_m: Float
     time_error_m: Float
     heading_error_rad: Float
+    plan_error_m: Float | None = None
     fallen: Bool | None = None
 
 
@@ -140,6 +141,7 @@ def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
         ("max_error_m", "max", walk.error_m),
         ("cross_track_rmse_m", "rms", walk.cross_track_m),
         ("heading_rmse_rad", "rms", walk.heading_error_rad),
+        ("plan_error_m", "mean", walk.plan_error_m),
         ("fallen", "max", walk.fallen),
     )
     return {

@@ -45,7 +45,7 @@ def make_query(
     """The query of a robot at start_xy_m (2,) with a goal at goal_xy_m (2,), on occupied (rows, cols), in map.
 
     dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
-    A robot inside the growth of an obstacle first leaves it the shortest way.
+    A robot inside the growth of an obstacle first leaves it by a short way, towards the goal where there are several.
     A goal that cannot be reached is stood for by a cell that can.
     Raises ValueError for a start that is not finite.
     """
@@ -53,13 +53,32 @@ def make_query(
     if not window.contains(np.array(robot)):
         return START_OUTSIDE
     blocked = INFLATIONS[dilation](occupied, dilation_m / window.cell_m)
-    escape = escape_start(occupied, blocked, robot)
+    goal = _as_cell(window.cell_of(goal_xy_m)) if np.isfinite(goal_xy_m).all() else None
+    escape = escape_start(occupied, blocked, robot, goal)
     if escape is None:
         return WALLED_IN
     projection = project_goal(blocked, window, escape.cell, goal_xy_m)
     if projection is None:
         return NO_GOAL
     return Query(window, blocked, escape.cell, projection.cell, projection.projected, escape.path[:-1])
+
+
+def passable(query: Query, occupied: Bool, dilation: str) -> Bool:
+    """Cells (rows, cols) blocked for a robot that cuts across: no nearer to an obstacle than it may be, or is already.
+
+    That is the query's own growth; about a robot that stands inside of it obstacles grow just less far than to its
+    cell. occupied, dilation: as the query was made of them.
+    """
+    if len(query.way_out) == 0:
+        return query.blocked
+    rows, cols = np.nonzero(occupied)
+    away = np.abs(np.stack([cols, rows], axis=1) - query.way_out[0])
+    away_cells = away.max(axis=1) if dilation == "square" else np.hypot(*away.T)
+    return INFLATIONS[dilation](occupied, max(float(away_cells.min()) - BARELY_CELLS, 0.0))
+
+
+BARELY_CELLS = 1e-6
+"""More than what growing by a radius gives in addition."""
 
 
 def _as_cell(pair: Int) -> Cell:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +38,9 @@ class ReplanSettings:
 class Answer:
     """What a planner answered. why_not is empty when it found a path, "missed" when there was one that it did not find.
 
-    optimal_cost: of the cheapest path there is, NaN where there is none. us: microseconds in the planner, NaN when it
-    was not asked. length_m and turn_rad: of the path on the grid, turn_rad the sum of its changes of heading.
+    optimal_cost: of the cheapest path there is, NaN where there is none. us: microseconds in the planner, the median of
+    us_repeats, those of each time it was asked; NaN when it was not. length_m and turn_rad: of the path on the grid,
+    turn_rad the sum of its changes of heading.
     curvature_max_1pm: of the smoothed path, NaN where none was asked for.
     """
 
@@ -51,27 +52,33 @@ class Answer:
     length_m: float
     turn_rad: float
     curvature_max_1pm: float
+    us_repeats: tuple[float, ...] = ()
 
 
 class Panel:
     """Asks its planners in turns, so that none is always the one that finds the map in the processor's cache.
 
     smoothing: how paths are smoothed; None leaves curvatures out.
+    doubles: more of the same planners, in the same order, which are asked the same in further rounds for their times
+    alone: what an incremental planner remembers from one question to the next is then the same in each round.
     """
 
-    def __init__(self, planners: Sequence[Planner], smoothing: ReplanSettings | None) -> None:
+    def __init__(
+        self, planners: Sequence[Planner], smoothing: ReplanSettings | None, doubles: Sequence[Sequence[Planner]] = ()
+    ) -> None:
         self._planners = planners
+        self._rounds = (planners, *doubles)
         self._smoothing = smoothing
         self._reference = AStar(planners[0].rules)
         self._last_window: Window | None = None
         self._asked = 0
-        for planner in planners:
+        for planner in self._everyone():
             compile_planner(planner)
 
     def begin_episode(self) -> None:
         """What comes next has nothing to do with what was before."""
         self._last_window = None
-        for planner in self._planners:
+        for planner in self._everyone():
             planner.reset()
 
     def ask(self, query: Query | NoQuery) -> list[Answer]:
@@ -84,24 +91,32 @@ class Panel:
         shift = (0, 0) if self._last_window is None else self._last_window.shift_to(query.window)
         self._last_window = query.window
         optimum = self._reference.plan(query.blocked, query.start, query.goal)
-        self._asked += 1
-        count, answers = len(self._planners), {}
-        for turn in range(count):
-            at = (self._asked + turn) % count
-            answers[at] = self._ask_one(self._planners[at], query, shift, optimum)
-        return [answers[at] for at in range(count)]
+        count = len(self._planners)
+        plans: list[list[Plan]] = [[] for _ in range(count)]
+        us: list[list[float]] = [[] for _ in range(count)]
+        for planners in self._rounds:
+            self._asked += 1
+            for turn in range(count):
+                at = (self._asked + turn) % count
+                began_ns = time.perf_counter_ns()
+                plans[at].append(planners[at].plan(query.blocked, query.start, query.goal, shift))
+                us[at].append((time.perf_counter_ns() - began_ns) / 1000)
+        return [self._answer(each.name, query, plans[at][0], us[at], optimum) for at, each in enumerate(self._planners)]
 
-    def _ask_one(self, planner: Planner, query: Query, shift: Cell, optimum: Plan) -> Answer:
-        began_ns = time.perf_counter_ns()
-        plan = planner.plan(query.blocked, query.start, query.goal, shift)
-        microseconds = (time.perf_counter_ns() - began_ns) / 1000
+    def _everyone(self) -> Iterator[Planner]:
+        return (planner for planners in self._rounds for planner in planners)
+
+    def _answer(self, name: str, query: Query, plan: Plan, us: list[float], optimum: Plan) -> Answer:
         optimal_cost = optimum.cost if optimum.found else math.nan
+        median_us, repeats_us = float(np.median(us)), tuple(us)
         if not plan.found:
             why_not = "missed" if optimum.found else why_no_path(query.blocked, query.start, query.goal)
-            return Answer(planner.name, plan, why_not, optimal_cost, microseconds, math.nan, math.nan, math.nan)
+            return Answer(
+                name, plan, why_not, optimal_cost, median_us, math.nan, math.nan, math.nan, us_repeats=repeats_us
+            )
         length_m, turn_rad = turning(plan.cells * query.window.cell_m)
         curvature = self._curvature(query, plan.cells)
-        return Answer(planner.name, plan, "", optimal_cost, microseconds, length_m, turn_rad, curvature)
+        return Answer(name, plan, "", optimal_cost, median_us, length_m, turn_rad, curvature, repeats_us)
 
     def _curvature(self, query: Query, cells: Cells) -> float:
         if self._smoothing is None:
@@ -176,10 +191,11 @@ class PlannedPath:
 
 @dataclass(frozen=True, slots=True)
 class Replan:
-    """What one replan gives; path is None when no way was found."""
+    """What one replan gives; path is None when no way was found, query where there was nothing to plan."""
 
     record: PlanRecord
     path: PlannedPath | None
+    query: Query | None
 
 
 class Replanner:
@@ -187,7 +203,7 @@ class Replanner:
 
     def __init__(self, planner: Planner, settings: ReplanSettings) -> None:
         self._planner = planner
-        self._settings = settings
+        self.settings = settings
         self._reference = AStar(planner.rules)
         self._last_window: Window | None = None
         compile_planner(planner)
@@ -197,7 +213,7 @@ class Replanner:
 
         See make_query. Raises ValueError for a start that is not finite.
         """
-        settings = self._settings
+        settings = self.settings
         query = make_query(window, occupied, start_xy_m, goal_xy_m, settings.dilation_m, settings.dilation)
         plan = optimum = no_plan()
         goal_m, goal_projected, microseconds = goal_xy_m, False, math.nan
@@ -236,7 +252,7 @@ class Replanner:
             astar_expanded=optimum.expanded,
             astar_generated=optimum.generated,
         )
-        return Replan(record, path)
+        return Replan(record, path, None if isinstance(query, NoQuery) else query)
 
     def _shift_to(self, window: Window) -> Cell:
         """How far the window moved since the last plan; another cell size shares nothing, so the planner forgets."""
@@ -248,7 +264,7 @@ class Replanner:
         return self._last_window.shift_to(window)
 
     def _path(self, t_ns: int, raw_m: Float, query: Query, window: Window) -> PlannedPath:
-        settings = self._settings
+        settings = self.settings
         if settings.smooth:
             blocked = query.blocked
             if len(query.way_out):

@@ -1,318 +1,378 @@
-"""Biases of links, estimated from a whole log: what all epochs share is fitted with every epoch's fix being free."""
+"""Constant biases of a tag's links, estimated jointly with its track, and whether they make positions agree better.
+
+The test is delete-one-link: the track is estimated again without each link in turn. What these tracks differ by shows
+errors that last, which residuals hide because the track follows them: it decides whether biases are applied, and how
+uncertain positions are.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
-from quadlog.positioning.epochs import Epochs, thin_rows
-from quadlog.positioning.fix.least_squares import invert_normal
-from quadlog.positioning.fix.trilateration import solve_gauss_newton
-from quadlog.positioning.track.range_log import log_ranges, walker
-from quadlog.positioning.track.tracker import smooth_places
+from quadlog.positioning.epochs import thin_links
+from quadlog.positioning.shared_errors import redescending_weights
+from quadlog.positioning.track.bias_filter import filter_biases
+from quadlog.positioning.track.range_log import START_STD, RangeLog, Stretch, log_ranges, walker
+from quadlog.positioning.track.rts_smoother import (
+    LinkWindows,
+    refilter,
+    refilter_usual,
+    smooth_covariances,
+    weigh_lateness,
+    windows_of,
+)
+from quadlog.positioning.track.segments import follow
+from quadlog.positioning.track.tracker import PositionSpread
 
-HALF_TRUST_STD = 2.0
-"""A range so many std off its link's median is well on its way to not counting."""
-BLOCKS = (40, 20, 10, 5)
-"""Into how many pieces a log is cut to see how its errors persist."""
-ITERATIONS = 20
-
-
-@dataclass(frozen=True, slots=True)
-class SharedErrors:
-    """Biases of A links, and displacements of the M anchors that were allowed to move, K = A + 2M numbers.
-
-    bias_m: (A,); shift_m: (M, 2) in map, to be added to the configured places.
-    covariance_m2: (K, K) of the biases, then of each displacement's x and y, as weights and prior have it.
-    reach: (E, K, A) in 1/m^2, what a metre on a link adds to the gradient, the epoch's fix having given way.
-    pull: (E, K) in 1/m, what each epoch did add to it.
-    """
-
-    bias_m: Float
-    shift_m: Float
-    covariance_m2: Float
-    reach: Float
-    pull: Float
-
-
-@dataclass(frozen=True, slots=True)
-class _Equations:
-    """Normal equations of the shared errors, the fixes eliminated, and what ties the fixes to them; epochs come last.
-
-    reach (K, A, E), pull (K, E): as in SharedErrors; information: (K, K).
-    absorb: (D, K, E) how far a fix gives way to each error; fix_step_m: (D, E) where the residuals draw it.
-    """
-
-    reach: Float
-    pull: Float
-    information: Float
-    absorb: Float
-    fix_step_m: Float
-
-
-def solve_shared_errors(
-    anchors_m: Float, moving: Int, range_m: Float, weight: Float, position_m: Float, free_axes: int, prior: Float
-) -> SharedErrors:
-    """The biases, and the places of the anchors in moving (M,), that fit ranges (E, A) to anchors (A, 3) best.
-
-    weight: (E, A) in 1/m^2, zero where there is no range. position_m: (E, 3) where the fixes start; free_axes is 2
-    where its heights are given, 3 where the ranges had to tell them too. prior: (K, K) information about a zero. Fixing
-    and averaging residuals in turn creeps, because a fix absorbs most of a bias; here the fixes are eliminated from the
-    normal equations.
-    """
-    n_links, placed_m, place_m = len(anchors_m), anchors_m.copy(), position_m.T.copy()
-    value, range_m, weight = np.zeros(len(prior)), np.ascontiguousarray(range_m.T), np.ascontiguousarray(weight.T)
-    equations = _eliminate_fixes(placed_m, moving, range_m, weight, place_m, free_axes)
-    for _ in range(ITERATIONS):
-        step_m = np.linalg.solve(equations.information + prior, equations.pull.sum(axis=1) - prior @ value)
-        value = value + step_m
-        placed_m[moving, :2] = anchors_m[moving, :2] + value[n_links:].reshape(-1, 2)
-        place_m[:free_axes] += equations.fix_step_m - np.einsum("dke,k->de", equations.absorb, step_m)
-        unbiased_m = range_m - value[:n_links, None]
-        equations = _eliminate_fixes(placed_m, moving, unbiased_m, weight, place_m, free_axes)
-        if np.abs(step_m).max() < 1e-4:
-            break
-    covariance_m2 = np.linalg.inv(equations.information + prior)
-    reach, pull = equations.reach.transpose(2, 0, 1), equations.pull.T
-    return SharedErrors(value[:n_links], value[n_links:].reshape(-1, 2), covariance_m2, reach, pull)
-
-
-def bias_covariance_at(anchors_m: Float, weight: Float, position_m: Float, free_axes: int, prior: Float) -> Float:
-    """(A, A) in m^2, how well biases could be told if the fixes were at position_m (E, 3)."""
-    none = np.empty(0, dtype=np.int64)
-    equations = _eliminate_fixes(anchors_m, none, np.zeros_like(weight.T), weight.T, position_m.T, free_axes)
-    return np.asarray(np.linalg.inv(equations.information + prior))
-
-
-def scatter_covariances(errors: SharedErrors, weight: Float) -> Float:
-    """(len(BLOCKS), K, K) covariances of shared errors from how the gradient scatters between blocks of the log.
-
-    UWB errors persist in a place, so white noise would promise too much. An error of a whole block moves the estimate
-    by the slope of weight times residual, which for `weigh_by_lateness` is 4 w^1.5 - 3 w of w's largest: more than the
-    weights alone would say, because trust falls with the error.
-    """
-    share = weight / max(weight.max(initial=0.0), 1e-300)
-    slope = np.sum(4 * share**1.5 - 3 * share) / max(share.sum(), 1e-300)
-    reply = errors.covariance_m2 / max(slope, 0.3)
-    found = []
-    for n in BLOCKS:
-        blocks = np.array([block.sum(axis=0) for block in np.array_split(errors.pull, n)])
-        found.append(reply @ (blocks.T @ blocks) @ reply * n / (n - 1))
-    return np.array(found)
-
-
-def wander_covariance(errors: SharedErrors, t_s: Float, wander_std_m: float, wander_s: float) -> Float:
-    """(K, K) in m^2, what comes of every link being off by wander_std_m for wander_s at a time; t_s: (E,)."""
-    piece = np.floor((t_s - t_s[0]) / wander_s).astype(np.int64)
-    starts = np.flatnonzero(np.diff(piece, prepend=-1))
-    reach = np.add.reduceat(errors.reach, starts, axis=0)
-    moved = errors.covariance_m2 @ reach
-    return np.asarray(wander_std_m**2 * np.einsum("bka,bla->kl", moved, moved))
-
-
-def weigh_by_lateness(residual_m: Float, range_std_m: float) -> Float:
-    """(E, A) weights in 1/m^2, zero where there is no range.
-
-    About each link's median, for a bias is no reason for distrust; and alike on
-    both sides, since trimming one side only would shift what is estimated.
-    """
-    off_m = residual_m - column_medians(residual_m)
-    weight = redescending_weights(off_m, range_std_m)
-    return np.where(np.isfinite(weight), weight, 0.0)
-
-
-def redescending_weights(off_m: Float, range_std_m: float) -> Float:
-    """Weights in 1/m^2 of what ranges are off by, by the std that their median shows, range_std_m at least."""
-    std_m = max(range_std_m, 1.4826 * float(column_medians(np.abs(off_m).reshape(-1, 1))[0]))
-    weight: Float = 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2 / std_m**2
-    return weight
-
-
-def column_medians(values: Float) -> Float:
-    """(C,) median of each column of (R, C) without its NaN, zero where there is nothing else."""
-    if len(values) == 0:
-        return np.zeros(values.shape[1])
-    ordered = np.sort(values, axis=0)
-    n = np.isfinite(values).sum(axis=0)
-    column = np.arange(len(n))
-    middle = (ordered[(n - 1).clip(0) // 2, column] + ordered[(n // 2).clip(max=len(values) - 1), column]) / 2
-    return np.where(n > 0, middle, 0.0)
-
-
-def _eliminate_fixes(
-    anchors_m: Float, moving: Int, range_m: Float, weight: Float, place_m: Float, free_axes: int
-) -> _Equations:
-    """The normal equations at place_m (3, E) and anchors_m (A, 3), for ranges and weights (A, E).
-
-    With W the weights, U the directions of an epoch and G what the shared errors do to its ranges, the fix moves by F
-    (r - G dv), F = (U^T W U)^-1 U^T W. That leaves the gradient R r and the information R G with the reach R = G^T (W -
-    W U F). Epochs that their weights leave without a sharp fix do not count.
-    """
-    offset_m = place_m[:, None, :] - anchors_m.T[:, :, None]
-    distance_m = np.maximum(np.sqrt((offset_m**2).sum(axis=0)), 1e-9)
-    towards = offset_m / distance_m
-    pulled = weight * towards[:free_axes]
-    inverse, sharp = _invert_normal(pulled, towards, 0.05 * weight.max(initial=0.0))
-    pulled, weight = pulled * sharp, weight * sharp
-    follow = np.stack([sum(row[j] * pulled[j] for j in range(free_axes)) for row in inverse])
-    residual_m = np.where(weight > 0, range_m - distance_m, 0.0)
-
-    share = -sum(pulled[i][:, None] * follow[i] for i in range(free_axes))
-    link = np.arange(len(anchors_m))
-    share[link, link] += weight
-    # An anchor's displacement makes its range shorter by so much of it as lies along the way to the tag.
-    turn = [(anchor, -towards[axis, anchor]) for anchor in moving for axis in range(2)]
-    reach = np.concatenate([share, *(each * share[anchor][None] for anchor, each in turn)])
-    absorb = np.concatenate([follow, *((each * follow[:, anchor])[:, None] for anchor, each in turn)], axis=1)
-    information = [reach.sum(axis=2), *((reach[:, anchor] @ each)[:, None] for anchor, each in turn)]
-    return _Equations(
-        reach=reach,
-        pull=np.einsum("kae,ae->ke", reach, residual_m),
-        information=np.concatenate(information, axis=1),
-        absorb=absorb,
-        fix_step_m=np.einsum("dae,ae->de", follow, residual_m),
-    )
-
-
-def _invert_normal(pulled: Float, towards: Float, least: float) -> tuple[list[list[Float]], np.ndarray]:
-    """Rows of (U^T W U)^-1, entries (E,), and where its smallest eigenvalue is above least; elsewhere that of one.
-
-    By Sylvester: it is above where all leading minors of the matrix less that are positive.
-    """
-    axes = len(pulled)
-    xx, xy, yy, xz, yz, zz = (
-        (pulled[i] * towards[j]).sum(axis=0) if j < axes else np.zeros(pulled.shape[2]) + (i == j)
-        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-    )
-    least_z = least if axes == 3 else 0.0
-    lower_xx, lower_yy, lower_zz = xx - least, yy - least, zz - least_z
-    minor = lower_xx * lower_yy - xy * xy
-    det = minor * lower_zz - yz * (lower_xx * yz - xy * xz) + xz * (xy * yz - lower_yy * xz)
-    sharp = (lower_xx > 0) & (minor > 0) & (det > 0)
-    entries = [np.where(sharp, each, one) for each, one in ((xx, 1), (xy, 0), (yy, 1), (xz, 0), (yz, 0), (zz, 1))]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        _, ixx, ixy, iyy, ixz, iyz, izz = invert_normal(*entries)
-    rows = [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
-    return [row[:axes] for row in rows[:axes]], sharp
-
-
-PRIOR_STD_M = 0.2
-"""Biases of real sets lie within 0 and 0.4 m. What the geometry cannot see stays near zero, with this std."""
-KNOWN_STD_M = 0.08
-"""A bias known no better than this is worth less than none. Chosen on 60 simulated walks of 12 s with NLOS bursts,
-seeds 5000 on: up to here every correction was better than none, at 0.1 m one in six was worse."""
+COMMON_STD_M, LINK_STD_M = 0.2, 0.05
+"""Prior of the biases: real sets lie within 0 and 0.4 m, and links of one make share most of it. LINK_STD_M was chosen
+between 0.03 and 0.1 m on simulated round-robin logs and the first 12 s of `synthesize follow`."""
+SHRINK_NEEDED = 0.3
+"""Biases are applied where the delete-one-link spread shrinks by this share or more."""
 RARE_SHARE = 0.05
-"""Links with fewer ranges than this share of the busiest one's have no say in whether a correction is applied."""
-MAX_EPOCHS = 5000
-ROUNDS = 8
-LATE_STD_M = 0.01
-"""A tenth of ranges late by half a metre shifts a bias by so much (seeds 2000 on), and no scatter shows it."""
+"""Links with fewer ranges than this share of the busiest one's are not left out: that would change nothing."""
+ROUNDS, SETTLED_M = 10, 0.002
+MOST_SLOTS, MOST_STEPS = 5000, 1_000_000_000
+"""Longest log that is looked at in slots of THIN_S, and arithmetic that all links left out in turn may take: of A
+links, each slot has A rows, and each row changes a covariance of (5 + A)^2 numbers, A times over."""
+BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
+"""Over how long residuals of a link are summed to see how much of them lasts."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnchorBias:
     """Measured minus true range of one tag's links to A anchors.
 
-    bias_m, std_m: (A,); n: (A,) ranges it rests on.
-    significant: (A,) bool, the links that are corrected. All that are well known, or none: errors of links
-    that were estimated together cancel only together.
+    bias_m, std_m: (A,); n: (A,) ranges of each link in the log. significant: (A,) bool, the links that are corrected:
+    all that were heard, or none, for biases estimated together cancel only together. spread_m, corrected_spread_m: rms
+    by which positions differ when one link is left out, without and with biases; zero where that cannot be tried.
     """
 
     bias_m: Float
     std_m: Float
     significant: np.ndarray
     n: Int
+    spread_m: float
+    corrected_spread_m: float
 
     @property
     def applied_m(self) -> Float:
         """(A,) what to subtract from the ranges: the biases of the links that are corrected, zero elsewhere."""
         return np.where(self.significant, self.bias_m, 0.0)
 
-
-def estimate_anchor_bias(
-    epochs: Epochs,
-    anchors_m: Float,
-    tag_height_m: float,
-    range_std_m: float,
-    acceleration_std_mps2: float,
-    tag_height_std_m: float = 0.0,
-) -> AnchorBias:
-    """Biases of one tag's links to anchors (A, 3), without any truth.
-
-    In turn: the smoothed track tells which ranges are off their link's usual residual (NLOS), and the others tell the
-    biases. One epoch of three ranges could not tell the two apart; time can. The std covers white noise, errors that
-    persist for as long as a fifth of the log, and late ranges that pass for a bias, not errors that last all of it. Nor
-    is it better than what the geometry of the uncorrected track allows: a wrong bias bends a track, and a bent one
-    seems to tell more. A tag that stands still shows no bias, and the std says so. With tag_height_std_m above zero the
-    height is tracked, and every fix is free in space: a height that were held would pass its error on to the biases.
-    """
-    chosen = _usable_epochs(epochs, anchors_m, tag_height_m, range_std_m)
-    n = np.isfinite(chosen.range_m).sum(axis=0).astype(np.int64)
-    none, prior = np.empty(0, dtype=np.int64), np.eye(len(anchors_m)) / PRIOR_STD_M**2
-    bias_m: Float = np.zeros(len(anchors_m))
-    told_m2: list[Float] = [np.linalg.inv(prior)]
-    for count in range(ROUNDS if len(chosen) else 0):
-        before_m = bias_m
-        unbiased = Epochs(chosen.t_ns, chosen.last_ns, chosen.range_m - bias_m)
-        place_m, free_axes = track_epochs(
-            unbiased, anchors_m, tag_height_m, range_std_m, acceleration_std_mps2, tag_height_std_m
+    @property
+    def reason(self) -> str:
+        """Why the biases are applied, or why not."""
+        if self.spread_m == 0:
+            return "too few links to try positions without one of them"
+        return (
+            f"positions without one link differ by {self.corrected_spread_m:.3f} m with biases, {self.spread_m:.3f} m "
+            f"without: {1 - self.corrected_spread_m / self.spread_m:.0%} less, {SHRINK_NEEDED:.0%} is needed"
         )
-        residual_m = chosen.range_m - np.linalg.norm(place_m[:, None] - anchors_m, axis=2)
-        weight = weigh_by_lateness(residual_m, range_std_m)
-        if count == 0:
-            told_m2 = [bias_covariance_at(anchors_m, weight, place_m, free_axes, prior)]
-        errors = solve_shared_errors(anchors_m, none, chosen.range_m, weight, place_m, free_axes, prior)
-        told_m2[1:] = [errors.covariance_m2, *scatter_covariances(errors, weight)]
-        bias_m = errors.bias_m
-        if np.abs(bias_m - before_m).max() < 0.002:
-            break
-    std_m = np.sqrt(np.max([np.diag(each_m2) for each_m2 in told_m2], axis=0) + LATE_STD_M**2)
-    return AnchorBias(bias_m, std_m, _worth_applying(bias_m, std_m, n), n)
 
 
-def _worth_applying(bias_m: Float, std_m: Float, n: Int) -> np.ndarray:
-    """(A,) bool: the well-known links, if every busy link is one and any bias lies beyond three std; else none."""
-    known: np.ndarray = (std_m <= KNOWN_STD_M) & (n > 0)
-    busy = n > RARE_SHARE * n.max(initial=0)
-    applies = busy.any() and known[busy].all() and bool((np.abs(bias_m) > 3 * std_m)[known].any())
-    return known & applies
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a whole log shows of the ranges of a tag: biases, and how far positions may be off.
+
+    usual_m: (A,) what a link's ranges are usually off by once the applied biases are subtracted; lateness is judged
+    about it. shared_m: the part of that which all links have in common, zero where biases are applied; a smoother has
+    it as a state beside the place. spread: of smoothed positions.
+    """
+
+    bias: AnchorBias
+    usual_m: Float
+    shared_m: float
+    spread: PositionSpread
 
 
-def _usable_epochs(epochs: Epochs, anchors_m: Float, tag_height_m: float, range_std_m: float) -> Epochs:
-    """Epochs that have a fix, thinned evenly: neighbours say the same, and time stays bounded."""
-    enough = thin_rows(np.isfinite(epochs.range_m).sum(axis=1) >= 3, MAX_EPOCHS)
-    fixes = solve_gauss_newton(anchors_m, epochs.range_m[enough], tag_height_m, range_std_m, np.inf)
-    chosen = enough[fixes.solved]
-    return Epochs(epochs.t_ns[chosen], epochs.last_ns[chosen], epochs.range_m[chosen])
-
-
-def track_epochs(
-    epochs: Epochs,
+def calibrate_links(
+    t_ns: Int,
+    anchor: Int,
+    range_m: Float,
     anchors_m: Float,
     tag_height_m: float,
+    fix_t_ns: Int,
+    fix_m: Float,
+    *,
     range_std_m: float,
     acceleration_std_mps2: float,
     tag_height_std_m: float = 0.0,
-) -> tuple[Float, int]:
-    """(E, 3) smoothed places at the epochs, and how many axes are from ranges: 3, or 2 where the height is given."""
-    fixes = solve_gauss_newton(anchors_m, epochs.range_m, tag_height_m, range_std_m, np.inf)
-    row, column = np.nonzero(np.isfinite(epochs.range_m))
+    apply: bool = True,
+) -> Calibration:
+    """Biases of one tag's links to anchors_m (A, 3), without any truth, from N ranges in time order.
+
+    The arguments are those of `track_ranges`; every range counts at its own time, so motion within a round of single
+    ranges is none of the bias. In turn: the track is smoothed with the biases of before, its residuals weigh the
+    ranges, and a filter over place, velocity and all biases gives the next ones. Ranges are thinned (`thin_links`), and
+    count for as little as their errors last (`_persistence`), so a short log keeps biases near the prior. With
+    tag_height_std_m above zero the height is tracked as well. apply=False: no bias is applied, whatever the spread is.
+    """
+    n_links = len(anchors_m)
+    kept = thin_links(t_ns, anchor, min(MOST_SLOTS, MOST_STEPS // (n_links * (5 + n_links)) ** 2))
     log = log_ranges(
-        epochs.t_ns[row],
-        column,
-        epochs.range_m[row, column],
+        t_ns[kept],
+        anchor[kept],
+        range_m[kept],
         anchors_m,
-        epochs.t_ns[fixes.solved],
-        fixes.position_m[fixes.solved],
+        fix_t_ns,
+        fix_m,
         range_std_m,
         walker(acceleration_std_mps2, tag_height_m, tag_height_std_m),
     )
-    t_ns, track_m = smooth_places(log)
-    if len(t_ns) == 0:
-        return np.tile(np.append(anchors_m[:, :2].mean(axis=0), tag_height_m), (len(epochs), 1)), 2
-    wanted_s, known_s = seconds_since(epochs.t_ns, int(t_ns[0])), seconds_since(t_ns, int(t_ns[0]))
-    place_m = np.stack([np.interp(wanted_s, known_s, along_m) for along_m in track_m.T], axis=1)
-    return place_m, log.axes
+    pieces = [_Piece(log, each) for each in follow(log, causal=False)]
+    fit = _fit_jointly(log, pieces, n_links)
+    return _judge(log, pieces, fit, np.bincount(anchor, minlength=n_links), anchors_m, apply)
+
+
+class _Piece:
+    """A stretch of a log, with what does not change between passes over it."""
+
+    def __init__(self, log: RangeLog, stretch: Stretch) -> None:
+        self.stretch = stretch
+        self.rows = log.rows(stretch.begin, stretch.end)
+        self.first_row = log.first_row[stretch.begin : stretch.end + 1] - self.rows.start
+        self.instant = np.repeat(np.arange(stretch.end - stretch.begin), np.diff(self.first_row))
+        self.link = log.anchor[self.rows]
+        self.anchor_m = log.anchor_m[self.rows]
+        self.t_s = log.seconds(stretch.begin, stretch.end)
+        self.windows: LinkWindows = windows_of(log, stretch)
+
+    def directions(self, states: Float) -> tuple[Float, Float, Float]:
+        """Places (N, 3) of the rows, unit vectors (N, 3) from their anchors and distances (N,)."""
+        place_m = states[self.instant, :3]
+        offset_m = place_m - self.anchor_m
+        distance_m = np.sqrt(np.einsum("ni,ni->n", offset_m, offset_m))
+        return place_m, offset_m / np.maximum(distance_m, 1e-9)[:, None], distance_m
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Biases (A,), their covariance (A, A), and of every piece: states (T, 5) with the biases subtracted, weights (N,)
+    that judge lateness, and the variances (N,) that ranges have where biases are estimated.
+    """
+
+    bias_m: Float
+    covariance_m2: Float
+    states: list[Float]
+    weights: list[Float]
+    variances: list[Float]
+
+
+def _fit_jointly(log: RangeLog, pieces: list[_Piece], n_links: int) -> _Fit:
+    """Biases and track in turn, from a track of plain least squares on."""
+    bias_m: Float = np.zeros(n_links)
+    covariance_m2 = _prior(n_links)
+    weights: list[Float] = [np.ones(len(piece.link)) for piece in pieces]
+    variances: list[Float] = [np.full(len(piece.link), log.range_std_m**2) for piece in pieces]
+    states = [_smooth(log, piece, weight) for piece, weight in zip(pieces, weights, strict=True)]
+    for _ in range(ROUNDS if pieces else 0):
+        before_m = bias_m
+        bias_m, covariance_m2 = _fit_biases(log, pieces, states, variances, n_links)
+        unbiased = log.without(bias_m)
+        states = [_smooth(unbiased, piece, weight) for piece, weight in zip(pieces, weights, strict=True)]
+        weights, variances = _weigh(unbiased, pieces, states, n_links)
+        if np.abs(bias_m - before_m).max() < SETTLED_M:
+            break
+    unbiased = log.without(bias_m)
+    states = [_smooth(unbiased, piece, weight) for piece, weight in zip(pieces, weights, strict=True)]
+    return _Fit(bias_m, covariance_m2, states, weights, variances)
+
+
+def _prior(n_links: int) -> Float:
+    covariance_m2: Float = COMMON_STD_M**2 + LINK_STD_M**2 * np.eye(n_links)
+    return covariance_m2
+
+
+def _shared_bias(bias_m: Float) -> float:
+    """What the biases (A,) of all links have in common, by the prior."""
+    share = np.linalg.solve(_prior(len(bias_m)), np.full(len(bias_m), COMMON_STD_M**2))
+    return float(share @ bias_m)
+
+
+def _smooth(log: RangeLog, piece: _Piece, weight: Float) -> Float:
+    """(T, 5) states of a piece with these weights."""
+    return refilter(log, piece.stretch, weight).states
+
+
+def _weigh(log: RangeLog, pieces: list[_Piece], states: list[Float], n_links: int) -> tuple[list[Float], list[Float]]:
+    """Weights that judge lateness, and variances for estimating biases: those are alike on both sides, since trimming
+    one side only would shift a bias.
+    """
+    residuals = _residuals(log, pieces, states)
+    weights = [
+        weigh_lateness(piece.windows, residual_m, log.range_std_m)
+        for piece, residual_m in zip(pieces, residuals, strict=True)
+    ]
+    both_sided = []
+    for piece, residual_m in zip(pieces, residuals, strict=True):
+        off_m = residual_m - _link_medians(piece.link, residual_m, n_links)[piece.link]
+        both_sided.append(redescending_weights(off_m, log.range_std_m))
+    lasts = _persistence(log, pieces, residuals, both_sided)
+    return weights, [lasts / np.maximum(each, 1e-9) for each in both_sided]
+
+
+def _link_medians(link: Int, residual_m: Float, n_links: int) -> Float:
+    """(A,) median residual of each link, zero where it has none."""
+    ordered = np.append(residual_m[np.lexsort((residual_m, link))], 0.0)
+    n = np.bincount(link, minlength=n_links)
+    first = np.cumsum(n) - n
+    middle: Float = (ordered[first + (n - 1).clip(0) // 2] + ordered[first + n // 2 * (n > 0)]) / 2
+    return np.where(n > 0, middle, 0.0)
+
+
+def _residuals(log: RangeLog, pieces: list[_Piece], states: list[Float]) -> list[Float]:
+    """What the ranges (N,) of each piece are longer by than its states say."""
+    return [log.range_m[piece.rows] - piece.directions(each)[2] for piece, each in zip(pieces, states, strict=True)]
+
+
+def _persistence(log: RangeLog, pieces: list[_Piece], residuals: list[Float], information: list[Float]) -> float:
+    """By how much the variance of a link's summed residuals exceeds that of white noise, at least 1.
+
+    information (N,) in 1/m^2. The largest over blocks of BLOCKS_S counts; of m links the place absorbs two.
+    """
+    link = np.concatenate([piece.link for piece in pieces])
+    heard = len(np.unique(link))
+    t_s = np.concatenate([log.instant_ns[p.stretch.begin : p.stretch.end][p.instant] for p in pieces])
+    t_s = (t_s - log.instant_ns[0]) * 1e-9
+    told, pull = np.concatenate(information), np.concatenate(residuals) * np.concatenate(information)
+    lasts = 1.0
+    for block_s in BLOCKS_S:
+        block = (t_s / block_s).astype(np.int64)
+        if block[-1] + 1 < FEWEST_BLOCKS:
+            break
+        cell = block * (int(link.max()) + 1) + link
+        scores = np.bincount(cell, pull)
+        lasts = max(lasts, float((scores**2).sum() / told.sum()) * heard / max(heard - 2, 1))
+    return lasts
+
+
+def _fit_biases(
+    log: RangeLog, pieces: list[_Piece], states: list[Float], variances: list[Float], n_links: int
+) -> tuple[Float, Float]:
+    """Biases (A,) and their covariance (A, A), place and velocity being free, linearised at the states."""
+    state, covariance, lever = np.zeros(5 + n_links), np.zeros((5 + n_links, 5 + n_links)), np.empty(5 + n_links)
+    covariance[5:, 5:] = _prior(n_links)
+    for piece, each, variance_m2 in zip(pieces, states, variances, strict=True):
+        stretch = piece.stretch
+        place_m, unit, distance_m = piece.directions(each)
+        if log.axes == 2:
+            unit[:, 2] = 0.0
+        state[:5], covariance[:5], covariance[:, :5] = stretch.start, 0.0, 0.0
+        covariance[[0, 1, 3, 4], [0, 1, 3, 4]] = np.square(START_STD)
+        covariance[2, 2] = log.motion.height_std_m**2
+        filter_biases(
+            piece.t_s,
+            piece.first_row,
+            piece.link,
+            unit,
+            log.range_m[piece.rows] - distance_m + np.einsum("ni,ni->n", unit, place_m),
+            variance_m2,
+            log.motion,
+            state,
+            covariance,
+            lever,
+        )
+    return state[5:].copy(), covariance[5:, 5:].copy()
+
+
+@dataclass(frozen=True, slots=True)
+class _Deleted:
+    """Without one link: the biases (A,), and places (T, 2) of all pieces with them, with what they share, with none."""
+
+    bias_m: Float
+    corrected_m: Float
+    shared_m: Float
+    plain_m: Float
+
+
+def _delete_links(log: RangeLog, pieces: list[_Piece], fit: _Fit, links: Int) -> Iterator[_Deleted]:
+    """For each of the links: biases and weights estimated again without it, and the track smoothed with them."""
+    n_links = len(fit.bias_m)
+    for link in links:
+        gone = [piece.link == link for piece in pieces]
+        states, weights, variances = fit.states, fit.weights, fit.variances
+        for again in (True, False):
+            weights = [np.where(left, 0.0, each) for left, each in zip(gone, weights, strict=True)]
+            variances = [np.where(left, np.inf, each) for left, each in zip(gone, variances, strict=True)]
+            bias_m, _ = _fit_biases(log, pieces, states, variances, n_links)
+            unbiased = log.without(bias_m)
+            states = [_smooth(unbiased, piece, weight) for piece, weight in zip(pieces, weights, strict=True)]
+            if again:
+                weights, variances = _weigh(unbiased, pieces, states, n_links)
+        late = _residuals(unbiased, pieces, states)
+        shared, plain = (
+            [
+                refilter_usual(
+                    log.without(np.full(n_links, off_m)), replace(piece.stretch, weight=weight), late_m
+                ).states
+                for piece, weight, late_m in zip(pieces, weights, late, strict=True)
+            ]
+            for off_m in (_shared_bias(bias_m), 0.0)
+        )
+        yield _Deleted(bias_m, *(np.concatenate(each)[:, :2] for each in (states, shared, plain)))
+
+
+def _judge(log: RangeLog, pieces: list[_Piece], fit: _Fit, n: Int, anchors_m: Float, apply: bool) -> Calibration:
+    """Whether the biases are applied, and how far positions may be off then."""
+    busy = np.flatnonzero(n > RARE_SHARE * n.max(initial=0))
+    variance_m2, none = np.diag(fit.covariance_m2), np.zeros(len(n), dtype=bool)
+    if not pieces or len(busy) < 3:
+        unknown = AnchorBias(fit.bias_m, np.sqrt(variance_m2), none, n, 0.0, 0.0)
+        return Calibration(unknown, np.zeros(len(n)), 0.0, PositionSpread())
+    deleted = list(_delete_links(log, pieces, fit, busy))
+    corrected_m2, shared_m2, plain_m2 = (
+        _spread([getattr(each, name) for each in deleted]) for name in ("corrected_m", "shared_m", "plain_m")
+    )
+    known = np.array([np.arange(len(n)) != left for left in busy])
+    scatter_m2 = _jackknife(np.where(known, [each.bias_m for each in deleted], np.nan))
+    helps = corrected_m2 <= (1 - SHRINK_NEEDED) ** 2 * plain_m2
+    applied = (n > 0) if apply and helps else none
+    std_m = np.sqrt(variance_m2 + scatter_m2)
+    bias = AnchorBias(fit.bias_m, std_m, applied, n, float(np.sqrt(plain_m2)), float(np.sqrt(corrected_m2)))
+    # By m/(m - 1) / (1 - h) the spread overstates the variance, as each of m links has a share h = 2/m in the place.
+    share = (len(busy) - 2) / (len(busy) - 1)
+    left_m = np.zeros(len(n)) if applied.any() else fit.bias_m - _shared_bias(fit.bias_m)
+    bias_m2 = fit.covariance_m2 + np.outer(left_m, left_m)
+    lasting_m2 = share * (corrected_m2 if applied.any() else shared_m2) + _bias_variance(fit, bias_m2, anchors_m, n > 0)
+    spread = PositionSpread(_model_variance(log.without(fit.bias_m), pieces, fit.weights), lasting_m2)
+    return Calibration(bias, fit.bias_m - bias.applied_m, 0.0 if applied.any() else _shared_bias(fit.bias_m), spread)
+
+
+def _spread(places_m: list[Float]) -> float:
+    """Trace of the jackknife's covariance (m - 1)/m sum (p - mean)(p - mean)^T of m tracks (T, 2), log's mean."""
+    return float(_jackknife(np.array(places_m)).sum(axis=1).mean())
+
+
+def _jackknife(values: Float) -> Float:
+    """Delete-one variance (m - 1)/m sum (v - mean)^2 along the first of the axes of (m, ...), without its NaN."""
+    count = np.isfinite(values).sum(axis=0)
+    off = values - np.nanmean(values, axis=0)
+    variance: Float = np.nansum(off**2, axis=0) * (count - 1) / np.maximum(count, 1)
+    return variance
+
+
+def _model_variance(log: RangeLog, pieces: list[_Piece], weights: list[Float]) -> float:
+    """Trace of the place's covariance as the smoother has it, mean over the log."""
+    traces = []
+    for piece, weight in zip(pieces, weights, strict=True):
+        filtered = refilter(log, piece.stretch, weight).filtered
+        covariances = smooth_covariances(piece.t_s, filtered, log.motion)
+        traces.append(covariances[:, 0, 0] + covariances[:, 1, 1])
+    return float(np.concatenate(traces).mean())
+
+
+def _bias_variance(fit: _Fit, bias_m2: Float, anchors_m: Float, heard: np.ndarray) -> float:
+    """Trace of what biases with second moments P (A, A) do to places, mean over the log: G P G^T with
+    G = (sum u u^T)^-1 U^T.
+    """
+    place_m = np.concatenate(fit.states)[:, :3]
+    offset_m = place_m[:, None] - anchors_m[heard]
+    unit = (offset_m / np.maximum(np.linalg.norm(offset_m, axis=2), 1e-9)[:, :, None])[:, :, :2]
+    normal = np.einsum("tai,taj->tij", unit, unit) + 1e-6 * np.eye(2)
+    reply = np.linalg.solve(normal, unit.transpose(0, 2, 1))
+    return float(np.einsum("tia,ab,tib->t", reply, bias_m2[np.ix_(heard, heard)], reply).mean())

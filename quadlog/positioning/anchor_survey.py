@@ -10,7 +10,9 @@ import numpy as np
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
-from quadlog.positioning.anchor_bias import (
+from quadlog.positioning.epochs import Epochs, thin_rows
+from quadlog.positioning.fix.trilateration import solve_gauss_newton
+from quadlog.positioning.shared_errors import (
     SharedErrors,
     column_medians,
     redescending_weights,
@@ -20,8 +22,6 @@ from quadlog.positioning.anchor_bias import (
     wander_covariance,
     weigh_by_lateness,
 )
-from quadlog.positioning.epochs import Epochs, thin_rows
-from quadlog.positioning.fix.trilateration import solve_gauss_newton
 
 MIN_RANGES = 4
 """Three ranges agree with almost any order of their anchors."""

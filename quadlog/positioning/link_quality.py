@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.anchor_bias import KNOWN_STD_M, RARE_SHARE, AnchorBias
+from quadlog.positioning.anchor_bias import AnchorBias
 from quadlog.positioning.locate import RangeRows
 
 NLOS_STD = 3.0
@@ -65,20 +65,8 @@ def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, rang
 
 def why_not_applied(bias: AnchorBias) -> tuple[str, ...]:
     """For each link why its estimated bias is not subtracted, empty where it is."""
-    uncertain = bias.std_m > KNOWN_STD_M
-    busy = bias.n > RARE_SHARE * bias.n.max(initial=0)
-    held_back = bool((uncertain & busy).any())
-
-    def why(index: int) -> str:
-        if bias.significant[index]:
-            return ""
-        if bias.n[index] == 0:
-            return "no ranges"
-        if uncertain[index]:
-            return f"known to {bias.std_m[index]:.2f} m only, {KNOWN_STD_M:g} m is needed"
-        return "another link's is not known well enough" if held_back else "no link's is beyond 3 std"
-
-    return tuple(why(index) for index in range(len(bias.bias_m)))
+    heard = zip(bias.significant, bias.n > 0, strict=True)
+    return tuple("" if applied else bias.reason if has_ranges else "no ranges" for applied, has_ranges in heard)
 
 
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.errors import AnchorsCollinear
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.anchor_bias import AnchorBias, estimate_anchor_bias
+from quadlog.positioning.anchor_bias import AnchorBias, Calibration, calibrate_links
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.fix.ambiguity import heights_are_told, solve_on_side, start_on_side
 from quadlog.positioning.fix.least_squares import Fixes, require_spread
@@ -50,9 +50,9 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate each link's constant bias and subtract it where significant.
-    smooth: tracks smoothed over the whole log. False makes every pose of the track causal given the
-    biases; with calibrate the biases still come from the whole log.
+    calibrate: estimate each link's constant bias and subtract it where that makes positions agree better.
+    smooth: tracks smoothed over the whole log. False makes every pose of the track causal given the biases; biases and
+    the scale of the covariances still come from the whole log.
     """
 
     range_std_m: float = 0.1
@@ -89,8 +89,10 @@ class TagResult:
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
+    shared_m: beyond that, what all links have in common, which the smoothed track alone does without.
     n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
-    restart_ns, excess: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as measured.
+    restart_ns, n_ranges, nis: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as
+    measured.
     velocity: what odometry told of the tag's motion, None where there is none.
     """
 
@@ -104,11 +106,13 @@ class TagResult:
     track: Track
     bias: AnchorBias | None
     bias_m: Float
+    shared_m: float
     n_too_few: int
     n_degenerate: int
     n_untracked: int
     restart_ns: Int
-    excess: float
+    n_ranges: Int
+    nis: Float
     epochs: Epochs
     velocity: MeasuredVelocity | None
 
@@ -149,25 +153,29 @@ def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
 def _locate_tag(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
     epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
     known_m = epochs.range_m - anchors.known_bias_m
-    solved = _solves_height(known_m, anchors, tag, settings)
+    flat = _fix("gauss_newton", known_m, anchors, tag.height_m, settings)
+    solved = _solves_height(known_m, anchors, tag, settings, flat)
+    rows = _rows(ranges, anchors, tag)
     height_std_m = HEIGHT_STD_M if solved else 0.0
-    bias, bias_m = _find_bias(replace(epochs, range_m=known_m), anchors, tag, settings, height_std_m)
-    height_m = None if solved else tag.height_m
-    fixes = _fix(settings.method, epochs.range_m - bias_m, anchors, height_m, settings)
-    rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m)
+    known = _Known(rows, anchors, tag, settings, height_std_m, anchors.known_bias_m, None)
+    known = known.calibrated(epochs, flat)
+    fixes = _fix(settings.method, epochs.range_m - known.bias_m, anchors, None if solved else tag.height_m, settings)
+    tracked = known.track(epochs, fixes)
     velocity = _measure_velocity(tag, tracked, settings)
     if velocity is not None and velocity.series is not None:
-        told = velocity.series
-        rows, tracked = _track_tag(ranges, anchors, tag, bias_m, epochs, fixes, settings, height_std_m, told)
-    return _result(tag, epoch_s, solved, epochs, fixes, rows, tracked, bias, bias_m, velocity)
+        tracked = known.track(epochs, fixes, velocity.series)
+    return _result(known, epoch_s, epochs, fixes, tracked, velocity)
 
 
-def _solves_height(range_m: Float, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> bool:
-    """Whether the height is solved for, with the ranges (E, A) of a whole log: where asked, or where they tell it."""
+def _solves_height(range_m: Float, anchors: Anchors, tag: TagInfo, settings: LocateSettings, flat: Fixes) -> bool:
+    """Whether the height is solved for, with the ranges (E, A) of a whole log: where asked, or where they tell it.
+
+    flat: the fixes at the given height.
+    """
     if settings.height != "auto":
         return settings.height == "solved"
-    flat_m = _fix("gauss_newton", range_m, anchors, tag.height_m, settings).position_m
-    return heights_are_told(anchors.position_m, flat_m, tag.height_m, np.isfinite(range_m), settings.range_std_m)
+    heard = np.isfinite(range_m)
+    return heights_are_told(anchors.position_m, flat.position_m, tag.height_m, heard, settings.range_std_m)
 
 
 def _fix(method: str, range_m: Float, anchors: Anchors, height_m: float | None, settings: LocateSettings) -> Fixes:
@@ -187,11 +195,12 @@ def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, setting
     unbiased_m = epochs.range_m - anchors.known_bias_m
     seen = anchors.position_m, unbiased_m, tag.height_m, settings.range_std_m
     first = solve_on_side(*seen, settings.outlier_m, start_on_side(*seen, settings.mirror))
-    rows, tracked = _track_tag(ranges, anchors, tag, anchors.known_bias_m, epochs, first, settings, 0.0)
+    known = _Known(_rows(ranges, anchors, tag), anchors, tag, settings, 0.0, anchors.known_bias_m, None)
+    tracked = known.track(epochs, first)
     track = tracked.track
     start_m, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, np.zeros(len(track)), epoch_s)
     fixes = solve_on_side(*seen, settings.outlier_m, start_m)
-    return _result(tag, epoch_s, False, epochs, fixes, rows, tracked, None, anchors.known_bias_m, None)
+    return _result(known, epoch_s, epochs, fixes, tracked, None)
 
 
 def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> tuple[float, Epochs]:
@@ -201,85 +210,115 @@ def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
     return epoch_s, group_epochs(ranges, tag.id, anchors.ids, epoch_s)
 
 
-def _find_bias(
-    known: Epochs, anchors: Anchors, tag: TagInfo, settings: LocateSettings, height_std_m: float
-) -> tuple[AnchorBias | None, Float]:
-    """What is estimated beyond the known biases, which are taken out already, and both together."""
-    if not settings.calibrate:
-        return None, anchors.known_bias_m
-    bias = estimate_anchor_bias(
-        known,
-        anchors.position_m,
-        tag.height_m,
-        settings.range_std_m,
-        settings.acceleration_std_mps2,
-        tag_height_std_m=height_std_m,
-    )
-    return bias, anchors.known_bias_m + bias.applied_m
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """The usable ranges of one tag; column: each range's anchor as an index into the anchors."""
+
+    t_ns: Int
+    anchor: Int
+    column: Int
+    range_m: Float
 
 
-def _track_tag(
-    ranges: RangeSeries,
-    anchors: Anchors,
-    tag: TagInfo,
-    bias_m: Float,
-    epochs: Epochs,
-    fixes: Fixes,
-    settings: LocateSettings,
-    height_std_m: float,
-    velocity: VelocitySeries | None = None,
-) -> tuple[RangeRows, TrackedRanges]:
+def _rows(ranges: RangeSeries, anchors: Anchors, tag: TagInfo) -> _Rows:
     mine = ranges.tag == tag.id
-    t_ns, anchor, range_m = ranges.t_ns[mine], ranges.anchor[mine], ranges.range_m[mine]
+    anchor = ranges.anchor[mine]
     order = np.argsort(anchors.ids)
-    column = order[np.searchsorted(anchors.ids, anchor, sorter=order)]
-    start = fixes.solved & ~fixes.outlier
-    tracked = track_ranges(
-        t_ns,
-        column,
-        range_m - bias_m[column],
-        anchors.position_m,
-        tag.height_m,
-        epochs.last_ns[start],
-        fixes.position_m[start],
-        range_std_m=settings.range_std_m,
-        acceleration_std_mps2=settings.acceleration_std_mps2,
-        smooth=settings.smooth,
-        tag_height_std_m=height_std_m,
-        velocity=velocity,
+    return _Rows(
+        ranges.t_ns[mine], anchor, order[np.searchsorted(anchors.ids, anchor, sorter=order)], ranges.range_m[mine]
     )
-    return RangeRows(t_ns, anchor, range_m, tracked.predicted_m + bias_m[column], tracked.weight), tracked
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is known of a tag before it is tracked: its ranges, and the biases (A,) to subtract from them."""
+
+    rows: _Rows
+    anchors: Anchors
+    tag: TagInfo
+    settings: LocateSettings
+    height_std_m: float
+    bias_m: Float
+    calibration: Calibration | None
+
+    @property
+    def shared_m(self) -> float:
+        """The bias that all links share, where a smoother estimates it with the track."""
+        return self.calibration.shared_m if self.calibration is not None and self.settings.smooth else 0.0
+
+    def calibrated(self, epochs: Epochs, flat: Fixes) -> _Known:
+        """With what the whole log shows of the ranges beyond the known biases; starts from fixes at a given height."""
+        rows, start, settings = self.rows, flat.solved & ~flat.outlier, self.settings
+        calibration = calibrate_links(
+            rows.t_ns,
+            rows.column,
+            rows.range_m - self.bias_m[rows.column],
+            self.anchors.position_m,
+            self.tag.height_m,
+            epochs.last_ns[start],
+            flat.position_m[start],
+            range_std_m=settings.range_std_m,
+            acceleration_std_mps2=settings.acceleration_std_mps2,
+            tag_height_std_m=self.height_std_m,
+            apply=settings.calibrate,
+        )
+        return replace(self, bias_m=self.bias_m + calibration.bias.applied_m, calibration=calibration)
+
+    def track(self, epochs: Epochs, fixes: Fixes, velocity: VelocitySeries | None = None) -> TrackedRanges:
+        """The tag's track, its predictions with the biases in them."""
+        rows, start, settings = self.rows, fixes.solved & ~fixes.outlier, self.settings
+        known = self.calibration
+        bias_m, usual_m = self.bias_m + self.shared_m, None
+        if known is not None and settings.smooth:
+            usual_m = known.usual_m - self.shared_m
+        tracked = track_ranges(
+            rows.t_ns,
+            rows.column,
+            rows.range_m - bias_m[rows.column],
+            self.anchors.position_m,
+            self.tag.height_m,
+            epochs.last_ns[start],
+            fixes.position_m[start],
+            range_std_m=settings.range_std_m,
+            acceleration_std_mps2=settings.acceleration_std_mps2,
+            smooth=settings.smooth,
+            tag_height_std_m=self.height_std_m,
+            velocity=velocity,
+            usual_m=usual_m,
+            spread=None if known is None else known.spread,
+        )
+        return replace(tracked, predicted_m=tracked.predicted_m + bias_m[rows.column])
 
 
 def _result(
-    tag: TagInfo,
+    known: _Known,
     epoch_s: float,
-    height_solved: bool,
     epochs: Epochs,
     fixes: Fixes,
-    rows: RangeRows,
     tracked: TrackedRanges,
-    bias: AnchorBias | None,
-    bias_m: Float,
     velocity: MeasuredVelocity | None,
 ) -> TagResult:
+    rows, height_solved = known.rows, known.height_std_m > 0
     fewest = 4 if height_solved else 3
+    bias = known.calibration.bias if known.calibration is not None and known.settings.calibrate else None
     return TagResult(
-        tag=tag.id,
-        height_m=tag.height_m,
+        tag=known.tag.id,
+        height_m=known.tag.height_m,
         epoch_s=epoch_s,
         height_solved=height_solved,
         fix_t_ns=epochs.t_ns,
         fixes=fixes,
-        ranges=rows,
+        ranges=RangeRows(rows.t_ns, rows.anchor, rows.range_m, tracked.predicted_m, tracked.weight),
         track=tracked.track,
         bias=bias,
-        bias_m=bias_m,
+        bias_m=known.bias_m,
+        shared_m=known.shared_m,
         n_too_few=int((fixes.n_ranges < fewest).sum()),
         n_degenerate=int(fixes.degenerate.sum()),
-        n_untracked=int(np.isnan(rows.predicted_m).sum()),
+        n_untracked=int(np.isnan(tracked.predicted_m).sum()),
         restart_ns=tracked.restart_ns,
-        excess=tracked.excess,
+        n_ranges=tracked.n_ranges,
+        nis=tracked.nis,
         epochs=epochs,
         velocity=velocity,
     )

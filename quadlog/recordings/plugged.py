@@ -24,6 +24,7 @@ _ARRAYS: dict[type, dict[str, tuple[DTypeLike, tuple[int | str, ...]]]] = {
         "anchor": (np.int64, ("k",)),
         "range_m": (np.float64, ("k",)),
         "first_path_gap_db": (np.float64, ("k",)),
+        "anchor_position_m": (np.float64, ("k", 3)),
     },
     Pose: {"position_m": (np.float64, (3,)), "quat_xyzw": (np.float64, (4,))},
     Odometry: {
@@ -39,6 +40,7 @@ _MAY_BE_NONE = {
     (PointCloud, "ring"),
     (PointCloud, "offset_ns"),
     (UwbRanges, "first_path_gap_db"),
+    (UwbRanges, "anchor_position_m"),
     (Imu, "quat_xyzw"),
 }
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose, PoseSeries, RangeSeries, Transforms, UwbRanges
 from quadlog.recordings.clock import backward_steps, increasing_rows, repeated_rows
+from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.columns import Columns
 from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.formatting import stamps_go_back
@@ -25,6 +26,7 @@ class Streams:
 
     range_gap_db: (N,) receiver minus first-path power beside ranges, NaN where a message has none.
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
+    anchor_places: anchor id -> where the range messages say that it is.
     """
 
     ranges: RangeSeries | None
@@ -37,6 +39,7 @@ class Streams:
     target: PoseSeries | None
     tf: TransformTree
     warnings: list[str]
+    anchor_places: dict[int, AnchorPlace]
 
 
 def gather(
@@ -148,6 +151,7 @@ class Gatherer:
         for role, topic in self._pose_topics.items():
             self._columns_of_topic.setdefault(topic or "", []).append(self._poses[role])
         self._imu = _Columns(7)
+        self._places = AnchorPlaces()
         self._warnings: list[str] = []
 
     def take_static(self, recording: Recording) -> None:
@@ -200,6 +204,7 @@ class Gatherer:
         self._ranges.extend(order[row], t_ns[row], np.column_stack(measured))
 
     def _take_ranges(self, order: int, t_ns: int, topic: str, message: UwbRanges) -> None:
+        self._places.take(message)
         if message.tag is None:
             self._nameless[topic] = self._nameless.get(topic, 0) + len(message.range_m)
             return
@@ -230,6 +235,7 @@ class Gatherer:
             target=target,
             tf=self.tree,
             warnings=self._warnings,
+            anchor_places=self._places.found(),
         )
 
     def _range_series(self) -> tuple[RangeSeries | None, Float | None]:

@@ -17,6 +17,7 @@ from quadlog.errors import DecodeError
 from quadlog.messages import Int, Message, Transforms, UwbRanges
 from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged
 from quadlog.recordings.containers.container import Channel, Container, RawMessage
+from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.recording import Recording
@@ -222,7 +223,8 @@ class RangeLink:
 class Survey:
     """Every topic by name, and every pair of UWB radios that ranged, with first and last log time.
 
-    messages_read: how many were decoded; clocks and links are known from these alone.
+    messages_read: how many were decoded; clocks, links and places are known from these alone. anchor_places: anchor
+    id -> where the range messages say that it is.
     """
 
     topics: tuple[TopicSurvey, ...]
@@ -231,6 +233,7 @@ class Survey:
     messages_read: int
     start_ns: int | None
     end_ns: int | None
+    anchor_places: dict[int, AnchorPlace]
 
 
 def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, watch: Watch | None = None) -> Survey:
@@ -242,6 +245,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
     """
     seen = {id(channel): _Seen(channel) for channel in recording.channels}
     links: dict[str, dict[tuple[int, int], _Reach]] = {}
+    places = AnchorPlaces()
     passing = recording.everything()
     for raw, decoded in passing if watch is None else watch(passing):
         channel = seen.get(id(raw.channel))
@@ -251,6 +255,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
         for message in decoded:
             if isinstance(message, UwbRanges):
                 _take_ranges(links.setdefault(raw.channel.topic, {}), message)
+                places.take(message)
     read = {each.channel: each.pulse() for each in seen.values()}
     whole = read if pulses is None else pulses
     topics = sorted(
@@ -264,6 +269,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
         sum(each.messages for each in read.values()),
         min((each.first_ns for each in topics if each.first_ns is not None), default=None),
         max((each.last_ns for each in topics if each.last_ns is not None), default=None),
+        places.found(),
     )
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.control.following.lookahead import LookaheadControl
-from quadlog.control.following.pure_pursuit import FollowState, PathFollower
+from quadlog.control.following.path import FreeSpace
+from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 
@@ -87,55 +88,63 @@ def _pieces(x_m: float, y_m: float, heading_rad: float, pieces: list[tuple[float
 
 TICK_COLUMNS = (
     *("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad", "vx_mps", "vy_mps", "yaw_rate_radps"),
-    *("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad"),
+    *("ref_x_m", "ref_y_m", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m"),
     *("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps"),
     *(f"tau_{joint:02d}_nm" for joint in range(12)),
     *(f"fz_{leg}_n" for leg in range(4)),
     "fallen",
 )
 """Columns of control.parquet without the times, in this order."""
-POSE, VELOCITY, REFERENCE, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
-    TICK_COLUMNS.index(name) for name in ("x_m", "vx_mps", "ref_x_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen")
+POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
+    TICK_COLUMNS.index(name)
+    for name in ("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen")
 )
 
 
 class FollowedPath:
-    """Progress along a path (K, 2) by the robot's true pose and by its measured one."""
+    """Progress along a path (K, 2) by the robot's true pose and by its measured one.
 
-    def __init__(self, path_m: Float, speed_mps: float, max_yaw_rate_radps: float) -> None:
-        self.speed_mps, self.max_yaw_rate_radps = speed_mps, max_yaw_rate_radps
-        self.truth, self.known = PathFollower(path_m), PathFollower(path_m)
-
-
-def follow_tick(
-    row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, age_s: float, dt_s: float
-) -> FollowState | None:
-    """Writes a row (len(TICK_COLUMNS),) of NaN, the command for the next dt_s in it; returns where the robot truly is.
-
-    path: age_s old, None to stand still. The robot is steered by its measured pose; the written errors are true ones.
+    space: where the robot may leave the path to cut across; None for anywhere.
     """
-    x_m, y_m, yaw_rad = robot.pose.tolist()
+
+    def __init__(
+        self, path_m: Float, speed_mps: float, max_yaw_rate_radps: float, space: FreeSpace | None = None
+    ) -> None:
+        self.speed_mps, self.max_yaw_rate_radps = speed_mps, max_yaw_rate_radps
+        self.truth, self.known = PathFollower(path_m), PathFollower(path_m, space=space)
+
+
+def steer(
+    row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, dt_s: float
+) -> Command | None:
+    """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command for the next dt_s; returns that.
+
+    path: None to stand still. The robot is steered by its measured pose; what is written of it is true.
+    """
     row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
     row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
     known_x_m, known_y_m, known_yaw_rad = robot.disturbances.measured(robot.t_s, robot.pose).tolist()
-    place = None
+    command = None
     if path is not None:
-        place = path.truth.step(x_m, y_m, yaw_rad)
         known = path.known.step(known_x_m, known_y_m, known_yaw_rad)
         ahead = lookahead.step(known.near.distance_m, dt_s, robot.velocity[0])
         command = path.known.pursue(
             known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, path.speed_mps, path.max_yaw_rate_radps
         )
-        away_m = math.dist(path.truth.reference_at(age_s * path.speed_mps), (x_m, y_m))
-        near = place.near
-        row[REFERENCE:LOOKAHEAD] = near.x_m, near.y_m, place.error_m, near.distance_m, away_m, place.heading_error_rad
         row[LOOKAHEAD:COMMAND] = ahead
         row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
     has_body = not math.isnan(robot.mass_kg)
     # A robot without a body has the commanded speed at once.
     row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
     row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
-    return place
+    return command
+
+
+def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:
+    """Writes into a row where the robot is beside its reference path, and how far from where that is at the instant."""
+    near = place.near
+    errors = place.error_m, near.distance_m, time_error_m, place.heading_error_rad
+    row[REFERENCE:PLAN_ERROR] = near.x_m, near.y_m, *errors
 
 
 NS = 1_000_000_000
@@ -181,14 +190,17 @@ def walk_course(
     while True:
         times_ns.append(round(robot.t_s * NS))
         row = np.full(len(TICK_COLUMNS), np.nan)
-        place = follow_tick(row, robot, path, lookahead, robot.t_s, every * robot.tick_s)
+        steer(row, robot, path, lookahead, every * robot.tick_s)
+        x_m, y_m, yaw_rad = robot.pose.tolist()
+        place = path.truth.step(x_m, y_m, yaw_rad)
+        timed_m = path.truth.reference_at(robot.t_s * path.speed_mps)
+        write_errors(row, place, math.dist(timed_m, (x_m, y_m)))
         rows.append(row)
         if watch is not None:
             watch()
-        arrived = place is not None and place.finished
-        if arrived and not robot.fallen:
+        if place.finished and not robot.fallen:
             completed_ns = times_ns[-1]
-        if arrived or robot.fallen or robot.t_s >= most_s:
+        if place.finished or robot.fallen or robot.t_s >= most_s:
             break
         robot.walk(every, row[COMMAND], row[COMMAND + 1])
     columns: dict[str, NDArray[Any]] = {"t_ns": np.array(times_ns, dtype=np.int64)}

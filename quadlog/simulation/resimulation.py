@@ -4,6 +4,12 @@ At every recorded map a plan starts where the simulated robot is; between maps
 it follows that plan by pure pursuit, with or without a body. Where there is no
 new plan, because the robot left the recorded window or is walled in, it holds
 its last one; a robot that has fallen lies.
+
+Its errors are those beside a plan that is held for as long as it takes to walk
+it, whatever is planned meanwhile; the next one is the first plan after that.
+The plan that is followed is no reference: each starts at the robot, so that the
+distance to it says no more than how old it is, a tenth of a second. Nor is the
+logged path: which way that robot took says nothing of how this one walks its own.
 """
 
 from __future__ import annotations
@@ -11,20 +17,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from quadlog.control.following.lookahead import LookaheadControl
+from quadlog.control.following.path import FreeSpace
+from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.errors import TooLarge
-from quadlog.geometry import seconds_since
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
+from quadlog.planning.query import passable
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.course_walk import COMMAND, TICK_COLUMNS, FollowedPath, follow_tick
-from quadlog.simulation.worlds.world import body_clearance, occupied_centres
+from quadlog.simulation.contacts import Body, Contact, ContactLog, PlanInUse, TouchableCells, cause_of, nearest_cell
+from quadlog.simulation.course_walk import (
+    COMMAND,
+    PLAN_ERROR,
+    TICK_COLUMNS,
+    FollowedPath,
+    steer,
+    write_errors,
+)
+from quadlog.simulation.worlds.world import body_clearance, body_gaps
 
 if TYPE_CHECKING:
     from quadlog.simulation.course_walk import CourseRobot
@@ -52,13 +69,36 @@ class MapInstant:
 
 @dataclass(frozen=True, slots=True)
 class PursuitSettings:
-    """How a robot follows its plans, and how large it is."""
+    """How a robot follows its plans, and how large it is.
+
+    clear_chord: the look-ahead ends where the straight line to it leaves the space that the plan could use.
+    """
 
     speed_mps: float = 0.6
     max_yaw_rate_radps: float = 1.5
     rate_hz: float = 50.0
     body_length_m: float = 0.62
     body_width_m: float = 0.26
+    clear_chord: bool = True
+
+
+class HeldPlan(NamedTuple):
+    """A plan taken as the reference from since_ns on, until before until_ns: walking it at speed_mps takes so long."""
+
+    path: PathFollower
+    since_ns: int
+    until_ns: int
+    speed_mps: float
+
+    def place_at(self, t_ns: int) -> tuple[float, float]:
+        """(x_m, y_m) where a robot without delay would be; its end from until_ns on."""
+        return self.path.reference_at((t_ns - self.since_ns) / NS * self.speed_mps)
+
+
+def hold(path_m: Float, since_ns: int, speed_mps: float) -> HeldPlan:
+    """The plan (K, 2) in map, held from an instant on."""
+    path = PathFollower(path_m)
+    return HeldPlan(path, since_ns, since_ns + round(path.length_m / speed_mps * NS), speed_mps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +108,7 @@ class Resimulation:
     control: the columns of control.parquet, (T,) each. What a robot without a body does not have is NaN; so are
     k_v and k_w where the look-ahead is fixed, and the errors and the reference before there is a plan.
     clearance_m: (T,) see body_clearance; NaN outside the recorded window. target_distance_m: (T,).
+    contacts: in the order in which they began.
     plans, paths: of the simulated robot, one record for each map that it was inside of.
     outside_ticks: ticks outside the window recorded last; outside_replans: maps that could not be planned on.
     """
@@ -75,6 +116,7 @@ class Resimulation:
     control: dict[str, Float | Int | Bool]
     clearance_m: Float
     target_distance_m: Float
+    contacts: list[Contact]
     plans: list[PlanRecord]
     paths: list[PlannedPath]
     outside_ticks: int
@@ -87,6 +129,10 @@ class _State:
 
     robot: CourseRobot
     lookahead: LookaheadControl
+    cells: TouchableCells
+    contacts: ContactLog = field(default_factory=ContactLog)
+    held: HeldPlan | None = None
+    command: Command | None = None
     plan: FollowedPath | None = None
     planned_at_ns: int = 0
     plans: list[PlanRecord] = field(default_factory=list)
@@ -110,7 +156,8 @@ def resimulate(
     replanner: plans between the maps; see ReplanSettings for stopping short.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
-    walk = _State(robot, lookahead)
+    body = Body(settings.body_length_m, settings.body_width_m)
+    walk = _State(robot, lookahead, TouchableCells(body))
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
     first_ns, tick = None, 0
@@ -124,7 +171,7 @@ def resimulate(
         t_ns = first_ns + np.rint(np.arange(tick, until) * (NS / settings.rate_hz)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
-        rows.append(_follow(walk, instant, t_ns, settings))
+        rows.append(_follow(walk, instant, next_ns, t_ns, settings))
     return _gathered(walk, np.concatenate(ticks_ns), np.concatenate(rows), target_xy_at)
 
 
@@ -153,28 +200,72 @@ def _replan(
     walk.plans.append(replan.record)
     if replan.path is not None:
         walk.paths.append(replan.path)
-        walk.plan = FollowedPath(replan.path.smooth_xy_m, settings.speed_mps, settings.max_yaw_rate_radps)
+        space = None
+        if settings.clear_chord and replan.query is not None:
+            blocked = passable(replan.query, instant.occupied, replanner.settings.dilation)
+            origin_x_m, origin_y_m = instant.window.origin_m.tolist()
+            space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
+        walk.plan = FollowedPath(replan.path.smooth_xy_m, settings.speed_mps, settings.max_yaw_rate_radps, space)
         walk.planned_at_ns = instant.t_ns
+        if walk.held is None or instant.t_ns >= walk.held.until_ns:
+            walk.held = hold(replan.path.smooth_xy_m, instant.t_ns, settings.speed_mps)
         walk.lookahead.reset()
 
 
-def _follow(walk: _State, instant: MapInstant, t_ns: Int, settings: PursuitSettings) -> Float:
+def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings: PursuitSettings) -> Float:
     """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS) + 1)."""
     robot, rows = walk.robot, np.full((len(t_ns), len(TICK_COLUMNS) + 1), np.nan)
-    solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
-    centres_m, cell_m = occupied_centres(solid, instant.window), instant.window.cell_m
-    since_plan_s = seconds_since(t_ns, walk.planned_at_ns)
+    body, centres_m = _touchable(walk, instant, next_ns, settings)
     every = max(round(1 / (settings.rate_hz * robot.tick_s)), 1)
-    for row, age_s in zip(rows, since_plan_s.tolist(), strict=True):
+    for row, now_ns in zip(rows, t_ns.tolist(), strict=True):
         x_m, y_m, yaw_rad = robot.pose.tolist()
         if instant.window.contains(instant.window.cell_of(np.array([x_m, y_m]))):
-            body = settings.body_length_m, settings.body_width_m
-            row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *body, centres_m, cell_m)
+            around = body.length_m, body.width_m, centres_m, instant.window.cell_m
+            row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *around)
         else:
             walk.outside_ticks += 1
-        follow_tick(row, robot, walk.plan, walk.lookahead, age_s, every * robot.tick_s)
+        on_plan = None if walk.plan is None else walk.plan.truth.step(x_m, y_m, yaw_rad)
+        walk.contacts.tick(now_ns, row[CLEARANCE], partial(_where_and_why, walk, instant, body, centres_m, on_plan))
+        walk.command = steer(row, robot, walk.plan, walk.lookahead, every * robot.tick_s)
+        if on_plan is not None:
+            row[PLAN_ERROR] = on_plan.error_m
+        _write_reference(row, walk, now_ns)
         robot.walk(every, row[COMMAND], row[COMMAND + 1])
     return rows
+
+
+def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: PursuitSettings) -> tuple[Body, Float]:
+    """The body, and the centres (N, 2) of the cells that it can touch on a map; those inside of it are listed."""
+    body, pose = Body(settings.body_length_m, settings.body_width_m), walk.robot.pose
+    solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
+    centres_m, appeared_m = walk.cells.renew(instant.window, solid, pose)
+    if len(appeared_m):
+        cell_m = instant.window.cell_m
+        nearest_m = nearest_cell(pose, body, appeared_m, cell_m)
+        clearance_m = body_gaps(pose, body.length_m, body.width_m, nearest_m[None], cell_m)
+        walk.contacts.appeared(instant.t_ns, next_ns, nearest_m, float(clearance_m[0]))
+    return body, centres_m
+
+
+def _where_and_why(
+    walk: _State, instant: MapInstant, body: Body, centres_m: Float, on_plan: FollowState | None
+) -> tuple[Float, str]:
+    cell_m = nearest_cell(walk.robot.pose, body, centres_m, instant.window.cell_m)
+    col, row = instant.window.cell_of(cell_m)
+    plan = None
+    if walk.plan is not None and on_plan is not None:
+        here_m = walk.robot.pose[:2]
+        aim_m = here_m if walk.command is None else np.array(walk.command[2:])
+        is_newest, chord_m = walk.planned_at_ns == instant.t_ns, np.stack([here_m, aim_m])
+        plan = PlanInUse(walk.plan.truth.path, is_newest, on_plan.remaining_m, chord_m)
+    return cell_m, cause_of(cell_m, bool(instant.occupied[row, col]), walk.robot.fallen, plan, body.width_m)
+
+
+def _write_reference(row: Float, walk: _State, t_ns: int) -> None:
+    if walk.held is not None:
+        x_m, y_m, yaw_rad = walk.robot.pose.tolist()
+        place = walk.held.path.step(x_m, y_m, yaw_rad)
+        write_errors(row, place, math.dist(walk.held.place_at(t_ns), (x_m, y_m)))
 
 
 def _gathered(walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float]) -> Resimulation:
@@ -182,6 +273,9 @@ def _gathered(walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int]
     control: dict[str, Float | Int | Bool] = {"t_ns": t_ns, **ticks, "fallen": ticks["fallen"] > 0}
     target_m = target_xy_at(t_ns)
     target_distance_m = np.hypot(target_m[:, 0] - ticks["x_m"], target_m[:, 1] - ticks["y_m"])
+    if len(t_ns):
+        walk.contacts.end(int(t_ns[-1]))
     return Resimulation(
-        control, clearance_m, target_distance_m, walk.plans, walk.paths, walk.outside_ticks, walk.outside_replans
-    )
+        control, clearance_m, target_distance_m, walk.contacts.contacts, walk.plans, walk.paths, walk.outside_ticks,
+        walk.outside_replans,
+    )  # fmt: skip

@@ -154,8 +154,8 @@ LINK |= {"nlos_share": 0.0749, "weak_first_path_share": None}
 REACH: dict[str, Any] = {"topic": "/uwb", "tag": 2, "anchor": 3, "n": 10, "range_min_m": 1.0, "range_max_m": 7.256}
 TAG: dict[str, Any] = {"tag": 2, "role": "robot", "epochs": 600, "fixes": 590, "too_few_ranges": 8, "degenerate": 2}
 TAG |= {"hdop_median": 1.034, "ellipse_major_median_m": 0.199, "ellipse_minor_median_m": 0.156, "reference": "/truth"}
-TAG |= {"fix_error": {"rmse_m": 0.342, "bias_x_m": 0.003, "bias_y_m": -0.153, "share_in_ellipse": 0.599}}
-TAG |= {"track_error": None}
+TAG |= {"fix_error": {"rmse_m": 0.342, "bias_x_m": 0.003, "bias_y_m": -0.153, "share_in_ellipse": 0.599, "nees": 9.34}}
+TAG |= {"track_error": None, "nis": 0.514, "calibration": "why they are applied"}
 
 
 def test_a_rejected_bias_says_why_and_an_applied_one_that_it_is() -> None:
@@ -179,10 +179,16 @@ def test_a_tag_says_what_it_claims_and_what_the_reference_says() -> None:
     claims = "median HDOP 1.03, median 95 % semi-axes 0.199 x 0.156 m"
     assert list(tag_lines(TAG)) == [
         f"tag 2 (robot): 590 fixes in 600 epochs (8 with too few ranges, 2 degenerate); {claims}",
-        "  fixes against /truth: RMSE 0.342 m, bias (+0.003, -0.153) m, 59.9 % in their 95 % ellipses",
+        "  normalised innovation squared 0.51 per range (1 where uwb.range_std_m is right)",
+        "  biases: why they are applied",
+        "  fixes against /truth: RMSE 0.342 m, bias (+0.003, -0.153) m, 59.9 % in their 95 % ellipses, NEES 9.3",
     ]
     nothing = {"role": None, "fixes": 0, "too_few_ranges": 600, "degenerate": 0, "hdop_median": None, "fix_error": None}
-    assert list(tag_lines(TAG | nothing)) == ["tag 2: 0 fixes in 600 epochs (600 with too few ranges)"]
+    nothing |= {"nis": None, "calibration": "why they are not"}
+    assert list(tag_lines(TAG | nothing)) == [
+        "tag 2: 0 fixes in 600 epochs (600 with too few ranges)",
+        "  biases: why they are not",
+    ]
 
 
 def test_the_map_has_north_up_and_its_axes_at_the_cells_middles() -> None:
@@ -200,7 +206,8 @@ def test_the_map_has_north_up_and_its_axes_at_the_cells_middles() -> None:
 
 def test_info_prints_all_of_it(ok: Callable[..., str]) -> None:
     out = ok("info", FIXTURES / "follow.mcap", "-c", FIXTURES / "follow.toml")
-    assert out.count("not applied: ") == 8
+    assert out.count("  applied") == 8
+    assert out.count("30% is needed") == 2
     claims = ("tag 0 (robot): 598 fixes in 600 epochs", "track against /truth/robot/pose: RMSE")
     for words in (*claims, "HDOP", " y m", " x m"):
         assert words in out, words

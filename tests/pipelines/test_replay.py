@@ -27,9 +27,10 @@ CONTRACT_FILES = {
     *("run.json", "config.toml", "metrics.json", "report.html", "derived.mcap", "foxglove-layout.json"),
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
     *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
+    "contacts.parquet",
     *("resim_paths.parquet", "stages.json"),
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
-    *("links.parquet", "dilution.npz", "uwb_errors.parquet", "pose_uncertainty.parquet"),
+    *("links.parquet", "dilution.npz", "uwb_errors.parquet", "innovations.parquet", "pose_uncertainty.parquet"),
 }
 SHORT_S = 3.0
 pytestmark = pytest.mark.usefixtures("without_pictures")  # but the shared runs have them

@@ -13,6 +13,7 @@ from quadlog.pipelines.tables.following.uwb_estimators import (
     EstimatorScore,
     coverage_group,
     efficiency_group,
+    prior_group,
     score_all,
     tracking_group,
 )
@@ -174,6 +175,7 @@ def make_table(fast: bool, seed: int) -> PaperTable:
             efficiency_group(scores, nlos=True),
             coverage_group(scores),
             tracking_group(n_runs, seed),
+            prior_group(n_runs, seed),
             height_group(),
         ),
         pictures=_pictures(standing, scores),

@@ -17,7 +17,7 @@ from quadlog.control.locomotion.leg_dynamics import (
 from quadlog.control.locomotion.robot import GRAVITY_MPS2
 from quadlog.messages import Float
 from quadlog.pipelines.tables.foot import torque_model as figures
-from quadlog.pipelines.tables.intervals import compare
+from quadlog.pipelines.tables.intervals import claim, compare
 from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
 from quadlog.results.plots import style
@@ -74,7 +74,6 @@ def _along_stance(panel: Axes, stride_m: float) -> None:
 
 
 PEAKS_MM = (5, 10, 20)
-CLAIMED_SIGN = "Claimed in words."
 PAIRS = {"left fore and right hind": LEFT_FORE_RIGHT_HIND, "right fore and left hind": RIGHT_FORE_LEFT_HIND}
 
 
@@ -90,7 +89,7 @@ def torque_group() -> RowGroup:
             note="Constant.",
             why_not="By eqs 5 and 6 it is -P_y f_z = L1 m g: the foot stands L1 beside the abduction axis.",
         ),
-        *_signs("hip's torque, tau 2", leg[:, 1], -1.0),
+        *_signs("hip's torque, tau 2", leg[:, 1], False),
         PaperRow("tau 2, hip, at touch-down (N m)", float(leg[0, 1]), note="Printed as a curve only."),
         PaperRow("tau 2, hip, at lift-off (N m)", float(leg[-1, 1]), note="Printed as a curve only."),
         PaperRow("tau 3, knee, at touch-down (N m)", float(leg[0, 2])),
@@ -121,22 +120,21 @@ def reaction_group() -> RowGroup:
     first_half = slice(0, figures.SWING_POINTS // 2 + 1)
     both = round(couples + forces, 9)
     rows = (
-        *_signs("support hip's reaction", hip, 1.0),
+        *_signs("support hip's reaction", hip, True),
         PaperRow("touch-down, about the diagonal: hips' couples (N m)", couples, note="Backwards positive."),
         PaperRow("touch-down, about the diagonal: hips' forces (N m)", forces, note="Backwards positive."),
-        compare(
+        claim(
             "touch-down, about the diagonal: sign of both (1)",
-            1.0,
-            1.0,
+            0.0,
             float(np.sign(both)),
             note="Claimed: the hips' reaction tips the body backwards.",
             why_not="The ground pushes at the feet, on the diagonal itself, and has no lever about it.",
         ),
-        compare(
+        claim(
             "swing hip's reaction, first half: sign (1)",
-            -1.0,
-            1.0,
+            0.0,
             float(np.sign(weighty[first_half].mean())),
+            above=False,
             note="Claimed: against the support hip's.",
             why_not="The part that speeds the leg up is; its weight, behind the hip, does more the other way.",
         ),
@@ -169,13 +167,15 @@ def gravity_group() -> RowGroup:
         PaperRow("D, from support foot to support foot (m)", diagonal_m(length, width)),
         PaperRow("M g d, M = 4 m (N m)", off.moment_nm),
         PaperRow("about the diagonal, size (N m)", float(np.linalg.norm(about)), note="M g d (L_y + 2 L1) / D."),
-        compare("about x, size (N m)", off.moment_nm, 1e-3, abs(float(about[0])), why_not=why_x),
-        compare("about y, size (N m)", printed_y, 1e-3, abs(float(about[1])), why_not=why_y),
+        PaperRow("about x, eq. 8 as printed (N m)", off.moment_nm, note=f"Erratum: {why_x}"),
+        PaperRow("about x, size (N m)", abs(float(about[0]))),
+        PaperRow("about y, eq. 8 as printed (N m)", printed_y, note=f"Erratum: {why_y}"),
+        PaperRow("about y, size (N m)", abs(float(about[1]))),
         *(PaperRow(f"{called}: about x (N m)", float(moment[0])) for called, moment in moments.items()),
         *(PaperRow(f"{called}: about y (N m)", float(moment[1])) for called, moment in moments.items()),
     )
     text = (
-        "Paper: eq. 8 as printed, with the same numbers. Those are section 4's robot of 10 kg with legs of 0.4 kg, "
+        "The paper prints eq. 8 and no number. The numbers are section 4's robot of 10 kg with legs of 0.4 kg, "
         "standing; hips (L_x 0.36, L_y 0.12 m) and how a leg's mass is spread are ours, for the paper prints neither. "
         "Positive about y is onto the nose. The part about x changes its sign with the pair of support feet; the "
         "paper says so of the part about y."
@@ -186,10 +186,9 @@ def gravity_group() -> RowGroup:
 def stance_gravity_group() -> RowGroup:
     """What eq. 7 leaves out: the body moves over its feet."""
     rows = (
-        compare(
+        claim(
             "way of a stance with the centre of mass behind the diagonal (1)",
-            1.0,
-            0.01,
+            1.0 - 1e-9,
             figures.behind_share(),
             note="Claimed: always at a distance, to the back.",
             why_not="The body moves 40 mm over its feet, past the diagonal; eq. 7 takes it as standing in the middle.",
@@ -222,15 +221,15 @@ def curve_group() -> RowGroup:
     rows = (
         PaperRow("J1, a leg about its abduction axis (kg m^2)", figures.swing_inertia_kgm2()),
         *(PaperRow(f"k for a peak of {peak} mm (1/m)", value) for peak, value in scale.items()),
-        compare(
-            "k for 10 mm: y at T / 4 (mm)", printed[0], 1.0, 1e3 * figures.curve_peak_m(scale[10]), why_not=why_not
-        ),
-        compare("k for 10 mm: y at T / 2 (mm)", printed[1], 1.0, 0.0, why_not=why_not),
+        PaperRow("k for 10 mm: y at T / 4, eq. 12 as printed (mm)", printed[0], note=f"Erratum: {why_not}"),
+        PaperRow("k for 10 mm: y at T / 4 (mm)", 1e3 * figures.curve_peak_m(scale[10])),
+        PaperRow("k for 10 mm: y at T / 2, eq. 12 as printed (mm)", printed[1], note=f"Erratum: {why_not}"),
+        PaperRow("k for 10 mm: y at T / 2 (mm)", 0.0),
     )
     text = (
         "y(t) = M t (t - T / 2) / (4 k J1) on [0, T / 2), with M the part about x, which abduction can take up; its "
-        "peak is A = M T^2 / (64 k J1) at T / 4. T is 1 s, M positive. The paper prints no k. Paper: eq. 12 as "
-        "printed, with the k of 10 mm."
+        "peak is A = M T^2 / (64 k J1) at T / 4. T is 1 s, M positive. The paper prints no k, and so no "
+        "number: eq. 12 as printed has the k of 10 mm."
     )
     return RowGroup("Eqs 11 and 12: how large the curve is", text, rows)
 
@@ -240,12 +239,17 @@ def _tipping(instant: int) -> float:
     return float(np.linalg.norm(moment) * -np.sign(moment[1]))
 
 
-def _signs(called: str, over_stance: Float, first: float) -> tuple[PaperRow, PaperRow]:
+def _signs(called: str, over_stance: Float, is_positive: bool) -> tuple[PaperRow, PaperRow]:
     """What is said of a torque's signs: this one at touch-down, the other at lift-off."""
     return (
-        compare(f"{called}: sign at touch-down (1)", first, 1.0, float(np.sign(over_stance[0])), note=CLAIMED_SIGN),
-        compare(f"{called}: sign at lift-off (1)", -first, 1.0, float(np.sign(over_stance[-1])), note=CLAIMED_SIGN),
+        _sign(f"{called}: sign at touch-down (1)", over_stance[0], is_positive),
+        _sign(f"{called}: sign at lift-off (1)", over_stance[-1], not is_positive),
     )
+
+
+def _sign(quantity: str, torque_nm: float, is_positive: bool) -> PaperRow:
+    note = f"Claimed: {'positive' if is_positive else 'negative'}."
+    return claim(quantity, 0.0, float(np.sign(torque_nm)), note=note, above=is_positive)
 
 
 def _extremes(called: str, over_stance: Float) -> tuple[PaperRow, PaperRow]:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float
-from quadlog.metrics.intervals import RESAMPLES, Interval
+from quadlog.metrics.intervals import FEWEST_VALUES, RESAMPLES
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
 from quadlog.pipelines.comparison.problems import Episode, ProblemSource
 from quadlog.pipelines.comparison.run_planners import ask_everything
 from quadlog.pipelines.comparison.sources import questions_along
 from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.tables.intervals import bootstrap_statistic
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.rules import Rules
+from quadlog.results.papers.table import PaperRow, Verdict
 from quadlog.results.plots.planner_comparison import Median, draw_cells, draw_ratios
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
@@ -38,7 +40,7 @@ DENSITIES_PER_M2 = (0.1, 0.2)
 class Preset:
     """As `quadlog compare-planners --preset` has it: rules, baseline, whose plans are walked, what counts as a cell.
 
-    dilation: of `inflation.INFLATIONS`.
+    dilation: of `inflation.INFLATIONS`. ia_star: by which reading of its waypoint IA* plans.
     """
 
     name: str
@@ -47,11 +49,18 @@ class Preset:
     leader: str
     counted: str
     dilation: str
+    ia_star: str = "ia_star"
 
 
 PAPER = Preset("paper", Rules(heuristic="manhattan"), "astar_paper", "ia_star", "generated", "square")
+PAPER_END = replace(PAPER, name="paper, from the end", leader="ia_star_end", ia_star="ia_star_end")
 HONEST = Preset("honest", Rules(), "astar", "astar", "expanded", "euclidean")
-PRESETS = (PAPER, HONEST)
+PRESETS = (PAPER, PAPER_END, HONEST)
+READINGS = {
+    "ia_star": "the waypoint is the cell of least f of the whole old route",
+    "ia_star_end": "the waypoint is sought by walking back from the end of the old route while f falls",
+}
+"""Both are what [Planning, section 2.2] may mean by \"searched out from the end vertex\"."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +130,7 @@ def spend(
     source = ProblemSource(preset.name, preset.name, walks, len(worlds))
     columns = ask_everything(source, (preset.baseline, *names), preset.rules, Silent(), curvatures=False).columns
     episode, cells = columns["episode"], columns[preset.counted]
-    baseline, ia_star = (columns["planner"] == name for name in (preset.baseline, "ia_star"))
+    baseline, ia_star = (columns["planner"] == name for name in (preset.baseline, preset.ia_star))
     left_out = tuple(
         float(cells[baseline & (episode == lost)].sum() / max(cells[ia_star & (episode == lost)].sum(), 1))
         for lost in np.flatnonzero(~np.array(arrived)).tolist()
@@ -131,16 +140,37 @@ def spend(
     return Spent(columns, _compare(columns, preset.baseline, preset.counted, seed), len(worlds), left_out)
 
 
-def of_printed_runs(
-    values: Float, runs: int, statistic: Callable[..., Any], rng: np.random.Generator
-) -> tuple[float, Interval]:
-    """A statistic of as many runs as the paper prints: of the first, and where 95 % of such tables would have it.
+def extreme_row(
+    quantity: str, printed: Float, ours: Float, smallest: bool, contrary: float, rng: np.random.Generator
+) -> PaperRow:
+    """The smallest or largest of as many runs as the paper prints (R,): ours is its mean over tables of R of our runs.
 
-    values (E,): of independent episodes; statistic: numpy's, with an axis. Tables are drawn from all E.
+    ours (N,): of independent runs. The printed one is that of a single table: it fails where it lies outside of what
+    95 % of the tables drawn from our runs have. It reproduces where the interval of ours holds it and leaves out the
+    contrary, of FEWEST_VALUES runs or more.
     """
-    drawn = values[rng.integers(len(values), size=(RESAMPLES, runs))]
-    low, high = np.percentile(statistic(drawn, axis=1), [2.5, 97.5])
-    return float(statistic(values[:runs], axis=0)), (float(low), float(high))
+    extreme = np.min if smallest else np.max
+    tables = extreme(ours[rng.integers(len(ours), size=(RESAMPLES, len(printed)))], axis=1)
+    low, high = np.percentile(tables, [2.5, 97.5])
+    rank = np.arange(len(ours) + 1) / len(ours)
+    # The chance of each of our runs, in order, to be the extreme one of R that are drawn.
+    weights = np.diff(1 - (1 - rank) ** len(printed) if smallest else rank ** len(printed))
+
+    def mean_extreme(values: Float, axis: int) -> Float:
+        mean: Float = np.sort(values, axis=axis) @ weights
+        return mean
+
+    value, interval = bootstrap_statistic(ours, mean_extreme, rng)
+    paper = float(extreme(printed))
+    is_clear = not interval[0] <= contrary <= interval[1]
+    verdict = Verdict.YES if is_clear and interval[0] <= paper <= interval[1] else Verdict.UNDECIDED
+    if not low <= paper <= high:
+        verdict = Verdict.NO
+    if len(ours) < FEWEST_VALUES:
+        verdict = Verdict.UNDECIDED
+    spread = f"95 % of tables of {len(printed)} of our runs have {low:.2f} to {high:.2f}"
+    note = f"{spread}; the {'least' if smallest else 'largest'} of all {len(ours)} is {extreme(ours):.2f}."
+    return PaperRow(quantity, value, paper, *interval, verdict, note)
 
 
 def _compare(columns: Columns, baseline: str, counted: str, seed: int) -> Comparison:

@@ -168,7 +168,7 @@ def claim_group(measured: Measured) -> RowGroup:
         rough, smooth = (measured[condition, f"line, {band}"] for band in ("6 cm", "3 cm"))
         for called, figure in CLAIMED.items():
             quantity = f"{condition}, line: {called}, 6 cm / 3 cm (1)"
-            rows += ratio_row(quantity, figure, rough, smooth, 1.0, "Claimed: slightly more than 1.")
+            rows += ratio_row(quantity, figure, rough, smooth, note="Claimed: slightly more than 1.", is_claimed=True)
     text = (
         "The paper says that all these increase slightly on the rougher ground, and prints no number. That reproduces "
         "where our ratio, with its interval, lies above 1. The same seed draws the same ground, twice as high, and the "

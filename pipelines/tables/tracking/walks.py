@@ -14,15 +14,15 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FuzzySettings
 from quadlog.messages import Float
-from quadlog.metrics.intervals import FEWEST_VALUES, Interval, student_interval
+from quadlog.metrics.intervals import Interval, student_interval
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.run_folder import walk_metrics
 from quadlog.pipelines.simulation.walk import SimulatedWalk, walk_once, warm_up
-from quadlog.pipelines.tables.intervals import compare, share_interval
-from quadlog.results.papers.table import PaperRow
+from quadlog.pipelines.tables.intervals import NEGLIGIBLE, compare, judge_claim, not_comparable, share_interval
+from quadlog.results.papers.table import PaperRow, Verdict
 from quadlog.results.plots import style
 from quadlog.simulation.robot.disturbances import DISTURBED
 
@@ -57,7 +57,10 @@ class Steering:
 
 @dataclass(frozen=True, slots=True)
 class TrackingTask:
-    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture."""
+    """One walk; terrain: as [simulation] has it. drawn: its curves are kept for a picture.
+
+    turning_share, friction: of [mpc] and [simulation], None for the defaults.
+    """
 
     course: str
     terrain: str
@@ -65,6 +68,8 @@ class TrackingTask:
     disturbed: bool
     seed: int
     drawn: bool = False
+    turning_share: float | None = None
+    friction: float | None = None
 
     @property
     def config(self) -> Config:
@@ -74,9 +79,12 @@ class TrackingTask:
             fuzzy = asdict(steering.fuzzy)
             fuzzy |= {"lambda_v_s2_per_m": fuzzy.pop("lambda_v"), "lambda_w_s": fuzzy.pop("lambda_w")}
             assert fuzzy.pop("l0_m") == steering.lookahead_m
+        simulation = {} if self.friction is None else {"friction": self.friction}
         given: dict[str, Any] = {
+            "mpc": {} if self.turning_share is None else {"turning_share": self.turning_share},
             "pursuit": {"lookahead_m": steering.lookahead_m, "fuzzy": fuzzy},
-            "simulation": {
+            "simulation": simulation
+            | {
                 "controller": steering.controller,
                 "terrain": self.terrain,
                 "disturbances": asdict(DISTURBED) if self.disturbed else {},
@@ -213,10 +221,11 @@ def mean_row(
     printed_step: float = 1.0,
     note: str = "",
     why_not: str = "",
+    why_not_comparable: str = "",
 ) -> list[PaperRow]:
     """The mean of a figure over the walks that have it, judged where the paper prints it; no row when none has.
 
-    Of fewer than FEWEST_VALUES walks the interval is so wide that it would hold almost any number: it does not judge.
+    why_not_comparable: what the paper leaves open, where that keeps ours from confirming or refuting its number.
     """
     values = figure.of(walks)
     if len(values) == 0:
@@ -225,12 +234,13 @@ def mean_row(
         note = " ".join(filter(None, [note, f"Of {len(values)} of {len(walks)} walks."]))
     quantity = f"{where}: {figure.called} ({figure.unit})"
     mean, interval = mean_interval(values)
-    low, high = interval or (None, None)
-    if paper is not None:
-        judging = interval if len(values) >= FEWEST_VALUES else None
-        row = compare(quantity, paper, printed_step, mean, judging, note, why_not)
-        return [replace(row, low=low, high=high)]
-    return [PaperRow(quantity, mean, None, low, high, note=note)]
+    if paper is None:
+        low, high = interval or (None, None)
+        return [PaperRow(quantity, mean, None, low, high, note=note)]
+    if why_not_comparable:
+        why = " ".join(filter(None, [note, why_not_comparable]))
+        return [not_comparable(quantity, paper, mean, interval, why)]
+    return [compare(quantity, paper, printed_step, mean, interval, note, why_not)]
 
 
 def fall_row(where: str, walks: Sequence[Tracked]) -> PaperRow:
@@ -247,29 +257,32 @@ def ratio_row(
     wholes: Sequence[Tracked],
     paper: float | None = None,
     note: str = "",
+    *,
+    is_claimed: bool = False,
 ) -> list[PaperRow]:
     """A figure of one way of walking over another's, by seeds that have both.
 
-    With a printed ratio above 1 it is judged: it reproduces where ours, and its interval, lie above 1. That holds for
-    the order; how much is in the columns.
+    It is judged where it is_claimed in words to be above 1, or where the paper prints a ratio above 1: all of our
+    interval must lie above 1, and exceed it by NEGLIGIBLE of what the printed one does. That holds for the order; how
+    much is in the columns. A single pair has no interval and cannot tell.
     """
     pairs = np.array([[a.of(figure.key), b.of(figure.key)] for a, b in zip(parts, wholes, strict=False)])
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
     if len(pairs) == 0:
         return []
+    if len(pairs) < len(parts):
+        note = f"{note} Of {len(pairs)} seeds.".strip()
     ours, interval = ratio_interval(pairs[:, 0], pairs[:, 1])
     low, high = interval or (None, None)
-    reproduces = None
-    if paper is not None:
-        assert paper >= 1
-        reproduces = (ours if low is None else low) > 1
-        if (ours if high is None else high) < 1:
-            note = f"{note} Ours lies below 1."
-        elif not reproduces:
-            note = f"{note} Our interval holds 1 as well."
-    if len(pairs) < len(parts):
-        note = f"{note} Of {len(pairs)} seeds."
-    return [PaperRow(quantity, ours, paper, low, high, reproduces, note.strip())]
+    if paper is None and not is_claimed:
+        return [PaperRow(quantity, ours, None, low, high, note=note)]
+    assert paper is None or paper >= 1
+    least = 1.0 if paper is None else 1 + NEGLIGIBLE * (paper - 1)
+    verdict = Verdict.UNDECIDED if interval is None else judge_claim(least, ours, interval)
+    if verdict is Verdict.NO:
+        above = f"By less than a tenth of what is printed, {least:.4g}."
+        note = f"{note} {'Ours is not above 1.' if high is None or high <= 1 else above}".strip()
+    return [PaperRow(quantity, ours, paper, low, high, verdict, note)]
 
 
 TICKS_M = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)

@@ -1,4 +1,4 @@
-"""Where a robot is beside its path, and what lies ahead on it."""
+"""Where a robot is beside its path, what lies ahead on it, and how far ahead of it the straight way there is free."""
 
 from __future__ import annotations
 
@@ -9,6 +9,23 @@ import numpy as np
 
 from quadlog.compiled import kernel
 from quadlog.messages import Float
+from quadlog.planning.path import is_free
+from quadlog.planning.protocol import Bool
+
+LEAST_CHORD_M = 0.3
+"""However narrow it is, the look-ahead point lies at least so far from the robot, or is the path's end: a shorter chord
+turns with every centimetre that the robot is beside its path."""
+
+
+class FreeSpace(NamedTuple):
+    """Cells (rows, cols) that a robot's middle should keep out of; the lower-left corner of (0, 0) is at origin_m (2,).
+
+    What lies outside of them counts as blocked.
+    """
+
+    blocked: Bool
+    origin_m: tuple[float, float]
+    cell_m: float
 
 
 class PathPosition(NamedTuple):
@@ -75,6 +92,20 @@ def lookahead_within(
     return _ahead(path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m)
 
 
+def lookahead_in_free_space(
+    path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float, reach_m: float, space: FreeSpace
+) -> tuple[float, float, float]:
+    """The same, but no farther along the path than the straight line to every point before it runs in free space.
+
+    A robot that aims at a point behind an obstacle's corner cuts it, though its path goes round. The point is at least
+    LEAST_CHORD_M away all the same.
+    """
+    return _ahead_in_free_space(
+        path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m, space.blocked, *space.origin_m,
+        space.cell_m, LEAST_CHORD_M,
+    )  # fmt: skip
+
+
 @kernel
 def _nearest(
     path: Float, first: int, low: float, last: int, high: float, x: float, y: float
@@ -125,3 +156,32 @@ def _ahead(
             return start_x + s * dx, start_y + s * dy, along + s * length
         start_x, start_y, along = path[i, 0], path[i, 1], along + length
     return start_x, start_y, along
+
+
+@kernel
+def _ahead_in_free_space(  # type: ignore[no-untyped-def]
+    path, segment, near_x, near_y, x, y, lookahead, reach, blocked, origin_x, origin_y, cell, least
+):
+    """_ahead, but no farther than where, in steps of half a cell along the path, the straight line there is blocked."""
+    end_x, end_y, end_along = _ahead(path, segment, near_x, near_y, x, y, lookahead, reach)
+    chord = np.empty((2, 2))
+    chord[0, 0], chord[0, 1] = (x - origin_x) / cell, (y - origin_y) / cell
+    at_x, at_y, at_along = near_x, near_y, 0.0
+    from_x, from_y, along, i, left = near_x, near_y, 0.0, segment + 1, 0.5 * cell
+    while along < end_along:
+        length = math.hypot(path[i, 0] - from_x, path[i, 1] - from_y) if i < len(path) else math.inf
+        if length < left:
+            from_x, from_y, along, left, i = path[i, 0], path[i, 1], along + length, left - length, i + 1
+            continue
+        along += left
+        if along >= end_along or i >= len(path):
+            next_x, next_y, along = end_x, end_y, end_along
+        else:
+            share = left / length
+            next_x, next_y = from_x + share * (path[i, 0] - from_x), from_y + share * (path[i, 1] - from_y)
+        chord[1, 0], chord[1, 1] = (next_x - origin_x) / cell, (next_y - origin_y) / cell
+        if math.hypot(next_x - x, next_y - y) > least and not is_free(blocked, chord):
+            return at_x, at_y, at_along
+        from_x, from_y, left = next_x, next_y, 0.5 * cell
+        at_x, at_y, at_along = next_x, next_y, along
+    return end_x, end_y, end_along

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadlog.control.following.path import (
+    FreeSpace,
     PathPosition,
+    lookahead_in_free_space,
     lookahead_within,
     nearest_between,
     remaining_length,
@@ -156,9 +158,13 @@ def checked_path(points: ArrayLike) -> Float:
 
 
 class PathFollower:
-    """Follows a path (K, 2) in map from start_m along it on; K >= 1, points may repeat."""
+    """Follows a path (K, 2) in map from start_m along it on; K >= 1, points may repeat.
 
-    def __init__(self, path: Float, start_m: float = 0.0) -> None:
+    space: where the robot may cut across; None for anywhere.
+    """
+
+    def __init__(self, path: Float, start_m: float = 0.0, space: FreeSpace | None = None) -> None:
+        self._space = space
         self.path = np.array(path, dtype=np.float64, order="C")
         steps_m = np.hypot(*np.diff(self.path, axis=0).T)
         self._arc_m: list[float] = [0.0, *np.cumsum(steps_m).tolist()]
@@ -195,8 +201,10 @@ class PathFollower:
         max_yaw_rate_radps: float,
     ) -> Command:
         """Pure pursuit's command for the pose whose state the last step gave; see pure_pursuit."""
-        reach_m = REACH * lookahead_m
-        ahead_x, ahead_y, along_m = lookahead_within(self.path, x_m, y_m, state.near, lookahead_m, reach_m)
+        aim = self.path, x_m, y_m, state.near, lookahead_m, REACH * lookahead_m
+        ahead_x, ahead_y, along_m = (
+            lookahead_within(*aim) if self._space is None else lookahead_in_free_space(*aim, self._space)
+        )
         self._ahead_m = state.progress_m + along_m
         return arc_to(
             x_m, y_m, yaw_rad, (ahead_x, ahead_y), self._end_m, state.remaining_m, speed_mps, max_yaw_rate_radps

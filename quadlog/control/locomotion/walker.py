@@ -16,16 +16,15 @@ from quadlog.control.locomotion.robot import Robot
 from quadlog.control.locomotion.wbc import WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets
 from quadlog.messages import Float
 
-# Of the standing robot's inertia, the share that turns with the trunk: shanks and feet stay where they stand. With all
-# of it the MPC asks for half as much moment again as is needed; without whole-body control that tips the robot over.
-TURNING_SHARE = 0.6
-
 
 @dataclass(frozen=True, slots=True)
 class WalkerSettings:
     """gait: of GAITS. swing and aside_m: as Stride has them. whole_body: False pushes by the MPC's forces alone.
 
     mass_error: share by which the MPC is wrong.
+    turning_share: of the standing robot's inertia, what the MPC takes to turn with the trunk: shanks and feet stay
+    where they stand. With all of it the MPC asks for half as much moment again as is needed; without whole-body control
+    that tips the robot over.
     mpc_every_s: how often forces are planned anew; besides, whenever another set of feet carries.
     """
 
@@ -36,6 +35,7 @@ class WalkerSettings:
     whole_body: bool = True
     mpc_every_s: float = 0.03
     mass_error: float = 0.0
+    turning_share: float = 0.6
     mpc: MpcSettings = field(default_factory=MpcSettings)
     wbc: WbcSettings = field(default_factory=WbcSettings)
 
@@ -51,7 +51,8 @@ class Walker:
         # The plane lies under the feet's centres.
         height_m = robot.standing_height_m - robot.foot_radius_m
         self.reference = BodyReference(state.position_m, float(state.rpy[2]), height_m)
-        self.mpc = Mpc(robot.mass_kg * (1 + settings.mass_error), TURNING_SHARE * robot.inertia_kgm2, settings.mpc)
+        inertia_kgm2 = settings.turning_share * robot.inertia_kgm2
+        self.mpc = Mpc(robot.mass_kg * (1 + settings.mass_error), inertia_kgm2, settings.mpc)
         self.wbc = WholeBodyControl(settings.wbc)
         self._targets = WholeBodyTargets()
         self._centre_m = robot.centre_of_mass_m

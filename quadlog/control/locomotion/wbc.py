@@ -140,7 +140,8 @@ class WholeBodyState(Record):
 class WholeBodyTargets(Record):
     """What is wanted, in map.
 
-    rotation_body_to_map (3, 3); body (5, 3): position, velocity, angular velocity, acceleration, angular acceleration;
+    rotation_body_to_map (3, 3): the body then lies on the ground and along the heading, and so do the sides and normals
+    of the friction pyramids; body (5, 3): position, velocity, angular velocity, acceleration, angular acceleration;
     stance (4,): which feet stand; feet (3, 4, 3): positions, velocities and accelerations of the others; forces_n
     (4, 3): the MPC's.
     """
@@ -205,7 +206,8 @@ class WholeBodyControl(Record):
         if is_answer:
             stance_forces_n, status = qp.free_answer
         else:
-            stance_forces_n, status = qp.solve(is_finite, targets.forces_n, targets.stance)
+            along_ground_n = targets.forces_n @ targets.rotation_body_to_map
+            stance_forces_n, status = qp.solve(is_finite, along_ground_n, targets.stance)
         is_damped = not joint_torques(*records, qp.response, stance_forces_n)
         self.counts[status] += 1
         self.damped += is_damped

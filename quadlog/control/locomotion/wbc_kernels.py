@@ -35,9 +35,9 @@ class QpStatus(StrEnum):
 class ForceQp:
     """min 1/2 f^T hessian f + gradient f over the forces f (3 S,) of S feet, each within its friction pyramid.
 
-    |fx|, |fy| <= mu fz and f_min <= fz <= f_max, in map. Who uses it fills hessian (3 S, 3 S), gradient (3 S,) and
-    response (6, 3 S + 1), of which the QP itself knows nothing. Where the forces (3 S,) of the free minimum keep to the
-    pyramids they are the answer, and no solver is asked.
+    |fx|, |fy| <= mu fz and f_min <= fz <= f_max, along the ground's axes: z is its normal, x the heading along it. Who
+    uses it fills hessian (3 S, 3 S), gradient (3 S,) and response (6, 3 S + 1), of which the QP itself knows nothing.
+    Where the forces (3 S,) of the free minimum keep to the pyramids they are the answer, and no solver is asked.
     """
 
     def __init__(self, feet: int, mu: float, f_min_n: float, f_max_n: float) -> None:
@@ -62,10 +62,10 @@ class ForceQp:
         return self.forces_n, QpStatus.SOLVED if len(self.forces_n) else QpStatus.FLIGHT
 
     def solve(self, is_finite: bool, mpc_forces_n: Float, stance: NDArray[np.bool_]) -> tuple[Float, QpStatus]:
-        """Forces (3 S,) and where they come from.
+        """Forces (3 S,) along the ground's axes, and where they come from.
 
-        is_finite: hessian and gradient are numbers, which no solver should be asked otherwise. mpc_forces_n (4, 3), of
-        the feet in stance (4,), stand in where no solver gives any.
+        is_finite: hessian and gradient are numbers, which no solver should be asked otherwise. mpc_forces_n (4, 3),
+        along the ground's axes, of the feet in stance (4,), stand in where no solver gives any.
         """
         if is_finite:
             forces_n = self._daqp()
@@ -226,12 +226,15 @@ def rotation_error(wanted, actual):  # type: ignore[no-untyped-def]
 def force_cost(state, targets, control, hessian, gradient, response):  # type: ignore[no-untyped-def]
     """Writes the QP's cost 1/2 f^T hessian f + gradient f over the forces f (3 S,) of the S feet in stance.
 
+    f is along the ground's axes, which are those of the rotation wanted of the body: it lies on the slope and along the
+    heading, as the MPC's pyramids do. In map axes, on 20 degrees, the cone's side would be a third off.
+
     The six rows of the base in eq. 43 say what forces do to it: it accelerates by d = response[:, :3 S] f +
     response[:, 3 S] more than commanded, which is written too, (6, 3 S + 1), and leaves no equality to the QP.
     The cost is weights[0] |d|^2 + weights[1] |f - targets' forces|^2. False where it is no number.
     """
     mass, jacobians, stance = state[0].mass_matrix, state[0].foot_jacobians, targets[0].stance
-    out, weights = control[0].out, control[0].weights
+    out, weights, ground_to_map = control[0].out, control[0].weights, targets[0].rotation_body_to_map
     n = len(gradient)
     for i in range(BASE):
         response[i, n] = -state[0].bias[i]
@@ -240,10 +243,15 @@ def force_cost(state, targets, control, hessian, gradient, response):  # type: i
     column = 0
     for leg in range(4):
         if stance[leg]:
-            for axis in range(3):
+            for along in range(3):
                 for i in range(BASE):
-                    response[i, column] = jacobians[leg, axis, i]
-                gradient[column] = -weights[1] * targets[0].forces_n[leg, axis]
+                    response[i, column] = 0.0
+                gradient[column] = 0.0
+                for axis in range(3):
+                    share = ground_to_map[axis, along]
+                    for i in range(BASE):
+                        response[i, column] += jacobians[leg, axis, i] * share
+                    gradient[column] -= weights[1] * targets[0].forces_n[leg, axis] * share
                 column += 1
     # A view has the type of any other array: the field itself would have another, and be compiled for by itself.
     solve_positive(mass[:], response)
@@ -266,17 +274,20 @@ def force_cost(state, targets, control, hessian, gradient, response):  # type: i
 def joint_torques(state, targets, control, response, stance_forces):  # type: ignore[no-untyped-def]
     """Writes the control's torques (12,) by eqs 43 and 44, forces (4, 3), and out's acceleration with what they add.
 
-    stance_forces (3 S,) of the feet in stance, in a row. False when a torque is no number, from an input that was
-    none: then the joints are only damped.
+    stance_forces (3 S,) of the feet in stance, in a row, along the ground's axes. False when a torque is no number,
+    from an input that was none: then the joints are only damped.
     """
     mass, bias, qvel, jacobians = state[0].mass_matrix, state[0].bias, state[0].qvel, state[0].foot_jacobians
     stance, gains, out = targets[0].stance, control[0].joint_gains, control[0].out
-    forces, torques = control[0].forces_n, control[0].torques_nm
+    forces, torques, ground_to_map = control[0].forces_n, control[0].torques_nm, targets[0].rotation_body_to_map
     k = 0
     for leg in range(4):
         for axis in range(3):
-            forces[leg, axis] = stance_forces[k] if stance[leg] else 0.0
-            k += stance[leg]
+            forces[leg, axis] = 0.0
+            if stance[leg]:
+                for along in range(3):
+                    forces[leg, axis] += ground_to_map[axis, along] * stance_forces[k + along]
+        k += 3 * stance[leg]
     for i in range(BASE):
         more = response[i, len(stance_forces)]
         for k in range(len(stance_forces)):

@@ -22,7 +22,8 @@ FAR = 2**62
 class ARAStar:
     """Anytime search, run to its end on every call: optimal, and it remembers nothing between calls. See Planner.
 
-    A cell may be expanded once in each round, and every time counts; `generated` are distinct cells.
+    `expanded` are closed cells: a cell may be closed once in each round, and every time counts; the goal counts in each
+    round that finds a cheaper way to it, as A* counts its goal. `generated` are distinct cells.
     """
 
     name: ClassVar[str] = "ara_star"
@@ -118,7 +119,7 @@ def _improve(  # type: ignore[no-untyped-def]
             waiting[inconsistent + i] = heap[i]
         size += inconsistent
         _open_again(heap, waiting, size, keys, place_of, best_g, weight, tie, goal, width, units)
-        inconsistent = 0
+        inconsistent, best_before = 0, best_g[goal]
         while size > 0 and keys[0, 0] < 10 * min(best_g[goal], FAR // 16):
             cell = take(heap, keys, place_of, size)
             size -= 1
@@ -151,6 +152,8 @@ def _improve(  # type: ignore[no-untyped-def]
                 rise(heap, keys, place_of, place_of[neighbour] - 1, neighbour, f, tie * g)
         if best_g[goal] == FAR:
             break
+        # Also where start and goal are one cell, whose cost never changes.
+        expanded += best_g[goal] < best_before or (turn == 1 and start == goal)
     if best_g[goal] == FAR:
         return 0, 0, expanded, generated, touched
     length, diagonals = walk_back(parent_step, way, width, start, goal)

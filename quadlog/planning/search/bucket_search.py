@@ -57,12 +57,14 @@ class BucketSearch:
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
             return no_plan()
         self._prepare(blocked)
-        length, cost, expanded, generated, touched, _ = self._search_on(_NO_MAP, _NO_ROUTE, (0, 0), start, goal)
+        length, cost, expanded, generated, touched, _ = self._search_on(_NO_MAP, _NO_ROUTE, (0, 0), start, goal, False)
         if length == 0:
             return no_plan(expanded, generated, touched)
         return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
 
-    def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell) -> Plan | None:
+    def extend(
+        self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool = False
+    ) -> Plan | None:
         """What is kept of a route (L, 2), see kept_route, and the cheapest path from there; None when nothing is kept.
 
         g(r'') = g(waypoint) + g [Planning, eq. 5 corrected].
@@ -72,17 +74,19 @@ class BucketSearch:
         self._prepare(blocked)
         if len(self._kept) < len(route) + REANCHOR_CELLS:
             self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
-        length, cost, expanded, generated, touched, reused = self._search_on(blocked, route, shift, start, goal)
+        length, cost, expanded, generated, touched, reused = self._search_on(
+            blocked, route, shift, start, goal, from_end
+        )
         if length > 0:
             return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, False, reused)
         return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
 
     def _search_on(
-        self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell
+        self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool
     ) -> tuple[int, int, int, int, int, int]:
         width, is_open = self._padded.shape[1], 2 * self._generation
         found: tuple[int, int, int, int, int, int] = _search_on(
-            blocked, route, *shift, start, goal, self._kept, *self._work, width, self._corner_cutting, is_open
+            blocked, route, *shift, start, goal, from_end, self._kept, *self._work, width, self._corner_cutting, is_open
         )
         return found
 
@@ -232,8 +236,8 @@ def _search(  # type: ignore[no-untyped-def]
 
 @kernel
 def _search_on(  # type: ignore[no-untyped-def]
-    blocked, route, dcol, drow, start, goal, kept_cells, padded, records, parent_step, stack, listed, keys, way,
-    heads, steps, width, cutting, is_open,
+    blocked, route, dcol, drow, start, goal, from_end, kept_cells, padded, records, parent_step, stack, listed, keys,
+    way, heads, steps, width, cutting, is_open,
 ):  # fmt: skip
     """What _search gives for the whole path, and how many of its cells are the route's; -1 cells when none is kept.
 
@@ -244,7 +248,7 @@ def _search_on(  # type: ignore[no-untyped-def]
     col, row = start
     if len(route) > 0:
         kept, linking, straights, diagonals = kept_route(
-            blocked, route, dcol, drow, start, goal, cutting, (10, 14), kept_cells
+            blocked, route, dcol, drow, start, goal, cutting, (10, 14), kept_cells, from_end
         )
         if kept == 0:
             return -1, 0, 0, 0, 0, 0

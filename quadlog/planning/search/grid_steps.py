@@ -1,5 +1,5 @@
-"""Legal steps on a grid, and what IA* keeps of the route of the plan before: from the robot to the best place to
-search on from.
+"""Legal steps on a grid, and what IA* keeps of the previous plan's route: from the robot to the waypoint from which it
+searches on.
 """
 
 from __future__ import annotations
@@ -78,13 +78,14 @@ def anchor(blocked, route, dcol, drow, col, row, cutting, units, cells):  # type
 
 
 @inner
-def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells):  # type: ignore[no-untyped-def]
+def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells, from_end=False):  # type: ignore[no-untyped-def]
     """(cells kept, those of them that are new, their straight and diagonal steps); none when the route is of no use.
 
     route (L, 2), its window moved since by (dcol, drow): what is left of it for a robot at start, up to where it
-    leaves the window. When a step of that is blocked now, nothing is kept. It is kept up to its waypoint, the cell
-    of least f = g + (|dx| + |dy|) straight steps, among equals the last [Planning, eq. 2-4, with the unit of eq. 3 as
-    the erratum has it: without it f rises at every step, and nothing would ever be kept].
+    leaves the window. When a step of that is blocked now, nothing is kept. It is kept up to its waypoint, by
+    f = g + (|dx| + |dy|) straight steps [Planning, eq. 2-4, with the unit of eq. 3 as the erratum has it: without it f
+    rises at every step, and nothing would ever be kept]: the cell of least f, among equals the last; from_end: the
+    cell that is reached by walking back from the end while f falls.
     start, goal (col, row) in the window; units: of a straight and a diagonal step; cells: the kept ones are written
     to its first rows, of which there must be len(route) + REANCHOR_CELLS.
     """
@@ -103,7 +104,7 @@ def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells): 
         cells[count, 0], cells[count, 1] = col, row
         count += 1
     straights, diagonals = 0, 0
-    kept, kept_straights, kept_diagonals, least_f = 0, 0, 0, 0
+    kept, kept_straights, kept_diagonals, kept_f, f_before = 0, 0, 0, 0, 0
     for i in range(count):
         col, row = cells[i, 0], cells[i, 1]
         if i > 0:
@@ -112,8 +113,9 @@ def kept_route(blocked, route, dcol, drow, start, goal, cutting, units, cells): 
             straights += not is_diagonal
         to_go = abs(goal[0] - col) + abs(goal[1] - row)
         f = units[0] * (straights + to_go) + units[1] * diagonals
-        if i == 0 or f <= least_f:
-            kept, kept_straights, kept_diagonals, least_f = i + 1, straights, diagonals, f
+        if i == 0 or f <= (f_before if from_end else kept_f):
+            kept, kept_straights, kept_diagonals, kept_f = i + 1, straights, diagonals, f
+        f_before = f
     return kept, linking, kept_straights, kept_diagonals
 
 

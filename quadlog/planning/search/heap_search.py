@@ -111,7 +111,9 @@ class HeapSearch:
         cost = self._rules.cost_of(straights, diagonals)
         return Plan(True, cells, cost, expanded, generated, touched, from_scratch=True, reused_cells=0)
 
-    def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell) -> Plan | None:
+    def extend(
+        self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool = False
+    ) -> Plan | None:
         """As BucketSearch.extend."""
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
             return None
@@ -119,7 +121,15 @@ class HeapSearch:
         if len(self._kept) < len(route) + REANCHOR_CELLS:
             self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
         kept, linking, straights, diagonals = _kept_route(
-            blocked, route, *shift, start, goal, self._rules.corner_cutting, self._rules.step_units, self._kept
+            blocked,
+            route,
+            *shift,
+            start,
+            goal,
+            self._rules.corner_cutting,
+            self._rules.step_units,
+            self._kept,
+            from_end,
         )
         if kept == 0:
             return None

@@ -265,6 +265,11 @@ def repair(  # type: ignore[no-untyped-def]
             _settle(records, keys, heap, state, cell)
         else:
             _expand(padded, records, keys, heap, steps, state, cell, cutting)
+    # A target still in OPEN has not been counted. One that this call did not open was settled before; the root is
+    # opened ahead of the call.
+    is_of_this_call = records[target, STAMP] == state[CALL] or target == state[ROOT]
+    if is_of_this_call and records[target, G] != records[target, RHS] and records[target, RHS] < state[FAR]:
+        state[EXPANDED] += 1
     return _walk(padded, records, way, steps, state, cutting)
 
 
@@ -278,10 +283,10 @@ class LifelongSearch:
     Optimal on every call. A root that left its cell of the lattice means a fresh search; so does the call after one
     whose root or target was blocked or outside.
 
-    Counts: `expanded` has a cell twice when its way got dearer and was found anew, and lacks the target, which A*
-    closes last; `generated` are distinct cells that entered OPEN or were expanded from it in this call; `touched`
-    includes the steps looked at when a cell's cost is worked out anew. `reused_cells` are those of the path that
-    were not in OPEN in this call.
+    Counts: `expanded` are closed cells, the target included where this call settles it, as A* counts its goal; a cell
+    counts twice when its way got dearer and was found again. `generated` are distinct cells that entered OPEN or were
+    expanded from it in this call; `touched` includes the steps looked at when a cell's cost is worked out again.
+    `reused_cells` are those of the path that were not in OPEN in this call.
     """
 
     def __init__(self, rules: Rules) -> None:

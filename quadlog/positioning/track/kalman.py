@@ -131,8 +131,8 @@ def gain_of(information: Symmetric, shrunk: Symmetric) -> Symmetric:
 
 RESTED_M = 1e-5
 """A linearisation point that moves by less rests."""
-STATE, COVARIANCE, FILTERED = slice(0, 5), slice(5, 30), 39
-"""Where state and covariance are in a row of what the filter writes, and how long that is."""
+STATE, COVARIANCE, INNOVATION, FILTERED = slice(0, 5), slice(5, 30), 39, 40
+"""Where state, covariance and squared innovation are in a row of what the filter writes, and how long that is."""
 
 
 @inner
@@ -170,17 +170,18 @@ def update_state(
     zero where the height is given. weight (N,) takes given_weight, less 1/residual beyond long_m and -short_m, so that
     the pull of a range is bounded; variance is that of a range of full weight. With the covariance C of the place, its
     information L = sum w u u^T/variance over the directions u, and the gradient b of the log-likelihood at the prior,
-    the place moves by (C^-1 + L)^-1 b. Returned are L and the gradient at the posterior, too.
+    the place moves by (C^-1 + L)^-1 b. Returned are L and the gradient at the posterior, too; and v^T S^-1 v, with v
+    what the ranges miss the prediction by, and S its covariance (of n ranges of full weight, n on average).
     """
     sx, sy, sz, _, _ = state
     xx, xy, xz, _, _, yy, yz, _, _, zz, _, _, _, _, _ = covariance
     _, ixx, ixy, iyy, ixz, iyz, izz = invert_one(xx, xy, yy, xz, yz, zz + 1 - free_z)
-    full, moved, gradient = 1 / variance, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    full, moved, gradient, innovation = 1 / variance, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
     x, y, z = sx, sy, sz
     information = shrunk = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for _ in range(10):
+    for step in range(10):
         lxx, lxy, lxz, lyy, lyz, lzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        bx, by, bz = 0.0, 0.0, 0.0
+        bx, by, bz, missed = 0.0, 0.0, 0.0, 0.0
         for j in range(first, end):
             dx, dy, dz = x - place_m[j, 0], y - place_m[j, 1], z - place_m[j, 2]
             distance_m = max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
@@ -194,6 +195,7 @@ def update_state(
                 trust *= -short_m / residual_m
             weight[j] = trust
             trust *= full
+            missed += trust * residual_m * residual_m
             tx, ty, tz = trust * ux, trust * uy, trust * uz
             told_m = residual_m + ux * (x - sx) + uy * (y - sy) + uz * (z - sz)
             bx, by, bz = bx + told_m * tx, by + told_m * ty, bz + told_m * tz
@@ -202,6 +204,8 @@ def update_state(
         _, cxx, cxy, cyy, cxz, cyz, czz = invert_one(ixx + lxx, ixy + lxy, iyy + lyy, ixz + lxz, iyz + lyz, izz + lzz)
         information, shrunk, gradient = (lxx, lxy, lxz, lyy, lyz, lzz), (cxx, cxy, cxz, cyy, cyz, czz), (bx, by, bz)
         moved = times(shrunk, gradient)
+        if step == 0:
+            innovation = missed - gradient[0] * moved[0] - gradient[1] * moved[1] - gradient[2] * moved[2]
         off_m = abs(sx + moved[0] - x) + abs(sy + moved[1] - y) + abs(sz + moved[2] - z)
         x, y, z = sx + moved[0], sy + moved[1], sz + moved[2]
         if off_m < RESTED_M:
@@ -209,7 +213,7 @@ def update_state(
     gained = times(information, moved)
     gradient = (gradient[0] - gained[0], gradient[1] - gained[1], gradient[2] - gained[2])
     state, covariance = absorb(state, covariance, gain_of(information, shrunk), gradient)
-    return state, covariance, information + gradient
+    return state, covariance, (*information, *gradient, innovation)
 
 
 @kernel
@@ -232,8 +236,9 @@ def filter_ranges(
 ) -> None:
     """Filters T instants from a state that holds just before the first; instant k has rows first_row[k]:first_row[k+1].
 
-    velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,), and into filtered (T, 39)
-    the STATE, its COVARIANCE row by row, and what update_state returns of its ranges: their information, and gradient.
+    velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,), and into filtered (T, 40)
+    the STATE, its COVARIANCE row by row, and what update_state returns of its ranges: their information, their gradient
+    and the squared INNOVATION.
     """
     free_z = 1.0 if motion.height_std_m > 0 else 0.0
     for k in range(len(t_s)):
@@ -262,5 +267,5 @@ def filter_ranges(
             xx, xy, xz, xu, xv, xy, yy, yz, yu, yv, xz, yz, zz, zu, zv, xu, yu, zu, uu, uv, xv, yv, zv, uv, vv,
         )  # fmt: skip
         row = state + whole + told
-        for i in range(39):
+        for i in range(40):
             filtered[k, i] = row[i]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,6 +87,14 @@ class RangeLog:
         """How many coordinates of the place are tracked: three, or two where the height is given."""
         return 3 if self.motion.height_std_m > 0 else 2
 
+    def without(self, bias_m: Float) -> RangeLog:
+        """The same log with the bias (A,) of each anchor's link subtracted from its ranges."""
+        return replace(self, range_m=self.range_m - bias_m[self.anchor])
+
+    def rows(self, begin: int, end: int) -> slice:
+        """The rows of the instants [begin, end)."""
+        return slice(int(self.first_row[begin]), int(self.first_row[end]))
+
     def seconds(self, begin: int, end: int) -> Float:
         """Time of the instants [begin, end) since the first of them."""
         return seconds_since(self.instant_ns[begin:end], int(self.instant_ns[begin]))
@@ -135,7 +143,7 @@ class Stretch:
     """Instants [begin, end) of a log, tracked from one fix on.
 
     start: the state (5,) before the first range; restarted: it begins where another track had lost the tag.
-    weight: (N,); filtered (T, 39): what the filter wrote with these weights; states (T, 5): of it, or smoothed.
+    weight: (N,); filtered (T, FILTERED): what the filter wrote with these weights; states (T, 5): of it, or smoothed.
     """
 
     begin: int
@@ -155,7 +163,7 @@ class Stretch:
 def filter_stretch(
     log: RangeLog, begin: int, end: int, start: Float, given_weight: Float, long_m: float, short_m: float
 ) -> tuple[Float, Float]:
-    """Weights (N,) and what the filter wrote (T, 39) of instants [begin, end) from a start state (5,)."""
+    """Weights (N,) and what the filter wrote (T, FILTERED) of instants [begin, end) from a start state (5,)."""
     x, y, u, v = (std**2 for std in START_STD)
     z = log.motion.height_std_m**2
     covariance = (x, 0.0, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, z, 0.0, 0.0, u, 0.0, v)

@@ -12,7 +12,7 @@ import numpy as np
 from quadlog.compiled import kernel
 from quadlog.messages import Float, Int
 from quadlog.positioning.track.kalman import COVARIANCE, HEIGHT_LASTS_S, MotionModel
-from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch, predict_rows
+from quadlog.positioning.track.range_log import RangeLog, Stretch, filter_stretch
 
 WINDOW_S = 0.3
 """A path stays blocked for about a step at least: so long, a link's residuals are judged by their mean."""
@@ -140,44 +140,55 @@ SETTLED = 0.01
 """Weights that change by no more are final."""
 
 
+def refilter(log: RangeLog, stretch: Stretch, weight: Float) -> Stretch:
+    """The stretch filtered and smoothed [RTS] once, with weights (N,) that stay as they are."""
+    weight, filtered = filter_stretch(log, stretch.begin, stretch.end, stretch.start, weight, np.inf, np.inf)
+    instants, states = slice(stretch.begin, stretch.end), np.empty((stretch.end - stretch.begin, 5))
+    t_s = log.seconds(stretch.begin, stretch.end)
+    smooth_states(t_s, log.velocity_mps[instants], log.velocity_variance[instants], filtered, states)
+    return replace(stretch, weight=weight, filtered=filtered, states=states)
+
+
+def refilter_usual(log: RangeLog, stretch: Stretch, late_m: Float) -> Stretch:
+    """The stretch smoothed with all of its ranges, in full trust, which its weights (N,) only shorten by late_m (N,).
+
+    For ranges with unknown biases: without one of them, the others' biases would pull the place aside. A range of
+    weight w keeps that share of what it is late by, and is what its link usually has instead.
+    """
+    rows = log.rows(stretch.begin, stretch.end)
+    range_m = log.range_m.copy()
+    range_m[rows] -= (1 - stretch.weight) * late_m
+    whole = refilter(replace(log, range_m=range_m), stretch, (stretch.weight > 0).astype(np.float64))
+    return replace(whole, weight=stretch.weight)
+
+
 def smooth_stretch(log: RangeLog, stretch: Stretch) -> Stretch:
     """The filtered stretch smoothed [RTS], then filtered and smoothed again with weights from the residuals' lateness.
 
     These fall fast enough to silence a burst that the motion before and after it contradicts.
     """
+    rows, windows = log.rows(stretch.begin, stretch.end), windows_of(log, stretch)
+    counts = np.diff(log.first_row[stretch.begin : stretch.end + 1])
+    instant_of_row = np.repeat(np.arange(len(counts)), counts)
+    anchor_m, range_m = log.anchor_m[rows], log.range_m[rows]
+    states: Float = np.empty((stretch.end - stretch.begin, 5))
+    weight = stretch.weight
     instants = slice(stretch.begin, stretch.end)
     t_s = log.seconds(stretch.begin, stretch.end)
-    velocity_mps, velocity_variance = log.velocity_mps[instants], log.velocity_variance[instants]
-    rows = log.first_row[stretch.begin : stretch.end + 1]
-    windows = _windows(log, stretch)
-    instant_of_row = np.repeat(np.arange(len(t_s)), np.diff(rows))
-    anchor_m, range_m = log.anchor_m[rows[0] : rows[-1]], log.range_m[rows[0] : rows[-1]]
-    states, filtered, weight = np.empty((len(t_s), 5)), stretch.filtered, stretch.weight
-    smooth_states(t_s, velocity_mps, velocity_variance, filtered, states)
+    smooth_states(t_s, log.velocity_mps[instants], log.velocity_variance[instants], stretch.filtered, states)
     for _ in range(SMOOTHING_PASSES):
         offset_m = states[instant_of_row, :3] - anchor_m
         residual_m = range_m - np.sqrt(np.einsum("ni,ni->n", offset_m, offset_m))
         before, weight = weight, weigh_lateness(windows, residual_m, log.range_std_m)
-        settled = np.abs(weight - before).max() < SETTLED
-        weight, filtered = filter_stretch(log, stretch.begin, stretch.end, stretch.start, weight, np.inf, np.inf)
-        smooth_states(t_s, velocity_mps, velocity_variance, filtered, states)
-        if settled:
+        stretch = refilter(log, stretch, weight)
+        states = stretch.states
+        if np.abs(weight - before).max() < SETTLED:
             break
-    return replace(stretch, weight=weight, filtered=filtered, states=states)
+    return stretch
 
 
-def smoothed_slope(log: RangeLog, stretch: Stretch) -> Float:
-    """(N,) how weight x residual of each range changes where the residuals about it change alike."""
-    rows = slice(log.first_row[stretch.begin], log.first_row[stretch.end])
-    residual_m = log.range_m[rows] - predict_rows(log, stretch)[0]
-    windows, step_m = _windows(log, stretch), 0.01 * log.range_std_m
-    after, before = (
-        each * weigh_lateness(windows, each, log.range_std_m) for each in (residual_m + step_m, residual_m - step_m)
-    )
-    return (after - before) / (2 * step_m)
-
-
-def _windows(log: RangeLog, stretch: Stretch) -> LinkWindows:
-    t_s = log.seconds(stretch.begin, stretch.end)
-    rows = log.first_row[stretch.begin : stretch.end + 1]
-    return link_windows(np.repeat(t_s, np.diff(rows)), log.anchor[rows[0] : rows[-1]])
+def windows_of(log: RangeLog, stretch: Stretch) -> LinkWindows:
+    """The windows about the ranges of a stretch."""
+    rows = log.rows(stretch.begin, stretch.end)
+    counts = np.diff(log.first_row[stretch.begin : stretch.end + 1])
+    return link_windows(np.repeat(log.seconds(stretch.begin, stretch.end), counts), log.anchor[rows])

@@ -122,14 +122,18 @@ def decode_range(message: Any, topic: str) -> UwbRanges:
 
 
 def decode_uwb_range(message: Any, topic: str) -> UwbRanges:
-    """One range in metres, a distance or not. Older versions of the message have no requester: tag None then."""
+    """One range in metres, a distance or not, with the anchor's position where the message has that field.
+
+    Older versions of the message have no requester: tag None then.
+    """
     del topic
-    requester = getattr(message, "requester_id", None)
+    requester, place = getattr(message, "requester_id", None), getattr(message, "responder_location", None)
     return UwbRanges(
         stamp_ns(message),
         None if requester is None else int(requester),
         np.array([message.responder_id], np.int64),
         np.array([message.distance], np.float64),
+        anchor_position_m=None if place is None else np.array([[place.x, place.y, place.z]], np.float64),
     )
 
 

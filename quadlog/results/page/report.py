@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from quadlog.errors import CannotWrite
+from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
@@ -49,6 +50,7 @@ def write_frame_strip(run: Path, frames: NDArray[np.uint8], seconds: Float) -> N
 _MAX_CONFIG_CHARS = 1_000_000
 _MAX_FRAMES_BYTES = 64 << 20
 _PNG = b"\x89PNG\r\n\x1a\n"
+_MAX_CONTACTS = 100
 _SIMULATED_STAGES = ("control", "report")
 _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
 _CHART_STYLES = ("vendor/uPlot.min.css",)
@@ -121,6 +123,7 @@ def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, A
         total_s=sum(stage.seconds for stage in record.stages),
         metrics=_metrics(data),
         links=_links(data),
+        **_contacts(data),
         plots=[
             *_frames(data.path),
             *(
@@ -166,6 +169,17 @@ def _links(data: RunData) -> list[dict[str, Any]]:
     links = data.table("links") or {}
     rows = zip(*(column.tolist() for column in links.values()), strict=True)
     return [{name: None if value != value else value for name, value in zip(links, row, strict=True)} for row in rows]
+
+
+def _contacts(data: RunData) -> dict[str, Any]:
+    """The first rows of contacts.parquet, in seconds since the simulated robot's first tick, and how many more."""
+    contacts, control = data.table("contacts"), data.table("control")
+    if contacts is None or control is None:
+        return {"contacts": [], "contacts_left_out": 0}
+    from_s = seconds_since(contacts["t_ns"], int(control["t_ns"][0]))
+    columns = {name: column[:_MAX_CONTACTS].tolist() for name, column in (contacts | {"from_s": from_s}).items()}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return {"contacts": rows, "contacts_left_out": len(contacts["t_ns"]) - len(rows)}
 
 
 def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from quadlog.results.papers.table import (
     RowGroup,
     SavedTable,
     TablePicture,
+    Verdict,
     json_bytes,
     load_saved,
     picture_file,
@@ -45,7 +46,7 @@ def errata_text(errata: Mapping[str, Sequence[Erratum]], level: int) -> str:
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
 RIGHT = ("paper", "ours", "95 % interval", "difference")
-MARKS = {True: "yes", False: "✗ no", None: ""}
+MARKS = {verdict: str(verdict) for verdict in Verdict} | {Verdict.NO: "✗ no"}
 """Verdicts as the page shows them."""
 
 
@@ -107,14 +108,18 @@ def _picture_block(table: PaperTable, picture: TablePicture) -> str:
 
 
 def _group_blocks(group: RowGroup) -> list[str]:
-    rows = [(*shown_cells(row)[:-1], MARKS[row.reproduces], row.note) for row in group.rows]
+    rows = [(*shown_cells(row)[:-1], _mark(row), row.note) for row in group.rows]
     body = markdown_table((*SHOWN, "note"), rows, RIGHT).rstrip("\n")
     return [f"### {escape_markdown(group.title)}", escape_markdown(group.text), body]
 
 
 def format_verdict(row: PaperRow) -> str:
-    """yes, no or empty."""
-    return "" if row.reproduces is None else ("yes" if row.reproduces else "no")
+    """A Verdict's word, or empty."""
+    return "" if row.reproduces is None else str(row.reproduces)
+
+
+def _mark(row: PaperRow) -> str:
+    return "" if row.reproduces is None else MARKS[row.reproduces]
 
 
 PREFACE = """# The papers' tables, measured again
@@ -123,16 +128,25 @@ Each table has what a paper prints beside what quadlog finds: below, as `TABLE.c
 graphicx), and unrounded as `TABLE.json`.
 
 - **paper** is empty where the paper prints no such number.
-- **95 % interval** is that of ours; it is empty where ours is computed without any random draw.
-- **reproduces** is *yes* where ours, rounded to the digits that the paper prints, is the printed number, or where the
-  interval holds it; **✗ no** otherwise, with a note why; empty where there is nothing to reproduce. A claim in words,
-  as "more than 5 times", has its own rule, which stands above its rows.
+- **ours** is of all runs, and the **95 % interval** is that of the same statistic over the same runs; it is empty where
+  ours is computed without any random draw.
+- **reproduces** has one of four verdicts, and is empty where there is nothing to reproduce:
+  - *yes*: ours, rounded to the digits that the paper prints, is the printed number. Where runs are drawn, our interval
+    holds it and leaves out the contrary (a ratio of 1, a change of 0; without a contrary: all of the interval lies
+    within a fifth of the printed number);
+  - **✗ no**: our interval leaves out the printed number, or lies on the other side of what is claimed, with a note why.
+    Where the paper prints its runs one by one, their scatter counts as well as that of ours;
+  - *undecided*: the interval holds both;
+  - *not comparable*: the paper does not say how its number came about, or ours rests on that very number.
+
+  A claim in words, as "more than 5 times", is *yes* where all of the interval is on the claimed side. Where the paper
+  prints by how much, a tenth of it is the least that counts.
 
 A second `quadlog tables` into this folder measures nothing again that was measured by the same quadlog and the same
 packages with the same seed. Another folder, or one without a table's JSON file, starts afresh.
 """
-README_HEADER = ("table", "of", "printed numbers that reproduce", "quantities in all", "made by")
-JUDGED = "printed numbers and claims that can be judged; one that is measured in several settings counts in each."
+README_HEADER = ("table", "of", "reproduce", "do not", "undecided", "not comparable", "quantities in all", "made by")
+JUDGED = "printed numbers and claims that can be compared reproduce; one measured in several settings counts in each."
 FAST = "Tables made with `--fast` have fewer draws and wider intervals than the full ones."
 OLD = "**Measured by another quadlog, or with other packages, than the last table here:**"
 
@@ -154,22 +168,26 @@ def readme_text(saved: Sequence[SavedTable], code: str, appendices: Sequence[App
 
 def _summary_text(saved: Sequence[SavedTable], code: str) -> str:
     tables = [each.table for each in saved]
-    verdicts = [[row.reproduces is True for row in table.judged] for table in tables]
+    others = (Verdict.NO, Verdict.UNDECIDED, Verdict.NOT_COMPARABLE)
     lines = markdown_table(
         README_HEADER,
         [
-            (table.name, table.title, _share(mine), str(len(table.rows)), table.command)
-            for table, mine in zip(tables, verdicts, strict=True)
+            (
+                *(table.name, table.title, _share(table)),
+                *(str(table.count(each)) for each in others),
+                *(str(len(table.rows)), table.command),
+            )
+            for table in tables
         ],
-        README_HEADER[2:4],
+        README_HEADER[2:7],
     )
     for table in tables:
         name = escape_markdown(table.name)
         lines = lines.replace(f"\n| {name} |", f"\n| [{name}](#{table.name}) |", 1)
-    everything = [verdict for mine in verdicts for verdict in mine]
+    reproduced = sum(table.count(Verdict.YES) for table in tables)
     blocks = [
         "## What reproduces",
-        f"{sum(everything)} of {len(everything)} {JUDGED}",
+        f"{reproduced} of {sum(table.comparable for table in tables)} {JUDGED}",
         lines.rstrip("\n"),
     ]
     if any(table.fast for table in tables):
@@ -180,8 +198,8 @@ def _summary_text(saved: Sequence[SavedTable], code: str) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _share(verdicts: Sequence[bool]) -> str:
-    return f"{sum(verdicts)} of {len(verdicts)}" if verdicts else "none printed"
+def _share(table: PaperTable) -> str:
+    return f"{table.count(Verdict.YES)} of {table.comparable}" if table.comparable else "none printed"
 
 
 README = "README.md"

@@ -7,17 +7,31 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
+
+
+class Verdict(StrEnum):
+    """Whether what a paper prints reproduces.
+
+    undecided: our interval holds both what the paper prints and its contrary. not comparable: the paper does not say
+    how its number came about, or ours rests on that very number.
+    """
+
+    YES = "yes"
+    NO = "no"
+    UNDECIDED = "undecided"
+    NOT_COMPARABLE = "not comparable"
 
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
     """One quantity, its unit in the name: the paper's number and quadlog's.
 
-    paper: None where the paper prints none.
-    low, high: 95 % interval of ours; None where ours is computed without any random draw.
-    reproduces: None if there is nothing to reproduce; note: why it does not, or what ours is based on.
+    paper: None where the paper prints none; a claim in words is judged all the same.
+    ours: of all runs; low, high: 95 % interval of the same statistic over the same runs, None where nothing is drawn.
+    reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
     """
 
     quantity: str
@@ -25,13 +39,14 @@ class PaperRow:
     paper: float | None = None
     low: float | None = None
     high: float | None = None
-    reproduces: bool | None = None
+    reproduces: Verdict | None = None
     note: str = ""
 
     def __post_init__(self) -> None:
         given = (self.ours, self.paper, self.low, self.high)
         assert all(math.isfinite(value) for value in given if value is not None), self
         assert (self.low is None) == (self.high is None), self
+        assert self.reproduces is None or isinstance(self.reproduces, Verdict), self
 
     @property
     def difference(self) -> float | None:
@@ -85,17 +100,23 @@ class PaperTable:
         """The rows of all groups, in order."""
         return tuple(row for group in self.groups for row in group.rows)
 
+    def count(self, verdict: Verdict) -> int:
+        """Rows with this verdict."""
+        return sum(row.reproduces is verdict for row in self.rows)
+
     @property
-    def judged(self) -> tuple[PaperRow, ...]:
-        """The rows that reproduce or do not."""
-        return tuple(row for row in self.rows if row.reproduces is not None)
+    def comparable(self) -> int:
+        """Rows that reproduce, do not, or are undecided."""
+        return sum(map(self.count, (Verdict.YES, Verdict.NO, Verdict.UNDECIDED)))
 
     @property
     def reproduced(self) -> str:
         """How many of what the paper prints, in words."""
-        if not self.judged:
+        if not any(map(self.count, Verdict)):
             return "the paper prints none"
-        return f"{sum(row.reproduces is True for row in self.judged)} of {len(self.judged)} printed numbers reproduce"
+        others = [f"{self.count(each)} {each}" for each in (Verdict.UNDECIDED, Verdict.NOT_COMPARABLE)]
+        others = [each for each in others if not each.startswith("0 ")]
+        return ", ".join([f"{self.count(Verdict.YES)} of {self.comparable} printed numbers reproduce", *others])
 
     @property
     def command(self) -> str:
@@ -161,11 +182,15 @@ def _digest(body: Mapping[str, Any]) -> str:
 def _table(folder: Path, fields: dict[str, Any]) -> PaperTable:
     """Raises the errors that `load_saved` handles."""
     groups = tuple(
-        RowGroup(group["title"], group["text"], tuple(PaperRow(**row) for row in group["rows"]))
-        for group in fields.pop("groups")
+        RowGroup(group["title"], group["text"], tuple(map(_row, group["rows"]))) for group in fields.pop("groups")
     )
     pictures = tuple(_picture(folder, fields["name"], each) for each in fields.pop("pictures"))
     return PaperTable(**fields | {"errata": tuple(fields["errata"])}, groups=groups, pictures=pictures)
+
+
+def _row(fields: dict[str, Any]) -> PaperRow:
+    verdict = fields.pop("reproduces")
+    return PaperRow(**fields, reproduces=None if verdict is None else Verdict(verdict))
 
 
 def _picture(folder: Path, name: str, fields: dict[str, Any]) -> TablePicture:

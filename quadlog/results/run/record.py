@@ -107,7 +107,8 @@ class RunRecord:
     (seed, stamp, start_s, duration_s, until, preset), compared by `--resume`; recorded_s: length of what was replayed;
     counts: name: number; notes: choices that affected the result; startup_s: imports and compilation, not part of the
     stages; realtime_factor: recorded_s / seconds in the stages, None without either; reused: stages whose results were
-    kept from an earlier replay; plugins: those used; run_format: see `run_folder.read_run_json`.
+    kept from an earlier replay; plugins: those used; anchors_from_messages: whether the config's anchors are those that
+    the messages contain; run_format: see `run_folder.read_run_json`.
     """
 
     quadlog_version: str
@@ -127,6 +128,7 @@ class RunRecord:
     realtime_factor: float | None = None
     reused: Sequence[str] = ()
     plugins: Sequence[PluginRecord] = ()
+    anchors_from_messages: bool = False
     host: Mapping[str, Any] = field(default_factory=describe_host)
     packages: Mapping[str, str] = field(default_factory=package_versions)
     run_format: int = RUN_FORMAT

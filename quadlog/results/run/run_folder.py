@@ -122,10 +122,13 @@ class RunFolder:
         except (NotARun, UnknownRunFormat):
             return False
         wanted = json.loads(to_json({"config": config, "options": options or {}}))
+        asked = record.get("config")
+        if record.get("anchors_from_messages") and isinstance(asked, dict) and isinstance(asked.get("uwb"), dict):
+            asked = asked | {"uwb": asked["uwb"] | {"anchors": []}}
         return (
             InputRecord.identity_in(record.get("input")) == identity
             and record.get("quadlog_version") == version
-            and record.get("config") == wanted["config"]
+            and asked == wanted["config"]
             and record.get("options") == wanted["options"]
         )
 

@@ -8,12 +8,14 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "ingest": ("reference.tum",),
     "position": (
         *("fixes.parquet", "ranges.parquet", "links.parquet", "dilution.npz", "poses.parquet"),
-        *("pose_uncertainty.parquet", "target.parquet", "uwb_errors.parquet"),
+        *("pose_uncertainty.parquet", "target.parquet", "uwb_errors.parquet", "innovations.parquet"),
     ),
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),
     "plan": ("plans.parquet", "paths.parquet", "astar.parquet"),
-    "control": ("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet"),
+    "control": (
+        *("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet", "contacts.parquet"),
+    ),
     "report": ("metrics.json", "trajectory.tum"),
 }
 """The stages in order, and the files that each writes into the run folder."""

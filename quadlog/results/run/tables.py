@@ -49,6 +49,7 @@ TABLES: dict[str, pa.Schema] = {
         "why_not:text nlos_share weak_first_path_share"
     ),
     "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
+    "innovations": table_schema("t_ns:int tag:int n_ranges:int nis"),
     "poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
     "pose_uncertainty": table_schema("t_ns:int cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad"),
     "target": table_schema("t_ns:int x_m y_m source:text"),
@@ -63,23 +64,26 @@ TABLES: dict[str, pa.Schema] = {
     "resim_paths": _PATHS,
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
-        "cross_track_m time_error_m heading_error_rad lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
+        "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
         f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
+    "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
     "summary": table_schema(
         f"recording:text exit_code:int reason:text {' '.join((*METRIC_NAMES, *COST_NAMES))} worker:text"
     ),
 }
 
 # Columns that may be left out when writing, and are then null.
-OPTIONAL = frozenset({"optimal_cost", "k_v", "k_w", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"})
+OPTIONAL = frozenset(
+    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"}
+)
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
 # Columns that older tables lack; they are read as NaN or empty text.
-ADDED = {"summary": frozenset({*COST_NAMES, "worker"})}
+ADDED = {"summary": frozenset({*COST_NAMES, "worker"}), "control": frozenset({"plan_error_m"})}
 
 # Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384

@@ -34,13 +34,17 @@ class WorstInstant:
 
 @dataclass(frozen=True, slots=True)
 class RunAtWorst:
-    """A run's value and its worst instants, the worst first; why_none: the reason if there are none."""
+    """A run's value and its worst instants, the worst first; why_none: the reason if there are none.
+
+    details: further lines on what is behind the value.
+    """
 
     label: str
     value: float | None
     n: int
     instants: Sequence[WorstInstant]
     why_none: str = ""
+    details: Sequence[str] = ()
 
 
 def explain_text(name: str, runs: Sequence[RunAtWorst]) -> str:
@@ -62,11 +66,12 @@ def _run_lines(run: RunAtWorst, unit: str) -> list[str]:
     if run.value is None:
         return [f"{printable(run.label)}: has no such metric"]
     title = f"{printable(run.label)}: {run.value:.6g} {unit}".rstrip() + f", n = {run.n}"
+    details = [f"  {line}" for line in run.details]
     if not run.instants:
-        return [f"{title}; {run.why_none}"]
+        return [f"{title}; {run.why_none}", *details]
     rows = [(str(each.t_ns), f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
     cells = [("t_ns", "s from start", f"sample {unit}".rstrip()), *rows]
-    return [f"{title}; worst, at least 1 s apart:", *(f"  {line}" for line in aligned(cells))]
+    return [f"{title}; worst, at least 1 s apart:", *(f"  {line}" for line in aligned(cells)), *details]
 
 
 MOST_COLUMNS = 6

@@ -42,6 +42,15 @@ def body_clearance(
     return math.sqrt(nearest) - cell_m / 2
 
 
+def body_gaps(pose: Float, length_m: float, width_m: float, centres_m: Float, cell_m: float) -> Float:
+    """(N,) the same to each of the cells; pose: (3,) x_m, y_m, yaw_rad."""
+    x_m, y_m, yaw_rad = pose.tolist()
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    dx, dy = (centres_m - np.array([x_m, y_m])).T
+    outside_x, outside_y = np.abs(cos * dx + sin * dy) - length_m / 2, np.abs(cos * dy - sin * dx) - width_m / 2
+    return np.asarray(np.hypot(np.maximum(outside_x, 0.0), np.maximum(outside_y, 0.0)) - cell_m / 2)
+
+
 # Printed in [Planning, section 4].
 CELL_M = 0.1
 WINDOW_CELLS = 40

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.run_planners import ask_everything, repeats_for
 from quadlog.pipelines.comparison.sources import forest_source, movingai_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules
@@ -76,3 +76,22 @@ def test_nothing_to_draw_where_robot_is_walled_in_throughout(write_map):
     source = movingai_source(write_map(["@@", "@@"]), "small.map", None, ((0, 0), (1, 1)))
     answers = ask_everything(source, NAMES, Rules(), Silent())
     assert all(len(path) == 0 for path in answers.scene.paths.values())
+
+
+@pytest.mark.parametrize("kind", ["static", "walk"])
+def test_repeats_change_times_alone(scen_source, kind):
+    source = scen_source if kind == "static" else forest_source("forest:0.2", 1, "astar", Rules(), "euclidean", 3)
+    once, often = (ask_everything(source, NAMES, Rules(), Silent(), repeats) for repeats in (1, 4))
+    for name in set(REPLANS.names) - {"us"}:
+        assert_array_equal(once.columns[name], often.columns[name], name)
+    assert often.us_repeats.shape == (len(often.columns["us"]), 4)
+    assert_array_equal(np.median(often.us_repeats, axis=1), often.columns["us"])
+    assert {each: column.tolist() for each, column in once.scenarios.items() if each != "us"} == {
+        each: column.tolist() for each, column in often.scenarios.items() if each != "us"
+    }
+
+
+def test_a_single_question_is_asked_until_its_times_tell_planners_apart(write_map, scen_source):
+    single = movingai_source(write_map(["..", ".."]), "small.map", None, ((0, 0), (1, 1)))
+    assert [repeats_for(single, planners) for planners in (2, 12)] == [6, 9]
+    assert repeats_for(scen_source, 12) == 3

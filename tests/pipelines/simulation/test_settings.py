@@ -53,6 +53,11 @@ def test_controllers_differ_in_look_ahead_and_whole_body_control():
         assert settings.walker_settings(config, ROBOT).whole_body == whole_body
 
 
+def test_the_turning_share_is_the_configurations():
+    config = load_config(None, ["mpc.turning_share=0.3"], {})
+    assert settings.walker_settings(config, ROBOT).turning_share == 0.3
+
+
 def test_torque_limits_are_the_robots():
     assert settings.walker_settings(Config(), ROBOTS["following"]).wbc.torque_limit_nm == 48.0
 

@@ -43,7 +43,21 @@ def test_errors_agree_with_the_metric(located_run: ReplayOutcome):
     assert np.sqrt(np.mean(length_m[fixes] ** 2)) == pytest.approx(located_run.metrics["uwb_rmse_m"]["value"])
     assert fixes.sum() == located_run.metrics["uwb_rmse_m"]["n"]
     assert (errors["bound_m"] > 0).all()
-    assert np.median(errors["bound_m"][track]) < np.median(errors["bound_m"][fixes])
+    # Ellipses of fixes know of white noise alone; those of the track hold what reflections and biases do.
+    inside = length_m[track] <= errors["bound_m"][track]
+    assert inside.mean() == located_run.metrics["uwb_coverage_95"]["value"] > 0.9
+    nees = -2 * np.log(0.05) * (length_m[track] / errors["bound_m"][track]) ** 2
+    assert nees.mean() == pytest.approx(located_run.metrics["uwb_nees"]["value"])
+
+
+def test_innovations_are_saved_for_every_instant_of_a_track(located_run: ReplayOutcome):
+    table = read_table(located_run.run, "innovations")
+    assert set(table["tag"]) == {0, 1}
+    own = table["tag"] == 0
+    assert (np.diff(table["t_ns"][own]) > 0).all()
+    assert (table["n_ranges"] > 0).all()
+    assert table["nis"][own].mean() == pytest.approx(located_run.metrics["uwb_nis"]["value"])
+    assert 0.3 < located_run.metrics["uwb_nis"]["value"] < 3
 
 
 def test_the_saved_map_is_that_of_the_robots_tag(

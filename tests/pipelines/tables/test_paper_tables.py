@@ -15,7 +15,7 @@ from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup
 
 CONTRACT = (
     *("following-uwb", "following-lidar", "following-2", "planning-1", "planning-2", "planning-ea"),
-    *("tracking-courses", "tracking-5", "foot-torque", "foot-drift"),
+    *("tracking-courses", "tracking-5", "foot-torque", "foot-drift", "uwb-real"),
 )
 
 

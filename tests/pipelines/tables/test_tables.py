@@ -24,7 +24,7 @@ from quadlog.pipelines.tables.registry import TABLES
 from quadlog.pipelines.tables.tracking import courses, table_5
 from quadlog.pipelines.tables.tracking.walks import CURVES, Tracked, TrackingTask
 from quadlog.results.papers.page import csv_text, section_text
-from quadlog.results.papers.table import PaperTable
+from quadlog.results.papers.table import PaperTable, Verdict
 
 EXPECTED = Path(__file__).parent / "expected"
 SMALL: dict[str, dict[str, int]] = {
@@ -37,6 +37,9 @@ SMALL: dict[str, dict[str, int]] = {
 }
 """How few each of these draws here. The walks of the others are made up, so that these run in full."""
 SEEDLESS = "foot-torque"
+RECORDED = "uwb-real"
+"""Of real recordings, which not every machine has: `real/test_uwb_real.py`."""
+DRAWN = [name for name in TABLES if name != RECORDED]
 UNEXPLAINED = ("Figs 9 and 10: ranges", "Curves chosen for each robot", "Sweep of k")
 """Groups that leave the words on their intervals to another one."""
 T_S = np.linspace(0, 60, 50)
@@ -46,9 +49,9 @@ def tracked(task: TrackingTask) -> Tracked:
     """Its η grows with the look-ahead, is worse without whole-body control, and differs by seed; some fall."""
     steering = task.steering
     l_m = 1.5 if steering.controller != "pmw" else steering.lookahead_m
-    fell = steering.controller == "fpm" and task.disturbed and task.seed % 3 == 0
+    fell = steering.controller == "fpm" and (task.turning_share == 1.0 or (task.disturbed and task.seed % 3 == 0))
     eta_m = 0.01 * l_m * (1 + 0.01 * (task.seed % 7)) * (1.5 if steering.controller == "fpm" else 1.0)
-    eta_m *= {"6cm": 1.3}.get(task.terrain, 1.0) * (1.2 if task.disturbed else 1.0)
+    eta_m *= {"6cm": 1.3}.get(task.terrain, 1.0) * (1.2 if task.disturbed else 1.0) * (0.8 / (task.friction or 0.8))
     names = ("sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "heading_rmse_rad", "pitch_rms_rad")
     figures = dict.fromkeys((*names, "height_rms_m"), eta_m)
     figures |= {figure.key: eta_m for figure in (*courses.CURVED, *table_5.CURVED)}
@@ -113,12 +116,12 @@ def unlike(table: PaperTable, expected: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", DRAWN)
 def test_its_rows_are_as_committed(name: str):
     assert unlike(small(name), (EXPECTED / f"{name}.csv").read_text()) == []
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", DRAWN)
 def test_it_keeps_the_contract_of_a_table(name: str):
     table = small(name)
     assert table.name == name
@@ -126,8 +129,11 @@ def test_it_keeps_the_contract_of_a_table(name: str):
     assert "seed" in table.sizes
     assert not re.search(r"\bnan\b", section_text(table))
     for row in table.rows:
-        assert row.paper is not None or row.reproduces is None, row
-        assert row.note or row.low is not None or row.reproduces is not False, row
+        assert row.paper is None or row.reproduces is not None, row
+        # Of what the paper prints without a number, the note says what is claimed.
+        assert row.paper is not None or row.reproduces is None or "laimed" in row.note, row
+        assert row.note or row.low is not None or row.reproduces is not Verdict.NO, row
+        assert row.note or row.reproduces is not Verdict.NOT_COMPARABLE, row
     for group in table.groups:
         if any(row.low is not None for row in group.rows):
             assert "nterval" in group.text or group.title in UNEXPLAINED, group.title
@@ -170,10 +176,12 @@ def test_foot_drift_says_which_claims_survive(as_claimed: bool, says: str, fast:
     assert table.groups[0].text.startswith(says)
     assert ("with a trim to one side" in table.groups[0].text) == (as_claimed and not fast)
     claimed = [row for row in table.rows if "change of" in row.quantity]
-    assert len(claimed) == (3 if fast else 7) * len(ROBOTS)
-    assert all(row.reproduces == as_claimed for row in claimed if "with y(t)" in row.quantity)
+    assert len(claimed) == (3 if fast else 7) * len(ROBOTS) + 2 * 3 * 2  # those of other frictions
+    claimed = [row for row in claimed if "with y(t)" in row.quantity and row.reproduces is not None]
+    assert len(claimed) == 3 * len(ROBOTS)
+    assert {row.reproduces for row in claimed} == {Verdict.YES if as_claimed else Verdict.NO}
 
 
 if __name__ == "__main__":
-    for each in TABLES:
+    for each in DRAWN:
         (EXPECTED / f"{each}.csv").write_text(csv_text(small(each)))

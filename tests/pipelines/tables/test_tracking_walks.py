@@ -53,6 +53,13 @@ def test_disturbed_means_what_simulate_means_by_it():
     assert asdict(disturbance_settings(task(CONTROLLERS[0]).config.simulation.disturbances)) == asdict(NONE)
 
 
+def test_what_is_varied_reaches_the_walk():
+    varied = replace(task(CONTROLLERS[1]), turning_share=0.3, friction=0.65).config
+    assert (varied.mpc.turning_share, varied.simulation.friction) == (0.3, 0.65)
+    usual = task(CONTROLLERS[1]).config
+    assert (usual.mpc.turning_share, usual.simulation.friction) == (0.6, 0.8)
+
+
 def walk(eta_m, fallen=0.0):
     return Tracked({"eta_m": eta_m, "fallen": fallen}, np.zeros(1), np.zeros(1))
 

@@ -28,5 +28,6 @@ def test_every_table_and_figure_of_a_paper_is_there_once(paper):
 def test_each_leads_to_a_table_there_is_or_says_why_not():
     everywhere = [each for mine in SHOWN.values() for each in mine]
     assert all(each.tables or each.remark for each in everywhere)
-    assert {name for each in everywhere for name in each.tables} == set(TABLES)
+    # What real recordings give is in no paper.
+    assert {name for each in everywhere for name in each.tables} == set(TABLES) - {"uwb-real"}
     assert figures_appendix().text.count("\n| ") == 1 + len(everywhere)

@@ -136,6 +136,12 @@ def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, en
     assert notes == (f"preset paper replaces keys of {path}: {', '.join(replaced)}",)
 
 
+def test_the_papers_robot_aims_along_its_path_and_a_point_is_an_obstacle():
+    for preset, clear_chord, min_points in ((None, True, 2), ("paper", False, 1)):
+        config = load_config(preset=preset, environ={})
+        assert (config.pursuit.clear_chord, config.grid.min_points) == (clear_chord, min_points)
+
+
 def test_a_preset_without_anything_to_replace_says_nothing(tmp_path):
     path = tmp_path / "quadlog.toml"
     path.write_text("[uwb]\nsmooth = false\n")

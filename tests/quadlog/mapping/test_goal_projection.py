@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
-from quadlog.mapping.goal_projection import escape_start, project_goal
+from quadlog.mapping.goal_projection import DETOUR, escape_start, project_goal
 from quadlog.mapping.grid import Window
 from quadlog.mapping.inflation import inflate
 
@@ -171,3 +171,45 @@ def test_walled_in_or_outside_is_none() -> None:
     assert escape_start(occupied, np.ones((5, 5), dtype=np.bool_), (2, 2)) is None
     assert escape_start(occupied, occupied, (5, 2)) is None
     assert escape_start(occupied, occupied, (-1, 2)) is None
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.2), st.floats(1, 4))
+def test_towards_a_goal_it_takes_the_shortest_way_there_within_a_detour(seed, rows, cols, share, radius) -> None:
+    random = np.random.default_rng(seed)
+    occupied = random.random((rows, cols)) < share
+    blocked = inflate(occupied, radius)
+    start = (int(random.integers(cols)), int(random.integers(rows)))
+    goal = (int(random.integers(-5, 20)), int(random.integers(-5, 20)))
+    escape = escape_start(occupied, blocked, start, goal)
+    nearest = escape_start(occupied, blocked, start)
+    assert (escape is None) == (nearest is None)
+    if escape is None or nearest is None:
+        return
+    assert not blocked[escape.cell[1], escape.cell[0]]
+    assert not occupied[escape.path[1:, 1], escape.path[1:, 0]].any()
+    # All but the last cell lie in the growth: it leaves it once.
+    assert blocked[escape.path[:-1, 1], escape.path[:-1, 0]].all()
+
+    away = np.abs(np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) - goal)
+    on = 10 * (away.max(axis=-1) - away.min(axis=-1)) + 14 * away.min(axis=-1)
+    cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
+    least = cost.min()
+
+    def walked(path) -> int:
+        return sum(14 if step.all() else 10 for step in np.diff(path.astype(np.int64), axis=0) != 0)
+
+    assert walked(escape.path) <= least + DETOUR
+    assert walked(escape.path) + on[escape.cell[1], escape.cell[0]] <= least + on[nearest.cell[1], nearest.cell[0]]
+
+
+def test_beside_a_wall_it_gets_out_ahead_and_not_behind() -> None:
+    """In the growth of a wall's end the nearest free cell lies behind; one ahead costs a step more and saves two."""
+    occupied = np.zeros((9, 15), dtype=np.bool_)
+    occupied[0, :] = True
+    blocked = inflate(occupied, 3)
+    blocked[1:4, :6] = False
+    assert escape_start(occupied, blocked, (6, 2)).cell == (5, 2)
+    cell = escape_start(occupied, blocked, (6, 2), (14, 4)).cell
+    assert cell[0] >= 6
+    assert cell[1] == 4

@@ -6,7 +6,15 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from quadlog.metrics import intervals as bootstrap
-from quadlog.metrics.intervals import block_length, median_interval, ratio_interval_in_time
+from quadlog.metrics.intervals import (
+    block_length,
+    corrected_confidence,
+    fewest_values,
+    median_interval,
+    median_interval_in_time,
+    pooled_median_interval,
+    ratio_interval_in_time,
+)
 
 
 def test_the_medians_interval_is_scipys() -> None:
@@ -83,3 +91,36 @@ def test_too_few_in_time_or_a_bound_at_infinity_is_no_interval() -> None:
 
 def test_a_block_is_the_root_of_the_series() -> None:
     assert [block_length(n) for n in (1, 20, 100, 230, 10_000)] == [1, 4, 10, 15, 100]
+
+
+def test_the_median_of_groups_agrees_with_scipy_where_every_group_is_one_value() -> None:
+    values = np.random.default_rng(7).exponential(10, 201)
+    ours = pooled_median_interval(values, np.arange(201), np.random.default_rng(0))
+    theirs = stats.bootstrap(
+        (values,), np.median, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
+    assert_allclose(ours, (theirs.low, theirs.high), rtol=0.03)
+    assert pooled_median_interval(values, np.arange(201) % 5, np.random.default_rng(0)) is None
+
+
+def test_values_that_come_in_groups_widen_the_interval_of_their_median() -> None:
+    draw = np.random.default_rng(8)
+    group = np.repeat(np.arange(40), 25)
+    values = draw.normal(0, 1, 40)[group] + draw.normal(0, 0.1, 1000)
+    wide = pooled_median_interval(values, group, np.random.default_rng(0))
+    narrow = pooled_median_interval(values, np.arange(1000), np.random.default_rng(0))
+    in_time = median_interval_in_time(values, np.random.default_rng(0))
+    assert wide is not None
+    assert narrow is not None
+    assert in_time is not None
+    for each in (wide, in_time):
+        assert each[1] - each[0] > 2 * (narrow[1] - narrow[0])
+        assert each[0] <= np.median(values) <= each[1]
+
+
+def test_the_range_of_the_fewest_values_holds_the_median_as_often_as_asked() -> None:
+    assert [fewest_values(corrected_confidence(k)) for k in (1, 2, 10)] == [6, 7, 9]
+    for comparisons in range(1, 30):
+        confidence = corrected_confidence(comparisons)
+        n = fewest_values(confidence)
+        assert 1 - 2.0 ** (1 - n) >= confidence - 1e-12 > 1 - 2.0 ** (2 - n)

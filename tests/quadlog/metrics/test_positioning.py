@@ -7,26 +7,20 @@ from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.metric import Metrics
 from quadlog.metrics.positioning import (
     Trajectory,
     associate,
     fix_error_samples,
-    pair_samples,
     positions_at,
     residual_samples,
 )
+from quadlog.metrics.reference_offset import compare_trajectories
 from quadlog.metrics.summary import metrics_of, summarise
 
 
 def trajectory(rng, t_ns):
     n = len(t_ns)
     return Trajectory(t_ns, rng.normal(size=(n, 3)).cumsum(axis=0), Rotation.random(n, rng=rng).as_quat())
-
-
-def trajectory_metrics(reference: Trajectory, estimate: Trajectory) -> Metrics:
-    in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, 0.01)
-    return metrics_of(pair_samples(reference.rows(in_reference), estimate.rows(in_estimate)))
 
 
 def as_evo(ours):
@@ -41,7 +35,7 @@ def test_equal_to_evo(seed, counts, start_ns):
     rng = np.random.default_rng(seed)
     times_ns = [np.sort(rng.choice(3000, n, replace=False)) * 1_000_000 + start_ns for n in counts]
     reference, estimate = (trajectory(rng, t_ns) for t_ns in times_ns)
-    ours = trajectory_metrics(reference, estimate)
+    ours = metrics_of(compare_trajectories(reference, estimate).samples)
     paired = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01)
     ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
     ape.process_data(paired)
@@ -78,9 +72,9 @@ def test_an_offset_is_added_as_evo_adds_it(counts, offset_s):
 def test_trajectories_without_common_time_have_no_metrics():
     rng = np.random.default_rng(0)
     early, late = trajectory(rng, np.arange(5) * 10**8), trajectory(rng, np.arange(5) * 10**8 + 10**12)
-    assert trajectory_metrics(early, late) == {}
-    one = trajectory_metrics(early, trajectory(rng, np.array([10**8])))
-    assert set(one) == {"ate_rmse_m"}
+    assert compare_trajectories(early, late) is None
+    one = compare_trajectories(early, trajectory(rng, np.array([10**8])))
+    assert set(one.samples) == {"ate_rmse_m"}
 
 
 def test_uwb_by_hand():

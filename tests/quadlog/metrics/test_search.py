@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
-from quadlog.metrics.planning import Replans, ratio_to_astar, search_samples
+from quadlog.metrics.planning import Replans, join_turn_rad, path_change_m, ratio_to_astar, search_samples
 from quadlog.metrics.summary import metrics_of
 
 
@@ -45,3 +50,31 @@ def test_nothing_from_nothing():
     metrics = metrics_of(search_samples(failed))
     assert metrics["success_rate"].value == 0.0
     assert "suboptimality_mean" not in metrics
+
+
+numbers = st.integers(-100, 100).map(lambda tenths: tenths / 10)
+paths = st.lists(st.tuples(numbers, numbers), min_size=2, max_size=8, unique=True).map(np.array)
+
+
+@given(paths)
+def test_a_path_that_goes_on_as_planned_has_not_changed(path: np.ndarray) -> None:
+    assert path_change_m(path, path[1:]) == pytest.approx(0.0, abs=1e-9)
+    beyond = np.vstack([path, path[-1] + np.array([50.0, 0.0])])
+    assert path_change_m(path, beyond) == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(deadline=None)
+@given(paths, paths)
+def test_the_change_is_the_distance_to_the_nearest_of_many_points(before: np.ndarray, after: np.ndarray) -> None:
+    """Of those points of the new path that the old one reaches from where the new one begins."""
+    dense = np.concatenate([np.linspace(a, b, 1001) for a, b in pairwise(before)])
+    steps = np.hypot(*np.diff(before, axis=0).T)
+    left = steps[int(np.hypot(*(before - after[0]).T).argmin()) :].sum()
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(after, axis=0).T))])
+    wanted = cKDTree(dense).query(after[arc <= left + 1e-9])[0].mean()
+    assert path_change_m(before, after) == pytest.approx(wanted, abs=steps.max() / 1000)
+
+
+def test_the_turn_at_a_joint_by_hand() -> None:
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [2.0, -2.0]])
+    assert [join_turn_rad(path, at) for at in range(4)] == pytest.approx([0.0, np.pi / 2, np.pi / 4, 0.0])

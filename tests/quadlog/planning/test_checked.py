@@ -163,7 +163,7 @@ def test_a_plugins_planner_is_made_by_name(install):
     assert make_planner("mine", Rules(corner_cutting=True)).rules.corner_cutting
     assert make_planner("mine").plan(FREE, (0, 0), (7, 5)).cost == 90
     assert planner_type("mine").incremental is False
-    with pytest.raises(UnknownName, match="ia_star_bounded, lpa_star, mine, mt_d_star_lite"):
+    with pytest.raises(UnknownName, match="ia_star_bounded, ia_star_end, lpa_star, mine, mt_d_star_lite"):
         make_planner("nobody")
 
 

@@ -54,5 +54,5 @@ def test_unknown_name_lists_the_choices():
         make_planner("a*")
     assert str(raised.value) == (
         "unknown planner 'a*'; choose one of: ara_star, astar, astar_paper, clearance_astar, d_star_lite, dijkstra, "
-        "ea_star, ia_star, ia_star_bounded, lpa_star, mt_d_star_lite"
+        "ea_star, ia_star, ia_star_bounded, ia_star_end, lpa_star, mt_d_star_lite"
     )

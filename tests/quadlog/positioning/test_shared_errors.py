@@ -5,9 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from quadlog.messages import Float
-from quadlog.positioning.anchor_bias import (
+from quadlog.positioning.shared_errors import (
     SharedErrors,
-    bias_covariance_at,
     column_medians,
     scatter_covariances,
     solve_shared_errors,
@@ -69,15 +68,6 @@ def test_the_gradient_of_a_range_error_is_its_reach():
         bumped = solve_shared_errors(ANCHORS_M, moving, bumped_m, weight, place_m, 2, firm)
         np.testing.assert_allclose((bumped.pull - base.pull) / 1e-5, base.reach[:, :, link], rtol=1e-3, atol=1e-2)
     assert np.isfinite(range_m).all()
-
-
-def test_what_the_geometry_could_tell_is_what_a_solution_there_claims():
-    rng = np.random.default_rng(3)
-    place_m = np.column_stack([rng.uniform(1, 6, (20, 2)), np.full(20, 0.6)])
-    weight, range_m = np.full((20, 5), 100.0), ranges(place_m, ANCHORS_M)
-    solved = solve_shared_errors(ANCHORS_M, NONE, range_m, weight, place_m, 2, np.eye(5))
-    told_m2 = bias_covariance_at(ANCHORS_M, weight, place_m, 2, np.eye(5))
-    np.testing.assert_allclose(told_m2, solved.covariance_m2, rtol=1e-6)
 
 
 def test_errors_that_persist_scatter_more_than_white_ones():

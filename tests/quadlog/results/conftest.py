@@ -229,6 +229,7 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
     why_not = np.where(applied, "", "known to 0.09 m only")
     _table(path, "links", **links, why_not=why_not, weak_first_path_share=np.nan)
     errors: dict[str, Any] = {"t_ns": np.tile(t_ns, 2), "tag": 0, "source": np.repeat(["fixes", "track"], 40)}
+    _table(path, "innovations", t_ns=errors["t_ns"], tag=errors["tag"], n_ranges=4, nis=1.0)
     _table(path, "uwb_errors", **errors, error_x_m=0.03, error_y_m=np.tile([0.04, 0.4], 40), bound_m=0.2)
     spread = {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "yaw_std_rad": 0.02}
     _table(path, "pose_uncertainty", t_ns=t_ns, **spread)
@@ -283,4 +284,7 @@ def _write_control(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     control |= {"error_m": error_m, "cross_track_m": -error_m, "time_error_m": 2 * error_m, "heading_error_rad": 0.0}
     control |= {"lookahead_m": 2.0, "cmd_v_mps": 0.6, "cmd_yaw_rate_radps": 0.2, "fallen": False}
     _table(path, "control", **control)
+    contacts = {"t_ns": tick_ns[[40, 90]], "duration_s": [0.1, 0.42], "x_m": [1.05, 2.15], "y_m": 0.35}
+    causes = ["appeared inside the body", "the robot cut a corner of its plan"]
+    _table(path, "contacts", **contacts, clearance_m=[-0.05, -0.031], cause=causes, collision=[False, True])
     _table(path, "clearances", t_ns=tick_ns, clearance_m=np.where(error_m < 0.09, np.inf, 0.5), target_distance_m=2.0)

@@ -56,7 +56,7 @@ STILL_M = np.full((600, 2), [2.0, 0.0])
 
 
 def test_a_lost_track_is_called_lost(monkeypatch):
-    def away(t_s, position_m, range_m):
+    def away(t_s, position_m, range_m, *_):
         off_m = np.full(len(t_s), 2.0)
         return {"fix by fix": off_m, "causal track": off_m, "smoothed track": np.append(off_m[:-1], 0.5)}
 

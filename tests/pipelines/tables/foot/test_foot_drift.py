@@ -17,6 +17,8 @@ from quadlog.pipelines.tables.foot.drift_walks import (
     DERIVED,
     DRIFT,
     FORWARD,
+    FRICTION,
+    OTHER_FRICTIONS,
     ROBOTS,
     SAME_SIDE,
     SIGNED_DRIFT,
@@ -105,8 +107,33 @@ def test_a_change_is_judged_by_the_paired_t_test():
     sizes = changes(drifts, SYMMETRIC, DERIVED, seeds, DRIFT)
     np.testing.assert_allclose(sizes, 1e3 * (np.abs(values[DERIVED]) - np.abs(values[BASELINE])))
     row = change_row(drifts, SYMMETRIC, DERIVED, seeds, FORWARD, "here")
-    assert (row.ours, row.reproduces) == (0.0, False)
-    assert "holds 0" in row.note
+    assert (row.ours, row.reproduces, row.paper) == (0.0, "no", None)
+
+
+@pytest.mark.parametrize(
+    ("less_mm", "noise_mm", "verdict", "note"),
+    [
+        (-100.0, 1.0, "yes", "Claimed: less than 0."),
+        (-100.0, 300.0, "undecided", "Claimed: less than 0."),
+        # Surely less, and not by a tenth of the printed 240 mm.
+        (-5.0, 1.0, "no", "Claimed: less than 0. By less than a tenth of what is printed, -24."),
+        (50.0, 1.0, "no", "Claimed: less than 0. The other way round."),
+    ],
+)
+def test_a_smaller_drift_is_claimed_and_a_tenth_of_what_is_printed_is_the_least(less_mm, noise_mm, verdict, note):
+    noise = np.random.default_rng(2).normal(0, noise_mm / 1e3, 10)
+
+    def rule(task: DriftTask) -> dict[str, float]:
+        return {"lateral_drift_m": 10.0 if task.curve.k is None else 10.0 + less_mm / 1e3 + noise[task.seed]}
+
+    drifts = _made_up(rule, [DriftTask(SYMMETRIC, curve, s) for curve in (BASELINE, DERIVED) for s in range(10)])
+    row = change_row(drifts, SYMMETRIC, DERIVED, range(10), DRIFT, "here")
+    assert (row.reproduces, row.note) == (verdict, note)
+
+
+def test_friction_is_that_of_the_simulation():
+    assert settings(SYMMETRIC, DERIVED).friction == FRICTION
+    assert settings(SYMMETRIC, DERIVED, OTHER_FRICTIONS[0]).friction == OTHER_FRICTIONS[0]
 
 
 @pytest.mark.parametrize(("interval", "where"), [((-2, -1), -1), ((-1, 1), 0), ((0, 1), 0), ((1, 2), 1)])

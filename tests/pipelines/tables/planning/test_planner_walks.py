@@ -4,16 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from quadlog.pipelines.comparison.problems import CompareOptions, counted
-from quadlog.pipelines.tables.planning.planner_walks import HONEST, PAPER, PRESETS, forest_of, of_printed_runs, spend
+from quadlog.pipelines.tables.planning.planner_walks import (
+    HONEST,
+    PAPER,
+    PAPER_END,
+    PRESETS,
+    extreme_row,
+    forest_of,
+    spend,
+)
 from quadlog.simulation.worlds.world import Rectangle, rectangles_in
 
 
 @pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)
 def test_presets_are_those_of_compare_planners(preset):
-    options = CompareOptions(preset=preset.name)
+    options = CompareOptions(preset=preset.name.split(",")[0], leader=preset.leader if preset is PAPER_END else None)
     assert (preset.rules, preset.baseline, preset.leader) == (options.rules, options.baseline, options.walked_by)
     assert preset.counted == counted(options)
 
@@ -28,14 +35,19 @@ def test_presets_walk_through_the_same_forests_and_numbers_through_others():
     assert not np.array_equal(forest_of(0.2, 3, PAPER, 1).goal.at(0), paper.goal.at(0))
 
 
-def test_a_statistic_of_printed_runs_is_of_the_first_and_its_interval_of_all():
-    values = np.concatenate([np.full(9, 4.0), np.full(31, 8.0)])
-    ours, (low, high) = of_printed_runs(values, 9, np.mean, np.random.default_rng(0))
-    assert ours == 4.0
-    # Of nine draws, each 8 with a chance of 31/40: binomial.
-    expected = 4 + 4 * stats.binom.ppf([0.025, 0.975], 9, 31 / 40) / 9
-    assert (low, high) == pytest.approx(tuple(expected), abs=0.46)
-    assert of_printed_runs(values[:3], 9, np.min, np.random.default_rng(0)) == (4.0, (4.0, 4.0))
+def test_the_least_of_nine_is_the_mean_over_tables_of_all_runs():
+    values = np.random.default_rng(1).uniform(4, 12, 40)
+    row = extreme_row("a", values[:9], values, True, 1.0, np.random.default_rng(0))
+    drawn = np.random.default_rng(2).choice(values, (200_000, 9)).min(axis=1)
+    assert row.ours == pytest.approx(drawn.mean(), rel=1e-3)
+    assert row.paper == values[:9].min()
+    assert row.low < row.ours < row.high
+    assert row.reproduces == "yes"
+    assert extreme_row("a", values[:9], values, False, 1.0, np.random.default_rng(0)).ours > 11
+    # A table of nine with a least far above what ours have, and a contrary that ours may have.
+    assert extreme_row("a", values[:9] + 8, values, True, 1.0, np.random.default_rng(0)).reproduces == "no"
+    assert extreme_row("a", values[:9], values, True, row.ours, np.random.default_rng(0)).reproduces == "undecided"
+    assert extreme_row("a", values[:9], values[:5], True, 1.0, np.random.default_rng(0)).reproduces == "undecided"
 
 
 def test_a_walk_that_does_not_arrive_is_no_run():

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from quadlog.pipelines.tables.tracking import table_5
 from quadlog.pipelines.tables.tracking.walks import (
     ETA,
     PITCH,
@@ -43,18 +44,20 @@ def test_one_seed_has_no_interval():
     assert mean_interval(np.array([2.0])) == (2.0, None)
     assert ratio_interval(np.array([3.0]), np.array([2.0])) == (pytest.approx(1.5), None)
     (row,) = ratio_row("one", ETA, walks(0.3), walks(0.2), 1.05)
-    assert (row.low, row.reproduces) == (None, True)
+    assert (row.low, row.reproduces) == (None, "undecided")
 
 
 def test_a_printed_number_is_judged_by_our_interval():
     (row,) = mean_row("ideal, FpMW", ETA, walks(*[0.27, 0.28, 0.29] * 2), 0.2801, 1e-4, why_not="Why.")
-    assert (row.quantity, row.reproduces, row.note) == ("ideal, FpMW: η (m)", True, "")
+    assert (row.quantity, row.reproduces, row.note) == ("ideal, FpMW: η (m)", "yes", "")
     (row,) = mean_row("ideal, FpMW", ETA, walks(0.027, 0.028, 0.029), 0.2801, 1e-4, why_not="Why.")
-    assert (row.reproduces, row.note) == (False, "Why.")
+    assert (row.reproduces, row.note) == ("no", "Why.")
     assert row.difference == pytest.approx(-0.2521)
     (row,) = mean_row("of two", ETA, walks(0.1, 0.3), 0.2801, 1e-4, why_not="Why.")
     assert row.low < 0.2801 < row.high
-    assert not row.reproduces
+    assert row.reproduces == "undecided"
+    (row,) = mean_row("ideal, FpMW", ETA, walks(0.027, 0.028), 0.2801, 1e-4, why_not_comparable="Why.")
+    assert (row.paper, row.reproduces, row.note) == (0.2801, "not comparable", "Why.")
     (row,) = mean_row("ideal, FpMW", ETA, walks(0.027, 0.028))
     assert row.reproduces is None
 
@@ -77,15 +80,28 @@ def test_walks_that_do_not_arrive_have_no_time():
 @pytest.mark.parametrize(
     ("parts", "reproduces", "note"),
     [
-        ((0.30, 0.31, 0.32), True, ""),
-        ((0.10, 0.11, 0.12), False, "Ours lies below 1."),
-        ((0.15, 0.25, 0.50), False, "Our interval holds 1 as well."),
+        ((0.30, 0.31, 0.32), "yes", ""),
+        ((0.10, 0.11, 0.12), "no", "Ours is not above 1."),
+        ((0.15, 0.25, 0.50), "undecided", ""),
+        # Three ten-thousandths more in every seed are sure, and no reproduction of 4.7 %.
+        ((0.20006, 0.20006, 0.20006), "no", "By less than a tenth of what is printed, 1.005."),
     ],
 )
 def test_an_order_reproduces_when_the_whole_interval_has_it(parts, reproduces, note):
     (row,) = ratio_row("η, FpM / FpMW (1)", ETA, walks(*parts), walks(0.2, 0.2, 0.2), 0.2933 / 0.2801)
     assert (row.reproduces, row.note) == (reproduces, note)
     assert row.paper == pytest.approx(1.0471, abs=1e-4)
+
+
+def test_a_claim_in_words_has_no_printed_number():
+    (row,) = ratio_row("6 cm / 3 cm (1)", ETA, walks(0.3, 0.31), walks(0.2, 0.2), is_claimed=True)
+    assert (row.paper, row.reproduces) == (None, "yes")
+
+
+def test_an_order_of_medians_alone_is_not_judged():
+    walked = dict(zip(table_5.NAMES, (walks(0.2, 0.4), walks(0.2001, 0.4001), walks(0.5, 0.6)), strict=True))
+    row = table_5._order_row("ideal", walked)
+    assert (row.ours, row.paper, row.reproduces) == (1.0, None, None)
 
 
 def test_falls_are_counted():

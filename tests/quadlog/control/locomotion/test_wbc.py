@@ -242,7 +242,9 @@ def test_forces_against_the_qp_with_its_equality(robot, seed, weight):
     base = state.mass_matrix[:6] @ acceleration + state.bias[:6]
     equality = np.hstack([-to_base, state.mass_matrix[:6, :6]])
     asked = mpc_forces_n[feet].ravel()
+    # The pyramids stand on the ground that the body is wanted along.
     per_foot = np.array([[-1, 0, 0.6], [1, 0, 0.6], [0, -1, 0.6], [0, 1, 0.6], [0, 0, 1], [0, 0, -1]])
+    per_foot = per_foot @ targets.rotation_body_to_map.T
     pyramid = np.hstack([np.kron(np.eye(len(feet)), per_foot), np.zeros((6 * len(feet), 6))])
     at_least = np.tile([0, 0, 0, 0, 5.0, -120.0], len(feet)) - pyramid[:, :n] @ asked
     hessian = np.diag([1.0] * n + [weight] * 6)
@@ -262,12 +264,33 @@ def test_forces_keep_to_the_pyramid_and_torques_to_the_limits(robot, seed, mu):
     limits = tuple(rng.uniform(5.0, 40.0, 12))
     control = WholeBodyControl(WbcSettings(mu=mu, f_min_n=2.0, torque_limit_nm=limits))
     stance = rng.random(4) < 0.7
-    command = step(control, state, near(rng, state, 20.0), stance, 300 * rng.normal(size=(4, 3)))
-    down = command.forces_n[stance]
+    targets = near(rng, state, 20.0)
+    command = step(control, state, targets, stance, 300 * rng.normal(size=(4, 3)))
+    down = (command.forces_n @ targets.rotation_body_to_map)[stance]
     assert (np.abs(down[:, :2]) <= mu * down[:, 2:] + 1e-6).all()
     assert ((down[:, 2] >= 2.0 - 1e-6) & (down[:, 2] <= 150.0 + 1e-6)).all()
     assert (np.abs(command.torques_nm) <= limits).all()
     np.testing.assert_array_equal(command.saturated, np.abs(command.torques_nm) == limits)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 45.0, 140.0])
+@pytest.mark.parametrize(("slope_deg", "mu"), [(15.0, 0.2), (20.0, 0.3), (-20.0, 0.3), (20.0, 0.6)])
+def test_a_slope_tilts_the_friction_cone(robot, slope_deg, mu, yaw_deg):
+    """A force straight up leans from the normal by the slope: beyond arctan(mu) it is cut to the cone's side."""
+    slope = np.radians(slope_deg)
+    ground = Rotation.from_euler("ZY", [yaw_deg, slope_deg], degrees=True).as_matrix()
+    state = robot.stand().state()
+    targets = targets_of(ground, np.zeros((5, 3)), np.zeros((3, 4, 3)))
+    targets.body[0], targets.feet[0] = state.position_m, state.feet_m
+    # Nothing but nearness to the MPC's forces counts.
+    control = WholeBodyControl(WbcSettings(mu=mu, weight_acceleration=0.0))
+    found_n = step(control, state, targets, TROT, np.tile([0.0, 0.0, 60.0], (4, 1))).forces_n[TROT]
+    if abs(np.tan(slope)) <= mu:
+        expected_n = np.array([0.0, 0.0, 60.0])
+    else:
+        side = np.array([-np.sign(slope) * mu, 0.0, 1.0]) / np.hypot(mu, 1.0)
+        expected_n = 60.0 * (mu * abs(np.sin(slope)) + np.cos(slope)) / np.hypot(mu, 1.0) * ground @ side
+    np.testing.assert_allclose(found_n, np.tile(expected_n, (2, 1)), rtol=0, atol=1e-6)
 
 
 def failing(*args, **kwargs):
@@ -292,9 +315,9 @@ def test_failed_solvers_are_counted_and_survived(robot, monkeypatch):
         third = step(control, state, targets, TROT, forces_n)
     assert [each.status for each in (first, second, third)] == list(QpStatus)[:3]
     assert all(control.counts[status] == 1 for status in list(QpStatus)[:3])
-    down = third.forces_n[TROT]
-    assert (np.abs(down[:, :2]) <= 0.6 * down[:, 2:]).all()
-    np.testing.assert_allclose(down[:, 2], np.clip(forces_n[TROT, 2], 0, 150))
+    down, asked = (each[TROT] @ targets.rotation_body_to_map for each in (third.forces_n, forces_n))
+    assert (np.abs(down[:, :2]) <= 0.6 * down[:, 2:] + 1e-9).all()
+    np.testing.assert_allclose(down[:, 2], np.clip(asked[:, 2], 0, 150))
     found = robot.acceleration(third.torques_nm, third.forces_n)
     np.testing.assert_allclose(found, third.qddot_cmd, rtol=0, atol=1e-8 * np.abs(found).max())
 

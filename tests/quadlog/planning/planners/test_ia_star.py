@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.planning.planners.astar import AStar, AStarPaper, Dijkstra
-from quadlog.planning.planners.ia_star import IAStar
+from quadlog.planning.planners.ia_star import IAStar, IAStarEnd
 from quadlog.planning.rules import HEURISTICS, Rules
 from quadlog.planning.search.grid_steps import REANCHOR_CELLS
 
@@ -85,3 +85,29 @@ def test_robot_that_walks_on_beyond_the_end_of_its_route_searches_on():
     plan = planner.plan(blocked, (10, 10), (20, 10))
     assert not plan.from_scratch
     assert (plan.cost, plan.reused_cells) == (100, 1)
+
+
+def test_sought_from_the_end_the_way_round_an_obstacle_is_kept():
+    """A wall across the straight way: by least f all of the detour is searched again, from the end only the goal."""
+    blocked = np.zeros((21, 31), dtype=bool)
+    blocked[4:17, 15] = True
+    plans = {}
+    for kind in (IAStar, IAStarEnd):
+        planner = kind(Rules(heuristic="manhattan"))
+        before = planner.plan(blocked, (2, 10), (28, 10))
+        plans[kind] = planner.plan(blocked, tuple(before.cells[1].tolist()), (28, 10))
+    least, end = plans[IAStar], plans[IAStarEnd]
+    assert end.expanded == 1
+    assert least.expanded > 50
+    np.testing.assert_array_equal(end.cells, before.cells[1:])
+
+
+def test_sought_from_the_end_a_path_may_cost_more_than_it_need():
+    """The goal comes back towards the robot: what the old route has beyond is dropped, what leads past it is not."""
+    blocked, ends, excess = np.zeros((40, 40), dtype=bool), ((2, 2), (30, 20)), 0.0
+    planner, best = IAStarEnd(), AStar()
+    planner.plan(blocked, *ends)
+    for goal in ((30, 10), (25, 4), (20, 4)):
+        plan = planner.plan(blocked, (2, 2), goal)
+        excess = max(excess, plan.cost / best.plan(blocked, (2, 2), goal).cost - 1)
+    assert excess > 0.05

@@ -51,7 +51,7 @@ def free_way(blocked, at, to, cutting):
     return None
 
 
-def reference(blocked, route, start, goal, cutting, units):
+def reference(blocked, route, start, goal, cutting, units, from_end):
     """(kept cells, those of them that are new), by the rules taken one at a time."""
     inside = [0 <= c < blocked.shape[1] and 0 <= r < blocked.shape[0] for c, r in route]
     if start in route:
@@ -76,6 +76,10 @@ def reference(blocked, route, start, goal, cutting, units):
         for i, (c, r) in enumerate(path)
     ]
     waypoint = max(i for i in range(len(path)) if f[i] == min(f))
+    if from_end:
+        waypoint = len(path) - 1
+        while waypoint > 0 and f[waypoint - 1] < f[waypoint]:
+            waypoint -= 1
     return path[: waypoint + 1], len(way) - 1
 
 
@@ -84,9 +88,10 @@ def reference(blocked, route, start, goal, cutting, units):
     seed=st.integers(0, 2**32 - 1),
     density=st.sampled_from([0.0, 0.05, 0.15]),
     cutting=st.booleans(),
+    from_end=st.booleans(),
     units=st.sampled_from([UNITS, (2**32, round(2**32 * 2**0.5))]),
 )
-def test_what_is_kept_step_by_step(seed, density, cutting, units):
+def test_what_is_kept_step_by_step(seed, density, cutting, from_end, units):
     """On routes that may leave the window and return, for a robot on them, beside them, and far from them."""
     rng = np.random.default_rng(seed)
     blocked = rng.random((11, 12)) < density
@@ -100,8 +105,10 @@ def test_what_is_kept_step_by_step(seed, density, cutting, units):
     blocked[start[1], start[0]] = False
     cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
     old_route = (route + shift).astype(np.int32)
-    kept, linking, straights, diagonals = kept_route(blocked, old_route, *shift, start, goal, cutting, units, cells)
-    wanted, new = reference(blocked, [tuple(cell) for cell in route.tolist()], start, goal, cutting, units)
+    kept, linking, straights, diagonals = kept_route(
+        blocked, old_route, *shift, start, goal, cutting, units, cells, from_end
+    )
+    wanted, new = reference(blocked, [tuple(cell) for cell in route.tolist()], start, goal, cutting, units, from_end)
     assert [tuple(cell) for cell in cells[:kept].tolist()] == wanted
     if wanted:
         assert linking == new
@@ -109,11 +116,11 @@ def test_what_is_kept_step_by_step(seed, density, cutting, units):
         assert straights + diagonals == kept - 1
 
 
-def kept_cells(route, start, goal, blocked=None):
+def kept_cells(route, start, goal, blocked=None, from_end=False):
     blocked = np.zeros((20, 30), dtype=bool) if blocked is None else blocked
     cells = np.zeros((len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
     route = np.array(route, dtype=np.int32)
-    kept, linking, straights, diagonals = kept_route(blocked, route, 0, 0, start, goal, False, UNITS, cells)
+    kept, linking, straights, diagonals = kept_route(blocked, route, 0, 0, start, goal, False, UNITS, cells, from_end)
     return cells[:kept].tolist(), linking, 10 * straights + 14 * diagonals
 
 
@@ -124,3 +131,13 @@ def test_kept_up_to_the_least_f_from_the_end():
     # A diagonal step costs 14 and brings the goal 20 nearer.
     diagonal = [[0, 0], [1, 1], [2, 2]]
     assert kept_cells(diagonal, (0, 0), (5, 5)) == (diagonal, 0, 28)
+
+
+def test_round_an_obstacle_the_end_is_kept_by_one_reading_and_the_part_before_the_detour_by_the_other():
+    """f by hand: 60 along row 0, 80 after the step aside, 60 again once the way leads back towards the goal."""
+    aside = [[0, 0], [1, 0], [1, 1], [2, 1], [3, 1]]
+    assert kept_cells(aside, (0, 0), (6, 0)) == (aside[:2], 0, 10)
+    assert kept_cells(aside, (0, 0), (6, 0), from_end=True) == (aside, 0, 40)
+    # The last step leads away from the goal: from the end, f falls over it.
+    beyond = [[0, 0], [1, 0], [2, 0], [2, 1]]
+    assert kept_cells(beyond, (0, 0), (6, 0), from_end=True) == (beyond[:3], 0, 20)

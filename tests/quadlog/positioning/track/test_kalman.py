@@ -169,7 +169,12 @@ def test_an_update_in_three_dimensions_ends_where_the_cost_is_flat():
         unpacked(shrunk), np.linalg.inv(np.linalg.inv(covariance) + information), rtol=1e-3, atol=1e-6
     )
     np.testing.assert_allclose(told[:6], information[:3, :3][np.triu_indices(3)], rtol=1e-4)
-    np.testing.assert_allclose(told[6:], approx_fprime(place, likelihood, 1e-7), atol=0.02)
+    np.testing.assert_allclose(told[6:9], approx_fprime(place, likelihood, 1e-7), atol=0.02)
+    offset_m = prior[:3] - ANCHORS_M
+    innovation_m = range_m - np.linalg.norm(offset_m, axis=1)
+    unit = offset_m / np.linalg.norm(offset_m, axis=1)[:, None]
+    spread_m2 = unit @ covariance[:3, :3] @ unit.T + STD_M**2 * np.eye(4)
+    assert told[9] == pytest.approx(innovation_m @ np.linalg.solve(spread_m2, innovation_m))
 
 
 def test_a_given_height_counts_and_stays():

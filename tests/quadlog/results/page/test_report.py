@@ -212,6 +212,17 @@ def test_every_link_is_in_the_table_and_says_why_its_bias_is_left_in(reported: P
     assert "weak first path" not in page.text.lower()
 
 
+def test_every_contact_is_in_the_table_with_its_time_and_cause(reported: Path) -> None:
+    page = (reported / "report.html").read_text()
+    (table,) = re.findall(r'<h2 id="contacts">.*?</table>', page, re.DOTALL)
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr><td.*?</tr>", table)]
+    assert rows == [
+        ["0.80", "0.10", "1.050", "0.350", "−0.050", "appeared inside the body", "no"],
+        ["1.80", "0.42", "2.150", "0.350", "−0.031", "the robot cut a corner of its plan", "yes"],
+    ]
+    assert 'href="#contacts"' in page
+
+
 def test_first_paths_have_a_column_where_a_radio_tells(tiny_run: Path) -> None:
     links = read_table(tiny_run, "links") | {"weak_first_path_share": np.array([0.31, *[np.nan] * 5])}
     write_table(tiny_run / "links.parquet", TABLES["links"], links)

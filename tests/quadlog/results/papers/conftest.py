@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
+from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, TablePicture, Verdict
 
-ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, False, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
+ROWS = (PaperRow("a (m)", 0.1 + 0.2, 1 / 3, 0.1, 0.7, Verdict.NO, "why\nnot ✗ \u2028"), PaperRow("b", -0.0))
 
 
 @pytest.fixture(scope="session")

@@ -16,11 +16,11 @@ from quadlog.results.papers.page import (
     readme_text,
     section_text,
 )
-from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTable, TablePicture
+from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTable, TablePicture, Verdict
 
 ROWS = (
-    PaperRow('length, "A|B" (m)', 1.2345678, 1.23, 1.2, 1.3, True, "as_is & 5 %"),
-    PaperRow("time (s)", 1e-7, 2.0, None, None, False, "why\nnot"),
+    PaperRow('length, "A|B" (m)', 1.2345678, 1.23, 1.2, 1.3, Verdict.YES, "as_is & 5 %"),
+    PaperRow("time (s)", 1e-7, 2.0, None, None, Verdict.NO, "why\nnot"),
     PaperRow("bound (m)", -0.0),
 )
 
@@ -88,11 +88,13 @@ def test_every_erratum_is_a_row_under_its_paper():
 
 
 JUDGED = (
-    PaperRow("a", 1.0, 1.0, reproduces=True),
-    PaperRow("b", 1.0, 2.0, reproduces=False, note="Why."),
+    PaperRow("a", 1.0, 1.0, reproduces=Verdict.YES),
+    PaperRow("b", 1.0, 2.0, reproduces=Verdict.NO, note="Why."),
     PaperRow("c", 1.0, 2.0),
     PaperRow("d", 1.0),
-    PaperRow("e", 3.0, 3.0, reproduces=True),
+    PaperRow("e", 3.0, 3.0, reproduces=Verdict.YES),
+    PaperRow("f", 3.0, 3.0, 2.0, 4.0, Verdict.UNDECIDED),
+    PaperRow("g", 3.0, 3.0, reproduces=Verdict.NOT_COMPARABLE),
 )
 
 
@@ -103,13 +105,14 @@ def page_html(*tables: SavedTable) -> str:
 
 def test_the_summary_counts_what_reproduces_of_what_is_judged(saved):
     page = page_html(saved("planning-1", JUDGED), saved("foot_2", JUDGED[2:4]))
-    assert "2 of 3 printed numbers and claims" in page
+    assert "2 of 4 printed numbers and claims" in page
     first, second = (line for line in page.split("<tr>") if line.startswith('\n<td><a href="#'))
     assert '<a href="#planning-1">planning-1</a>' in first
-    assert '<td style="text-align:right">2 of 3</td>\n<td style="text-align:right">5</td>' in first
+    cells = "".join(f'<td style="text-align:right">{each}</td>\n' for each in ("2 of 4", 1, 1, 1, 7))
+    assert cells in first
     assert "quadlog tables planning-1" in first
     assert '<a href="#foot_2">foot_2</a>' in second
-    assert '<td style="text-align:right">none printed</td>\n<td style="text-align:right">2</td>' in second
+    assert '<td style="text-align:right">none printed</td>\n<td style="text-align:right">0</td>' in second
 
 
 def test_a_link_of_the_summary_leads_to_its_table(saved):

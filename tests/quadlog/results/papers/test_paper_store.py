@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.results.papers.table import PaperRow, json_bytes, load_saved, picture_file
+from quadlog.results.papers.table import PaperRow, Verdict, json_bytes, load_saved, picture_file
 
 
 def write(folder, each):
@@ -20,7 +20,7 @@ def test_a_table_comes_back_as_it_was(tmp_path, saved):
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 rows = st.builds(
-    PaperRow, st.text(), numbers, st.none() | numbers, reproduces=st.none() | st.booleans(), note=st.text()
+    PaperRow, st.text(), numbers, st.none() | numbers, reproduces=st.none() | st.sampled_from(Verdict), note=st.text()
 )
 
 
@@ -100,11 +100,20 @@ def test_a_quantity_is_named_once(saved):
         saved(rows=[PaperRow("a", 1.0), PaperRow("a", 2.0)])
 
 
-def test_what_can_be_judged_is_counted(saved):
-    rows = PaperRow("a", 1.0, 1.0, reproduces=True), PaperRow("b", 1.0, 2.0, reproduces=False), PaperRow("c", 1.0, 2.0)
-    assert saved(rows=rows).table.judged == rows[:2]
-    assert saved(rows=rows).table.reproduced == "1 of 2 printed numbers reproduce"
-    assert saved(rows=rows[2:]).table.reproduced == "the paper prints none"
+def test_what_can_be_compared_is_counted(saved):
+    verdicts = [*Verdict, Verdict.YES, None]
+    rows = tuple(PaperRow(str(number), 1.0, 2.0, reproduces=verdict) for number, verdict in enumerate(verdicts))
+    made = saved(rows=rows).table
+    assert [made.count(verdict) for verdict in Verdict] == [2, 1, 1, 1]
+    assert made.comparable == 4
+    assert made.reproduced == "2 of 4 printed numbers reproduce, 1 undecided, 1 not comparable"
+    assert saved(rows=rows[:2]).table.reproduced == "1 of 2 printed numbers reproduce"
+    assert saved(rows=rows[5:]).table.reproduced == "the paper prints none"
+
+
+def test_a_verdict_is_one_of_four():
+    with pytest.raises(AssertionError):
+        PaperRow("a (m)", 1.0, 1.0, reproduces=True)
 
 
 def test_the_command_says_what_differs_from_the_defaults(saved):

@@ -1,0 +1,1 @@
+"""Tables of real recordings with a truth, which no paper prints."""

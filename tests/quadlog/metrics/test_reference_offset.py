@@ -1,0 +1,244 @@
+"""Clock and frame of a reference, against walks shifted by known amounts, and the errors against evo."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo import main_ape
+from evo.core import metrics as evo_metrics
+from evo.core import sync
+from evo.core.trajectory import PoseTrajectory3D
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from quadlog.metrics.positioning import Trajectory
+from quadlog.metrics.reference_offset import compare_trajectories, estimate_time_offset
+from quadlog.metrics.summary import summarise
+from quadlog.storage.formats.tum import read_tum
+
+S = 1_000_000_000
+EPOCH_NS = 1_700_000_000 * S
+
+
+def trajectory(at_s, xyz_m) -> Trajectory:
+    t_ns = EPOCH_NS + np.round(np.asarray(at_s) * S).astype(np.int64)
+    return Trajectory(t_ns, np.asarray(xyz_m), np.tile([0.0, 0, 0, 1], (len(at_s), 1)))
+
+
+def walk(seed: int, seconds: float = 60.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions (N, 3) at 100 Hz, on a plane, of a walk that turns, stops and goes."""
+    rng, at_s = np.random.default_rng(seed), np.arange(-5, seconds + 5, 0.01)
+    knots = np.arange(-5, seconds + 9, 3)
+    course_rad = np.cumsum(np.interp(at_s, knots, rng.normal(0, 0.4, len(knots)))) * 0.01
+    speed_mps = np.clip(np.interp(at_s, knots, rng.normal(0.6, 0.3, len(knots))), 0, None)
+    steps_m = 0.01 * speed_mps[:, None] * np.column_stack([np.cos(course_rad), np.sin(course_rad), 0 * at_s])
+    return at_s, np.cumsum(steps_m, axis=0)
+
+
+def noisy(at_s, xyz_m, offset_s: float, std_m: float, seconds: float, hz=20, seed=9, correlation_s=0.5) -> Trajectory:
+    """What a positioning system would give of it, its clock behind by offset_s, its errors correlated in time."""
+    own_s = np.arange(0, seconds, 1 / hz)
+    decay = np.exp(-1 / hz / correlation_s)
+    white = np.random.default_rng(seed).normal(0, std_m, (len(own_s) + 200, 2))
+    error_m = lfilter([np.sqrt(1 - decay**2)], [1, -decay], white, axis=0)[200:]
+    true_m = np.column_stack([np.interp(own_s + offset_s, at_s, axis_m) for axis_m in xyz_m.T])
+    return trajectory(own_s, true_m + np.column_stack([error_m, 0 * own_s]))
+
+
+def moved(poses: Trajectory, turn_rad: float, shift_m) -> Trajectory:
+    turn = Rotation.from_euler("z", turn_rad)
+    return Trajectory(poses.t_ns, turn.apply(poses.position_m) + shift_m, poses.quat_xyzw)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(-0.9, 0.9),
+    st.floats(-np.pi, np.pi),
+    st.floats(-20, 20),
+    st.integers(0, 9),
+    st.sampled_from([(100, 20), (100, 2), (5, 20), (20, 20)]),
+)
+def test_a_known_offset_is_found_in_whatever_frame(offset_s, turn_rad, x_m, seed, rates_hz):
+    at_s, xyz_m = walk(seed)
+    reference = trajectory(at_s, xyz_m).rows(np.arange(0, len(at_s), 100 // rates_hz[0]))
+    estimate = noisy(at_s, moved(trajectory(at_s, xyz_m), turn_rad, (x_m, 3, 0)).position_m, offset_s, 0.01, 60)
+    estimate = estimate.rows(np.arange(0, len(estimate.t_ns), 20 // rates_hz[1]))
+    found = estimate_time_offset(reference, estimate)
+    low_s, high_s = found.interval
+    assert found.offset_s == pytest.approx(offset_s, abs=0.02)
+    assert high_s - low_s < 0.04
+    assert found.offset_s == pytest.approx(offset_s, abs=2.5 * (high_s - low_s) + 1e-3)
+
+
+@pytest.mark.parametrize("offset_s", [-12.3, 4.0])
+def test_a_large_offset_is_found_where_clocks_overlap(offset_s):
+    at_s, xyz_m = walk(3)
+    found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s + offset_s, xyz_m, 0.0, 0.05, 40))
+    assert found.offset_s == pytest.approx(-offset_s, abs=0.1)
+
+
+def test_the_interval_holds_the_truth_about_as_often_as_it_says():
+    """Errors of 5 cm correlated over half a second, 60 s: of 60 walks, 57 would be expected."""
+    held = 0
+    for seed in range(60):
+        at_s, xyz_m = walk(seed)
+        found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s, xyz_m, 0.1, 0.05, 60, seed=seed))
+        held += found.interval[0] <= 0.1 <= found.interval[1]
+    assert 51 <= held <= 60
+
+
+def test_no_offset_is_seldom_taken_for_one():
+    """Also on short walks, whose intervals are too narrow."""
+    for seed in range(40):
+        at_s, xyz_m = walk(seed, 20)
+        found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s, xyz_m, 0.0, 0.05, 20, seed=seed))
+        assert not found.differs_from(0.0), seed
+
+
+def test_at_a_nearly_constant_speed_a_lever_arm_is_named_as_another_cause():
+    """A tag 6 cm ahead of where it is thought to be, at 0.6 m/s, looks like 0.1 s; at speeds that vary it does not."""
+    rng, at_s = np.random.default_rng(4), np.arange(0, 120, 0.05)
+    knots = np.arange(0, 123, 3)
+    course_rad = np.cumsum(np.interp(at_s, knots, rng.normal(0, 0.4, len(knots)))) * 0.05
+    ahead = np.column_stack([np.cos(course_rad), np.sin(course_rad), 0 * at_s])
+    noise_m = rng.normal(0, 0.02, ahead.shape) * [1, 1, 0]
+    for speeds_mps, steady in ((0.6 + 0 * at_s, True), (0.6 + 0.5 * np.sin(at_s / 4), False)):
+        true_m = np.cumsum(0.05 * speeds_mps[:, None] * ahead, axis=0)
+        late = estimate_time_offset(trajectory(at_s, true_m), trajectory(at_s - 0.1, true_m + noise_m))
+        shifted = estimate_time_offset(trajectory(at_s, true_m), trajectory(at_s, true_m + 0.06 * ahead + noise_m))
+        assert late.offset_s == pytest.approx(0.1, abs=0.02)
+        assert shifted.differs_from(0.0)
+        assert (late.forward_m is not None) == steady
+        assert shifted.forward_m is not None
+        if steady:
+            assert shifted.offset_s == pytest.approx(0.1, abs=0.02)
+            assert shifted.forward_m == pytest.approx(0.06, abs=0.01)
+
+
+AT_S = np.arange(0, 60, 0.05)
+NOTHING = 0 * AT_S
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize(
+    ("x_m", "y_m"),
+    [
+        (NOTHING, NOTHING),
+        (0.6 * AT_S, NOTHING),
+        (0.6 * AT_S, 0.3 * AT_S),
+        (3 * np.cos(0.2 * AT_S), 3 * np.sin(0.2 * AT_S)),
+    ],
+    ids=["still", "straight", "slanted", "circle"],
+)
+def test_a_motion_that_does_not_observe_it_tells_no_offset(x_m, y_m, noise_m):
+    rng = np.random.default_rng(1)
+    both = [np.column_stack([x_m, y_m, NOTHING]) + noise_m * rng.normal(size=(len(AT_S), 3)) * [1, 1, 0] for _ in "ab"]
+    compared = compare_trajectories(trajectory(AT_S, both[0]), trajectory(AT_S - 0.2, both[1]), 0.03)
+    assert compared.offset.offset_s is None
+    assert compared.offset.why_not
+    assert not {"reference_time_offset_s", "ate_time_corrected_rmse_m"} & set(compared.samples)
+    assert "no time offset can be told" in compared.summary()
+
+
+def test_a_speed_that_hardly_changes_tells_no_offset():
+    """By 5 %: how an estimate's frame is scaled or its speed smoothed would move the offset as much."""
+    x_m = 0.6 * AT_S + 0.03 * np.sin(AT_S)
+    both = trajectory(AT_S, np.column_stack([x_m, NOTHING, NOTHING]))
+    assert "another place or direction" in estimate_time_offset(both, both).why_not
+
+
+def test_another_walk_tells_no_offset():
+    for seed in range(5):
+        one, other = (trajectory(*walk(each)) for each in (seed, seed + 20))
+        assert estimate_time_offset(one, other).offset_s is None
+
+
+def test_a_straight_walk_that_stops_tells_it():
+    stops_m = np.cumsum(0.03 * (np.sin(AT_S / 3) > 0))
+    xyz_m = np.column_stack([stops_m, NOTHING, NOTHING])
+    found = estimate_time_offset(trajectory(AT_S, xyz_m), trajectory(AT_S - 0.3, xyz_m))
+    assert found.offset_s == pytest.approx(0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("n", [1, 2, 12, 99])
+def test_few_poses_tell_nothing(n):
+    at_s, xyz_m = walk(0)
+    few = noisy(at_s, xyz_m, 0.1, 0.05, n / 20)
+    assert estimate_time_offset(trajectory(at_s, xyz_m), few).offset_s is None
+    assert estimate_time_offset(few, trajectory(at_s, xyz_m)).offset_s is None
+
+
+def test_positions_beyond_all_measure_tell_nothing():
+    at_s, xyz_m = walk(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        huge = trajectory(at_s, xyz_m * 1e200)
+        assert estimate_time_offset(huge, huge).offset_s is None
+
+
+def rmse_by_evo(reference: Trajectory, estimate: Trajectory, offset_s: float, align: bool) -> float:
+    pair = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01, offset_2=offset_s)
+    return float(main_ape.ape(*pair, evo_metrics.PoseRelation.translation_part, align=align).stats["rmse"])
+
+
+def as_evo(poses: Trajectory) -> PoseTrajectory3D:
+    return PoseTrajectory3D(poses.position_m, np.roll(poses.quat_xyzw, 1, axis=1), poses.t_ns / S)
+
+
+@pytest.mark.parametrize("heights", [False, True])
+@pytest.mark.parametrize("offset_s", [0.11, -0.4])
+def test_errors_equal_evos_with_that_offset_and_alignment(offset_s, heights):
+    at_s, xyz_m = walk(5)
+    if heights:
+        xyz_m = xyz_m + np.column_stack([0 * at_s, 0 * at_s, 0.5 * np.sin(at_s)])
+    estimate = moved(noisy(at_s, xyz_m, offset_s, 0.05, 60), 0.05, (0.2, -0.1, 0.3 if heights else 0))
+    reference = trajectory(at_s, xyz_m)
+    compared = compare_trajectories(reference, estimate)
+    values = {name: summarise(each).value for name, each in compared.samples.items()}
+    found_s = values["reference_time_offset_s"]
+    assert found_s == pytest.approx(offset_s, abs=0.05)
+    for name, shift_s, align in (
+        ("ate_rmse_m", 0.0, False),
+        ("ate_time_corrected_rmse_m", found_s, False),
+        ("ate_aligned_rmse_m", found_s, True),
+    ):
+        assert values[name] == pytest.approx(rmse_by_evo(reference, estimate, shift_s, align), abs=1e-6), name
+    words = compared.warnings()
+    assert "the reference's clock is not that of the poses" in words[0]
+    assert f"time offset {found_s:+.3f} s" in words[0]
+
+
+def test_heights_of_the_reference_alone_are_no_motion():
+    """A track of the plane is moved within it; the mean height of the reference is no error."""
+    at_s, xyz_m = walk(5)
+    reference = trajectory(at_s, xyz_m + np.array([0, 0, 0.9]))
+    found = compare_trajectories(reference, noisy(at_s, xyz_m, 0.0, 0.02, 60)).samples
+    assert summarise(found["ate_rmse_m"]).value > 0.9
+    assert summarise(found["ate_aligned_rmse_m"]).value < 0.03
+
+
+@pytest.fixture(scope="module")
+def trolley() -> Trajectory:
+    if "QUADLOG_DATASETS" not in os.environ:
+        pytest.skip("QUADLOG_DATASETS is not set")
+    poses = read_tum(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast_mocap.tum")
+    return Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
+
+
+@pytest.mark.parametrize("offset_s", [0.11, -0.02, 7.5])
+def test_the_motion_of_a_real_trolley_observes_it(trolley, offset_s):
+    seconds = (trolley.t_ns - EPOCH_NS) / S
+    own_s = np.arange(seconds[0] + 10, seconds[-1] - 10, 0.05)
+    rng = np.random.default_rng(2)
+    xyz_m = np.column_stack([np.interp(own_s, seconds, axis_m) for axis_m in trolley.position_m.T])
+    estimate = trajectory(own_s - offset_s, xyz_m + rng.normal(0, 0.05, xyz_m.shape) * [1, 1, 0])
+    found = estimate_time_offset(trolley, moved(estimate, 1.0, (1, 2, 0)))
+    assert found.offset_s == pytest.approx(offset_s, abs=0.01)
+    assert found.interval[0] <= offset_s + 0.005
+    assert found.interval[1] >= offset_s - 0.005
