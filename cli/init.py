@@ -21,16 +21,17 @@ from quadlog.errors import AlreadyExists, ExitCode
 )
 @click.argument("recording", type=PATH_OR_URL)
 @click.option("-o", "--output", type=LOCAL_PATH, default=Path("quadlog.toml"), help="File to write.")
+@click.option("--all", "everything", is_flag=True, help="Write all sections, also those that the recording cannot use.")
 @MSG_PATH
 @FORCE
-def command(recording: Path, output: Path, msg_path: tuple[Path, ...], force: bool) -> int:
+def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Path, ...], force: bool) -> int:
     """Write a commented config with what was detected in the recording filled in."""
     if output.exists() and not force:
         raise AlreadyExists(output)  # before the recording is read, which may take a while
 
     from quadlog.pipelines.init import propose_config, write_new
 
-    proposal = propose_config(recording, msg_path)
+    proposal = propose_config(recording, msg_path, everything=everything)
     report_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
     write_new(output, proposal.text, force=force)
     click.echo(str(output))

@@ -18,10 +18,11 @@ from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
 
 FAR_APART_S = FAR_APART_NS * 1e-9
+NOT_NEEDED = "not used: no role is left for it"
 STEPS = 100
 OpenProgress = Callable[[], AbstractContextManager[Progress]]
 
@@ -168,6 +169,8 @@ def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
+    if role is None and not why:
+        why = why_not_read(topic.type) if nearest_role(topic.type) is None else NOT_NEEDED
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
     return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}

@@ -23,6 +23,10 @@ from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey
 from quadlog.storage.atomic_write import write_whole
 
+ALWAYS = ("topics", "results")
+NEEDS_RANGES = ("uwb",)
+NEEDS_CLOUDS = tuple(name for name in Config.model_fields if name not in (*ALWAYS, *NEEDS_RANGES))
+"""Sections of the configuration by what a log must have for them."""
 SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
 
 
@@ -35,9 +39,10 @@ class Proposal:
     warnings: tuple[str, ...]
 
 
-def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> Proposal:
+def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: bool = False) -> Proposal:
     """A quadlog.toml: detected topics and lidar mount filled in, anchors and tags left to be placed.
 
+    everything: sections that the log cannot use, too.
     Raises the errors of open_recording.
     """
     # Only static transforms are used, which hold on any clock.
@@ -50,8 +55,23 @@ def propose_config(path: Path, msg_path: Sequence[Path] = ()) -> Proposal:
     if "uwb" in roles.found:
         topics["uwb"] = list(roles.found["uwb"].topics)
     filled = {"topics": topics} if mount is None else {"topics": topics, "lidar": {"mount": mount}}
-    text = commented_toml(Config.model_validate(filled), _notes(roles, mount))
-    return Proposal(text + _radio_skeleton(seen), losses, warnings)
+    config = Config.model_validate(filled)
+    sections = tuple(Config.model_fields) if everything else _usable_sections(roles)
+    text = commented_toml(config, _notes(roles, mount), sections)
+    return Proposal(text + _radio_skeleton(seen) + _left_out(sections), losses, warnings)
+
+
+def _usable_sections(roles: Roles) -> tuple[str, ...]:
+    """The sections that the log can use."""
+    there = {*roles.found, *roles.ambiguous}
+    ranges, clouds = NEEDS_RANGES if "uwb" in there else (), NEEDS_CLOUDS if "lidar" in there else ()
+    return (*ALWAYS, *ranges, *clouds)
+
+
+def _left_out(sections: Sequence[str]) -> str:
+    """A comment that names the sections that are not there."""
+    missing = [f"[{name}]" for name in Config.model_fields if name not in sections]
+    return f"\n# This log cannot use {' '.join(missing)}: quadlog init --all writes them.\n" if missing else ""
 
 
 def write_new(path: Path, text: str, *, force: bool) -> None:

@@ -6,7 +6,7 @@ import difflib
 import json
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -111,17 +111,21 @@ def configure(
     return Configured(config, tuple(line for each in presets for line in _replaced(each, file, later)))
 
 
-def commented_toml(config: Config, notes: Mapping[str, Sequence[str]] | None = None) -> str:
+def commented_toml(
+    config: Config,
+    notes: Mapping[str, Sequence[str]] | None = None,
+    sections: Collection[str] = tuple(Config.model_fields),
+) -> str:
     """The configuration with each key's meaning, as `quadlog init` writes it: keys with default values are comments.
 
-    notes: further comment lines, by dotted key or section name.
+    notes: further comment lines, by dotted key or section name. sections: those that are written.
     """
     notes = notes or {}
     lines = [
         "# quadlog.toml: SI units. Lines like `# key = value` are defaults: remove the # to change one.",
         "",
     ]
-    for name in type(config).model_fields:
+    for name in (each for each in type(config).model_fields if each in sections):
         lines.extend(_section_lines(name, getattr(config, name), notes))
     return "\n".join(lines).rstrip() + "\n"
 

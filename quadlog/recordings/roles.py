@@ -34,6 +34,7 @@ OWN_KINDS: dict[str, type[Message]] = {
     "sensor_msgs/msg/Range": UwbRanges,
 }
 RANGE_TYPE = "sensor_msgs/msg/Range"
+PLANAR_SCANS = {"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"}
 
 TRUTH_WORDS = ("mocap", "vicon", "optitrack", "vrpn", "qualisys", "ground_truth", "groundtruth", "truth")
 TARGET_NAMES = ("goal", "target", "person", "leader", "initialpose")
@@ -113,6 +114,26 @@ def nearest_role(type_name: str) -> str | None:
     return "lidar" if type_name.partition("/")[0] in DRIVER_PACKAGES else None
 
 
+NOT_READ = {
+    "camera images": ("Image", "CameraInfo", "CompressedVideo", "Theora"),
+    "joints of a robot": ("JointState", "LowState", "HighState", "SportModeState"),
+    "satellite positions": ("NavSat", "Gps", "GPS"),
+    "logs and diagnostics": ("Log", "Diagnostic", "Rosout", "ParameterEvent"),
+    "commands": ("Twist", "Cmd", "Command", "Joy"),
+    "results of other programs": ("Path", "OccupancyGrid", "GridMap", "Marker", "Map"),
+}
+"""What quadlog does not read, by words in the type's name."""
+
+
+def why_not_read(type_name: str) -> str:
+    """Why topics of a type that has no decoder play no role."""
+    last = last_part(type_name)
+    for what, words in NOT_READ.items():
+        if any(word in last for word in words):
+            return f"not used: quadlog reads no {what}"
+    return f"not used: quadlog has no decoder for {last or 'messages without a type'}"
+
+
 def is_target_name(topic: str) -> bool:
     """Whether a pose topic's name speaks of something to go to rather than of the robot."""
     return any(word in topic.lower() for word in TARGET_NAMES)
@@ -138,7 +159,7 @@ def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidat
     Where these show no lidar, topics that are silent at first get more time:
     nothing else may take the place of one that starts late unasked.
     """
-    candidates = [_judge(topic, recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
+    candidates = [_judge(topic, recording.types_of(topic), recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
     if max((each.rank for each in candidates), default=0) > _POOR:
         return candidates
     return [
@@ -149,8 +170,8 @@ def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidat
     ]
 
 
-def _judge(topic: str, samples: Sequence[object]) -> Candidate:
-    """Rank 3 a 3-D scan, 2 a flat one, 1 a radar or a handful of points, 0 nothing to see."""
+def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Candidate:
+    """Rank 4 a 3-D scan, 3 a flat cloud, 2 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
     clouds = _clouds(samples)
     if not clouds:
         return Candidate((topic,), 0, "its first messages cannot be decoded")
@@ -161,8 +182,10 @@ def _judge(topic: str, samples: Sequence[object]) -> Candidate:
     if "radar" in topic.lower() or len(points) < FEW_POINTS:
         return Candidate((topic,), _POOR, f"only {described}: a radar rather than a lidar")
     if np.ptp(points[:, 2]) < FLAT_M:
-        return Candidate((topic,), 2, f"{described}, but flat: a 2-D scan, in which no ground can be found")
-    return Candidate((topic,), 3, f"{described} in 3-D")
+        # Drivers publish the same scan as a cloud, too.
+        rank = 2 if PLANAR_SCANS.issuperset(types) else 3
+        return Candidate((topic,), rank, f"{described}, but flat: a 2-D scan, in which no ground can be found")
+    return Candidate((topic,), 4, f"{described} in 3-D")
 
 
 def _clouds(samples: Sequence[object]) -> list[np.ndarray]:

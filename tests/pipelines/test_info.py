@@ -20,6 +20,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.info import describe_recording
 from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
+from quadlog.recordings.roles import why_not_read
 from quadlog.storage.remote_path import to_path
 
 T0 = 1_700_000_000 * 10**9
@@ -265,3 +266,29 @@ def test_of_a_remote_recording_the_index_and_the_sample_are_fetched(many: Path, 
     info = describe_recording(to_path(f"{web.url}/{many.name}"), Config())
     assert (info["sampled"], info["messages"]) == (True, EXCERPT.messages + 100)
     assert web.sent_bytes < 0.9 * size
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "odometry/jackal_odom_imu.bag",
+        "edge_cases/lidar_fields/several_pointcloud2_types.bag",
+        "uwb_tiers/rosbag2_2022_09_07-17_25_41",
+    ],
+)
+def test_every_topic_of_a_real_recording_has_a_role_or_a_reason(name: str) -> None:
+    info = describe_recording(Path(os.environ["QUADLOG_DATASETS"]) / name, Config())
+    assert [each["name"] for each in info["topics"] if not each["role"] and not each["why"]] == []
+
+
+@pytest.mark.parametrize(
+    ("type_name", "why"),
+    [
+        ("sensor_msgs/msg/CompressedImage", "not used: quadlog reads no camera images"),
+        ("unitree_go/msg/LowState", "not used: quadlog reads no joints of a robot"),
+        ("my_msgs/msg/Gripper", "not used: quadlog has no decoder for Gripper"),
+    ],
+)
+def test_a_type_that_is_not_read_is_told_in_plain_words(type_name: str, why: str) -> None:
+    assert why_not_read(type_name) == why

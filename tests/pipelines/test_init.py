@@ -62,3 +62,12 @@ def test_ambiguous_topics_are_listed_as_comments() -> None:
     text = propose_config(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_tiers" / "rosbag2_2022_09_07-17_25_41").text
     assert "# several could be it: /turtle01/odom  or  /turtle03/odom" in text
     assert "odometry" not in tomllib.loads(text)["topics"]
+
+
+@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
+def test_only_sections_that_the_log_can_use_are_written_unless_all_are_asked_for() -> None:
+    odometry_only = Path(os.environ["QUADLOG_DATASETS"]) / "odometry" / "jackal_odom_imu.bag"
+    text = propose_config(odometry_only).text
+    assert set(tomllib.loads(text)) == {"topics", "results"}
+    assert text.splitlines()[-1].startswith("# This log cannot use [uwb] [lidar]")
+    assert set(tomllib.loads(propose_config(odometry_only, everything=True).text)) == set(Config.model_fields)
