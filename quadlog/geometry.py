@@ -157,3 +157,11 @@ def base_covariance(tag_covariance_m2: Float, yaw_rad: Float, yaw_std_rad: Float
 def _turned(yaw_rad: Float, x_m: float, y_m: float) -> Float:
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m], axis=-1)
+
+
+def arc_lengths(points: Float) -> Float:
+    """Length along a polyline (K, 2) from its first point to each of its points, (K,)."""
+    steps = points[1:] - points[:-1]
+    lengths = np.zeros(len(points))
+    np.cumsum(np.hypot(steps[:, 0], steps[:, 1]), out=lengths[1:])
+    return lengths

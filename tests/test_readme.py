@@ -47,7 +47,7 @@ def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):
     metrics = {name: each["value"] for name, each in read_metrics(tmp_path / "runs" / "follow").items()}
     assert metrics["fallen"] == metrics["collisions"] == 0
     assert metrics["clearance_min_m"] >= 0.05
-    assert metrics["heading_rmse_rad"] <= 0.2
+    assert metrics["heading_rmse_rad"] <= 0.3
     assert metrics["plan_error_m"] < metrics["eta_m"] < 0.2
 
 

@@ -211,7 +211,8 @@ class Grid(Section):
         2,
         ge=1,
         le=1_000_000,
-        description="obstacle points that make a cell occupied; 1 lets single false points stop it",
+        description="obstacle points that make a cell occupied; 1 lets single false points stop it, and is what scans "
+        "without ground, as of 2-D scanners, get",
     )
     memory: Literal["log_odds", "decay", "scan"] = Field(
         "log_odds",

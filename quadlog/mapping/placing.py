@@ -32,8 +32,8 @@ class PlacedScan(NamedTuple):
 class ScanPlacer:
     """Places the scans of a run, one after the other, in arrays that are kept from scan to scan.
 
-    min_points: a cell with fewer obstacle points is not hit. target_radius_m: points this near to the target are the
-    target.
+    min_points: a cell with fewer obstacle points is not hit; in a scan without ground, as a 2-D scanner's, one is
+    enough: a wall has no more. target_radius_m: points this near to the target are the target.
     """
 
     def __init__(self, min_points: int, target_radius_m: float) -> None:
@@ -52,9 +52,10 @@ class ScanPlacer:
             self._placed, self._count = PlacedScan(top_mm, lowest_ray_mm), np.zeros(window.shape, np.int32)
         # A place that is not a number is near to nothing.
         place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, self._target_radius_m**2], np.float64)
+        min_points = self._min_points if len(scan.ground) else 1
         _raise_tops(
             scan.obstacle, scan.obstacle_count, scan.obstacle_slot, slot_pose_base_in_map, scan.unit_m, place,
-            self._min_points, self._count, self._placed.top_mm,
+            min_points, self._count, self._placed.top_mm,
         )  # fmt: skip
         where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
         self._rays.place(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)

@@ -10,19 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from quadlog.compiled import kernel
+from quadlog.geometry import arc_lengths
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool
 
 # Fractions of a segment nearer than this are one: the segment passes through a corner.
 CORNER = 1e-9
-
-
-def arc_lengths(points: Float) -> Float:
-    """Length along a polyline (K, 2) from its first point to each of its points, (K,)."""
-    steps = points[1:] - points[:-1]
-    lengths = np.zeros(len(points))
-    np.cumsum(np.hypot(steps[:, 0], steps[:, 1]), out=lengths[1:])
-    return lengths
 
 
 def resample(points: Float, count: int) -> Float:

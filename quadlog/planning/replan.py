@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadlog.geometry import arc_lengths
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float
-from quadlog.planning.path import arc_lengths, largest_curvature, resample, smooth_path, straight_path, turning
+from quadlog.planning.path import largest_curvature, resample, smooth_path, straight_path, turning
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.protocol import Bool, Cell, Cells, Plan, Planner, is_usable, no_plan
 from quadlog.planning.query import NoQuery, Query, make_query

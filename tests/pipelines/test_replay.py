@@ -71,7 +71,7 @@ def test_run_json_tells_how_the_run_came_about(short_run, fixtures):
         *("ingest", "position", "filter", "map", "plan", "control", "report")
     ]
     assert record["input"]["size_bytes"] == (fixtures / "follow.mcap").stat().st_size
-    assert {topic["role"] for topic in record["topics"]} >= {"lidar", "uwb", "imu", "reference"}
+    assert {topic["role"] for topic in record["topics"]} >= {"lidar", "uwb", "odometry", "reference"}
     assert all(topic["why"] for topic in record["topics"])
     assert record["realtime_factor"] > 0
 
@@ -252,7 +252,7 @@ def test_what_was_seen_stays_in_the_map_until_it_is_seen_through(tmp_path, follo
 def test_choices_that_decided_the_result_stand_in_run_json_and_on_the_page(short_run):
     record = json.loads((short_run.run / "run.json").read_text())
     assert "robot position from uwb, target from uwb" in record["notes"]
-    assert any(note.startswith("heading from imu") for note in record["notes"])
+    assert any(note.startswith(("heading from imu", "heading from odometry")) for note in record["notes"])
     assert "robot position from uwb, target from uwb" in (short_run.run / "report.html").read_text()
 
 

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
+from quadlog.geometry import arc_lengths
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float
 from quadlog.metrics.intervals import FEWEST_VALUES
@@ -29,7 +30,6 @@ from quadlog.pipelines.tables.planning.planner_walks import (
     forest_of,
     spend,
 )
-from quadlog.planning.path import arc_lengths
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import make_planner
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture, Verdict

@@ -12,6 +12,7 @@ import numpy as np
 
 from quadlog.control.following.path import nearest_on_path
 from quadlog.control.following.pure_pursuit import pure_pursuit
+from quadlog.geometry import arc_lengths
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float
 from quadlog.pipelines.tables.intervals import (
@@ -42,7 +43,6 @@ from quadlog.pipelines.tables.planning.planner_walks import (
     Preset,
     forest_of,
 )
-from quadlog.planning.path import arc_lengths
 from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings

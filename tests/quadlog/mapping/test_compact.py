@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -56,11 +58,17 @@ def test_heights_of_a_cell_are_those_of_the_highest_point(compacted, placed) -> 
     assert top_mm[top_mm > NO_TOP].tolist() == [1200, 400]
 
 
-@pytest.mark.parametrize(("min_points", "n_hit"), [(1, 2), (3, 1), (4, 0)])
-def test_a_cell_needs_its_points_also_those_that_were_thinned(compacted, placed, min_points, n_hit) -> None:
+@pytest.mark.parametrize(
+    ("min_points", "has_ground", "n_hit"), [(1, True, 2), (3, True, 1), (4, True, 0), (1, False, 2), (4, False, 2)]
+)
+def test_a_cell_needs_its_points_also_those_that_were_thinned(compacted, placed, min_points, has_ground, n_hit) -> None:
+    """But not in a scan without ground: of a wall, a 2-D scanner sees a point a cell."""
     points = [[2.051, 0.051, 0.3], [2.052, 0.051, 0.3], [2.053, 0.051, 0.3], [2.15, 0.05, 0.4]]
-    top_mm = placed(compacted(points, counts=True), np.zeros(3), WINDOW, min_points=min_points).top_mm
-    assert len(hit(top_mm)) == n_hit
+    scan = compacted(points, counts=True)
+    if has_ground:
+        ground, count, slot = np.zeros((1, 3), np.int16), np.ones(1, np.uint16), np.zeros(1, np.uint8)
+        scan = replace(scan, ground=ground, ground_count=count, ground_slot=slot)
+    assert len(hit(placed(scan, np.zeros(3), WINDOW, min_points=min_points).top_mm)) == n_hit
 
 
 def test_low_high_and_sunken_points_do_not_block(compacted) -> None:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.planning.path import arc_lengths, is_free, largest_curvature, resample, turning
+from quadlog.geometry import arc_lengths
+from quadlog.planning.path import is_free, largest_curvature, resample, turning
 
 
 @settings(max_examples=300, deadline=None)

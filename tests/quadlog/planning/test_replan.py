@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.geometry import arc_lengths
 from quadlog.mapping.grid import Window, window_around
 from quadlog.mapping.inflation import inflate
-from quadlog.planning.path import arc_lengths
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
