@@ -36,8 +36,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         refuse_another(request, described)
 
     from quadlog.pipelines.stages.ingest import open_source, open_walk, reachable_stages
-    from quadlog.pipelines.stages.lidar_track import wants_lidar_track
     from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
+    from quadlog.pipelines.stages.scans import wants_lidar_track
     from quadlog.pipelines.stages.stage import stages_for
     from quadlog.pipelines.stages.warm_up import compilation
 

@@ -14,8 +14,7 @@ from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress, StageClock
-from quadlog.pipelines.stages.lidar_track import LidarTracker
-from quadlog.pipelines.stages.scans import Scanner
+from quadlog.pipelines.stages.scans import LidarTracker, Scanner
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles

@@ -17,8 +17,7 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
-from quadlog.pipelines.stages.lidar_track import LidarTracker
-from quadlog.pipelines.stages.scans import Scanner, ScanSettings, Spill, end_of_sweep_ns
+from quadlog.pipelines.stages.scans import LidarTracker, Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
 from quadlog.pipelines.stages.uwb import locates_by_uwb, with_carried_anchors

@@ -46,4 +46,6 @@ def test_a_recording_without_a_lidar_is_named_and_no_flag_of_replay_proposed(rec
 def test_a_recording_without_a_target_says_how_to_choose_one(recorded, tmp_path):
     path = recorded(0.3, lambda topic: topic in ("/lidar/points", "/tf_static"))
     with pytest.raises(MissingInput, match=r"cut\.mcap shows no target; choose one with  --set topics\.target=ahead"):
-        recording_source(path, "cut.mcap", load_config(None, environ={}), tmp_path / "run", 0, Silent())
+        recording_source(
+            path, "cut.mcap", load_config(None, ["topics.position=fixed"], {}), tmp_path / "run", 0, Silent()
+        )

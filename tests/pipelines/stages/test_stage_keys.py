@@ -94,7 +94,7 @@ def test_another_value_of_any_key_starts_at_the_stage_that_reads_it(name):
 
 @pytest.mark.parametrize("name", ["grid.dilation_m", "robot.model", "results.cloud_samples", "lidar.mount.x_m"])
 def test_some_of_them_by_hand(name):
-    first = {"grid.dilation_m": 2, "robot.model": 3, "results.cloud_samples": 1, "lidar.mount.x_m": 1}
+    first = {"grid.dilation_m": 2, "robot.model": 3, "results.cloud_samples": 1, "lidar.mount.x_m": 0}
     changed = load_config(settings={name: other_value(name, LEAVES[name])}, environ={})
     assert unchanged(keys(), keys(changed)) == first[name]
 
