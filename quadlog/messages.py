@@ -17,6 +17,8 @@ Float = NDArray[np.floating[Any]]
 Float32 = NDArray[np.float32]
 Int = NDArray[np.int64]
 
+NS_PER_S = 1_000_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class PointTimes:

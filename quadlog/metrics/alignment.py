@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.positioning import Trajectory
 
 _RANK = 1e-9  # of the largest singular value
@@ -70,7 +70,6 @@ _APART_S = 1.0
 _CLEAR = 2.5
 """How much worse all offsets farther away than _APART_S must fit. Of a walk that UWB positions to 0.1 m, parts of 5 to
 40 s are then told to 0.3 s or called ambiguous; two different walks come to 1.3 at most."""
-_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +104,7 @@ def estimate_clock_offset(reference: Trajectory, estimate: Trajectory) -> ClockO
     far = np.flatnonzero(np.abs(lags - lags[best]) * step_s > _APART_S)
     if share[best] > _WORST or len(far) == 0:
         return None
-    between_starts_s = int(reference.t_ns[0] - estimate.t_ns[0]) / _NS
+    between_starts_s = int(reference.t_ns[0] - estimate.t_ns[0]) / NS_PER_S
     offset_s = between_starts_s + (float(lags[best]) + _vertex(lags, square_m2, best)) * step_s
     rival = int(far[np.argmin(share[far])])
     clear = share[rival] >= _CLEAR * max(share[best], _PERFECT)
@@ -114,11 +113,11 @@ def estimate_clock_offset(reference: Trajectory, estimate: Trajectory) -> ClockO
 
 
 def _duration_s(t_ns: Int) -> float:
-    return int(t_ns[-1] - t_ns[0]) / _NS
+    return int(t_ns[-1] - t_ns[0]) / NS_PER_S
 
 
 def _median_gap_s(t_ns: Int) -> float:
-    return float(np.median(np.diff(t_ns))) / _NS
+    return float(np.median(np.diff(t_ns))) / NS_PER_S
 
 
 def _sampled(trajectory: Trajectory, step_s: float, own: bool) -> tuple[Float, Float]:
@@ -127,7 +126,7 @@ def _sampled(trajectory: Trajectory, step_s: float, own: bool) -> tuple[Float, F
     1 only beside the trajectory's own poses, or anywhere but in gaps: so one of few poses is compared where it has
     them, with the other one between whose poses a straight line does.
     """
-    seconds = (trajectory.t_ns - trajectory.t_ns[0]) / _NS
+    seconds = (trajectory.t_ns - trajectory.t_ns[0]) / NS_PER_S
     at_s = np.arange(int(seconds[-1] / step_s) + 1) * step_s
     position_m = np.column_stack([np.interp(at_s, seconds, axis_m) for axis_m in trajectory.position_m.T])
     if own:

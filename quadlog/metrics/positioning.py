@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.positioning.fix.dilution import CHI2_95
 
@@ -117,7 +117,7 @@ def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: flo
 def _as_evo_reads(t_ns: Int) -> Float:
     """Float seconds, as from a TUM file: so pairs exactly max_difference_s apart fall on the same side as evo's."""
     # Python divides integers to the nearest float, as reading the decimal does; numpy rounds t_ns first.
-    return np.array([t / 1_000_000_000 for t in t_ns.tolist()], dtype=np.float64)
+    return np.array([t / NS_PER_S for t in t_ns.tolist()], dtype=np.float64)
 
 
 def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from quadlog.errors import PosesOnLine
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.alignment import (
     FrameOffset,
     align_rigidly,
@@ -38,7 +38,6 @@ TRAJECTORY_METRICS = (
 FRAME_METRICS = ("ate_rmse_m", "ate_time_corrected_rmse_m")
 """Those of poses that are in the reference's frame."""
 
-_NS = 1_000_000_000
 _WINDOW_S = 1.0  # searched on either side of where the search starts
 _GRID_S = 0.05
 _RESOLUTION_S = 1e-5
@@ -138,7 +137,7 @@ class _Pairing:
             sparse.t_ns[rows],
             sparse.position_m[rows, :axes],
             dense,
-            max(round(_LONGEST_GAP_S * _NS), round(3 * min(gaps_ns))),
+            max(round(_LONGEST_GAP_S * NS_PER_S), round(3 * min(gaps_ns))),
             sign,
         )
         ends = [start_s + shift_s for shift_s in (-_WINDOW_S, 0.0, _WINDOW_S)]
@@ -149,7 +148,7 @@ class _Pairing:
 
     def partner_m(self, offset_s: float) -> Float:
         """(K, D) where the dense trajectory was, the estimate's times counted with that offset."""
-        at_ns = self.sample_ns + self.sign * round(offset_s * _NS)
+        at_ns = self.sample_ns + self.sign * round(offset_s * NS_PER_S)
         partner_m: Float = positions_at(at_ns, self.dense, self.max_gap_ns)[:, : self.sample_m.shape[1]]
         return partner_m
 
@@ -247,7 +246,7 @@ def _rigid_motions(position_m: Float) -> Float:
 
 def _thinned(t_ns: Int) -> Int:
     """Rows at least _LEAST_STEP_S apart, about, and at most _MOST_SAMPLES of them."""
-    step_ns = max(round(_LEAST_STEP_S * _NS), int(t_ns[-1] - t_ns[0]) // _MOST_SAMPLES, 1)
+    step_ns = max(round(_LEAST_STEP_S * NS_PER_S), int(t_ns[-1] - t_ns[0]) // _MOST_SAMPLES, 1)
     _, rows = np.unique((t_ns - t_ns[0]) // step_ns, return_index=True)
     return rows.astype(np.int64)
 

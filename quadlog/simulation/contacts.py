@@ -14,7 +14,7 @@ import numpy as np
 
 from quadlog.control.following.path import nearest_on_path
 from quadlog.mapping.grid import Window
-from quadlog.messages import Float
+from quadlog.messages import NS_PER_S, Float
 from quadlog.planning.protocol import Bool
 from quadlog.simulation.worlds.world import body_clearance, body_gaps, occupied_centres
 
@@ -29,9 +29,6 @@ CUT = "the robot cut a corner of its plan"
 TURNING = "the body turned beside its plan"
 CAUSES = (APPEARED, FELL, NO_PLAN, OLD_PLAN, BEYOND_PLAN, PLANNED, CUT, UNSEEN, TURNING)
 """Of a contact; where several hold, the first of them."""
-
-
-NS = 1_000_000_000
 
 
 class Contact(NamedTuple):
@@ -140,7 +137,7 @@ class ContactLog:
     def appeared(self, t_ns: int, end_ns: int, cell_m: Float, clearance_m: float) -> None:
         """Cells appeared inside the body with the map of t_ns to end_ns, the deepest at cell_m (2,)."""
         x_m, y_m = cell_m.tolist()
-        self._contacts.append(Contact(t_ns, (end_ns - t_ns) / NS, x_m, y_m, clearance_m, APPEARED, False))
+        self._contacts.append(Contact(t_ns, (end_ns - t_ns) / NS_PER_S, x_m, y_m, clearance_m, APPEARED, False))
 
     def tick(self, t_ns: int, clearance_m: float, where_and_why: Callable[[], tuple[Float, str]]) -> None:
         """The clearance at a tick, NaN where it is not known; where_and_why: the cell (2,) touched, and the cause."""
@@ -156,7 +153,7 @@ class ContactLog:
     def end(self, t_ns: int) -> None:
         """The contact that goes on, if any, ends."""
         if self._open is not None:
-            self._contacts.append(self._open._replace(duration_s=(t_ns - self._open.t_ns) / NS))
+            self._contacts.append(self._open._replace(duration_s=(t_ns - self._open.t_ns) / NS_PER_S))
             self._open = None
 
     @property

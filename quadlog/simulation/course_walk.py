@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.path import FreeSpace
 from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
-from quadlog.messages import Float
+from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
 
 if TYPE_CHECKING:
@@ -147,7 +147,6 @@ def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:
     row[REFERENCE:PLAN_ERROR] = near.x_m, near.y_m, *errors
 
 
-NS = 1_000_000_000
 # Timeout of a walk: MOST_TIMES the course's nominal duration plus SPARE_S.
 MOST_TIMES, SPARE_S = 2.0, 10.0
 
@@ -188,7 +187,7 @@ def walk_course(
     times_ns: list[int] = []
     completed_ns = None
     while True:
-        times_ns.append(round(robot.t_s * NS))
+        times_ns.append(round(robot.t_s * NS_PER_S))
         row = np.full(len(TICK_COLUMNS), np.nan)
         steer(row, robot, path, lookahead, every * robot.tick_s)
         x_m, y_m, yaw_rad = robot.pose.tolist()

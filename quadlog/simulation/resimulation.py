@@ -28,7 +28,7 @@ from quadlog.control.following.path import FreeSpace
 from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import Window
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.query import passable
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
-NS = 1_000_000_000
 # The column after those of TICK_COLUMNS: clearance to obstacles.
 CLEARANCE = len(TICK_COLUMNS)
 
@@ -92,13 +91,13 @@ class HeldPlan(NamedTuple):
 
     def place_at(self, t_ns: int) -> tuple[float, float]:
         """(x_m, y_m) where a robot without delay would be; its end from until_ns on."""
-        return self.path.reference_at((t_ns - self.since_ns) / NS * self.speed_mps)
+        return self.path.reference_at((t_ns - self.since_ns) / NS_PER_S * self.speed_mps)
 
 
 def hold(path_m: Float, since_ns: int, speed_mps: float) -> HeldPlan:
     """The plan (K, 2) in map, held from an instant on."""
     path = PathFollower(path_m)
-    return HeldPlan(path, since_ns, since_ns + round(path.length_m / speed_mps * NS), speed_mps)
+    return HeldPlan(path, since_ns, since_ns + round(path.length_m / speed_mps * NS_PER_S), speed_mps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +164,10 @@ def resimulate(
         first_ns = instant.t_ns if first_ns is None else first_ns
         _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], settings)
         # Ticks up to the next map's instant, which itself belongs to that map's plan.
-        until = max(math.ceil((next_ns - first_ns) * settings.rate_hz / NS), 0)
+        until = max(math.ceil((next_ns - first_ns) * settings.rate_hz / NS_PER_S), 0)
         if until > MAX_TICKS:
             raise TooLarge("ticks of the re-simulated walk", until, MAX_TICKS)
-        t_ns = first_ns + np.rint(np.arange(tick, until) * (NS / settings.rate_hz)).astype(np.int64)
+        t_ns = first_ns + np.rint(np.arange(tick, until) * (NS_PER_S / settings.rate_hz)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
         rows.append(_follow(walk, instant, next_ns, t_ns, settings))

@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from quadlog.geometry import FARTHEST_M
-from quadlog.messages import Float, Imu, Int, Odometry, Pose, UwbRanges
+from quadlog.messages import NS_PER_S, Float, Imu, Int, Odometry, Pose, UwbRanges
 from quadlog.recordings.decoders.type_definitions import Types
 
 Wanted = Mapping[str, int]
@@ -230,7 +230,7 @@ Ways = Sequence[tuple[Wanted, InColumns]]
 def stamps_ns(numbers: Float) -> Int:
     """(N,) nanoseconds of (N, 2) seconds and nanoseconds."""
     seconds, nanos = numbers.astype(np.int64).T
-    stamps: Int = seconds * 1_000_000_000 + nanos
+    stamps: Int = seconds * NS_PER_S + nanos
     return stamps
 
 

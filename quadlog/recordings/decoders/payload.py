@@ -6,6 +6,7 @@ import struct
 from typing import Any, NamedTuple
 
 from quadlog.errors import DecodeError
+from quadlog.messages import NS_PER_S
 
 
 def stamp_ns(message: Any) -> int | None:
@@ -18,7 +19,7 @@ def stamp_ns(message: Any) -> int | None:
 
 def nanoseconds(seconds: int, nanos: int) -> int:
     """A stamp's two numbers as one."""
-    return seconds * 1_000_000_000 + nanos
+    return seconds * NS_PER_S + nanos
 
 
 def frame_id(message: Any) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import DecodeError
-from quadlog.messages import PointCloud, PointTimes
+from quadlog.messages import NS_PER_S, PointCloud, PointTimes
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 
 TIME_FIELDS = (
@@ -60,7 +60,7 @@ def _readings(stamp_ns: int | None) -> list[tuple[float, float, float]]:
     readings = [(0.0, 1e9, 0.0)]
     if stamp_ns is not None:
         # Whole seconds are subtracted first, so that 1970-based doubles lose no more digits.
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+        seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
         readings += [(float(seconds), 1e9, float(nanoseconds)), (float(stamp_ns), 1.0, 0.0)]
     return readings
 

@@ -16,7 +16,7 @@ from quadlog.control.locomotion.foot_trajectory import PARABOLA, FootCycle
 from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import GRAVITY_MPS2, JOINTS, LEGS, ROBOTS, SIDES, Robot
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf
@@ -188,7 +188,6 @@ PAIRS: Int = np.array([0, 1, 1, 0])
 SAMPLES_HZ = 50
 """Rate of the samples that are kept."""
 SAMPLE_TICKS = round(1 / (SAMPLES_HZ * TIMESTEP_S))
-NS = 1_000_000_000
 
 
 class OutOfReach(ValueError):
@@ -276,7 +275,7 @@ def sampled(model: QuadrupedModel, start: Float, states: Float, sensors: Float) 
     tilt = np.maximum(np.abs(roll), np.abs(pitch))
     down = (qpos[:, 2] < FALLEN_HEIGHT_SHARE * model.robot.standing_height_m) | (tilt > FALLEN_TILT_RAD)
     return TrotWalk(
-        t_ns=np.arange(len(kept), dtype=np.int64) * (NS // SAMPLES_HZ),
+        t_ns=np.arange(len(kept), dtype=np.int64) * (NS_PER_S // SAMPLES_HZ),
         position_m=qpos[:, :3],
         rpy_rad=np.column_stack([roll, pitch, yaw]),
         velocity_mps=np.column_stack([cos * vx + sin * vy, cos * vy - sin * vx]),
