@@ -35,7 +35,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             return finished
         refuse_another(request, described)
 
-    from quadlog.pipelines.stages.ingest import open_source, open_walk, reachable_stages
+    from quadlog.pipelines.stages.ingest import open_log, open_walk, reachable_stages
     from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
     from quadlog.pipelines.stages.scans import wants_lidar_track
     from quadlog.pipelines.stages.stage import stages_for
@@ -45,16 +45,16 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     if described is not None:
         progress.say(reused_words(names_of(earlier), request.options.until))
     clock = StageClock()
-    with open_source(request, clock, progress) as source:
-        todo = reachable_stages(source.roles, request.options.until)
+    with open_log(request, clock, progress) as log:
+        todo = reachable_stages(log.roles, request.options.until)
         missing = [name for stage in todo if stage not in earlier for name in stage.names]
-        to_compile = [name for name in missing if name != "position" or source.by_uwb]
+        to_compile = [name for name in missing if name != "position" or log.by_uwb]
         clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
-        tracked = "position" in missing and wants_lidar_track(request.config, source.roles, source.by_uwb)
+        tracked = "position" in missing and wants_lidar_track(request.config, log.roles, log.by_uwb)
         with (
             compilation(to_compile, request.config, progress.say) as compiled,
             open_walk(
-                *(source, request, clock, progress, described, clouds),
+                *(log, request, clock, progress, described, clouds),
                 before_clouds=partial(_compile, compiled, "filter", "map"),
                 tracked=tracked,
             ) as walk,
@@ -64,7 +64,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             for stage in todo:
                 marked.do(stage, partial(_work, stage, compiled))
             if todo != stages_for(request.options.until):
-                walk.warn(f"nothing is filtered, mapped, planned or walked: {source.roles.why_none('lidar')}")
+                walk.warn(f"nothing is filtered, mapped, planned or walked: {log.roles.why_none('lidar')}")
             with clock.stage("report"):
                 # Drawing is not loaded before there is something to draw.
                 from quadlog.pipelines.stages.report import finish_walk

@@ -96,7 +96,7 @@ def read_all(
 Clouds = Literal["filter", "map"] | None
 
 
-class Source(NamedTuple):
+class OpenLog(NamedTuple):
     """An open recording, which topic plays which role, and whether there are ranges and anchors to locate by."""
 
     recording: Recording
@@ -105,7 +105,7 @@ class Source(NamedTuple):
 
 
 @contextmanager
-def open_source(request: ReplayRequest, clock: StageClock, progress: Progress) -> Iterator[Source]:
+def open_log(request: ReplayRequest, clock: StageClock, progress: Progress) -> Iterator[OpenLog]:
     """Open the recording and detect the roles of its topics; nothing is compiled and no folder made before."""
     progress.begin("ingest", None)
     with clock.stage("ingest"):
@@ -114,7 +114,7 @@ def open_source(request: ReplayRequest, clock: StageClock, progress: Progress) -
         with clock.stage("ingest"):
             roles = detect_roles(recording, request.config.topics)
             by_uwb = locates_by_uwb(recording, roles, request.config)
-        yield Source(recording, roles, by_uwb)
+        yield OpenLog(recording, roles, by_uwb)
 
 
 def reachable_stages(roles: Roles, until: str) -> tuple[Stage, ...]:
@@ -132,7 +132,7 @@ def reachable_stages(roles: Roles, until: str) -> tuple[Stage, ...]:
 
 @contextmanager
 def open_walk(
-    source: Source,
+    log: OpenLog,
     request: ReplayRequest,
     clock: StageClock,
     progress: Progress,
@@ -150,10 +150,10 @@ def open_walk(
 
     with ExitStack() as stack:
         with clock.stage("ingest"):
-            describe = _describing(request.recording, source.recording) if described is None else lambda: described
+            describe = _describing(request.recording, log.recording) if described is None else lambda: described
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
-            walk = _read(request, source, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
+            walk = _read(request, log, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
             if choices := walk.roles.choices("reference"):
                 walk.warn(f"no reference is used: {choices}")
             walk.say_what_is_new()
@@ -178,7 +178,7 @@ def _describing(path: Path, recording: Recording) -> Callable[[], InputRecord]:
 
 def _read(
     request: ReplayRequest,
-    source: Source,
+    log: OpenLog,
     describe: Callable[[], InputRecord],
     run: RunFolder,
     clouds: Clouds,
@@ -190,43 +190,31 @@ def _read(
 ) -> ReplayContext:
     """The replay's state with all that is read; the stack closes the spill."""
     config, options = request.config, request.options
-    recording, roles, by_uwb = source
+    recording, roles, by_uwb = log
     with clock.stage("ingest"):
         topics = _topics_to_read(recording, roles, config, by_uwb)
         window = _window(recording, _played(roles), options.start_s, options.duration_s)
         wanted = Gatherer(**topics)
         wanted.take_static(recording)
         mount = _mount(recording, roles, wanted.tree, config)
-    scanner: Scanner | None = None
-    tracker: LidarTracker | None = None
-    first_cloud_ns: int | None = None
-    if clouds is None and not tracked:
-        with clock.stage("ingest"):
-            for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
-                wanted.take(gathered, recording.stamp)
-    else:
-        lidar = needed_lidar(roles)
+    clouds_read = _CloudsRead(None, None, None)
+    if clouds is not None or tracked:
         progress.begin("start-up", None)
         if clouds is not None:
             before_clouds()
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
-            expected = _expected(recording, lidar, window)
-            takers: dict[str, Callable[[int, PointCloud], None]] = {}
-            if clouds is not None:
-                settings = ScanSettings.of_config(config, maps=clouds == "map")
-                scanner = Scanner(settings, options.seed, mount, tilt, stack.enter_context(Spill(run.path)), expected)
-                takers["filter"] = scanner.take
-            if tracked:
-                tracker = LidarTracker(config, mount, tilt)
-                takers["position"] = tracker.take
-            progress.begin("ingest", expected)
-        first_cloud_ns = read_all(recording, wanted, lidar, window, takers, tilt, clock, progress)
+            spill = None if clouds is None else stack.enter_context(Spill(run.path))
+        clouds_read = _read_clouds(request, log, wanted, window, mount, tilt, clouds, spill, tracked, clock, progress)
+    else:
+        with clock.stage("ingest"):
+            for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
+                wanted.take(gathered, recording.stamp)
     with clock.stage("ingest"):
         streams = wanted.streams()
         if streams.imu is not None:
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
-        first_ns, last_ns = _seen(recording, roles, streams, window, first_cloud_ns)
+        first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
     return ReplayContext(
@@ -244,10 +232,49 @@ def _read(
         end_ns=window[1],
         first_ns=first_ns,
         last_ns=last_ns,
-        scanner=scanner,
-        tracker=tracker,
+        scanner=clouds_read.scanner,
+        tracker=clouds_read.tracker,
         anchors_from_messages=effective is not config,
     )
+
+
+class _CloudsRead(NamedTuple):
+    """What took the clouds, None where it was not asked for, and the instant of the first one."""
+
+    scanner: Scanner | None
+    tracker: LidarTracker | None
+    first_ns: int | None
+
+
+def _read_clouds(
+    request: ReplayRequest,
+    log: OpenLog,
+    wanted: Gatherer,
+    window: tuple[int | None, int | None],
+    mount: Float,
+    tilt: Tilt,
+    clouds: Clouds,
+    spill: Spill | None,
+    tracked: bool,
+    clock: StageClock,
+    progress: Progress,
+) -> _CloudsRead:
+    """Read the small topics and the clouds, which are classified into the spill, tracked, or both."""
+    lidar, config = needed_lidar(log.roles), request.config
+    takers: dict[str, Callable[[int, PointCloud], None]] = {}
+    scanner, tracker = None, None
+    with clock.stage("ingest"):
+        expected = _expected(log.recording, lidar, window)
+        if spill is not None:
+            settings = ScanSettings.of_config(config, maps=clouds == "map")
+            scanner = Scanner(settings, request.options.seed, mount, tilt, spill, expected)
+            takers["filter"] = scanner.take
+        if tracked:
+            tracker = LidarTracker(config, mount, tilt)
+            takers["position"] = tracker.take
+    progress.begin("ingest", expected)
+    first_ns = read_all(log.recording, wanted, lidar, window, takers, tilt, clock, progress)
+    return _CloudsRead(scanner, tracker, first_ns)
 
 
 def _expected(recording: Recording, topic: str, window: tuple[int | None, int | None]) -> int | None:

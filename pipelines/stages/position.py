@@ -77,9 +77,9 @@ def find_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple
 
 
 def _causal_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple[Float, Float]:
-    """What a robot could have known: at each instant from the first sensor, in a fixed order, of which it was told.
+    """Heading that the robot could have had at each instant: of the first sensor, in a fixed order, that is aligned.
 
-    Until then it is the course; which sensor is the best, only the whole log tells.
+    Before any is aligned it is the course. The best sensor is known from the whole log only, and is not used here.
     """
     aligned: dict[str, CausalHeading] = {}
     for sensor in _orientations(walk):

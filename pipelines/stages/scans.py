@@ -262,7 +262,7 @@ class LidarTracker:
         self._odometry.take(t_ns, cloud.xyz_m @ rotation.T + shift_m, offset_ns)
 
     def track(self) -> LidarTrack:
-        """Poses of base amid each scan, in upright base where the first scan was taken."""
+        """Poses of base at the middle of each scan; the frame is base at the first scan, with z up."""
         return self._odometry.track()
 
     def warnings(self) -> list[str]:

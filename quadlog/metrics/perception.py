@@ -64,7 +64,7 @@ def detect(is_true: Bool, is_called: Bool) -> Detection:
 
 
 def ground_detection(truth: Labels, label: Labels) -> Detection:
-    """How the ground was told from the rest, of points (N,) of PointClass."""
+    """Detection of the ground among points (N,) of PointClass."""
     return detect(truth == PointClass.GROUND, label == PointClass.GROUND)
 
 

@@ -200,10 +200,10 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
 
 
 def _forward_shift_m(offset_s: float, velocity_mps: Float, residual_m: Float, motions: Float) -> float | None:
-    """The offset as a shift along the direction of travel, None where the offset is told with such a shift allowed for.
+    """The shift along the direction of travel that would explain the offset as well; None if the speed excludes it.
 
-    That is where the offset, estimated together with a constant shift forward and to the left, has the same sign and an
-    interval that excludes zero. motions (K, D, M) are allowed for as well.
+    It is excluded if the offset, estimated together with a constant shift forward and to the left, has the same sign
+    and an interval without zero. motions (K, D, M) are allowed for as well.
     """
     speed_mps = np.linalg.norm(velocity_mps, axis=1, keepdims=True)
     forward = velocity_mps / np.maximum(speed_mps, _STANDING_MPS)

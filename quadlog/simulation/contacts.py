@@ -48,7 +48,7 @@ class Contact(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class Footprint:
     """A rectangle about the robot's pose, its length along x."""
 
     length_m: float
@@ -61,7 +61,7 @@ class TouchableCells:
     Such a cell can be touched once the body has been out of it, or the cell was free, at a later map.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Footprint) -> None:
         self._body = body
         self._before: tuple[Window, Bool] | None = None
         self._inside: frozenset[tuple[int, int]] = frozenset()
@@ -162,7 +162,7 @@ class ContactLog:
         return sorted(self._contacts)
 
 
-def nearest_cell(pose: Float, body: Body, centres_m: Float, cell_m: float) -> Float:
+def nearest_cell(pose: Float, body: Footprint, centres_m: Float, cell_m: float) -> Float:
     """(2,) the centre of the cell nearest to the body, or deepest inside of it."""
     gaps_m = body_gaps(pose, body.length_m, body.width_m, centres_m, cell_m)
     away_m = np.hypot(*(centres_m - pose[:2]).T)

@@ -32,7 +32,15 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.query import passable
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
-from quadlog.simulation.contacts import Body, Contact, ContactLog, PlanInUse, TouchableCells, cause_of, nearest_cell
+from quadlog.simulation.contacts import (
+    Contact,
+    ContactLog,
+    Footprint,
+    PlanInUse,
+    TouchableCells,
+    cause_of,
+    nearest_cell,
+)
 from quadlog.simulation.course_walk import (
     COMMAND,
     PLAN_ERROR,
@@ -155,7 +163,7 @@ def resimulate(
     replanner: plans between the maps; see ReplanSettings for stopping short.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
-    body = Body(settings.body_length_m, settings.body_width_m)
+    body = Footprint(settings.body_length_m, settings.body_width_m)
     walk = _State(robot, lookahead, TouchableCells(body))
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
@@ -233,9 +241,9 @@ def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings
     return rows
 
 
-def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: PursuitSettings) -> tuple[Body, Float]:
+def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: PursuitSettings) -> tuple[Footprint, Float]:
     """The body, and the centres (N, 2) of the cells that it can touch on a map; those inside of it are listed."""
-    body, pose = Body(settings.body_length_m, settings.body_width_m), walk.robot.pose
+    body, pose = Footprint(settings.body_length_m, settings.body_width_m), walk.robot.pose
     solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
     centres_m, appeared_m = walk.cells.renew(instant.window, solid, pose)
     if len(appeared_m):
@@ -247,7 +255,7 @@ def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: Pursui
 
 
 def _where_and_why(
-    walk: _State, instant: MapInstant, body: Body, centres_m: Float, on_plan: FollowState | None
+    walk: _State, instant: MapInstant, body: Footprint, centres_m: Float, on_plan: FollowState | None
 ) -> tuple[Float, str]:
     cell_m = nearest_cell(walk.robot.pose, body, centres_m, instant.window.cell_m)
     col, row = instant.window.cell_of(cell_m)

@@ -91,8 +91,8 @@ class Walker:
         # The linear model's yaw must not jump where the angle does.
         self._ahead[:, 2] += now[2] - self._ahead[0, 2] + _wrapped(self._ahead[0, 2] - now[2])
         stride.contacts_ahead(t_s, settings.dt_s, self._contacts)
-        # From where the body is, not from where it should be: a reference ahead of it would tilt the robot. And as it
-        # is amid each step, for whose length the forces hold; the states ahead are those of the steps' ends.
+        # Lever arms start at the body's real place: a reference ahead of it would tilt the robot. They are those of the
+        # middle of each step, because forces hold for a whole step; the states ahead are those of the steps' ends.
         to_middle_m = now[3:6] - self._ahead[0, 3:6] + 0.5 * settings.dt_s * self.reference.velocity_mps
         self._arms_m[:] = self._feet_ahead_m() - (self._ahead[:, None, 3:6] + to_middle_m)
         # The reference lies on the ground and along the heading: so do the sides of the friction pyramids.

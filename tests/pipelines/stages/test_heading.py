@@ -18,7 +18,7 @@ from quadlog.pipelines.evaluation.reference import compare_with_own_reference
 from quadlog.pipelines.executor.progress import Silent, StageClock
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.ingest import open_source, open_walk
+from quadlog.pipelines.stages.ingest import open_log, open_walk
 from quadlog.pipelines.stages.position import locate_walk
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
@@ -120,7 +120,7 @@ def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext
     config = load_config(folder / "quadlog.toml", list(overrides), {})
     request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"))
     clock = StageClock()
-    with open_source(request, clock, Silent()) as source, open_walk(source, request, clock, Silent()) as walk:
+    with open_log(request, clock, Silent()) as log, open_walk(log, request, clock, Silent()) as walk:
         locate_walk(walk)
         yield walk
 

@@ -103,8 +103,8 @@ def reads_of(request: ReplayRequest) -> dict[str, set[str]]:
         clouds = "map" if scans == "map" else "filter" if scans else None
         clock = StageClock()
         with (
-            ingest.open_source(request, clock, Silent()) as source,
-            ingest.open_walk(source, request, clock, Silent(), None, clouds) as walk,
+            ingest.open_log(request, clock, Silent()) as log,
+            ingest.open_walk(log, request, clock, Silent(), None, clouds) as walk,
         ):
             for stage in stages:
                 with spy.at(stage.name), files_written() as written:

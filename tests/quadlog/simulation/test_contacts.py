@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import window_around
-from quadlog.simulation.contacts import CAUSES, Body, Contact, ContactLog, PlanInUse, TouchableCells, cause_of
+from quadlog.simulation.contacts import CAUSES, Contact, ContactLog, Footprint, PlanInUse, TouchableCells, cause_of
 from quadlog.simulation.worlds.world import body_clearance
 
-BODY = Body(0.6, 0.3)
+BODY = Footprint(0.6, 0.3)
 WINDOW = window_around(np.zeros(2), 0.1, 40)
 
 

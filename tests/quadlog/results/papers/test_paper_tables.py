@@ -85,6 +85,7 @@ def test_a_table_that_is_not_asked_for_does_not_stand_in_the_way(tmp_path):
     (tmp_path / "two.csv").write_text("mine")
     (tmp_path / "two-site.png").write_text("mine")
     prepare_folder(tmp_path, ["one"], [], force=False)
+    assert [each.read_text() for each in sorted(tmp_path.iterdir())] == ["mine", "mine"]
 
 
 def test_a_file_in_the_folders_place_is_told(tmp_path):
