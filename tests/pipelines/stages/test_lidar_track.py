@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import MissingInput
 from quadlog.geometry import seconds_since
+from quadlog.pipelines.executor.compilation import Compilation
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
@@ -66,6 +69,12 @@ def test_without_other_sources_the_lidar_tells_where_the_robot_was(tmp_path, wal
     assert len(poses["t_ns"]) == 50
 
 
+def test_scans_are_not_matched_where_an_odometry_tells_the_position(tmp_path, walk, monkeypatch):
+    monkeypatch.setattr("quadlog.positioning.lidar_odometry.LidarOdometry.take", None)
+    outcome = replayed(tmp_path, walk, {TF_STATIC_TOPIC, LIDAR_TOPIC, ODOMETRY_TOPIC}, until="position")
+    assert outcome.exit_code == 0
+
+
 def test_an_odometry_goes_before_the_lidar_unless_chosen_otherwise(tmp_path, walk):
     topics = {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC, ODOMETRY_TOPIC}
     sources = {}
@@ -98,9 +107,13 @@ def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk
 
 
 def test_compiled_code_that_the_log_cannot_use_is_not_compiled(tmp_path, walk, monkeypatch):
-    compiled: list[str] = []
-    monkeypatch.setattr(
-        "quadlog.pipelines.executor.compilation.Compilation.before", lambda _, *names: compiled.extend(names)
-    )
+    offered: list[str] = []
+    begin = Compilation.__init__
+
+    def spied(self: Compilation, parts: Mapping[str, Callable[[], object]], *rest: Any) -> None:
+        offered.extend(parts)
+        begin(self, parts, *rest)
+
+    monkeypatch.setattr(Compilation, "__init__", spied)
     replayed(tmp_path, walk, {ODOMETRY_TOPIC, IMU_TOPIC})
-    assert compiled == []
+    assert offered == []

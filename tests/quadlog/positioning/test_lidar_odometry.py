@@ -68,7 +68,19 @@ def test_another_place_all_at_once_is_lost_rather_than_walked_to():
     track = odometry([*yard[:15], *wood[15:]])
     step_m = np.linalg.norm(np.diff(track.position_m, axis=0), axis=1)
     assert step_m.max() < 0.5
-    assert (track.match[15:] == ScanMatch.LOST).any()
+    assert (track.match[15:] == ScanMatch.LOST).all()
+
+
+def test_a_step_that_no_robot_makes_is_lost():
+    """Half a metre further in a tenth of a second; the scan itself would match."""
+    scans, true_at = scans_of(follow, 26, 4.0)
+    stamps = np.array([t_ns for t_ns, _, _ in scans])
+    walked_m = np.linalg.norm(true_at(stamps) - true_at(stamps[10:11]), axis=1)
+    further = int(np.argmax((walked_m > 0.55) & (np.arange(len(scans)) > 10)))
+    _, points, offset_ns = scans[further]
+    track = odometry([*scans[:11], (scans[11][0], points, offset_ns)])
+    assert track.match[-1] == ScanMatch.LOST
+    assert np.linalg.norm(track.position_m[-1] - track.position_m[-2]) < 0.2
 
 
 def test_scans_that_come_late_or_twice_are_left_out():
