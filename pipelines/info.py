@@ -94,7 +94,7 @@ def _uwb(
         return {"uwb": [], "uwb_tags": [], "dilution": None}, place_warnings(places, {})
     # What locates takes half a second to load.
     from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics
-    from quadlog.pipelines.stages.uwb import configured_places, with_carried_anchors
+    from quadlog.pipelines.stages.positions.uwb import configured_places, with_carried_anchors
 
     warnings = place_warnings(places, configured_places(config))
     effective = with_carried_anchors(config, places)

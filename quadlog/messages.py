@@ -151,7 +151,23 @@ class Transforms:
     static: bool
 
 
-Message = PointCloud | UwbRanges | Pose | Odometry | Imu | Transforms
+@dataclass(frozen=True, slots=True)
+class JointStates:
+    """Joints and feet of a quadruped at one instant, NaN where a value is not given.
+
+    position_rad, velocity_radps, torque_nm: (12,) legs FL, FR, RL, RR, of each hip, thigh, calf. All zero is a leg
+    straight down; the hip turns about the body's x axis, thigh and calf about its y axis (left), as in the URDF files
+    of Unitree's robots: a calf's angle is negative. foot_force_n: (4,) normal forces, FL, FR, RL, RR.
+    """
+
+    stamp_ns: int | None
+    position_rad: Float
+    velocity_radps: Float
+    torque_nm: Float
+    foot_force_n: Float
+
+
+Message = PointCloud | UwbRanges | Pose | Odometry | Imu | Transforms | JointStates
 
 
 class Timed(NamedTuple):
@@ -197,6 +213,20 @@ class ImuSeries:
     angular_radps: Float
     quat_xyzw: Float | None
     frame_id: str = ""
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class JointSeries:
+    """Joints over time: t_ns (N,) strictly increasing, the rest as in JointStates, with N rows."""
+
+    t_ns: Int
+    position_rad: Float
+    velocity_radps: Float
+    torque_nm: Float
+    foot_force_n: Float
 
     def __len__(self) -> int:
         return len(self.t_ns)

@@ -18,7 +18,7 @@ from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, fix_error_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
 from quadlog.metrics.summary import Samples
-from quadlog.pipelines.stages.tag_errors import lever_of, roles_of, tag_truth
+from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
 from quadlog.results.run.tables import has_table, read_table
 from quadlog.storage.formats.tum import read_tum

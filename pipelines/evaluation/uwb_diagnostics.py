@@ -10,7 +10,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
-from quadlog.pipelines.stages.tag_errors import (
+from quadlog.pipelines.stages.positions.tag_errors import (
     PositionErrors,
     TagErrors,
     dilution_of,
@@ -18,7 +18,7 @@ from quadlog.pipelines.stages.tag_errors import (
     levers_on_robot,
     roles_of,
 )
-from quadlog.pipelines.stages.uwb import anchors_of, located_warnings, settings_of, tags_of
+from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, settings_of, tags_of
 from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share

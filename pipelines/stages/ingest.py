@@ -17,10 +17,10 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, PointCloud
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
+from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.stages.scans import LidarTracker, Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
 from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
-from quadlog.pipelines.stages.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles

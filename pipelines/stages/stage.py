@@ -44,7 +44,7 @@ class Stage:
 # lidar.level: whether the IMU is read for the scans, which may change where the recording begins.
 POSITION = Stage(
     ("position",),
-    "position:locate_walk",
+    "positions.position:locate_walk",
     reads=("topics", "uwb", *(f"lidar.{key}" for key in ("level", "mount", "deskew", "min_range_m"))),
     files=(*STAGE_FILES["ingest"], *STAGE_FILES["position"], "trajectory.tum"),
     needs_compiled=lambda walk: walk.streams.ranges is not None,

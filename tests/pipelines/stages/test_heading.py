@@ -19,7 +19,7 @@ from quadlog.pipelines.executor.progress import Silent, StageClock
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.ingest import open_log, open_walk
-from quadlog.pipelines.stages.position import locate_walk
+from quadlog.pipelines.stages.positions.position import locate_walk
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from quadlog.config.schema import Config
 from quadlog.messages import PoseSeries, RangeSeries
-from quadlog.pipelines.stages.tag_errors import dilution_of, errors_of_tags
+from quadlog.pipelines.stages.positions.tag_errors import dilution_of, errors_of_tags
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
 ANCHORS_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2], [50.0, 50.0, 1.2]])

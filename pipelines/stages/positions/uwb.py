@@ -13,7 +13,13 @@ from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.tag_errors import TagErrors, dilution_of, errors_of_tags, levers_on_robot, roles_of
+from quadlog.pipelines.stages.positions.tag_errors import (
+    TagErrors,
+    dilution_of,
+    errors_of_tags,
+    levers_on_robot,
+    roles_of,
+)
 from quadlog.positioning.anchor_bias import AnchorBias
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity

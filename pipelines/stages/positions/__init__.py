@@ -1,0 +1,1 @@
+"""Positions of the robot and the target from each source: UWB, tf, odometry, lidar."""

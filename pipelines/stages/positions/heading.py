@@ -1,0 +1,193 @@
+"""Heading of the robot: yaw of an IMU or odometry turned onto the course of the track, or the course itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.geometry import wrap_angle, yaw_from_quat
+from quadlog.messages import Float, ImuSeries, Int
+from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.positioning.heading.heading import (
+    IMU_DRIFT,
+    ODOMETRY_DRIFT,
+    AlignedHeading,
+    CausalHeading,
+    align_gyro,
+    align_gyro_causally,
+    align_yaw,
+    align_yaw_causally,
+    course_heading,
+    course_heading_std,
+    filter_lag_s,
+)
+from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD, SensorDrift
+from quadlog.positioning.track.tracker import Track
+
+COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
+UNCERTAIN_HEADING_RAD = np.radians(5.0)
+DISAGREEMENT_STD, DISAGREEMENT_SHARE = 3.0, 0.1
+ASKEW_SHARE = 0.1
+SILENT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _YawSensor:
+    """An orientation over time: yaw_rad (M,) at t_ns (M,), from the topic of a role."""
+
+    role: str
+    t_ns: Int
+    yaw_rad: Float
+    drift: SensorDrift
+
+
+def find_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple[Float, Float]:
+    """Yaw (T,) of base at the track's instants, and its std (T,): a sensor's turned onto the course, or the course."""
+    if not walk.config.uwb.smooth:
+        return _causal_heading(walk, track, tag_ahead_m)
+    aligned = {sensor.role: _align(track, sensor, tag_ahead_m) for sensor in _orientations(walk)}
+    rate_only = _rate_only(walk)
+    if rate_only is not None:
+        gyro = align_gyro(track, rate_only.t_ns, rate_only.angular_radps[:, 2], tag_ahead_m)
+        aligned["imu"] = gyro.heading
+        if gyro.upside_down and gyro.heading.told:
+            walk.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
+    told = {role: each for role, each in aligned.items() if each.told}
+    course, course_std = course_heading(track), course_heading_std(track)
+    if not told:
+        _tell_course(walk, _why_course(aligned), course_std)
+        return course, course_std
+    best = min(told, key=lambda role: np.median(told[role].yaw_std_rad))
+    if np.median(told[best].yaw_std_rad) > np.median(course_std):
+        std_deg = np.degrees(np.median(told[best].yaw_std_rad))
+        _tell_course(walk, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
+        return course, course_std
+    walk.use(best)
+    _tell_choice(walk, best, told)
+    _tell_aligned(walk, best, told[best])
+    return told[best].yaw_rad, told[best].yaw_std_rad
+
+
+def _causal_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple[Float, Float]:
+    """Heading that the robot could have had at each instant: of the first sensor, in a fixed order, that is aligned.
+
+    Before any is aligned it is the course. The best sensor is known from the whole log only, and is not used here.
+    """
+    aligned: dict[str, CausalHeading] = {}
+    for sensor in _orientations(walk):
+        aligned[sensor.role] = align_yaw_causally(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift)
+    rate_only = _rate_only(walk)
+    if rate_only is not None:
+        rate_radps = rate_only.angular_radps[:, 2]
+        aligned["imu"] = align_gyro_causally(track, rate_only.t_ns, rate_radps, tag_ahead_m)
+    # The first course lies in the future of a causal track.
+    yaw_rad = course_heading(track, before_motion_rad=0.0)
+    std_rad = course_heading_std(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
+    used = [role for role, heading in aligned.items() if heading.told.any()]
+    if not used:
+        _tell_course(walk, _why_course(aligned), std_rad)
+        return yaw_rad, std_rad
+    for role in reversed(used):
+        walk.use(role)
+        told = aligned[role].told
+        yaw_rad = np.where(told, aligned[role].yaw_rad, yaw_rad)
+        std_rad = np.where(told, aligned[role].yaw_std_rad, std_rad)
+    end_rad = float(std_rad[-1])
+    walk.note(
+        f"heading from {used[0]}, turned at each instant by what the course had told until then; at the end known to "
+        f"{np.degrees(end_rad):.1f} degrees: an obstacle 10 m away is off by {10 * end_rad:.2f} m"
+    )
+    _warn_if_uncertain(walk, end_rad)
+    return yaw_rad, std_rad
+
+
+def _orientations(walk: ReplayContext) -> list[_YawSensor]:
+    """Every orientation of the recording, the IMU's first."""
+    imu, odometry = walk.streams.imu, walk.streams.odometry
+    sensors: list[_YawSensor] = []
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+        sensors.append(_YawSensor("imu", imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT))
+    if odometry is not None:
+        sensors.append(_YawSensor("odometry", odometry.t_ns, yaw_from_quat(odometry.quat_xyzw), ODOMETRY_DRIFT))
+    return sensors
+
+
+def _rate_only(walk: ReplayContext) -> ImuSeries | None:
+    """The IMU where it gives yaw rates, but no orientation; gaps, in which turns are lost, are told."""
+    imu = walk.streams.imu
+    if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
+        return None
+    if imu.quat_xyzw is not None:
+        walk.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
+    gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
+    if gap_s > SILENT_S:
+        walk.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
+    return imu
+
+
+def frozen(imu: ImuSeries) -> bool:
+    """Drivers without an orientation may send the same one all the time."""
+    return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
+
+
+def _align(track: Track, sensor: _YawSensor, tag_ahead_m: float) -> AlignedHeading:
+    return align_yaw(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift)
+
+
+def _why_course(aligned: Mapping[str, AlignedHeading | CausalHeading]) -> str:
+    if not aligned:
+        return "no IMU and no odometry"
+    names = " and ".join(aligned)
+    if any(isinstance(each, AlignedHeading) and each.moving_s > 0 for each in aligned.values()):
+        return f"the course has nothing in common with the yaw of {names}"
+    return f"the robot never moved for long enough while {names} gave yaw"
+
+
+def _tell_course(walk: ReplayContext, why: str, std_rad: Float) -> None:
+    std = float(np.median(std_rad))
+    if std < 0.99 * UNKNOWN_YAW_STD_RAD:
+        known = f"known to {np.degrees(std):.1f} degrees, and wrong where it walks sideways or backwards"
+    else:
+        known = "the robot hardly moves, so nothing is known of it"
+    walk.warn(f"{why}: {COURSE_ONLY}; {known}")
+
+
+def _tell_choice(walk: ReplayContext, best: str, told: Mapping[str, AlignedHeading]) -> None:
+    """Why this sensor and no other; and a warning where they contradict each other."""
+    own = told[best]
+    for role, other in told.items():
+        if role == best:
+            continue
+        own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))
+        walk.note(f"heading is better told by {best} ({own_deg:.1f} degrees) than by {role} ({other_deg:.1f} degrees)")
+        apart = np.abs(wrap_angle(own.yaw_rad - other.yaw_rad))
+        contrary = apart > DISAGREEMENT_STD * np.hypot(own.yaw_std_rad, other.yaw_std_rad)
+        if np.mean(contrary) > DISAGREEMENT_SHARE:
+            walk.warn(
+                f"{best} and {role} contradict each other in {np.mean(contrary):.0%} of the time: their headings are "
+                f"up to {np.degrees(apart.max()):.0f} degrees apart; that of {best} is used"
+            )
+
+
+def _tell_aligned(walk: ReplayContext, role: str, heading: AlignedHeading) -> None:
+    std = float(np.median(heading.yaw_std_rad))
+    drift = ""
+    if abs(heading.drift_radps) > 2 * heading.drift_std_radps > 0:
+        drift = f", its drift of {np.degrees(heading.drift_radps) * 60:.1f} degrees a minute taken out"
+    walk.note(
+        f"heading from {role}, turned by {np.degrees(heading.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
+        f"an obstacle 10 m away is off by {10 * std:.2f} m"
+    )
+    _warn_if_uncertain(walk, std)
+    if heading.askew_share > ASKEW_SHARE:
+        walk.warn(
+            f"in {heading.askew_share:.0%} of its motion the robot walks more than 60 degrees off its heading, "
+            f"sideways or backwards; were such steps the most, the heading from {role} is turned wrongly"
+        )
+
+
+def _warn_if_uncertain(walk: ReplayContext, std_rad: float) -> None:
+    if std_rad > UNCERTAIN_HEADING_RAD:
+        walk.warn(f"heading is known to {np.degrees(std_rad):.1f} degrees only; 1 degree is 17 cm at 10 m")
