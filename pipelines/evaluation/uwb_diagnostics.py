@@ -18,7 +18,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
     levers_on_robot,
     roles_of,
 )
-from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, settings_of, tags_of
+from quadlog.pipelines.stages.positions.uwb import anchors_of, body_motion_of, located_warnings, settings_of, tags_of
 from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
@@ -43,16 +43,19 @@ def uwb_diagnostics(
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
     try:
-        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference)
+        odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
+        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference, odometry=odometry)
         if streams.ranges is None:
             return empty, ["anchors are configured, but the recording has no UWB ranges"]
         tags = tags_of(config, streams.ranges)
+        role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()}
+        robot = next((tag for tag, role in role_of.items() if role == "robot"), None)
+        if robot in tags and config.uwb.odometry:  # as in a replay, so that both have the same residuals
+            tags[robot] = replace(tags[robot], body_motion=body_motion_of(streams))
         anchors, settings = anchors_of(config), settings_of(config)
         located = locate(streams.ranges, anchors, list(tags.values()), settings)
     except QuadlogError as error:
         return empty, [f"UWB: {error}"]
-    role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()}
-    robot = next((tag for tag, role in role_of.items() if role == "robot"), None)
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),

@@ -28,6 +28,7 @@ from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams
 from quadlog.results.run.maps import DilutionGrid, write_dilution
 from quadlog.results.run.tables import TABLES, TableWriter
 
@@ -235,7 +236,7 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     tags = tags_of(config, ranges)
     robot = roles_of(config, list(tags)).get("robot", -1)
     if robot in tags and config.uwb.odometry:
-        tags[robot] = replace(tags[robot], body_motion=_body_motion(walk))
+        tags[robot] = replace(tags[robot], body_motion=body_motion_of(walk.streams))
     located = locate(ranges, anchors_of(config), list(tags.values()), settings_of(config))
     tell_located(walk, located)
     by_id = {result.tag: result for result in located.tags}
@@ -290,9 +291,9 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
     return config.model_copy(update={"uwb": config.uwb.model_copy(update={"anchors": anchors})})
 
 
-def _body_motion(walk: ReplayContext) -> BodyMotion | None:
+def body_motion_of(streams: Streams) -> BodyMotion | None:
     """What the odometry says of the robot's own motion; None without one that gives velocities."""
-    odometry, streams = walk.streams.odometry, walk.streams
+    odometry = streams.odometry
     if odometry is None or streams.odometry_linear_mps is None or streams.odometry_angular_radps is None:
         return None
     if not streams.odometry_linear_mps.any():
