@@ -50,7 +50,9 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
 def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
-    return {name: Metric(_value(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()}
+    return {
+        name: Metric(_value(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,7 +111,10 @@ def propose(runs: Sequence[Run]) -> dict[str, tuple[Bound, ...]]:
 
 def accepted_events(bounds: Mapping[str, Sequence[Bound]]) -> dict[str, list[str]]:
     """By name, what the proposed bounds accept that should not happen at all: contacts and falls, in words."""
-    words = {name: [f"{_accepts(bound)} ({bound.metric})" for bound in each if _accepts(bound)] for name, each in bounds.items()}
+    words = {
+        name: [f"{_accepts(bound)} ({bound.metric})" for bound in each if _accepts(bound)]
+        for name, each in bounds.items()
+    }
     return {name: each for name, each in words.items() if each}
 
 

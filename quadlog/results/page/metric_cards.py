@@ -25,8 +25,7 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
     "Position": {
         "ate_rmse_m": (
             "position error",
-            "How far the robot's positions are from the true ones in the recording; typical size, large errors count "
-            "more.",
+            "How far the robot's positions are from the true ones: a typical distance.",
         ),
         "uwb_coverage_95": (
             "truth inside 95 % bound",
@@ -153,7 +152,8 @@ def metric_themes(run: RunData) -> list[ThemeGroup]:
     groups = []
     for title, metrics in (THEMES | others).items():
         rows = [_row(run, bounds, name, *words) for name, words in metrics.items() if name in run.metrics]
-        absent = [_absent(bounds[name], *words) for name, words in metrics.items() if name in bounds.keys() - run.metrics.keys()]
+        lacking = bounds.keys() - run.metrics.keys()
+        absent = [_absent(bounds[name], *words) for name, words in metrics.items() if name in lacking]
         # Bounds that do not hold come first: they are what a reader must not miss.
         first = sorted([*absent, *(row.shown for row in rows)], key=lambda each: _RANK[each.state])
         facts = list(_facts(run, title))
@@ -247,7 +247,9 @@ def _facts(run: RunData, title: str) -> Iterator[ShownMetric]:
         found = f"{short(100 * float(np.mean(scans['ground_found'])), 3)} %"
         yield ShownMetric("", "ground found", "In how many scans the filter found the floor.", found)
         points = count(int(np.median(scans["n_obstacle"])))
-        yield ShownMetric("", "obstacle points", "How many points of a scan are obstacles; median.", f"{points} per scan")
+        yield ShownMetric(
+            "", "obstacle points", "How many points of a scan are obstacles; median.", f"{points} per scan"
+        )
         if np.isfinite(scans["ms"]).any():
             ms = f"{short(float(np.nanmedian(scans['ms'])), 3)} ms"
             yield ShownMetric("", "time per scan", "Computing time of the filter for one scan; median.", ms)

@@ -87,7 +87,7 @@ def _replayed(run: RunData) -> Iterator[Sentence]:
         yield Sentence("The recording does not tell where the robot was.")
     elif set(poses["source"]) == {"fixed"}:
         yield Sentence("The recording does not tell where the robot was; it is taken to have stood still.")
-    elif all(np.nanmax(poses[name], initial=-np.inf) - np.nanmin(poses[name], initial=np.inf) < STANDS_M for name in _XY):
+    elif all(_width(poses[name]) < STANDS_M for name in _XY):
         yield Sentence(f"The robot moved less than {STANDS_M:g} m in {_lasted_s(poses):.0f} s.")
     else:
         yield Sentence(f"The robot {_what_it_did(run)} {_way(poses)}.")
@@ -101,6 +101,11 @@ def _replayed(run: RunData) -> Iterator[Sentence]:
             yield Sentence(f"{start} and fell at {fell_s:.1f} s.", alarm=True)
         else:
             yield Sentence(f"{start} without a fall." if run.metric("fallen") is not None else f"{start}.")
+
+
+def _width(values: Float) -> float:
+    """Largest less smallest of values (N,) that are finite; -inf without one."""
+    return float(np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf))
 
 
 def _what_it_did(run: RunData) -> str:

@@ -37,7 +37,7 @@ class Plot:
     """name: stem of the file; alt: text for readers who cannot see the picture; caption: how to read it.
 
     simulated: caption for a simulated walk, if it differs. chart: what the interactive chart shows in place of the
-    picture, if it differs from it. describe: what this run's picture, or its chart, shows; it stands before the caption.
+    picture, if it differs from it. describe: what this run's picture, or its chart, shows, put before the caption.
     """
 
     name: str
@@ -55,7 +55,9 @@ class Plot:
         both = picture, self.chart or picture
         if self.describe is None:
             return both
-        first, second = (f"{self.describe(run, is_chart)} {text}" for is_chart, text in enumerate(both))
+        first, second = (
+            f"{self.describe(run, is_chart)} {text}" for is_chart, text in zip((False, True), both, strict=True)
+        )
         return first.strip(), second.strip()
 
 
@@ -78,8 +80,8 @@ PLOTS = (
         "without line of sight.",
         draw_ranges,
         chart="Measured ranges of each tag, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton "
-        "trilateration [Following]) at the smoothed track, a colour for each anchor. Residuals above the line came late "
-        "by more than three standard deviations, most likely without line of sight (NLOS).",
+        "trilateration [Following]) at the smoothed track, a colour for each anchor. Residuals above the line came "
+        "late by more than three standard deviations, most likely without line of sight (NLOS).",
     ),
     Plot(
         "residuals",
@@ -117,8 +119,8 @@ PLOTS = (
         "median. Fewer than 95 % within it means that the claim is too narrow: errors that persist, such as a bias.",
         draw_uwb_error,
         chart="How far fixes and track of each tag on the robot are from where the reference puts that tag, lever arm "
-        "included, and how far the claimed 95 % ellipse of the track reaches in the direction of the error. More than 5 "
-        "% of the track above it means that the claim is too narrow: errors that persist, such as a bias.",
+        "included, and how far the claimed 95 % ellipse of the track reaches in the direction of the error. More than "
+        "5 % of the track above it means that the claim is too narrow: errors that persist, such as a bias.",
     ),
     Plot(
         "scan",
@@ -135,8 +137,8 @@ PLOTS = (
         "How many points of each scan the filter called what [Following]. Between the coloured area and the black line "
         "lie the points outside the field of view.",
         draw_scans,
-        chart="How many points of each scan the filter called what [Following]. The valid points that are neither ground "
-        "nor obstacle nor outlier lie outside the field of view.",
+        chart="How many points of each scan the filter called what [Following]. The valid points that are neither "
+        "ground nor obstacle nor outlier lie outside the field of view.",
     ),
     Plot(
         "terrain",
@@ -162,8 +164,8 @@ PLOTS = (
         "What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, generated "
         "cells ever opened. Circles mark replans that could not reuse the last path.",
         draw_expanded,
-        chart="What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, generated "
-        "cells ever opened. Dots mark replans that could not reuse the last path.",
+        chart="What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, "
+        "generated cells ever opened. Dots mark replans that could not reuse the last path.",
     ),
     Plot(
         "tracking_error",
@@ -171,13 +173,15 @@ PLOTS = (
         "Distance of the re-simulated robot to its plan over time, as nearest, signed and timed distance.",
         "How far the re-simulated robot was from the plan active at each tick: to its nearest point, the same with a "
         "sign, and to where the plan was due at that instant [Tracking, eq. 45]. Dashed: the mean η (eq. 46); grey: "
-        "± σ (eq. 47). A replay's reference is a plan held for as long as walking it takes; the robot follows newer ones.",
+        "± σ (eq. 47). A replay's reference is a plan held for as long as walking it takes; the robot follows newer "
+        "ones.",
         draw_tracking_error,
         "How far the simulated robot was from its course at each tick: to the nearest point of it, the same with a "
         "sign, to where it was due at that instant, and in its direction [Tracking, eq. 45, Fig. 12]. Dashed: the mean "
         "η (eq. 46); grey: ± σ (eq. 47).",
-        chart="How far the simulated robot was from its reference path at each tick: to its nearest point, the same with "
-        "a sign, to where it was due at that instant, and in its direction [Tracking, eq. 45]; flat: the means η (eq. 46).",
+        chart="How far the simulated robot was from its reference path at each tick: to its nearest point, the same "
+        "with a sign, to where it was due at that instant, and in its direction [Tracking, eq. 45]; flat: the means η "
+        "(eq. 46).",
     ),
     Plot(
         "displacement",
@@ -221,8 +225,8 @@ PLOTS = (
         "torques",
         "Joint torques",
         "Joint torques of the four legs over time.",
-        "Torque of every joint [Tracking, eqs 43–44]: a row for each leg (FL front left, FR front right, RL rear left, RR "
-        "rear right), with hip, thigh and calf.",
+        "Torque of every joint [Tracking, eqs 43–44]: a row for each leg (FL front left, FR front right, RL rear left, "
+        "RR rear right), with hip, thigh and calf.",
         draw_torques,
     ),
 )

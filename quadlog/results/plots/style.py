@@ -70,6 +70,7 @@ def error_classes(error_m: Float) -> tuple[NDArray[np.int64], list[str]]:
     of = np.where(np.isfinite(error_m), np.searchsorted(limits_m, np.nan_to_num(error_m)), -1)
     return of.astype(np.int64), [*(f"≤ {limit:.3g} m" for limit in limits_m), f"> {limits_m[-1]:.3g} m"]
 
+
 WIDTH_IN = 8.0
 DPI = 150  # 1200 px wide: sharp on dense screens, and text is still 13 px when shown 800 px wide
 MAX_HEIGHT_IN = 12.0  # a page

@@ -144,7 +144,7 @@ def _draw_plans(axes: Axes, paths: Table | None) -> None:
 
 
 def some_plans(paths: Table | None) -> Iterator[tuple[Float, Float]]:
-    """x and y in map of SHOWN_PLANS plans, evenly over the run: the smooth curve, or the path where there is none."""
+    """Yields x and y of SHOWN_PLANS plans, evenly over the run: the smooth curve, or the path where there is none."""
     if paths is None:
         return
     instants = np.unique(paths["t_ns"])
@@ -202,8 +202,8 @@ def describe_trajectory(run: RunData, is_chart: bool) -> str:
         text += (
             " Grey: cells that were occupied in at least half of the maps that covered them."
             if is_chart
-            else " The darker a cell, the more of the maps that covered it had it occupied: walls are dark, what moved is "
-            "pale."
+            else " The darker a cell, the more of the maps that covered it had it occupied: walls are dark, what "
+            "moved is pale."
         )
     return text
 
