@@ -127,12 +127,13 @@ class ShownMetric:
 
 @dataclass(frozen=True, slots=True)
 class MetricRow:
-    """A metric in the table of all: the numbers as saved, and what is shown of it."""
+    """A metric in the table of all: the numbers and the interval as saved, and what is shown of it."""
 
     shown: ShownMetric
     value: float
     unit: str
     n: int | None
+    interval: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,11 +203,11 @@ def _row(run: RunData, bounds: Mapping[str, Bound], name: str, label: str, words
         label,
         words or (CATALOGUE[name].meaning if name in CATALOGUE else ""),
         in_words(name, value, unit),
-        "" if interval is None else _span(name, interval),
+        "" if interval is None else _span(interval, *((100.0, " %") if name in _SHARES else ())),
         _bound_words(bounds[name], unit) if name in bounds else "",
         _state(bounds.get(name), value, interval),
     )
-    return MetricRow(shown, value, unit, saved.get("n"))
+    return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else _span(interval))
 
 
 def _absent(bound: Bound, label: str, words: str) -> ShownMetric:
@@ -221,11 +222,11 @@ def _interval(name: str, saved: Mapping[str, Any]) -> Interval | None:
     return float(ends[0]), float(ends[1])  # type: ignore[arg-type]
 
 
-def _span(name: str, interval: Interval) -> str:
-    """Both ends to two digits; the unit, that of the value, is left out."""
-    times = 100 if name in _SHARES else 1
-    low, high = (short(times * end, 2).replace("-", "\u2212") for end in interval)
-    return f"{low} to {high}{' %' if name in _SHARES else ''}"
+def _span(interval: Interval, times: float = 1.0, unit: str = "") -> str:
+    """Both ends to two digits, or all before the point."""
+    ends = (times * end for end in interval)
+    low, high = ((count(round(end)) if abs(end) >= 100 else short(end, 2)).replace("-", "\u2212") for end in ends)
+    return f"{low} to {high}{unit}"
 
 
 def _state(bound: Bound | None, value: float, interval: Interval | None) -> str:
