@@ -98,7 +98,7 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "cost_of_transport": (
             "energy to walk",
-            "Energy of the joints for each newton of weight and metre of way; animals need 0.2 to 1.",
+            "Energy of the joints for each newton of weight and metre of way.",
         ),
     },
 }

@@ -122,7 +122,7 @@ def test_residual_notes_say_median_and_nlos_share(tiny_run: Path, change: Any) -
     change(tiny_run, "ranges", range_m=range_m)
     first, changed, *_ = (axes.texts[0].get_text() for axes in DRAW["residuals"](RunData(tiny_run)).axes)
     assert re.search(r"median −0.250 m\n.*\nNLOS 25.0 % of 40", changed)
-    assert re.search(r"bias \+0.000 m\n.*\nNLOS 0.0 %", first)
+    assert re.search(r"median \+0.000 m\n.*\nNLOS 0.0 %", first)
 
 
 def test_columns_without_a_single_value_do_not_stop_the_report(tiny_run: Path, change: Any) -> None:
