@@ -23,6 +23,7 @@ from quadlog.metrics.summary import (
 )
 from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
+from quadlog.results.compare.settings import differing_settings, settings_of
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
 from quadlog.results.run.tables import has_table, read_table, start_ns
@@ -99,12 +100,14 @@ _TOLD = 3
 class MetricsOutcome:
     """The runs that could be read; spreads: of each metric over them, in their order.
 
+    differing: how the runs' settings differ, a line each; spreads is empty then: such runs are not averaged.
     said: lines on how they were read; problems: a line for everything that could not be; failing: a line for every
     condition that holds on a run, or cannot be told.
     """
 
     runs: list[MeasuredRun]
     spreads: dict[str, Spread]
+    differing: list[str]
     said: list[str]
     problems: list[str]
     failing: list[str]
@@ -136,6 +139,7 @@ def measure_runs(
     failing: list[str] = []
     for path, label in zip(found, run_labels(found), strict=True):
         try:
+            record = read_run_json(path)
             measured, lines, damage = _measure(path, reference, detail)
         except QuadlogError as error:
             if len(found) == 1:
@@ -143,7 +147,7 @@ def measure_runs(
             problems.append(str(error))
             failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
             continue
-        runs.append(MeasuredRun(path, label, measured))
+        runs.append(MeasuredRun(path, label, measured, settings_of(record)))
         said += lines
         problems += damage
         failing += _failing(path, measured, conditions)
@@ -152,14 +156,15 @@ def measure_runs(
         failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
-    return MetricsOutcome(runs, spread_of(runs), said, problems, failing)
+    differing = differing_settings([run.settings for run in runs])
+    return MetricsOutcome(runs, {} if differing else spread_of(runs), differing, said, problems, failing)
 
 
 def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
     """How each metric differs over the runs that have it."""
     spreads: dict[str, Spread] = {}
-    for name in CATALOGUE:
-        over = spread([run.metrics[name].value for run in runs if name in run.metrics], yes_or_no=name == "fallen")
+    for name, entry in CATALOGUE.items():
+        over = spread([run.metrics[name].value for run in runs if name in run.metrics], entry.kind)
         if over is not None:
             spreads[name] = over
     return spreads
@@ -167,7 +172,6 @@ def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
 
 def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
     """The metrics of one run in the contract's order, lines for people, and what is damaged."""
-    read_run_json(run)
     metrics, problems = _saved_metrics(run)
     said: list[str] = []
     if detail or problems:

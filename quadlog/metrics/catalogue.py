@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+ValueKind = Literal["quantity", "count", "yes or no"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -10,7 +13,8 @@ class MetricEntry:
     """One metric of the contract.
 
     formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
-    itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad.
+    itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad. kind: of a
+    run's value; only quantities are about normally distributed over runs.
     """
 
     name: str
@@ -20,6 +24,7 @@ class MetricEntry:
     source: str
     counted: str
     worst_is_lowest: bool = False
+    kind: ValueKind = "quantity"
 
 
 _OURS = "quadlog's own definition"
@@ -72,6 +77,7 @@ _ENTRIES = (
     MetricEntry(
         *("fallen", "", "1 when the robot fell, else 0; absent for a robot without a body"),
         *("max fallen_i", _OURS, "control ticks"),
+        kind="yes or no",
     ),
     MetricEntry(
         *("pitch_rms_rad", "rad", "root mean square of the body's pitch less the pitch that the ground asks for"),
@@ -101,6 +107,7 @@ _ENTRIES = (
     MetricEntry(
         *("collisions", "", "how often contact began with an obstacle that did not first appear inside the body"),
         *("number of ticks with clearance ≤ 0 after one without", _OURS, "control ticks inside the map"),
+        kind="count",
     ),
     MetricEntry(
         *("following_distance_mean_m", "m", "mean distance to who is followed"),
@@ -121,10 +128,12 @@ _ENTRIES = (
     MetricEntry(
         *("expanded_total", "", "cells that the planner closed, over all replans"),
         *("Σ expanded_i", _OURS, _REPLANS),
+        kind="count",
     ),
     MetricEntry(
         *("generated_total", "", "distinct cells that the planner ever opened, over all replans"),
         *("Σ generated_i", _OURS, _REPLANS),
+        kind="count",
     ),
     MetricEntry(
         *("expanded_mean", "", "cells that the planner closed, per replan"),
