@@ -227,15 +227,17 @@ class Scanner:
 
 
 def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
-    """Whether positions come from the lidar: as configured, or under auto where nothing else can tell them.
+    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position.
 
     by_uwb: whether there are ranges and anchors.
     """
     position = config.topics.position
-    if "lidar" not in roles.found or position not in ("auto", "lidar"):
+    if "lidar" not in roles.found:
         return False
-    if position == "lidar":
+    if position == "lidar" or (by_uwb and config.lidar.odometry):
         return True
+    if position != "auto":
+        return False
     moving_tf = [topic for topic in roles.topics("tf") if topic.rsplit("/", 1)[-1] != "tf_static"]
     return not (by_uwb or moving_tf or roles.topic("odometry"))
 

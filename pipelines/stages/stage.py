@@ -45,7 +45,7 @@ class Stage:
 POSITION = Stage(
     ("position",),
     "positions.position:locate_walk",
-    reads=("topics", "uwb", *(f"lidar.{key}" for key in ("level", "mount", "deskew", "min_range_m"))),
+    reads=("topics", "uwb", *(f"lidar.{key}" for key in ("level", "mount", "deskew", "odometry", "min_range_m"))),
     files=(*STAGE_FILES["ingest"], *STAGE_FILES["position"], "trajectory.tum"),
     needs_compiled=lambda walk: walk.streams.ranges is not None,
 )

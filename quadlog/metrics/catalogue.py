@@ -198,6 +198,11 @@ _ENTRIES = (
         *("√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(
+        *("lidar_uwb_rmse_m", "m", "root mean square distance between the lidar's and UWB's tracks once aligned"),
+        *("√( 1/N Σ |R lidar_i + t − uwb_i|² ), R and t a rigid motion in the plane", "[Umeyama]"),
+        "poses of the lidar at which UWB has one",
+    ),
+    MetricEntry(
         *(
             "reference_time_offset_s",
             "s",

@@ -32,12 +32,15 @@ def locate_walk(walk: ReplayContext) -> None:
         uwb = locate_tags(walk)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
+        other = _other_track(walk, uwb, walk.robot.source)
         if walk.streams.reference is not None:
             walk.use("reference")
         walk.begin_folder()
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
+        if other is not None:
+            write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 
@@ -90,6 +93,13 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
         covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
         yaw_std_rad=yaw_std_rad,
     )
+
+
+def _other_track(walk: ReplayContext, uwb: UwbPositions | None, used: str) -> RobotTrack | None:
+    """The track of the lidar where UWB's is used, and the other way round, for a comparison."""
+    if used == "uwb":
+        return _from_lidar(walk)
+    return _from_uwb(walk, uwb) if used == "lidar" else None
 
 
 def _from_tf(walk: ReplayContext) -> RobotTrack | None:
@@ -167,8 +177,7 @@ def _write_tracks(walk: ReplayContext) -> None:
     folder, robot, target, reference = walk.run.path, walk.robot, walk.target, walk.streams.reference
     assert robot is not None
     x_m, y_m = robot.xy_m.T
-    columns = {"t_ns": robot.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": robot.yaw_rad, "source": robot.source}
-    write_table(folder / "poses.parquet", TABLES["poses"], columns)
+    write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
     if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
         _write_uncertainty(folder, robot.t_ns, robot.covariance_m2, robot.yaw_std_rad)
     write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad)
@@ -178,6 +187,11 @@ def _write_tracks(walk: ReplayContext) -> None:
     if reference is not None:
         x_m, y_m, _ = reference.position_m.T
         write_tum(folder / "reference.tum", reference.t_ns, x_m, y_m, yaw_from_quat(reference.quat_xyzw))
+
+
+def _pose_columns(track: RobotTrack) -> dict[str, object]:
+    x_m, y_m = track.xy_m.T
+    return {"t_ns": track.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": track.yaw_rad, "source": track.source}
 
 
 def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_rad: Float) -> None:

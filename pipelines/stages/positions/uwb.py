@@ -23,6 +23,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
 from quadlog.positioning.anchor_bias import AnchorBias
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
+from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
@@ -160,8 +161,8 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
 
 def _velocity_words(velocity: MeasuredVelocity) -> str:
     if velocity.series is None:
-        return f"odometry does not steady its track: {velocity.reason}"
-    return f"odometry steadies its track, known to {velocity.std_mps:.2f} m/s from the log"
+        return f"{velocity.source} does not steady its track: {velocity.reason}"
+    return f"{velocity.source} steadies its track, known to {velocity.std_mps:.2f} m/s from the log"
 
 
 def _misfit_warning(result: TagResult, config: Config) -> str | None:
@@ -291,17 +292,17 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
 
 
 def _body_motion(walk: ReplayContext) -> BodyMotion | None:
-    """What the odometry says of the robot's own motion; None without one that gives velocities."""
+    """The robot's own motion by odometry, or by the lidar where odometry gives no velocities; None without both."""
     odometry, streams = walk.streams.odometry, walk.streams
-    if odometry is None or streams.odometry_linear_mps is None or streams.odometry_angular_radps is None:
-        return None
-    if not streams.odometry_linear_mps.any():
-        return None
+    linear_mps, angular_radps = streams.odometry_linear_mps, streams.odometry_angular_radps
+    if odometry is None or linear_mps is None or angular_radps is None or not linear_mps.any():
+        track = None if walk.tracker is None else walk.tracker.track()
+        return None if track is None else body_motion(track, causal=not walk.config.uwb.smooth)
     return BodyMotion(
         odometry.t_ns,
-        streams.odometry_linear_mps[:, :2],
+        linear_mps[:, :2],
         yaw_from_quat(odometry.quat_xyzw),
-        streams.odometry_angular_radps[:, 2],
+        angular_radps[:, 2],
     )
 
 

@@ -51,6 +51,7 @@ TABLES: dict[str, pa.Schema] = {
     "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
     "innovations": table_schema("t_ns:int tag:int n_ranges:int nis"),
     "poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
+    "other_poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
     "pose_uncertainty": table_schema("t_ns:int cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad"),
     "target": table_schema("t_ns:int x_m y_m source:text"),
     "scans": table_schema(
