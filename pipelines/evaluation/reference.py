@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from quadlog.config.schema import Config
 from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
 from quadlog.geometry import poses_in_space
-from quadlog.messages import Float, Int, PoseSeries
+from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, fix_error_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
@@ -155,7 +155,7 @@ def _is_planar(trajectory: Trajectory) -> bool:
 
 
 def compare_with_own_reference(run: Path) -> Compared | None:
-    """The saved poses against the recording's own reference, in space where both tell heights and tilts, else in 2-D.
+    """The saved poses against the recording's own reference, in space where both tell heights, else in the plane.
 
     None without either, or without a pair.
     """
@@ -171,7 +171,7 @@ def compare_with_own_reference(run: Path) -> Compared | None:
 def _trajectory_of(run: Path) -> tuple[Trajectory, str]:
     """The poses that trajectory.tum holds, which evo would be given; from poses.parquet where a run has it.
 
-    With why they are not known in space, empty where they are.
+    With why they are known in the plane alone, empty where heights are known; unknown roll and pitch count as 0.
     """
     if has_table(run, "poses"):
         return _trajectory_of_poses(run)
@@ -196,16 +196,9 @@ def _trajectory_of_poses(run: Path) -> tuple[Trajectory, str]:
     if len(known) == 0:
         raise NotARun(run, "has no trajectory to compare: poses.parquet holds no pose")
     trajectory = Trajectory(table["t_ns"], position_m, quat_xyzw).rows(known)
-    return trajectory, _why_planar(trajectory, table["z_m"][known], tilt_rad[known])
-
-
-def _why_planar(trajectory: Trajectory, z_m: Float, tilt_rad: Float) -> str:
-    if not np.isfinite(z_m).all():
-        return "heights of the poses are not known"
-    if _is_planar(trajectory):
-        return "the poses lie in a plane"
-    unknown = int((~np.isfinite(tilt_rad).all(axis=1)).sum())
-    return f"roll and pitch of {unknown} of {len(z_m)} poses are not known" if unknown else ""
+    if not np.isfinite(table["z_m"][known]).all():
+        return trajectory, "heights of the poses are not known"
+    return trajectory, "the poses lie in a plane" if _is_planar(trajectory) else ""
 
 
 def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str, Samples]:

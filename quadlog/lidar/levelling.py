@@ -107,7 +107,8 @@ def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:
 def tilt_of(up: Float) -> Float:
     """Roll and pitch (N, 2) of base in which the directions (N, 3) are up; see _rotation."""
     x, y, z = up.T
-    return np.column_stack([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))])
+    # Adding 0 turns the -0 of a level robot into 0.
+    return np.column_stack([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))]) + 0.0
 
 
 def _rotation(x: float, y: float, z: float) -> list[list[float]]:
