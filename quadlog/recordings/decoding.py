@@ -13,8 +13,8 @@ from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders import foxglove, laser_scan, pose, uwb
 from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.payload import Payload
-from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
 from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
+from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 

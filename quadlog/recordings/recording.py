@@ -16,9 +16,9 @@ from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
 from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, found_pose, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path

@@ -34,6 +34,8 @@ def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Pa
 
 def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
+    import numpy as np
+
     from quadlog.results.run.tables import has_table, read_table
     from quadlog.storage.formats.tum import write_tum
 

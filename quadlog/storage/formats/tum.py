@@ -21,7 +21,13 @@ _NS = 1_000_000_000
 
 
 def write_tum(
-    path: Path, t_ns: Int, x_m: Float, y_m: Float, yaw_rad: Float, z_m: Float | None = None, tilt_rad: Float | None = None
+    path: Path,
+    t_ns: Int,
+    x_m: Float,
+    y_m: Float,
+    yaw_rad: Float,
+    z_m: Float | None = None,
+    tilt_rad: Float | None = None,
 ) -> None:
     """Poses, columns (N,) each, as `path`; tilt_rad (N, 2): roll and pitch. Raises CannotWrite.
 
