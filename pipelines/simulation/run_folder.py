@@ -102,8 +102,8 @@ def _write_frames(
 
 def _write_trajectory(run: Path, control: Mapping[str, Any]) -> None:
     tilt_rad = np.column_stack([control["roll_rad"], control["pitch_rad"]])
-    pose = [control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")]
-    write_tum(run / "trajectory.tum", *pose, tilt_rad)
+    t_ns, x_m, y_m, yaw_rad, z_m = (control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
+    write_tum(run / "trajectory.tum", t_ns, x_m, y_m, yaw_rad, z_m, tilt_rad)
 
 
 def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:

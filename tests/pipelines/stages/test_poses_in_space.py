@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
-from quadlog.geometry import roll_pitch_from_quat
+from quadlog.config.schema import Config
+from quadlog.geometry import roll_pitch_from_quat, seconds_since
 from quadlog.lidar.levelling import tilt_at, up_in_base
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
 from quadlog.results.run.run_folder import read_run_json
 from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.simulation.synthetic import forest
+from quadlog.simulation.synthetic.forest import ANCHORS_M
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS, TF_STATIC_TOPIC, UWB_TOPIC
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 
 IN_SPACE = ("z_m", "roll_rad", "pitch_rad")
@@ -58,7 +62,9 @@ def replayed(lias: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any
     """A real walk whose poses come from a file, against the recording's motion capture."""
     write_tum_poses(folder / "poses.tum", t_ns, position_m, quat_xyzw)
     config = load_config(None, [f"topics.position={folder / 'poses.tum'}"], {})
-    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder / "run", config, ReplayOptions(until="position"))
+    request = ReplayRequest(
+        lias.folder / "lias_fast.mcap", folder / "run", config, ReplayOptions(until="position", duration_s=12.0)
+    )
     return replay(request, Silent())
 
 
@@ -104,11 +110,19 @@ def test_a_run_of_before_has_no_heights_and_is_compared_in_the_plane(short_run, 
     assert said_of(short_run.run) == [f"{short_run.run}: errors in 2-D (heights of the poses are not known)"]
 
 
-def test_a_height_that_is_solved_is_that_of_the_ground_below_the_tag(follow_request, tmp_path, without_pictures):
-    request = follow_request(tmp_path / "run", until="position")
-    uwb = request.config.uwb.model_copy(update={"height": "solved"})
-    outcome = replay(replace(request, config=request.config.model_copy(update={"uwb": uwb})), Silent())
-    poses, fixes = (read_table(outcome.run, name) for name in ("poses", "fixes"))
-    solved_m = np.median(fixes["z_m"][fixes["tag"] == fixes["tag"].min()]) - uwb.tag_height_m
-    assert np.median(poses["z_m"]) == pytest.approx(solved_m, abs=0.3)
-    assert read_tum(outcome.run / "trajectory.tum").position_m[:, 2] == pytest.approx(poses["z_m"])
+def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path, without_pictures):
+    """Synthetic, over rough ground between anchors of several heights; base is on the ground."""
+    walk, path = forest.synthesize(3, 12.0, azimuth_steps=8), tmp_path / "walk.mcap"
+    topics = {UWB_TOPIC, IMU_TOPIC, TF_STATIC_TOPIC, "/truth/robot/pose"}
+    write_recording(WRITERS["mcap"](path), (each for each in walk.messages() if each.topic in topics))
+    anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
+    tag = {"id": 0, "role": "robot", "height_m": 0.6, "x_m": -0.2}
+    config = Config.model_validate({"uwb": {"anchors": anchors, "tags": [tag], "height": "solved"}})
+    outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
+    poses = read_table(outcome.run, "poses")
+    truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
+    np.testing.assert_allclose(poses["roll_rad"], truth.roll_rad, atol=1e-6)
+    np.testing.assert_allclose(poses["pitch_rad"], truth.pitch_rad, atol=1e-6)
+    assert np.sqrt(np.mean((poses["z_m"] - truth.height_m) ** 2)) < 0.45, "its std is 0.29 m, the tag is 0.6 m higher"
+    found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
+    assert found == pytest.approx(by_evo(outcome.run, planar=False), abs=1e-9)
