@@ -11,6 +11,7 @@ import numpy as np
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import Condition
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import (
     Measured,
     MeasuredRun,
@@ -21,7 +22,12 @@ from quadlog.metrics.summary import (
     summarise,
     worst_instants,
 )
-from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
+from quadlog.pipelines.evaluation.reference import (
+    REFERENCE_METRICS,
+    Reference,
+    compare_with_own_reference,
+    compare_with_reference,
+)
 from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
 from quadlog.results.compare.settings import differing_settings, settings_of
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
@@ -45,7 +51,7 @@ def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAt
     try:
         samples = _samples(name, run.path, reference)
         instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
-        details = _contacts(run.path) if name in _OF_CONTACTS else []
+        details = _contacts(run.path) if name in _OF_CONTACTS else _dimensions(name, run.path, reference)
     except QuadlogError as error:
         return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
     why = "a run saves no samples of it" if samples is None else "at no instant bad"
@@ -70,6 +76,14 @@ def _contacts(run: Path) -> list[str]:
     ]  # fmt: skip
     head = ("from s", "for s", "x m", "y m", "clearance m", "collision", "cause")
     return ["contacts, s from start:", *aligned([head, *rows])]
+
+
+def _dimensions(name: str, run: Path, reference: Reference | None) -> list[str]:
+    """Whether a metric of a trajectory is of errors in the plane or in space; nothing for other metrics."""
+    if name not in TRAJECTORY_METRICS:
+        return []
+    compared = compare_with_own_reference(run) if reference is None else compare_with_reference(run, reference)
+    return [] if compared is None else [f"errors in {compared.dimensions}"]
 
 
 def _samples(name: str, run: Path, reference: Reference | None) -> Samples | None:
@@ -180,6 +194,8 @@ def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict
         problems += [*dict.fromkeys(map(str, errors)), *_contradictions(run, metrics, found)]
         for name, summary in found.items():
             metrics[name] = _summarised(name, summary, metrics.get(name))
+    if reference is None and detail and not metrics.keys().isdisjoint(TRAJECTORY_METRICS):
+        said += [f"{run}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], run, None)]
     if reference is not None:
         metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
         compared = compare_with_reference(run, reference)

@@ -44,7 +44,7 @@ class _Run:
     @cached_property
     def reference(self) -> Reference:
         """The recording's own."""
-        return Reference.read(self.path / "reference.tum", OnTime(planar=True))
+        return Reference.read(self.path / "reference.tum", OnTime(planar=None))
 
 
 @dataclass(frozen=True, slots=True)

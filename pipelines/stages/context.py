@@ -31,7 +31,8 @@ TARGET_GAP_S = 1.0
 class RobotTrack:
     """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,); their source, and the name it gives to the frame.
 
-    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known.
+    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known. z_m (N,) and tilt_rad (N, 2),
+    roll and pitch: NaN where nothing tells them, None where nothing ever does.
     """
 
     t_ns: Int
@@ -41,6 +42,8 @@ class RobotTrack:
     frame_id: str = ""
     covariance_m2: Float | None = None
     yaw_std_rad: Float | None = None
+    z_m: Float | None = None
+    tilt_rad: Float | None = None
 
     @classmethod
     def read(cls, run: Path, frame_id: str = "") -> Self:
@@ -54,7 +57,9 @@ class RobotTrack:
             covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
             yaw_std_rad = spread["yaw_std_rad"]
         xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), _first_of(poses["source"])
-        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, covariance_m2, yaw_std_rad)
+        tilt_rad = np.column_stack([poses["roll_rad"], poses["pitch_rad"]])
+        spreads = covariance_m2, yaw_std_rad
+        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, *spreads, poses["z_m"], tilt_rad)
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""

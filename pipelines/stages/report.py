@@ -100,7 +100,10 @@ def _trajectory_metrics(walk: ReplayContext) -> Metrics:
     if compared is None:
         return {}
     metrics = metrics_of(compared.samples)
-    if not _in_reference_frame(walk):
+    in_its_frame = _in_reference_frame(walk)
+    if compared.warnings or not in_its_frame:
+        walk.note(f"errors against the reference are in {compared.dimensions}")
+    if not in_its_frame:
         return {name: each for name, each in metrics.items() if name not in FRAME_METRICS}
     if not compared.warnings:
         walk.note(f"against the reference: {compared.summary}")

@@ -186,7 +186,10 @@ _ENTRIES = (
         worst_is_lowest=True,
     ),
     MetricEntry(
-        *("ate_rmse_m", "m", "absolute trajectory error against a reference, translation; equal to evo_ape's rmse"),
+        "ate_rmse_m",
+        "m",
+        "absolute trajectory error against a reference, translation, in 3-D where both have heights, else in 2-D; "
+        "equal to evo_ape's rmse, in 2-D with --project_to_plane xy",
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(
@@ -211,7 +214,11 @@ _ENTRIES = (
         *("argmin over offset, R, t of Σ |R p_i + t − p_ref(t_i + offset)|²", _OURS, "poses compared"),
     ),
     MetricEntry(
-        *("rpe_rmse_m", "m", "relative pose error from pair to pair, translation; equal to evo_rpe's rmse"),
+        *(
+            "rpe_rmse_m",
+            "m",
+            "relative pose error from pair to pair, translation, in 3-D or 2-D as ate_rmse_m; as evo_rpe",
+        ),
         *("√( 1/N Σ |trans( (Q_i⁻¹ Q_i+1)⁻¹ (P_i⁻¹ P_i+1) )|² )", "[Sturm]", "steps between neighbouring pairs"),
     ),
     MetricEntry(

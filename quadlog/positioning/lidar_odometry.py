@@ -68,6 +68,10 @@ class LidarOdometry:
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
 
+    def __len__(self) -> int:
+        """Number of poses so far."""
+        return len(self._t_ns)
+
     def take(self, t_ns: int, xyz_m: Float32, offset_ns: Int | None) -> None:
         """The next scan: points (N, 3) in upright axes about the robot, measured offset_ns (N,) after t_ns.
 

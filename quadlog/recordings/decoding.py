@@ -14,6 +14,7 @@ from quadlog.recordings.decoders import foxglove, laser_scan, pose, uwb
 from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
+from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 
@@ -125,7 +126,16 @@ def is_decodable(channel: Channel) -> bool:
         return name in FOXGLOVE_PROTOBUF
     if encoding == "json":
         return name in FOXGLOVE_JSON
-    return name in BY_HAND or name in ROS or last_part(name) in LINKTRACK
+    return name in BY_HAND or name in ROS or last_part(name) in LINKTRACK or isinstance(found_pose(channel), PoseField)
+
+
+def found_pose(channel: Channel) -> PoseField | str:
+    """Where the definition of a type that has no decoder holds a pose, or why it is not taken; empty for all others."""
+    name, encoding = channel.type_name, channel.message_encoding
+    known = name in BY_HAND or name in ROS or last_part(name) in LINKTRACK or plugged_decoder(name) is not None
+    if known or encoding not in ("ros1", "cdr"):
+        return ""
+    return find_pose(name, encoding, channel.schema_encoding, channel.schema)
 
 
 def decoder_for(channel: Channel, definitions: Definitions | None = None, *, points: bool = True) -> Decoder | None:
@@ -155,7 +165,11 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None, *, poi
     definitions = definitions or Definitions()
     if name in ROS:
         return _single(definitions.decoder(channel, ROS[name]))
-    return definitions.decoder(channel, LINKTRACK[last_part(name)])
+    if last_part(name) in LINKTRACK:
+        return definitions.decoder(channel, LINKTRACK[last_part(name)])
+    found = found_pose(channel)
+    assert isinstance(found, PoseField)
+    return _single(definitions.decoder(channel, found))
 
 
 def ways_in_columns(channel: Channel) -> Ways:
@@ -165,6 +179,8 @@ def ways_in_columns(channel: Channel) -> Ways:
     if pose.is_static(channel.topic):
         return ()
     ways = IN_COLUMNS.get(channel.type_name)
+    if isinstance(found := found_pose(channel), PoseField):
+        return () if found.flag else [(found.wanted, pose.pose_in_columns)]
     return ways if ways is not None else LINKTRACK_IN_COLUMNS.get(last_part(channel.type_name), ())
 
 

@@ -16,9 +16,10 @@ from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
 from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable, ways_in_columns
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, found_pose, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
@@ -132,6 +133,12 @@ class Recording(ClosedOnExit):
         for channel in self.channels:
             found.setdefault(channel.topic, []).append(channel)
         return {topic: tuple(channels) for topic, channels in found.items()}
+
+    @cached_property
+    def found_poses(self) -> dict[str, PoseField | str]:
+        """Type -> its pose by its definition, or why that is not taken, of types without a decoder of their own."""
+        found = {channel.type_name: found_pose(channel) for channel in self.channels}
+        return {name: field for name, field in found.items() if field}
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part, plugged_decoder
 from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
@@ -87,6 +88,11 @@ def kind_of(type_name: str) -> type[Message] | None:
     if plugged is not None:
         return plugged.gives
     return UwbRanges if last_part(type_name) in LINKTRACK else OWN_KINDS.get(type_name)
+
+
+def kind_in(recording: Recording, type_name: str) -> type[Message] | None:
+    """The same, with the poses that the recording's own definitions show in types that nobody else decodes."""
+    return Pose if isinstance(recording.found_poses.get(type_name), PoseField) else kind_of(type_name)
 
 
 def refusal(type_name: str) -> str | None:
@@ -295,7 +301,8 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     found: dict[str, Role] = {}
     ambiguous: dict[str, tuple[tuple[str, ...], ...]] = {}
     for role, chosen in _configured(recording, topics).items():
-        found[role] = Role(role, chosen, "chosen in the configuration")
+        fields = [found_words(recording, name) for topic in chosen for name in recording.types_of(topic)]
+        found[role] = Role(role, chosen, "; ".join(["chosen in the configuration", *filter(None, fields)]))
     taken = {topic for role in found.values() for topic in role.topics}
     free = {topic: name for topic, name in usable.items() if topic not in taken}
 
@@ -310,16 +317,17 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             ambiguous["uwb"] = tuple(family.topics for family in families)
     for role, kind in (("odometry", Odometry), ("imu", Imu)):
         if role not in found:
-            _settle(role, _by_kind(role, kind, free), found, ambiguous, unused)
+            _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
     if "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
-        _settle("reference", _by_kind("reference", Pose, free | sources), found, ambiguous, unused)
+        _settle("reference", _by_kind(recording, "reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
     transforms = tuple(topic for topic, name in usable.items() if kind_of(name) is Transforms)
     if transforms:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     targets = tuple(topic for topic, name in free.items() if kind_of(name) is Pose and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
+    near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
     return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
 
 
@@ -349,6 +357,7 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
         why: str | None = f"carries several types ({some_of(types)})"
         if len(types) == 1:
             why = refusal(types[0])
+            why = why or _untaken(recording, types[0])
         if why is None and all(count == 0 for count in counts):
             why = "has no messages"
         if why is None:
@@ -358,6 +367,18 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
         else:
             unused[topic] = why
     return usable, unused
+
+
+def _untaken(recording: Recording, type_name: str) -> str | None:
+    """Why the poses that a type's definition shows are not taken."""
+    field = recording.found_poses.get(type_name)
+    return field if isinstance(field, str) else None
+
+
+def found_words(recording: Recording, type_name: str) -> str:
+    """The type and the field of a pose that was found by the definition; empty for other types."""
+    field = recording.found_poses.get(type_name)
+    return f"{type_name}, its pose in {field.name}" if isinstance(field, PoseField) else ""
 
 
 def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
@@ -389,27 +410,37 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
         raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
     if len(types) > 1:
         raise UnknownTopic(role, topic, choices, f"carries several types ({some_of(types)})")
-    if not _fits(role, types[0]):
+    if not _fits(recording, role, types[0]):
         raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 
 
 def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
     """The other topics whose type fits a role."""
-    topics = (channel.topic for channel in recording.channels if _fits(role, channel.type_name))
+    topics = (channel.topic for channel in recording.channels if _fits(recording, role, channel.type_name))
     return [each for each in dict.fromkeys(topics) if each != topic]
 
 
-def _fits(role: str, type_name: str) -> bool:
-    return kind_of(type_name) in KINDS[role][0]
+def _fits(recording: Recording, role: str, type_name: str) -> bool:
+    return kind_in(recording, type_name) in KINDS[role][0]
 
 
-def _by_kind(role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
-    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry."""
+def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
+    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry.
+
+    A pose that was found by a definition is a reference by such a name of its topic or type, unless others are; without
+    it a user must choose it.
+    """
     candidates = []
     for topic, name in free.items():
         truth = any(word in topic.lower() for word in TRUTH_WORDS)
-        if role == "reference" and truth and _fits(role, name):
-            candidates.append(Candidate((topic,), 2, f"{name}, and its name speaks of truth"))
+        if role == "reference" and (words := found_words(recording, name)):
+            if truth or any(word in name.lower() for word in TRUTH_WORDS):
+                candidates.append(Candidate((topic,), 2, f"{words}, and its name speaks of truth"))
+            else:
+                why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
+                candidates.append(Candidate((topic,), 0, why))
+        elif role == "reference" and truth and _fits(recording, role, name):
+            candidates.append(Candidate((topic,), 3, f"{name}, and its name speaks of truth"))
         elif (
             kind_of(name) is kind
             and not (role == "odometry" and truth)

@@ -34,14 +34,17 @@ def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Pa
 
 def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
+    import numpy as np
+
     from quadlog.results.run.tables import has_table, read_table
     from quadlog.storage.formats.tum import write_tum
 
     if not has_table(run, "poses"):
         return _copy(run, ["trajectory.tum"], [output], force)
-    poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad"])
+    poses = read_table(run, "poses")
     _prepare([output], force)
-    write_tum(output, poses["t_ns"], poses["x_m"], poses["y_m"], poses["yaw_rad"])
+    tilt_rad = np.column_stack([poses["roll_rad"], poses["pitch_rad"]])
+    write_tum(output, poses["t_ns"], poses["x_m"], poses["y_m"], poses["yaw_rad"], poses["z_m"], tilt_rad)
     return [output]
 
 

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import MissingInput
-from quadlog.geometry import base_covariance, tag_to_base, yaw_from_quat
+from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, yaw_from_quat
+from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
-from quadlog.pipelines.stages.positions.heading import find_heading
+from quadlog.pipelines.stages.positions.heading import find_heading, frozen
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.results.run.tables import TABLES, write_table
-from quadlog.storage.formats.tum import read_tum, write_tum
+from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
 AUTO_ORDER = ("uwb", "tf", "odometry", "lidar", "fixed")
 LIDAR_FRAME = "lidar_start"
@@ -92,6 +93,9 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
         "uwb",
         covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
         yaw_std_rad=yaw_std_rad,
+        # base is on the ground, below the tag by the height that was given for it.
+        z_m=track.z_m - uwb.robot.height_m if uwb.robot.height_solved else None,
+        tilt_rad=_tilt(walk, track.t_ns),
     )
 
 
@@ -100,6 +104,16 @@ def _other_track(walk: ReplayContext, uwb: UwbPositions | None, used: str) -> Ro
     if used == "uwb":
         return _from_lidar(walk)
     return _from_uwb(walk, uwb) if used == "lidar" else None
+
+
+def _tilt(walk: ReplayContext, t_ns: Int) -> Float | None:
+    """Roll and pitch (N, 2) of base at t_ns (N,) by the IMU, or else by odometry that is not planar; None without."""
+    imu, odometry = walk.streams.imu, walk.streams.odometry
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+        return tilt_at(t_ns, up_in_base(imu.t_ns, imu.quat_xyzw))
+    if odometry is not None and odometry.quat_xyzw[:, :2].any():
+        return tilt_at(t_ns, up_in_base(odometry.t_ns, odometry.quat_xyzw))
+    return None
 
 
 def _from_tf(walk: ReplayContext) -> RobotTrack | None:
@@ -124,15 +138,19 @@ def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
     walk.use("lidar")
     for text in walk.tracker.warnings():
         walk.warn(text)
-    yaw_rad = np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0])
-    return RobotTrack(track.t_ns, track.position_m[:, :2], yaw_rad, "lidar", LIDAR_FRAME)
+    turned = track.rotation
+    yaw_rad = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    tilt_rad = tilt_of(turned[:, 2])
+    x_y_m, z_m = track.position_m[:, :2], track.position_m[:, 2]
+    return RobotTrack(track.t_ns, x_y_m, yaw_rad, "lidar", LIDAR_FRAME, z_m=z_m, tilt_rad=tilt_rad)
 
 
 def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
-    yaw_rad = yaw_from_quat(poses.quat_xyzw)
-    return RobotTrack(poses.t_ns, poses.position_m[:, :2], yaw_rad, source, poses.frame_id)
+    yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
+    xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
+    return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
 
 
 def _fixed(walk: ReplayContext) -> RobotTrack:
@@ -180,18 +198,20 @@ def _write_tracks(walk: ReplayContext) -> None:
     write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
     if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
         _write_uncertainty(folder, robot.t_ns, robot.covariance_m2, robot.yaw_std_rad)
-    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad)
+    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad, robot.z_m, robot.tilt_rad)
     if target is not None:
         columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
         write_table(folder / "target.parquet", TABLES["target"], columns)
     if reference is not None:
-        x_m, y_m, _ = reference.position_m.T
-        write_tum(folder / "reference.tum", reference.t_ns, x_m, y_m, yaw_from_quat(reference.quat_xyzw))
+        write_tum_poses(folder / "reference.tum", reference.t_ns, reference.position_m, reference.quat_xyzw)
 
 
 def _pose_columns(track: RobotTrack) -> dict[str, object]:
     x_m, y_m = track.xy_m.T
-    return {"t_ns": track.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": track.yaw_rad, "source": track.source}
+    tilt_rad = np.full((len(x_m), 2), np.nan) if track.tilt_rad is None else track.tilt_rad
+    columns = {"t_ns": track.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": track.yaw_rad, "source": track.source}
+    columns |= {"z_m": np.nan if track.z_m is None else track.z_m}
+    return columns | {"roll_rad": tilt_rad[:, 0], "pitch_rad": tilt_rad[:, 1]}
 
 
 def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_rad: Float) -> None:

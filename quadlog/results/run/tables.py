@@ -37,6 +37,7 @@ _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
     "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
 )
+_POSES = table_schema("t_ns:int x_m y_m yaw_rad source:text z_m roll_rad pitch_rad")
 _PATHS = table_schema("t_ns:int i:int x_m y_m smooth_x_m smooth_y_m")
 
 TABLES: dict[str, pa.Schema] = {
@@ -50,8 +51,8 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
     "innovations": table_schema("t_ns:int tag:int n_ranges:int nis"),
-    "poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
-    "other_poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
+    "poses": _POSES,
+    "other_poses": _POSES,
     "pose_uncertainty": table_schema("t_ns:int cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad"),
     "target": table_schema("t_ns:int x_m y_m source:text"),
     "scans": table_schema(
@@ -84,7 +85,11 @@ UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "c
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
 # Columns that older tables lack; they are read as NaN or empty text.
-ADDED = {"summary": frozenset({*COST_NAMES, "worker"}), "control": frozenset({"plan_error_m"})}
+ADDED = {
+    "summary": frozenset({*COST_NAMES, "worker"}),
+    "control": frozenset({"plan_error_m"}),
+    "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
+}
 
 # Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384
