@@ -37,6 +37,7 @@ class Topics(Section):
     )
     odometry: str = Field("", description="odometry")
     imu: str = Field("", description="IMU")
+    joints: str = Field("", description="the joints of the robot's legs")
     reference: str = Field("", description="true pose (PoseStamped, mocap)")
     position: str = Field(
         "auto",
