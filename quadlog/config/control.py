@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, ControllerParts
+from quadlog.config.robots import ROBOT_PRESETS
 from quadlog.config.section import Section, in_order
 
 Weight = Annotated[float, Field(ge=0, le=1e9)]
@@ -74,6 +75,11 @@ def _each_once(values: list[Any], count: int, what: str) -> list[Any]:
 class RobotConfig(Section):
     """The robot's body on maps [Following, Table 1], and the model that walks."""
 
+    preset: Literal[(*ROBOT_PRESETS,)] = Field(  # type: ignore[valid-type]
+        "paper",
+        description="sets the other keys of [robot], and mpc.f_max_n and wbc.f_max_n, where they are not given: go1, "
+        "go2, a1, b1 [unitree_ros], or paper",
+    )
     length_m: float = Field(0.62, gt=0, le=100, description="of the body, along x")
     width_m: float = Field(0.26, gt=0, le=100, description="of the body, along y")
     height_m: float = Field(
@@ -82,8 +88,8 @@ class RobotConfig(Section):
     model: str = Field(
         "tracking",
         min_length=1,
-        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], or a file: "
-        "MJCF or URDF",
+        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's, "
+        "or a file: MJCF or URDF",
     )
 
     joints: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(

@@ -83,6 +83,7 @@ _NEAREST_ROLE: dict[type[Message], str] = {
 }
 # The rank of what is a cloud, but hardly a lidar's.
 _POOR = 1
+_TRUTH = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,7 +432,7 @@ def _by_kind(role: str, kind: type[Message], free: Mapping[str, str]) -> list[Ca
     for topic, name in free.items():
         truth = any(word in topic.lower() for word in TRUTH_WORDS)
         if role == "reference" and truth and _fits(role, name):
-            candidates.append(Candidate((topic,), 2, f"{name}, and its name speaks of truth"))
+            candidates.append(Candidate((topic,), _TRUTH, f"{name}, and its name speaks of truth"))
         elif (
             kind in kinds_of(name)
             and not (role == "odometry" and truth)
