@@ -13,6 +13,7 @@ from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
 from quadlog.pipelines.stages.positions.heading import find_heading, frozen
+from quadlog.pipelines.stages.positions.joints import write_joints
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.results.run.tables import TABLES, write_table
@@ -42,6 +43,7 @@ def locate_walk(walk: ReplayContext) -> None:
         _write_tracks(walk)
         if other is not None:
             write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
+        write_joints(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 

@@ -9,7 +9,7 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "position": (
         *("fixes.parquet", "ranges.parquet", "links.parquet", "dilution.npz", "poses.parquet"),
         *("pose_uncertainty.parquet", "other_poses.parquet", "target.parquet", "uwb_errors.parquet"),
-        "innovations.parquet",
+        *("innovations.parquet", "joints.parquet"),
     ),
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),
