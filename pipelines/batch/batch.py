@@ -88,9 +88,7 @@ def open_workers(
     with ExitStack() as stack:
         stack.callback(_clear_unfinished, batch)  # after the workers have stopped
         shared = stack.enter_context(_seen_by_all(folders if scheduler else set()))
-        engine = stack.enter_context(
-            open_engine(min(jobs, len(batch)), scheduler, lambda step: runs[-1].hear(step))
-        )
+        engine = stack.enter_context(open_engine(min(jobs, len(batch)), scheduler, lambda step: runs[-1].hear(step)))
         if engine.greeting:
             progress.say(engine.greeting)
 

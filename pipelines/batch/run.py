@@ -92,7 +92,8 @@ class BatchRun:
         self._tally.count(task.size_bytes, outcome.failed, outcome.cost.get("wall_s"))
         for warning in answer.warnings:
             self._progress.say(f"{outcome.run.name}: {warning}")
-        done = "done" if task.request.pause_after is None else f"{task.request.pause_after} is done for all that share it"
+        pause = task.request.pause_after
+        done = "done" if pause is None else f"{pause} is done for all that share it"
         words = [outcome.reason or done]
         if outcome.reused:
             words.append(reused_words(outcome.reused, task.request.options.until))

@@ -218,7 +218,7 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
 
 
 def _draws_numbers(stage: Stage, config: Config) -> bool:
-    """Whether a stage draws random numbers: the papers' fit of the ground, and the disturbances of the re-simulation."""
+    """Whether a stage draws random numbers: the papers' fit of the ground, and disturbances in the re-simulation."""
     return stage is CONTROL or ("filter" in stage.names and config.lidar.method == "paper")
 
 

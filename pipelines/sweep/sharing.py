@@ -49,8 +49,8 @@ def shared_stages(keys: Sequence[Mapping[Stage, str]]) -> list[Shared]:
 def take_over(base: Path, run: Path, stages: Sequence[Stage], config: Config) -> None:
     """Make `run` a replay of this configuration that has done these stages, with the files of `base`.
 
-    Files are hard links where the file system has them, else copies: a file of a run is replaced, never changed. Quadlog's
-    earlier files in `run` are removed. Raises CannotWrite.
+    Files are hard links where the file system has them, else copies: a file of a run is replaced, never changed.
+    Quadlog's earlier files in `run` are removed. Raises CannotWrite.
     """
     marks = read_marks(base)
     done = [marks[stage.name] for stage in stages if stage.name in marks]

@@ -46,10 +46,7 @@ def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: Bat
     _check_output(request, batch, described)
     with open_workers(batch, jobs, scheduler, progress) as replay_all:
         outcomes = _Sweeping(batch, described.identity).run(replay_all)
-    rows = [
-        SweepRow(combination.values, combination.seed, combination.name, outcome.exit_code, outcome.reason, _values(outcome))
-        for combination, outcome in zip(request.grid, outcomes, strict=True)
-    ]
+    rows = [_row(*each) for each in zip(request.grid, outcomes, strict=True)]
     write_sweep_table(request.output, rows)
     write_sweep_page(request.output)
     return rows
@@ -61,8 +58,10 @@ def outcome_of(rows: Sequence[SweepRow], request: SweepRequest) -> BatchOutcome:
     return BatchOutcome(tuple(runs))
 
 
-def _values(outcome: ReplayOutcome) -> dict[str, float]:
-    return {name: float(metric["value"]) for name, metric in outcome.metrics.items()}
+def _row(combination: Combination, outcome: ReplayOutcome) -> SweepRow:
+    metrics = {name: float(metric["value"]) for name, metric in outcome.metrics.items()}
+    exit_code = int(outcome.exit_code)
+    return SweepRow(combination.values, combination.seed, combination.name, exit_code, outcome.reason, metrics)
 
 
 def _request_of(request: SweepRequest, combination: Combination, described: InputRecord) -> ReplayRequest:
@@ -129,7 +128,7 @@ class _Sweeping:
                     self._failed[member] = replace(outcome, run=self._batch[member].request.run)
 
     def _prepared(self, number: int, pause_after: str | None = None) -> Planned | None:
-        """A run as it is replayed next, its folder with the stages that another run has done for it; None if it failed."""
+        """A run as it is replayed next, its folder with the stages that another has done for it; None if failed."""
         if number in self._failed:
             return None
         planned, base = self._batch[number], self._base.get(number)

@@ -246,15 +246,14 @@ def _plans_of(run: Path) -> dict[int, Float]:
     except QuadlogError:
         return {}
     points = np.column_stack([table["smooth_x_m"], table["smooth_y_m"]])
-    t_ns, first = np.unique(table["t_ns"], return_index=True)
-    pieces = [points[table["t_ns"] == instant] for instant in t_ns] if np.any(np.diff(table["t_ns"]) < 0) else (
-        np.split(points, first[1:]) if len(t_ns) else []
-    )
+    order = np.argsort(table["t_ns"], kind="stable")
+    t_ns, first = np.unique(table["t_ns"][order], return_index=True)
+    pieces = np.split(points[order], first[1:]) if len(t_ns) else []
     return {int(instant): piece[np.isfinite(piece).all(axis=1)] for instant, piece in zip(t_ns, pieces, strict=True)}
 
 
 def _walls(run: Path, low: Float, high: Float, scale: float) -> str:
-    """Occupied cells of the run's map within the picture, as an SVG path; empty without a map or where it has too many."""
+    """Occupied cells of the run's map within the picture, as an SVG path; empty without a map, or with too many."""
     try:
         known = read_rosmap(run / "map.yaml") if (run / "map.yaml").is_file() else None
     except QuadlogError:
@@ -264,7 +263,8 @@ def _walls(run: Path, low: Float, high: Float, scale: float) -> str:
     runs = row_runs(known.blocked)
     cell = known.cell_m
     left_m, bottom_m = known.origin_m[0] + runs[:, 1] * cell, known.origin_m[1] + runs[:, 0] * cell
-    seen = (left_m + runs[:, 2] * cell > low[0]) & (left_m < high[0]) & (bottom_m + cell > low[1]) & (bottom_m < high[1])
+    seen = (left_m + runs[:, 2] * cell > low[0]) & (left_m < high[0])
+    seen &= (bottom_m + cell > low[1]) & (bottom_m < high[1])
     if np.count_nonzero(seen) > MAX_RUNS:
         return ""
     x, y = (left_m[seen] - low[0]) * scale, (high[1] - bottom_m[seen] - cell) * scale

@@ -48,14 +48,11 @@ class SweepSummary:
         if self.seeds == 1:
             return ["One seed: there are no intervals, and nothing is marked as best. --seeds N gives both."]
         if not self.seeded:
-            return [
-                f"The {self.seeds} seeds change nothing here: no stage that ran draws random numbers that reach a metric. "
-                "There are no intervals, and nothing is marked as best."
-            ]
-        lines = [
-            f"Means of {self.seeds} seeds with 95 % intervals (Student). A value is marked as best where its differences "
-            "from all others, paired by seed, have intervals without 0 (95 % for all of them together, Bonferroni)."
-        ]
+            why = "no stage that ran draws random numbers that reach a metric"
+            return [f"The {self.seeds} seeds change nothing here: {why}. Nothing has an interval or a mark."]
+        rule = "where its differences from all others, paired by seed, have intervals without 0"
+        means = f"Means of {self.seeds} seeds with 95 % intervals (Student)."
+        lines = [f"{means} A value is marked as best {rule} (95 % for all of them together, Bonferroni)."]
         fixed = [name for name in self.varying if name not in self.seeded]
         if fixed:
             lines.append(f"The seed does not change {', '.join(fixed)}: no interval, and no mark.")

@@ -40,7 +40,10 @@ class SweepRow:
 
 
 def write_sweep_table(folder: Path, rows: Sequence[SweepRow]) -> None:
-    """Write sweep.parquet. Keys are columns of their values' type; lists and mixed types are text. Raises CannotWrite."""
+    """Write sweep.parquet. Keys are columns of their values' type; lists and mixed types are text.
+
+    Raises CannotWrite.
+    """
     keys = {key: _column([row.values[key] for row in rows]) for key in rows[0].values}
     fields = [pa.field(key, kind, nullable=False) for key, (kind, _) in keys.items()]
     fields += [pa.field(name, pa.string() if name in ("run", "reason") else pa.int64(), False) for name in _ENDS]
@@ -48,7 +51,6 @@ def write_sweep_table(folder: Path, rows: Sequence[SweepRow]) -> None:
     columns: dict[str, Any] = {key: values for key, (_, values) in keys.items()}
     columns |= {name: [getattr(row, name) for row in rows] for name in _ENDS}
     columns |= {name: [row.metrics.get(name, float("nan")) for row in rows] for name in SWEEP_METRICS}
-    columns["exit_code"] = [int(code) for code in columns["exit_code"]]
     write_table(folder / TABLE, pa.schema(fields), columns)
 
 
@@ -78,7 +80,10 @@ def read_sweep_table(folder: Path) -> list[SweepRow]:
     return [
         SweepRow(
             {key: columns[key][at] for key in keys},
-            *(columns[name][at] for name in _ENDS),
+            columns["seed"][at],
+            columns["run"][at],
+            columns["exit_code"][at],
+            columns["reason"][at],
             {name: columns[name][at] for name in metrics if np.isfinite(columns[name][at])},
         )
         for at in range(table.num_rows)

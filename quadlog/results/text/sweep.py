@@ -15,7 +15,7 @@ BEST = "*"
 
 
 def sweep_text(rows: Sequence[SweepRow]) -> str:
-    """The combinations with up to MOST_METRICS metrics, means over seeds; `*` marks what is best beyond what seeds explain."""
+    """The combinations with up to MOST_METRICS metrics, means over seeds; `*` marks a best by SweepSummary.best."""
     summary = summarise_sweep(rows)
     metrics = summary.varying[:MOST_METRICS]
     lines = [[*summary.keys, "failed", *metrics]]
