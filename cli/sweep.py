@@ -106,6 +106,6 @@ def command(
         click.echo(sweep_text(rows))
         click.echo(f"report: {output / 'report.html'}")
     ended = outcome_of(rows, request)
-    for line in ended.failure_lines():
+    for line in ended.failure_lines("runs", "sweep.parquet"):
         click.echo(printable(line), err=True)
     return ended.exit_code

@@ -39,17 +39,17 @@ class BatchOutcome:
             return ExitCode.FAILED
         return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
 
-    def failure_lines(self) -> list[str]:
+    def failure_lines(self, many: str = "recordings", table: str = "summary.parquet") -> list[str]:
         """Number of failures and the reasons of the first ones; of a single recording its reason."""
         failed = [run for run in self.runs if run.failed]
         if not failed:
             return []
         if len(self.runs) == 1:
             return [f"quadlog: {failed[0].recording}: {failed[0].reason}"]
-        lines = [f"{len(failed)} of {len(self.runs)} recordings failed:"]
+        lines = [f"{len(failed)} of {len(self.runs)} {many} failed:"]
         lines += [f"  {run.recording}: {run.reason}" for run in failed[:SHOWN_FAILURES]]
         left = len(failed) - SHOWN_FAILURES
-        return lines if left <= 0 else [*lines, f"  and {left} more, which summary.parquet lists with their reasons"]
+        return lines if left <= 0 else [*lines, f"  and {left} more, which {table} lists with their reasons"]
 
 
 def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
@@ -80,11 +80,14 @@ ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
 
 @contextmanager
 def open_workers(
-    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress
+    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress, *, repeats: bool = True
 ) -> Iterator[ReplayAll]:
-    """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch."""
+    """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch.
+
+    repeats: whether a warning is printed for each run that has it, or once.
+    """
     folders = {each.request.run.parent for each in batch}
-    runs = [BatchRun([], progress)]
+    runs, said = [BatchRun([], progress)], None if repeats else set[str]()
     with ExitStack() as stack:
         stack.callback(_clear_unfinished, batch)  # after the workers have stopped
         shared = stack.enter_context(_seen_by_all(folders if scheduler else set()))
@@ -96,7 +99,7 @@ def open_workers(
             refused = _refused(part)
             order = sorted(range(len(part)), key=lambda number: (-part[number].size_bytes, number))
             tasks = [_task(part, number, shared) for number in order if number not in refused]
-            runs.append(BatchRun(tasks, progress, halted=runs[-1].halted))
+            runs.append(BatchRun(tasks, progress, runs[-1].halted, said))
             runs[-1].go(engine)
             ended = refused | runs[-1].outcomes
             return tuple(

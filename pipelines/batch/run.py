@@ -19,14 +19,24 @@ from quadlog.results.run.stages import reused_words
 class BatchRun:
     """A running batch; outcomes: by the recordings' numbers. halted: why no more is started, empty while it goes on."""
 
-    def __init__(self, tasks: Sequence[BatchTask], progress: BatchProgress, halted: str = "") -> None:
-        """tasks: in the order of their start. halted: of an earlier batch on the same workers."""
+    def __init__(
+        self,
+        tasks: Sequence[BatchTask],
+        progress: BatchProgress,
+        halted: str = "",
+        said: set[str] | None = None,
+    ) -> None:
+        """tasks: in the order of their start. halted: of an earlier batch on the same workers.
+
+        said: warnings that are not repeated, where all tasks are of one recording.
+        """
         self.outcomes: dict[int, ReplayOutcome] = {}
         self._todo, self._progress = deque(tasks), progress
         self._tally = BatchCounts(len(tasks), sum(task.size_bytes for task in tasks))
         self._died: set[int] = set()
         self._peak_mb: dict[int, float] = {}
         self.halted = halted
+        self._said = said
 
     def go(self, engine: Engine) -> None:
         """Run until every task has an outcome. Ctrl-C is reported with the number done, and raised again."""
@@ -91,7 +101,10 @@ class BatchRun:
         self._peak_mb.pop(task.number, None)
         self._tally.count(task.size_bytes, outcome.failed, outcome.cost.get("wall_s"))
         for warning in answer.warnings:
-            self._progress.say(f"{outcome.run.name}: {warning}")
+            if self._said is None or warning not in self._said:
+                self._progress.say(f"{outcome.run.name}: {warning}")
+        if self._said is not None:
+            self._said.update(answer.warnings)
         pause = task.request.pause_after
         done = "done" if pause is None else f"{pause} is done for all that share it"
         words = [outcome.reason or done]

@@ -44,7 +44,7 @@ def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: Bat
     described = describe_input(request.recording)
     batch = [Planned(_request_of(request, each, described), described.size_bytes) for each in request.grid]
     _check_output(request, batch, described)
-    with open_workers(batch, jobs, scheduler, progress) as replay_all:
+    with open_workers(batch, jobs, scheduler, progress, repeats=False) as replay_all:
         outcomes = _Sweeping(batch, described.identity).run(replay_all)
     rows = [_row(*each) for each in zip(request.grid, outcomes, strict=True)]
     write_sweep_table(request.output, rows)

@@ -60,7 +60,10 @@ class ValueLine:
 
 @dataclass(frozen=True, slots=True)
 class ValueChart:
-    """One metric over the values of `key`; joined: whether these are numbers, whose points a line connects."""
+    """One metric over the values of `key`; joined: whether these are numbers, whose points a line connects.
+
+    left_out: lines that are not drawn, as there are more than MAX_LINES.
+    """
 
     name: str
     unit: str
@@ -70,6 +73,7 @@ class ValueChart:
     low: float
     high: float
     lines: list[ValueLine]
+    left_out: int
 
 
 def value_charts(summary: SweepSummary) -> list[ValueChart]:
@@ -133,9 +137,10 @@ def _chart(
     drawn = [
         ValueLine(label, number % COLORS, number >= COLORS, sorted(points, key=lambda point: point.x))
         for number, (label, points) in enumerate(lines.items())
-        if number < MAX_LINES
+        if number < MAX_LINES and points
     ]
-    return ValueChart(name, CATALOGUE[name].unit, key, joined, ticks, low, high, drawn)
+    left_out = max(0, len(lines) - MAX_LINES)
+    return ValueChart(name, CATALOGUE[name].unit, key, joined, ticks, low, high, drawn, left_out)
 
 
 @dataclass(frozen=True, slots=True)

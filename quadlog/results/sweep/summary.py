@@ -52,7 +52,8 @@ class SweepSummary:
             return [f"The {self.seeds} seeds change nothing here: {why}. Nothing has an interval or a mark."]
         rule = "where its differences from all others, paired by seed, have intervals without 0"
         means = f"Means of {self.seeds} seeds with 95 % intervals (Student)."
-        lines = [f"{means} A value is marked as best {rule} (95 % for all of them together, Bonferroni)."]
+        together = "95 % for all of them together, Bonferroni; each metric by itself"
+        lines = [f"{means} A value is marked as best {rule} ({together})."]
         fixed = [name for name in self.varying if name not in self.seeded]
         if fixed:
             lines.append(f"The seed does not change {', '.join(fixed)}: no interval, and no mark.")
