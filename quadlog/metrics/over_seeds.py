@@ -10,6 +10,8 @@ import numpy as np
 from quadlog.messages import Float
 from quadlog.metrics.intervals import corrected_confidence, student_interval
 
+_ROUNDING = 1e-12
+
 
 class OverSeeds(NamedTuple):
     """Mean of the values that are known, NaN without any; low, high: its 95 % interval, None where seeds give none."""
@@ -28,7 +30,7 @@ def over_seeds(values: Float) -> OverSeeds:
     known = values[np.isfinite(values)]
     if not len(known):
         return OverSeeds(math.nan, None, None)
-    interval = student_interval(known) if len(known) > 1 and np.ptp(known) > 0 else None
+    interval = student_interval(known) if _vary(known, known) else None
     return OverSeeds(float(np.mean(known)), *(interval or (None, None)))
 
 
@@ -53,7 +55,12 @@ def clear_best(values: Float, *, lower: bool) -> int | None:
     confidence = corrected_confidence(len(rivals))
     for rival in rivals:
         worse_by = rival - signed[best]
-        interval = student_interval(worse_by, confidence) if np.ptp(worse_by) > 0 else None
+        interval = student_interval(worse_by, confidence) if _vary(worse_by, values[among]) else None
         if interval is None or interval[0] <= 0:
             return None
     return int(among[best])
+
+
+def _vary(values: Float, among: Float) -> bool:
+    """Whether the values differ by more than rounding, beside the size of those that they were computed from."""
+    return bool(np.ptp(values) > _ROUNDING * np.abs(among).max())

@@ -34,9 +34,7 @@ def test_the_best_is_what_paired_t_tests_with_bonferroni_say(seed, settings, see
     ],
 )
 def test_nothing_is_best_without_evidence(values):
-    table = np.array(values)
-    table[:, 2:] += 1e-17
-    assert clear_best(table, lower=True) is None
+    assert clear_best(np.array(values), lower=True) is None
 
 
 def test_a_setting_to_which_a_metric_does_not_apply_is_no_rival():
