@@ -128,6 +128,9 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     ),
     "quadlog replay bags/ -c quadlog.toml -o season/ --jobs 4": lambda _: both("season"),
     "quadlog replay yesterday.bag -c quadlog.toml -o runs/paper --preset paper": like_the_paper,
+    "quadlog sweep yesterday.bag -c quadlog.toml --set planner.name=astar,ia_star -o both": lambda _: (
+        pq.read_table("both/sweep.parquet")["planner.name"].to_pylist() == ["astar", "ia_star"]
+    ),
     "quadlog compare-planners runs/yesterday -o planners": eleven,
     "quadlog replay yesterday.bag -c quadlog.toml --controller kinematic --force": lambda _: (
         has("runs", "control.parquet")

@@ -15,6 +15,7 @@ class MetricEntry:
     formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
     itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad. kind: of a
     run's value; only quantities are about normally distributed over runs.
+    better: the lower or the higher value; empty where neither is better.
     """
 
     name: str
@@ -25,6 +26,7 @@ class MetricEntry:
     counted: str
     worst_is_lowest: bool = False
     kind: ValueKind = "quantity"
+    better: Literal["lower", "higher", ""] = "lower"
 
 
 _OURS = "quadlog's own definition"
@@ -103,6 +105,7 @@ _ENTRIES = (
         *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),
         *("min clearance_i", _OURS, "control ticks with an obstacle on the map"),
         worst_is_lowest=True,
+        better="higher",
     ),
     MetricEntry(
         *("collisions", "", "how often contact began with an obstacle that did not first appear inside the body"),
@@ -112,18 +115,22 @@ _ENTRIES = (
     MetricEntry(
         *("following_distance_mean_m", "m", "mean distance to who is followed"),
         *("1/N Σ |target_i − robot_i|", _OURS, "control ticks with a known target"),
+        better="",
     ),
     MetricEntry(
         *("lateral_drift_m", "m", "how far to the left a trot along x ended"),
         *("y_end − y_start", "[Foot] Figs 5, 6", "samples of the trot"),
+        better="",
     ),
     MetricEntry(
         *("yaw_rate_degps", "deg/s", "rate at which a trot along x turns to the left"),
         *("slope of the line through the mean yaw of each gait cycle", "[Foot] Figs 5, 6", "gait cycles"),
+        better="",
     ),
     MetricEntry(
         *("forward_m", "m", "how far along x a trot went"),
         *("x_end − x_start", "[Foot] Figs 5, 6", "samples of the trot"),
+        better="",
     ),
     MetricEntry(
         *("expanded_total", "", "cells that the planner closed, over all replans"),
@@ -142,6 +149,7 @@ _ENTRIES = (
     MetricEntry(
         *("ratio_to_astar", "", "cells that A* closes on the same queries per cell closed; above 1 is better"),
         *("Σ astar_expanded_i / Σ expanded_i", _OURS, _REPLANS),
+        better="higher",
     ),
     MetricEntry(
         *("fallback_share", "", "share of replans in which an incremental planner had to start from scratch"),
@@ -155,6 +163,7 @@ _ENTRIES = (
         *("success_rate", "", "share of replans that found a path"),
         *("Σ found_i / N", _OURS, _REPLANS),
         worst_is_lowest=True,
+        better="higher",
     ),
     MetricEntry(
         *("uwb_rmse_m", "m", "root mean square distance of the robot's UWB fixes from the truth, unsmoothed"),
@@ -175,15 +184,18 @@ _ENTRIES = (
             "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
         ),
         *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
+        better="",
     ),
     MetricEntry(
         *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),
         *("1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ", "[BarShalom]", "positions of the robot's tag with a truth"),
+        better="",
     ),
     MetricEntry(
         *("uwb_coverage_95", "", "share of the truth that lies in the 95 % ellipses of the robot's track"),
         *("share of eᵢᵀ Cᵢ⁻¹ eᵢ ≤ 5.99", _OURS, "positions of the robot's tag with a truth"),
         worst_is_lowest=True,
+        better="",
     ),
     MetricEntry(
         "ate_rmse_m",
@@ -212,6 +224,7 @@ _ENTRIES = (
             "what to add to the poses' times to have the reference's",
         ),
         *("argmin over offset, R, t of Σ |R p_i + t − p_ref(t_i + offset)|²", _OURS, "poses compared"),
+        better="",
     ),
     MetricEntry(
         *(
@@ -224,6 +237,7 @@ _ENTRIES = (
     MetricEntry(
         *("realtime_factor", "", "recorded seconds per second of computing, start-up and compilation apart"),
         *("recorded_s / Σ stage seconds", _OURS, "runs: 1"),
+        better="higher",
     ),
 )
 

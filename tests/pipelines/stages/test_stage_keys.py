@@ -101,11 +101,15 @@ def test_some_of_them_by_hand(name):
     assert unchanged(keys(), keys(changed)) == first[name]
 
 
-@pytest.mark.parametrize(
-    "options", [{"identity": "two"}, {"seed": 1}, {"stamp": "log"}, {"start_s": 0.0}, {"duration_s": 9.0}]
-)
+@pytest.mark.parametrize("options", [{"identity": "two"}, {"stamp": "log"}, {"start_s": 0.0}, {"duration_s": 9.0}])
 def test_another_input_or_option_starts_anew(options):
     assert unchanged(keys(), keys(**options)) == 0
+
+
+def test_another_seed_starts_at_the_first_stage_that_draws_numbers():
+    assert unchanged(keys(), keys(seed=1)) == 3
+    paper = load_config(settings={"lidar.method": "paper"}, environ={})
+    assert unchanged(keys(paper), keys(paper, seed=1)) == 1
 
 
 def test_how_far_to_go_is_in_no_key_and_filter_alone_is_not_half_of_the_map():
