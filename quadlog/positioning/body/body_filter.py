@@ -1,0 +1,275 @@
+"""Compiled filter and smoother of a rigid body with several tags: place, yaw, velocity and yaw rate from ranges."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quadlog.compiled import inner, kernel
+from quadlog.messages import Float, Int
+from quadlog.positioning.fix.least_squares import invert_one
+from quadlog.positioning.track.kalman import RESTED_M, Symmetric, Vector, gain_of, times
+
+SIZE = 6
+"""State: x, y, yaw, then their rates vx, vy, yaw rate. Ranges measure the first three."""
+ITERATIONS = 10
+
+
+class BodyDynamics(NamedTuple):
+    """White acceleration of spectral density density_m2ps3; a yaw rate that is a first-order Gauss-Markov process."""
+
+    density_m2ps3: float
+    yaw_rate_std_radps: float
+    yaw_rate_lasts_s: float
+
+
+@inner
+def predict_body(state: Float, covariance: Float, dt_s: float, motion: BodyDynamics) -> None:
+    """State (6,) and covariance (6, 6) after dt_s, in place.
+
+    The yaw rate decays with the time constant T: yaw += T (1 - e^(-dt/T)) rate. Its noise is integrated exactly.
+    """
+    density, rate_std, lasts_s = motion
+    keep = math.exp(-dt_s / lasts_s)
+    turned_s = lasts_s * (1 - keep)
+    for axis in range(3):
+        reach_s = turned_s if axis == 2 else dt_s
+        state[axis] += reach_s * state[axis + 3]
+        for j in range(SIZE):
+            covariance[axis, j] += reach_s * covariance[axis + 3, j]
+        for j in range(SIZE):
+            covariance[j, axis] += reach_s * covariance[j, axis + 3]
+    state[5] *= keep
+    for j in range(SIZE):
+        covariance[5, j] *= keep
+    for j in range(SIZE):
+        covariance[j, 5] *= keep
+    for axis in range(2):
+        covariance[axis, axis] += density * dt_s**3 / 3
+        covariance[axis, axis + 3] += density * dt_s**2 / 2
+        covariance[axis + 3, axis] += density * dt_s**2 / 2
+        covariance[axis + 3, axis + 3] += density * dt_s
+    variance, lost = rate_std * rate_std, 1 - keep
+    covariance[2, 2] += variance * lasts_s * (2 * dt_s - lasts_s * lost * (3 - keep))
+    covariance[2, 5] += variance * lasts_s * lost * lost
+    covariance[5, 2] += variance * lasts_s * lost * lost
+    covariance[5, 5] += variance * (1 - keep * keep)
+
+
+@inner
+def update_body(
+    state: Float,
+    covariance: Float,
+    first: int,
+    end: int,
+    anchor_m: Float,
+    lever_m: Float,
+    range_m: Float,
+    given_weight: Float,
+    variance: float,
+    long_m: float,
+    short_m: float,
+    weight: Float,
+    head: Float,
+) -> tuple[Symmetric, Vector, float]:
+    """Posterior of one instant with rows [first, end), in place; `update_state` with the yaw in place of the height.
+
+    anchor_m (N, 3): each range's anchor, its height less the tag's; lever_m (N, 2): where the tag sits in the body. A
+    range measures x, y, yaw along (u, u . dR/dyaw l). Returned: their information and gradient at the posterior, and
+    the squared innovation.
+    """
+    sx, sy, syaw = state[0], state[1], state[2]
+    _, ixx, ixy, iyy, ixw, iyw, iww = invert_one(
+        covariance[0, 0], covariance[0, 1], covariance[1, 1], covariance[0, 2], covariance[1, 2], covariance[2, 2]
+    )
+    x, y, yaw = sx, sy, syaw
+    full, innovation = 1 / variance, 0.0
+    moved, gradient = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    information = shrunk = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for step in range(ITERATIONS):
+        lxx, lxy, lxw, lyy, lyw, lww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        bx, by, bw, missed = 0.0, 0.0, 0.0, 0.0
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for j in range(first, end):
+            ahead_m, left_m = lever_m[j, 0], lever_m[j, 1]
+            arm_x, arm_y = cos * ahead_m - sin * left_m, sin * ahead_m + cos * left_m
+            dx, dy, dz = x + arm_x - anchor_m[j, 0], y + arm_y - anchor_m[j, 1], anchor_m[j, 2]
+            distance_m = max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
+            ux, uy = dx / distance_m, dy / distance_m
+            uw = uy * arm_x - ux * arm_y
+            residual_m = range_m[j] - distance_m
+            trust = given_weight[j]
+            if residual_m > long_m:
+                trust *= long_m / residual_m
+            elif residual_m < -short_m:
+                trust *= -short_m / residual_m
+            weight[j] = trust
+            trust *= full
+            missed += trust * residual_m * residual_m
+            told_m = residual_m + ux * (x - sx) + uy * (y - sy) + uw * (yaw - syaw)
+            tx, ty, tw = trust * ux, trust * uy, trust * uw
+            bx, by, bw = bx + told_m * tx, by + told_m * ty, bw + told_m * tw
+            lxx, lxy, lxw = lxx + tx * ux, lxy + tx * uy, lxw + tx * uw
+            lyy, lyw, lww = lyy + ty * uy, lyw + ty * uw, lww + tw * uw
+        _, cxx, cxy, cyy, cxw, cyw, cww = invert_one(ixx + lxx, ixy + lxy, iyy + lyy, ixw + lxw, iyw + lyw, iww + lww)
+        information, shrunk, gradient = (lxx, lxy, lxw, lyy, lyw, lww), (cxx, cxy, cxw, cyy, cyw, cww), (bx, by, bw)
+        moved = times(shrunk, gradient)
+        if step == 0:
+            innovation = missed - gradient[0] * moved[0] - gradient[1] * moved[1] - gradient[2] * moved[2]
+        off = abs(sx + moved[0] - x) + abs(sy + moved[1] - y) + abs(syaw + moved[2] - yaw)
+        x, y, yaw = sx + moved[0], sy + moved[1], syaw + moved[2]
+        if off < RESTED_M:
+            break
+    gained = times(information, moved)
+    pull = (gradient[0] - gained[0], gradient[1] - gained[1], gradient[2] - gained[2])
+    absorb_body(state, covariance, gain_of(information, shrunk), pull, head)
+    return information, pull, innovation
+
+
+@inner
+def absorb_body(state: Float, covariance: Float, gain: Symmetric, pull: Vector, head: Float) -> None:
+    """Posterior from gain_of measurements of the first three components and their gradient there, in place.
+
+    head (3, 6): work space.
+    """
+    px, py, pw = pull
+    for i in range(3):
+        for j in range(SIZE):
+            head[i, j] = covariance[i, j]
+    for i in range(SIZE):
+        hx, hy, hw = head[0, i], head[1, i], head[2, i]
+        state[i] += hx * px + hy * py + hw * pw
+        ax, ay, aw = times(gain, (hx, hy, hw))
+        for j in range(SIZE):
+            covariance[i, j] -= ax * head[0, j] + ay * head[1, j] + aw * head[2, j]
+
+
+STATE, COVARIANCE, INFORMATION, PULL, INNOVATION, FILTERED = slice(0, 6), slice(6, 42), 42, 48, 51, 52
+"""Where things are in a row of what the filter writes, and how long that is."""
+
+
+@kernel
+def filter_body(
+    t_s: Float,
+    first_row: Int,
+    anchor_m: Float,
+    lever_m: Float,
+    range_m: Float,
+    given_weight: Float,
+    start: Float,
+    start_variance: Float,
+    motion: BodyDynamics,
+    range_variance: float,
+    long_m: float,
+    short_m: float,
+    weight: Float,
+    filtered: Float,
+) -> None:
+    """Filter T instants from a start (6,) with variances (6,); instant k has the rows first_row[k]:first_row[k+1].
+
+    Rows as in `update_body`. Written: weight (N,), and into filtered (T, 52) the STATE, its COVARIANCE row by row, and
+    of the instant's ranges their INFORMATION (6), gradient (3) and squared INNOVATION.
+    """
+    state, covariance, head = start.copy(), np.zeros((SIZE, SIZE)), np.empty((3, SIZE))
+    for i in range(SIZE):
+        covariance[i, i] = start_variance[i]
+    for k in range(len(t_s)):
+        if k > 0:
+            predict_body(state, covariance, t_s[k] - t_s[k - 1], motion)
+        information, pull, innovation = update_body(
+            state,
+            covariance,
+            first_row[k],
+            first_row[k + 1],
+            anchor_m,
+            lever_m,
+            range_m,
+            given_weight,
+            range_variance,
+            long_m,
+            short_m,
+            weight,
+            head,
+        )
+        for i in range(SIZE):
+            filtered[k, i] = state[i]
+            for j in range(SIZE):
+                filtered[k, 6 + SIZE * i + j] = covariance[i, j]
+        for i in range(6):
+            filtered[k, 42 + i] = information[i]
+        for i in range(3):
+            filtered[k, 48 + i] = pull[i]
+        filtered[k, 51] = innovation
+
+
+@kernel
+def smooth_body(t_s: Float, filtered: Float, motion: BodyDynamics, smoothed: Float, covariances: Float) -> None:
+    """Write the states (T, 6) and covariances (T, 6, 6) given all ranges, from what filter_body wrote.
+
+    Those of [RTS] without an inverse, by the adjoint filter [Bryson]: s = x + P p and S = P - P A P, with p and A the
+    gradient and the information of all that comes later. An instant's ranges with information L and gradient g add
+    g - L P p to p, and turn A into (I - L P) A (I - P L) + L - L P L.
+    """
+    pull, later = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    own, shrink = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+    moved, half = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+    for k in range(len(t_s) - 1, -1, -1):
+        for i in range(SIZE):
+            smoothed[k, i] = filtered[k, i]
+            for j in range(SIZE):
+                smoothed[k, i] += filtered[k, 6 + SIZE * i + j] * pull[j]
+                moved[i, j] = filtered[k, 6 + SIZE * i + j]
+        multiply(moved, later, half)
+        multiply(half, moved, covariances[k])
+        for i in range(SIZE):
+            for j in range(SIZE):
+                covariances[k, i, j] = moved[i, j] - covariances[k, i, j]
+        row = 42
+        for i in range(3):
+            for j in range(i, 3):
+                own[i, j] = own[j, i] = filtered[k, row]
+                row += 1
+        for i in range(3):
+            pull[i] += filtered[k, 48 + i]
+            for j in range(3):
+                pull[i] -= own[i, j] * (smoothed[k, j] - filtered[k, j])
+        multiply(own, moved, shrink)
+        multiply(shrink, own, half)
+        for i in range(SIZE):
+            for j in range(SIZE):
+                shrink[i, j] = (1.0 if i == j else 0.0) - shrink[i, j]
+                own[i, j] -= half[i, j]
+        multiply(shrink, later, half)
+        for i in range(SIZE):
+            for j in range(SIZE):
+                total = own[i, j]
+                for m in range(SIZE):
+                    total += half[i, m] * shrink[j, m]
+                later[i, j] = total
+        for i in range(SIZE):
+            for j in range(SIZE):
+                own[i, j] = 0.0
+        if k > 0:
+            dt_s = t_s[k] - t_s[k - 1]
+            keep = math.exp(-dt_s / motion.yaw_rate_lasts_s)
+            for axis in range(3):
+                reach_s = motion.yaw_rate_lasts_s * (1 - keep) if axis == 2 else dt_s
+                stay = keep if axis == 2 else 1.0
+                pull[axis + 3] = stay * pull[axis + 3] + reach_s * pull[axis]
+                for j in range(SIZE):
+                    later[axis + 3, j] = stay * later[axis + 3, j] + reach_s * later[axis, j]
+                for j in range(SIZE):
+                    later[j, axis + 3] = stay * later[j, axis + 3] + reach_s * later[j, axis]
+
+
+@inner
+def multiply(left: Float, right: Float, product: Float) -> None:
+    """Their product, written into the third."""
+    for i in range(SIZE):
+        for j in range(SIZE):
+            total = 0.0
+            for m in range(SIZE):
+                total += left[i, m] * right[m, j]
+            product[i, j] = total
