@@ -146,8 +146,22 @@ def absorb_body(state: Float, covariance: Float, gain: Symmetric, pull: Vector, 
             covariance[i, j] -= ax * head[0, j] + ay * head[1, j] + aw * head[2, j]
 
 
-STATE, COVARIANCE, INFORMATION, PULL, INNOVATION, FILTERED = slice(0, 6), slice(6, 42), 42, 48, 51, 52
-"""Where things are in a row of what the filter writes, and how long that is."""
+@inner
+def absorb_rate(state: Float, covariance: Float, row: int, measured: float, variance: float, head: Float) -> None:
+    """Posterior from a measurement of one component of the state, in place; head (3, 6): work space."""
+    total = covariance[row, row] + variance
+    missed = measured - state[row]
+    for i in range(SIZE):
+        head[0, i] = covariance[row, i]
+    for i in range(SIZE):
+        share = head[0, i] / total
+        state[i] += share * missed
+        for j in range(SIZE):
+            covariance[i, j] -= share * head[0, j]
+
+
+STATE, COVARIANCE, INNOVATION, FILTERED = slice(0, 6), slice(6, 42), 51, 52
+"""Where state, covariance and squared innovation are in a row of what the filter writes, and how long that is."""
 
 
 @kernel
@@ -158,6 +172,8 @@ def filter_body(
     lever_m: Float,
     range_m: Float,
     given_weight: Float,
+    velocity_mps: Float,
+    velocity_variance: Float,
     start: Float,
     start_variance: Float,
     motion: BodyDynamics,
@@ -169,8 +185,8 @@ def filter_body(
 ) -> None:
     """Filter T instants from a start (6,) with variances (6,); instant k has the rows first_row[k]:first_row[k+1].
 
-    Rows as in `update_body`. Written: weight (N,), and into filtered (T, 52) the STATE, its COVARIANCE row by row, and
-    of the instant's ranges their INFORMATION (6), gradient (3) and squared INNOVATION.
+    Rows as in `update_body`. velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,), and into filtered (T, 52) the STATE, its COVARIANCE row by row, and
+    of the instant's ranges their information (6), gradient (3) and squared INNOVATION.
     """
     state, covariance, head = start.copy(), np.zeros((SIZE, SIZE)), np.empty((3, SIZE))
     for i in range(SIZE):
@@ -178,6 +194,9 @@ def filter_body(
     for k in range(len(t_s)):
         if k > 0:
             predict_body(state, covariance, t_s[k] - t_s[k - 1], motion)
+        for axis in range(2):
+            if velocity_variance[k] < math.inf:
+                absorb_rate(state, covariance, 3 + axis, velocity_mps[k, axis], velocity_variance[k], head)
         information, pull, innovation = update_body(
             state,
             covariance,
@@ -205,12 +224,20 @@ def filter_body(
 
 
 @kernel
-def smooth_body(t_s: Float, filtered: Float, motion: BodyDynamics, smoothed: Float, covariances: Float) -> None:
+def smooth_body(
+    t_s: Float,
+    velocity_mps: Float,
+    velocity_variance: Float,
+    filtered: Float,
+    motion: BodyDynamics,
+    smoothed: Float,
+    covariances: Float,
+) -> None:
     """Write the states (T, 6) and covariances (T, 6, 6) given all ranges, from what filter_body wrote.
 
     Those of [RTS] without an inverse, by the adjoint filter [Bryson]: s = x + P p and S = P - P A P, with p and A the
-    gradient and the information of all that comes later. An instant's ranges with information L and gradient g add
-    g - L P p to p, and turn A into (I - L P) A (I - P L) + L - L P L.
+    gradient and the information of all that comes later. An instant's measurements with information L and gradient g
+    add g - L P p to p, and turn A into (I - L P) A (I - P L) + L - L P L.
     """
     pull, later = np.zeros(SIZE), np.zeros((SIZE, SIZE))
     own, shrink = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
@@ -231,6 +258,9 @@ def smooth_body(t_s: Float, filtered: Float, motion: BodyDynamics, smoothed: Flo
             for j in range(i, 3):
                 own[i, j] = own[j, i] = filtered[k, row]
                 row += 1
+        for i in range(3, 5):
+            own[i, i] = 1 / velocity_variance[k]
+            pull[i] += (velocity_mps[k, i - 3] - smoothed[k, i]) / velocity_variance[k]
         for i in range(3):
             pull[i] += filtered[k, 48 + i]
             for j in range(3):
