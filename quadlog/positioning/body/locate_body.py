@@ -91,14 +91,14 @@ def locate_body(
     log = _log(rows, settings, None)
     bounds = segment_bounds(log.instant_ns, _common_restarts(tags)) if len(log.instant_ns) else []
     starts = [_start(tags, arms_m, int(log.instant_ns[begin]), settings.smooth) for begin, _ in bounds]
-    segments = _follow(log, bounds, starts, tags, settings)
+    segments = _follow(log, bounds, starts, smooth=settings.smooth)
     lasting = lasting_spread(log, segments, bias_m2) if segments else np.zeros((3, 3))
     constant = _lever_covariance(arms_m)
     track = _track(log, segments, lasting + constant)
     velocity = None if motion is None else measure_velocity(motion, track, *middle_m, causal=not settings.smooth)
     if velocity is not None and velocity.series is not None:
         log = _log(rows, settings, velocity.series)
-        segments = _follow(log, bounds, starts, tags, settings)
+        segments = _follow(log, bounds, starts, smooth=settings.smooth)
         track = _track(log, segments, lasting + constant)
     states, covariances = _poses(segments, lasting + constant)
     own = tuple(_tag_result(tag, k, arms_m[k], rows, log, segments, covariances) for k, tag in enumerate(tags))
@@ -195,19 +195,9 @@ def _start(tags: Sequence[TagResult], arms_m: Float, at_ns: int, smooth: bool) -
     return np.array([x_m, y_m, yaw, 0.0, 0.0, 0.0])
 
 
-def _follow(
-    log: BodyLog,
-    bounds: list[tuple[int, int]],
-    starts: list[Float],
-    tags: Sequence[TagResult],
-    settings: LocateSettings,
-) -> list[BodySegment]:
-    """The segments; weights are judged again by the body's residuals where the links' biases are taken out."""
+def _follow(log: BodyLog, bounds: list[tuple[int, int]], starts: list[Float], *, smooth: bool) -> list[BodySegment]:
     segments = [filter_segment(log, *each, start) for each, start in zip(bounds, starts, strict=True)]
-    if not settings.smooth:
-        return segments
-    judge = all(tag.bias is not None and bool(tag.bias.significant.any()) for tag in tags if len(tag.track))
-    return [smooth_segment(log, each, judge=judge) for each in segments]
+    return [smooth_segment(log, each) for each in segments] if smooth else segments
 
 
 def _lever_covariance(arms_m: Float) -> Float:
