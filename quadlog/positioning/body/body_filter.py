@@ -185,8 +185,9 @@ def filter_body(
 ) -> None:
     """Filter T instants from a start (6,) with variances (6,); instant k has the rows first_row[k]:first_row[k+1].
 
-    Rows as in `update_body`. velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,), and into filtered (T, 52) the STATE, its COVARIANCE row by row, and
-    of the instant's ranges their information (6), gradient (3) and squared INNOVATION.
+    Rows as in `update_body`. velocity_mps (T, 2) counts where velocity_variance (T,) is finite. Written: weight (N,),
+    and into filtered (T, 52) the STATE, its COVARIANCE row by row, and of the instant's ranges their information (6),
+    gradient (3) and squared INNOVATION.
     """
     state, covariance, head = start.copy(), np.zeros((SIZE, SIZE)), np.empty((3, SIZE))
     for i in range(SIZE):
@@ -246,52 +247,63 @@ def smooth_body(
         for i in range(SIZE):
             smoothed[k, i] = filtered[k, i]
             for j in range(SIZE):
-                smoothed[k, i] += filtered[k, 6 + SIZE * i + j] * pull[j]
                 moved[i, j] = filtered[k, 6 + SIZE * i + j]
+                smoothed[k, i] += moved[i, j] * pull[j]
         multiply(moved, later, half)
-        multiply(half, moved, covariances[k])
         for i in range(SIZE):
             for j in range(SIZE):
-                covariances[k, i, j] = moved[i, j] - covariances[k, i, j]
+                total = moved[i, j]
+                for m in range(SIZE):
+                    total -= half[i, m] * moved[m, j]
+                covariances[k, i, j] = total
         row = 42
         for i in range(3):
             for j in range(i, 3):
                 own[i, j] = own[j, i] = filtered[k, row]
                 row += 1
-        for i in range(3, 5):
-            own[i, i] = 1 / velocity_variance[k]
-            pull[i] += (velocity_mps[k, i - 3] - smoothed[k, i]) / velocity_variance[k]
+        for axis in range(2):
+            own[3 + axis, 3 + axis] = 1 / velocity_variance[k]
+            pull[3 + axis] += (velocity_mps[k, axis] - smoothed[k, 3 + axis]) / velocity_variance[k]
         for i in range(3):
             pull[i] += filtered[k, 48 + i]
             for j in range(3):
                 pull[i] -= own[i, j] * (smoothed[k, j] - filtered[k, j])
-        multiply(own, moved, shrink)
-        multiply(shrink, own, half)
-        for i in range(SIZE):
-            for j in range(SIZE):
-                shrink[i, j] = (1.0 if i == j else 0.0) - shrink[i, j]
-                own[i, j] -= half[i, j]
-        multiply(shrink, later, half)
-        for i in range(SIZE):
-            for j in range(SIZE):
-                total = own[i, j]
-                for m in range(SIZE):
-                    total += half[i, m] * shrink[j, m]
-                later[i, j] = total
-        for i in range(SIZE):
-            for j in range(SIZE):
-                own[i, j] = 0.0
+        take_information(own, moved, later, shrink, half)
         if k > 0:
-            dt_s = t_s[k] - t_s[k - 1]
-            keep = math.exp(-dt_s / motion.yaw_rate_lasts_s)
-            for axis in range(3):
-                reach_s = motion.yaw_rate_lasts_s * (1 - keep) if axis == 2 else dt_s
-                stay = keep if axis == 2 else 1.0
-                pull[axis + 3] = stay * pull[axis + 3] + reach_s * pull[axis]
-                for j in range(SIZE):
-                    later[axis + 3, j] = stay * later[axis + 3, j] + reach_s * later[axis, j]
-                for j in range(SIZE):
-                    later[j, axis + 3] = stay * later[j, axis + 3] + reach_s * later[j, axis]
+            return_in_time(pull, later, t_s[k] - t_s[k - 1], motion.yaw_rate_lasts_s)
+
+
+@inner
+def take_information(own: Float, covariance: Float, later: Float, shrink: Float, half: Float) -> None:
+    """A becomes (I - L P) A (I - P L) + L - L P L, in place, with L own, P covariance and A later; the rest is work."""
+    multiply(own, covariance, shrink)
+    multiply(shrink, own, half)
+    for i in range(SIZE):
+        for j in range(SIZE):
+            shrink[i, j] = (1.0 if i == j else 0.0) - shrink[i, j]
+            own[i, j] -= half[i, j]
+    multiply(shrink, later, half)
+    for i in range(SIZE):
+        for j in range(SIZE):
+            total = own[i, j]
+            for m in range(SIZE):
+                total += half[i, m] * shrink[j, m]
+            later[i, j] = total
+            own[i, j] = 0.0
+
+
+@inner
+def return_in_time(pull: Float, later: Float, dt_s: float, lasts_s: float) -> None:
+    """F^T p and F^T A F, in place, with the F of predict_body."""
+    keep = math.exp(-dt_s / lasts_s)
+    for axis in range(3):
+        reach_s = lasts_s * (1 - keep) if axis == 2 else dt_s
+        stay = keep if axis == 2 else 1.0
+        pull[axis + 3] = stay * pull[axis + 3] + reach_s * pull[axis]
+        for j in range(SIZE):
+            later[axis + 3, j] = stay * later[axis + 3, j] + reach_s * later[axis, j]
+        for j in range(SIZE):
+            later[j, axis + 3] = stay * later[j, axis + 3] + reach_s * later[j, axis]
 
 
 @inner

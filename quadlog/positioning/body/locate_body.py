@@ -9,7 +9,6 @@ import numpy as np
 
 from quadlog.geometry import wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.body.body_filter import STATE
 from quadlog.positioning.body.body_tracker import (
     BodyLog,
     BodySegment,
@@ -21,6 +20,7 @@ from quadlog.positioning.body.body_tracker import (
     segment_bounds,
     smooth_segment,
 )
+from quadlog.positioning.heading.heading import TagsYaw
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity, measure_velocity
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.locate import Anchors, LocateSettings, TagResult
@@ -56,17 +56,14 @@ class LocatedBody:
     """One track of a body from all of its tags.
 
     tags: of each tag, its fixes by itself, and the body's track at its place. middle_m: (2,) in base, the mean of the
-    lever arms. track: of that point. yaw_rad, yaw_std_rad: (T,) of base; None where the lever arms do not show it.
-    constant_std_rad: the part of the std that no length of the log averages out. misplaced: tags that contradict their
-    lever arms. velocity: of the middle, by odometry.
+    lever arms. track: of that point. yaw: of base; None where the lever arms do not show it. misplaced: tags that
+    contradict their lever arms. velocity: of the middle, by odometry.
     """
 
     tags: tuple[TagResult, ...]
     middle_m: Float
     track: Track
-    yaw_rad: Float | None
-    yaw_std_rad: Float | None
-    constant_std_rad: float
+    yaw: TagsYaw | None
     misplaced: tuple[MisplacedTag, ...]
     velocity: MeasuredVelocity | None
 
@@ -107,9 +104,7 @@ def locate_body(
         tags=own,
         middle_m=middle_m,
         track=track,
-        yaw_rad=wrap_angle(states[:, 2]) if seen else None,
-        yaw_std_rad=_yaw_std(states, covariances) if seen else None,
-        constant_std_rad=float(np.sqrt(constant[2, 2])) if seen else UNKNOWN_YAW_STD_RAD,
+        yaw=_yaw(states, covariances, float(np.sqrt(constant[2, 2]))) if seen else None,
         misplaced=_misplaced(tags, levers_m, middle_m, states, track) if seen else (),
         velocity=velocity,
     )
@@ -180,7 +175,8 @@ def _common_restarts(tags: Sequence[TagResult]) -> Int:
 
 def _start(tags: Sequence[TagResult], arms_m: Float, at_ns: int, smooth: bool) -> Float:
     """(6,) the rigid fit to the tags' own tracks at an instant, at rest; a causal one to what was known then."""
-    places, arms = [], []
+    places: list[Float] = []
+    arms: list[Float] = []
     for tag, arm_m in zip(tags, arms_m, strict=True):
         k = int(np.searchsorted(tag.track.t_ns, at_ns, side="left" if smooth else "right")) - (0 if smooth else 1)
         if 0 <= k < len(tag.track) and abs(int(tag.track.t_ns[k]) - at_ns) <= START_NEAR_S * 1e9:
@@ -215,10 +211,10 @@ def _poses(segments: list[BodySegment], lasting: Float) -> tuple[Float, Float]:
     return states, covariances + lasting + stamps
 
 
-def _yaw_std(states: Float, covariances: Float) -> Float:
-    """(T,) at most that of a direction of which nothing is known."""
-    std: Float = np.minimum(np.sqrt(covariances[:, 2, 2]), UNKNOWN_YAW_STD_RAD)
-    return std
+def _yaw(states: Float, covariances: Float, constant_std_rad: float) -> TagsYaw:
+    """Its std is at most that of a direction of which nothing is known."""
+    std_rad = np.minimum(np.sqrt(covariances[:, 2, 2]), UNKNOWN_YAW_STD_RAD)
+    return TagsYaw(wrap_angle(states[:, 2]), std_rad, min(constant_std_rad, UNKNOWN_YAW_STD_RAD))
 
 
 def _track(log: BodyLog, segments: list[BodySegment], lasting: Float) -> Track:
