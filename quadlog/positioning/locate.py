@@ -90,7 +90,6 @@ class TagResult:
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
     shared_m: beyond that, what all links have in common, which the smoothed track alone does without.
-    bias_std_m: (A,) what the ranges of each link may still be off by once both are subtracted.
     n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
     restart_ns, n_ranges, nis: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as
     measured.
@@ -108,7 +107,6 @@ class TagResult:
     bias: AnchorBias | None
     bias_m: Float
     shared_m: float
-    bias_std_m: Float
     n_too_few: int
     n_degenerate: int
     n_untracked: int
@@ -248,13 +246,6 @@ class _Known:
         """The bias that all links share, where a smoother estimates it with the track."""
         return self.calibration.shared_m if self.calibration is not None and self.settings.smooth else 0.0
 
-    @property
-    def bias_std_m(self) -> Float:
-        """(A,) what the ranges of each link may still be off by."""
-        if self.calibration is None:
-            return np.zeros(len(self.bias_m))
-        return np.hypot(self.calibration.bias.std_m, self.calibration.usual_m - self.shared_m)
-
     def calibrated(self, epochs: Epochs, flat: Fixes) -> _Known:
         """With what the whole log shows of the ranges beyond the known biases; starts from fixes at a given height."""
         rows, start, settings = self.rows, flat.solved & ~flat.outlier, self.settings
@@ -322,7 +313,6 @@ def _result(
         bias=bias,
         bias_m=known.bias_m,
         shared_m=known.shared_m,
-        bias_std_m=known.bias_std_m,
         n_too_few=int((fixes.n_ranges < fewest).sum()),
         n_degenerate=int(fixes.degenerate.sum()),
         n_untracked=int(np.isnan(tracked.predicted_m).sum()),

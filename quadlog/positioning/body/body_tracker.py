@@ -1,4 +1,4 @@
-"""From the ranges of all tags of a body to its track: robust filter, smoother over the whole log, and its honesty."""
+"""From the ranges of all tags of a body to its track: robust filter, smoother over the whole log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadlog.geometry import seconds_since, wrap_angle
+from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.body.body_filter import (
     COVARIANCE,
@@ -18,15 +18,12 @@ from quadlog.positioning.body.body_filter import (
     filter_body,
     smooth_body,
 )
-from quadlog.positioning.epochs import thin_links
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.track.range_log import ACCELERATION_LASTS_S, VelocitySeries, sample_velocity
 from quadlog.positioning.track.segments import LONG_STD, LOST_AFTER_S, SHORT_STD
 
 YAW_RATE_STD_RADPS, YAW_RATE_LASTS_S = 0.5, 2.0
 """How fast walkers and trolleys turn, and for how long. On simulated walks 0.3 to 1 rad/s and 1 to 5 s do as well."""
-MOST_GROUPS, MOST_SLOTS = 16, 5000
-"""Anchors are left out in so many groups at most, of a log thinned to so many slots."""
 START_STD = (0.5, 0.5, UNKNOWN_YAW_STD_RAD, 1.0, 1.0, YAW_RATE_STD_RADPS)
 """How well the first fixes are believed: hardly, because their ranges are used again."""
 
@@ -35,7 +32,7 @@ START_STD = (0.5, 0.5, UNKNOWN_YAW_STD_RAD, 1.0, 1.0, YAW_RATE_STD_RADPS)
 class BodyLog:
     """N ranges of the tags of one body in time order, at T instants; instant k has rows first_row[k]:first_row[k+1].
 
-    link, anchor: (N,) numbers of the pair of tag and anchor, and of the anchor. anchor_m (N, 3): where the anchor
+    anchor_m (N, 3): where the anchor
     stands, its height less the tag's, with the sign turned. lever_m (N, 2): where the tag sits, seen from the middle
     of the tags. range_m (N,): without biases. trusted: (N,) weights given beforehand. velocity_mps (T, 2) of the
     middle, with its variance (T,), infinite for none.
@@ -43,8 +40,6 @@ class BodyLog:
 
     instant_ns: Int
     first_row: Int
-    link: Int
-    anchor: Int
     anchor_m: Float
     lever_m: Float
     range_m: Float
@@ -78,8 +73,6 @@ class BodySegment:
 
 def log_body(
     t_ns: Int,
-    link: Int,
-    anchor: Int,
     anchor_m: Float,
     lever_m: Float,
     range_m: Float,
@@ -95,8 +88,6 @@ def log_body(
     return BodyLog(
         instant_ns,
         np.append(first_row, len(t_ns)),
-        link,
-        anchor,
         np.ascontiguousarray(anchor_m, dtype=np.float64),
         np.ascontiguousarray(lever_m, dtype=np.float64),
         np.ascontiguousarray(range_m, dtype=np.float64),
@@ -169,109 +160,19 @@ def _filter(
     return BodySegment(begin, end, start, weight, filtered, filtered[:, STATE], covariances)
 
 
-def _instants_of_rows(log: BodyLog, segment: BodySegment) -> Int:
-    counts = np.diff(log.first_row[segment.begin : segment.end + 1])
-    return np.repeat(np.arange(segment.begin, segment.end), counts)
-
-
 def predict_segment(log: BodyLog, segment: BodySegment) -> Float:
     """(N,) distance of each range's anchor from its tag, by the states of the segment."""
-    distance_m, _ = _directions(log, segment)
-    return distance_m
+    rows = log.rows(segment.begin, segment.end)
+    counts = np.diff(log.first_row[segment.begin : segment.end + 1])
+    x_m, y_m, yaw_rad = np.repeat(segment.states[:, :3], counts, axis=0).T
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    ahead_m, left_m = log.lever_m[rows].T
+    anchor_x_m, anchor_y_m, down_m = log.anchor_m[rows].T
+    offset_m = x_m + cos * ahead_m - sin * left_m - anchor_x_m, y_m + sin * ahead_m + cos * left_m - anchor_y_m, down_m
+    return np.sqrt(sum(each**2 for each in offset_m))
 
 
 def innovations(log: BodyLog, segment: BodySegment) -> tuple[Int, Float]:
     """(T,) ranges of each instant, and the squared innovation per range."""
     count = np.diff(log.first_row[segment.begin : segment.end + 1])
     return count, segment.filtered[:, INNOVATION] / count
-
-
-def _directions(log: BodyLog, segment: BodySegment) -> tuple[Float, Float]:
-    """Distances (N,) of the rows, and how each changes with x, y and yaw (N, 3)."""
-    rows = log.rows(segment.begin, segment.end)
-    state = segment.states[_instants_of_rows(log, segment) - segment.begin]
-    cos, sin = np.cos(state[:, 2]), np.sin(state[:, 2])
-    ahead_m, left_m = log.lever_m[rows].T
-    arm_m = np.stack([cos * ahead_m - sin * left_m, sin * ahead_m + cos * left_m], axis=1)
-    offset_m = state[:, :2] + arm_m - log.anchor_m[rows, :2]
-    distance_m = np.maximum(np.sqrt((offset_m**2).sum(axis=1) + log.anchor_m[rows, 2] ** 2), 1e-9)
-    unit = offset_m / distance_m[:, None]
-    turn = unit[:, 1] * arm_m[:, 0] - unit[:, 0] * arm_m[:, 1]
-    return distance_m, np.column_stack([unit, turn])
-
-
-def thin_body(log: BodyLog, weight: Float) -> BodyLog:
-    """The log with at most one range of each link in a slot, those with these weights (N,) given beforehand."""
-    t_ns = np.repeat(log.instant_ns, np.diff(log.first_row))
-    kept = thin_links(t_ns, log.link, MOST_SLOTS)
-    instant_ns, first_row = np.unique(t_ns[kept], return_index=True)
-    at = np.searchsorted(log.instant_ns, instant_ns)
-    return replace(
-        log,
-        instant_ns=instant_ns,
-        first_row=np.append(first_row, len(kept)),
-        link=log.link[kept],
-        anchor=log.anchor[kept],
-        anchor_m=log.anchor_m[kept],
-        lever_m=log.lever_m[kept],
-        range_m=log.range_m[kept],
-        trusted=weight[kept],
-        velocity_mps=log.velocity_mps[at],
-        velocity_variance=log.velocity_variance[at],
-    )
-
-
-def lasting_spread(log: BodyLog, segments: list[BodySegment], bias_m2: Float) -> Float:
-    """(3, 3) covariance of x, y and yaw from errors that last, mean over the log.
-
-    What smoothed tracks differ by when anchors are left out in turn (delete-one jackknife, with biases kept), and
-    G P G^T of biases with variances P (links,), G = (H^T H)^-1 H^T being what errors of the ranges do to a pose.
-    """
-    weight = np.zeros(len(log.range_m))
-    for segment in segments:
-        weight[log.rows(segment.begin, segment.end)] = segment.weight
-    thin = thin_body(log, weight)
-    starts_ns = np.array([log.instant_ns[segment.begin] for segment in segments])
-    bounds = segment_bounds(thin.instant_ns, starts_ns)
-    begins_ns = thin.instant_ns[[begin for begin, _ in bounds]]
-    of = (np.searchsorted(starts_ns, begins_ns, side="right") - 1).clip(0)
-    whole = [
-        _smooth(thin, replace(segments[i], begin=begin, end=end, start=segments[i].states[0]), _given(thin, begin, end))
-        for (begin, end), i in zip(bounds, of, strict=True)
-    ]
-    return _jackknife(thin, whole) + _bias_covariance(thin, whole, bias_m2)
-
-
-def _given(log: BodyLog, begin: int, end: int) -> Float:
-    weight: Float = log.trusted[log.rows(begin, end)]
-    return weight
-
-
-def _jackknife(log: BodyLog, segments: list[BodySegment]) -> Float:
-    anchors = np.unique(log.anchor)
-    groups = np.array_split(anchors, min(len(anchors), MOST_GROUPS))
-    if len(groups) < 3:
-        return np.zeros((3, 3))
-    states = []
-    for group in groups:
-        left = np.where(np.isin(log.anchor, group), 0.0, log.trusted)
-        without = replace(log, trusted=left)
-        parts = [_smooth(without, each, _given(without, each.begin, each.end)).states for each in segments]
-        states.append(np.concatenate(parts)[:, :3])
-    off = np.array(states) - states[0]
-    off[:, :, 2] = wrap_angle(off[:, :, 2])
-    off -= off.mean(axis=0)
-    covariance: Float = np.einsum("gti,gtj->ij", off, off) / off.shape[1] * (1 - 1 / len(groups))
-    return covariance
-
-
-def _bias_covariance(log: BodyLog, segments: list[BodySegment], bias_m2: Float) -> Float:
-    """(3, 3) M^-1 S M^-1 for a mean round, in which each link ranges once: M = sum h h^T, S = sum P h h^T."""
-    link = np.concatenate([log.link[log.rows(each.begin, each.end)] for each in segments])
-    turned = np.concatenate([_directions(log, each)[1] for each in segments])
-    rounds = len(link) / len(np.unique(link))
-    information = turned.T @ turned / rounds + 1e-9 * np.eye(3)
-    spread = (turned * bias_m2[link][:, None]).T @ turned / rounds
-    inverse = np.linalg.inv(information)
-    covariance: Float = inverse @ spread @ inverse
-    return covariance

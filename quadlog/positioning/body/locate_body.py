@@ -14,7 +14,6 @@ from quadlog.positioning.body.body_tracker import (
     BodySegment,
     filter_segment,
     innovations,
-    lasting_spread,
     log_body,
     predict_segment,
     segment_bounds,
@@ -84,20 +83,19 @@ def locate_body(
     middle_m = levers_m.mean(axis=0)
     arms_m = levers_m - middle_m
     rows = _gather_rows(tags, arms_m, anchors)
-    bias_m2 = np.concatenate([tag.bias_std_m**2 for tag in tags])
     log = _log(rows, settings, None)
     bounds = segment_bounds(log.instant_ns, _common_restarts(tags)) if len(log.instant_ns) else []
     starts = [_start(tags, arms_m, int(log.instant_ns[begin]), settings.smooth) for begin, _ in bounds]
     segments = _follow(log, bounds, starts, smooth=settings.smooth)
-    lasting = lasting_spread(log, segments, bias_m2) if segments else np.zeros((3, 3))
-    constant = _lever_covariance(arms_m)
-    track = _track(log, segments, lasting + constant)
+    constant = _spread(LEVER_STD_M**2, arms_m)
+    lasting = constant + _spread(_lasting_variance(tags), arms_m)
+    track = _track(log, segments, lasting)
     velocity = None if motion is None else measure_velocity(motion, track, *middle_m, causal=not settings.smooth)
     if velocity is not None and velocity.series is not None:
         log = _log(rows, settings, velocity.series)
         segments = _follow(log, bounds, starts, smooth=settings.smooth)
-        track = _track(log, segments, lasting + constant)
-    states, covariances = _poses(segments, lasting + constant)
+        track = _track(log, segments, lasting)
+    states, covariances = _poses(segments, lasting)
     own = tuple(_tag_result(tag, k, arms_m[k], rows, log, segments, covariances) for k, tag in enumerate(tags))
     seen = bool(np.hypot(*arms_m.T).max() > LEAST_LEVER_M)
     return LocatedBody(
@@ -117,8 +115,6 @@ class _BodyRows:
     t_ns: Int
     tag: Int
     row: Int
-    link: Int
-    anchor: Int
     anchor_m: Float
     lever_m: Float
     range_m: Float
@@ -138,10 +134,9 @@ def _gather_rows(tags: Sequence[TagResult], arms_m: Float, anchors: Anchors) -> 
             anchor_m[:, 2] = np.interp(since_s, known_s, tag.track.z_m) - anchor_m[:, 2]
         unbiased_m = tag.ranges.range_m[row] - (tag.bias_m + tag.shared_m)[column]
         number = np.full(len(row), k, dtype=np.int64)
-        link = column + k * len(anchors.ids)
         lever_m = np.broadcast_to(arms_m[k], (len(row), 2))
         weight = tag.ranges.weight[row]
-        parts.append((tag.ranges.t_ns[row], number, row, link, column, anchor_m, lever_m, unbiased_m, weight))
+        parts.append((tag.ranges.t_ns[row], number, row, anchor_m, lever_m, unbiased_m, weight))
     whole = [np.concatenate(each) for each in zip(*parts, strict=True)]
     in_time = np.argsort(whole[0], kind="stable")
     return _BodyRows(*(each[in_time] for each in whole))
@@ -150,8 +145,6 @@ def _gather_rows(tags: Sequence[TagResult], arms_m: Float, anchors: Anchors) -> 
 def _log(rows: _BodyRows, settings: LocateSettings, velocity: VelocitySeries | None) -> BodyLog:
     return log_body(
         rows.t_ns,
-        rows.link,
-        rows.anchor,
         rows.anchor_m,
         rows.lever_m,
         rows.range_m,
@@ -196,10 +189,22 @@ def _follow(log: BodyLog, bounds: list[tuple[int, int]], starts: list[Float], *,
     return [smooth_segment(log, each) for each in segments] if smooth else segments
 
 
-def _lever_covariance(arms_m: Float) -> Float:
-    """(3, 3) of x, y and yaw from lever arms that are known to LEVER_STD_M."""
+def _lasting_variance(tags: Sequence[TagResult]) -> float:
+    """Of each axis of one tag's place, in m^2, from errors that last: what the tags' own tracks have of it, their mean.
+
+    That is by how much their covariances were raised, less what stamps do, which is added to a body as a whole.
+    """
+    found = [0.0]
+    for tag in (tag.track for tag in tags if len(tag.track)):
+        raised_m2 = np.trace(tag.covariance_m2, axis1=1, axis2=2) * (1 - 1 / tag.position_excess)
+        found.append(float(np.mean(raised_m2 - STAMP_STD_S**2 * (tag.velocity_mps**2).sum(axis=1))))
+    return max(sum(found) / max(len(found) - 1, 1), 0.0) / 2
+
+
+def _spread(variance_m2: float, arms_m: Float) -> Float:
+    """(3, 3) of x, y and yaw, where each tag's place is off by itself with a variance of each axis."""
     square_m2 = max(float((arms_m**2).sum()), 1e-9)
-    covariance: Float = LEVER_STD_M**2 * np.diag([1 / len(arms_m), 1 / len(arms_m), 1 / square_m2])
+    covariance: Float = variance_m2 * np.diag([1 / len(arms_m), 1 / len(arms_m), 1 / square_m2])
     return covariance
 
 
