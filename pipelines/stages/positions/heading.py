@@ -32,6 +32,8 @@ UNCERTAIN_HEADING_RAD = np.radians(5.0)
 DISAGREEMENT_STD, DISAGREEMENT_SHARE = 3.0, 0.1
 ASKEW_SHARE = 0.1
 SILENT_S = 1.0
+SIDEWAYS_STD_RAD = np.radians(10.0)
+"""By how much carriers move beside the direction in which they look, which the std of a course does not hold."""
 
 
 @dataclass(frozen=True, slots=True)

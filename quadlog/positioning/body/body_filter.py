@@ -11,6 +11,7 @@ from quadlog.compiled import inner, kernel
 from quadlog.messages import Float, Int
 from quadlog.positioning.fix.least_squares import invert_one
 from quadlog.positioning.track.kalman import RESTED_M, Symmetric, Vector, gain_of, times
+from quadlog.positioning.track.rts_smoother import smooth_backwards
 
 SIZE = 6
 """State: x, y, yaw, then their rates vx, vy, yaw rate. Ranges measure the first three."""
@@ -232,86 +233,46 @@ def smooth_body(
     filtered: Float,
     motion: BodyDynamics,
     smoothed: Float,
-    covariances: Float,
 ) -> None:
-    """Write the states (T, 6) and covariances (T, 6, 6) given all ranges, from what filter_body wrote.
-
-    Those of [RTS] without an inverse, by the adjoint filter [Bryson]: s = x + P p and S = P - P A P, with p and A the
-    gradient and the information of all that comes later. An instant's measurements with information L and gradient g
-    add g - L P p to p, and turn A into (I - L P) A (I - P L) + L - L P L.
-    """
-    pull, later = np.zeros(SIZE), np.zeros((SIZE, SIZE))
-    own, shrink = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
-    moved, half = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+    """Write the states (T, 6) given all ranges, from what filter_body wrote: `smooth_states` of a body."""
+    pull = np.zeros(SIZE)
     for k in range(len(t_s) - 1, -1, -1):
         for i in range(SIZE):
             smoothed[k, i] = filtered[k, i]
             for j in range(SIZE):
-                moved[i, j] = filtered[k, 6 + SIZE * i + j]
-                smoothed[k, i] += moved[i, j] * pull[j]
-        multiply(moved, later, half)
-        for i in range(SIZE):
-            for j in range(SIZE):
-                total = moved[i, j]
-                for m in range(SIZE):
-                    total -= half[i, m] * moved[m, j]
-                covariances[k, i, j] = total
-        row = 42
-        for i in range(3):
-            for j in range(i, 3):
-                own[i, j] = own[j, i] = filtered[k, row]
-                row += 1
+                smoothed[k, i] += filtered[k, 6 + SIZE * i + j] * pull[j]
+        x, y, yaw = smoothed[k, 0] - filtered[k, 0], smoothed[k, 1] - filtered[k, 1], smoothed[k, 2] - filtered[k, 2]
+        lxx, lxy, lxw, lyy, lyw, lww = (
+            filtered[k, 42], filtered[k, 43], filtered[k, 44], filtered[k, 45], filtered[k, 46], filtered[k, 47]
+        )  # fmt: skip
+        pull[0] += filtered[k, 48] - lxx * x - lxy * y - lxw * yaw
+        pull[1] += filtered[k, 49] - lxy * x - lyy * y - lyw * yaw
+        pull[2] += filtered[k, 50] - lxw * x - lyw * y - lww * yaw
         for axis in range(2):
-            own[3 + axis, 3 + axis] = 1 / velocity_variance[k]
             pull[3 + axis] += (velocity_mps[k, axis] - smoothed[k, 3 + axis]) / velocity_variance[k]
-        for i in range(3):
-            pull[i] += filtered[k, 48 + i]
-            for j in range(3):
-                pull[i] -= own[i, j] * (smoothed[k, j] - filtered[k, j])
-        take_information(own, moved, later, shrink, half)
         if k > 0:
-            return_in_time(pull, later, t_s[k] - t_s[k - 1], motion.yaw_rate_lasts_s)
+            dt_s = t_s[k] - t_s[k - 1]
+            keep = math.exp(-dt_s / motion.yaw_rate_lasts_s)
+            pull[3] += dt_s * pull[0]
+            pull[4] += dt_s * pull[1]
+            pull[5] = keep * pull[5] + motion.yaw_rate_lasts_s * (1 - keep) * pull[2]
 
 
-@inner
-def take_information(own: Float, covariance: Float, later: Float, shrink: Float, half: Float) -> None:
-    """A becomes (I - L P) A (I - P L) + L - L P L, in place, with L own, P covariance and A later; the rest is work."""
-    multiply(own, covariance, shrink)
-    multiply(shrink, own, half)
-    for i in range(SIZE):
-        for j in range(SIZE):
-            shrink[i, j] = (1.0 if i == j else 0.0) - shrink[i, j]
-            own[i, j] -= half[i, j]
-    multiply(shrink, later, half)
-    for i in range(SIZE):
-        for j in range(SIZE):
-            total = own[i, j]
-            for m in range(SIZE):
-                total += half[i, m] * shrink[j, m]
-            later[i, j] = total
-            own[i, j] = 0.0
-
-
-@inner
-def return_in_time(pull: Float, later: Float, dt_s: float, lasts_s: float) -> None:
-    """F^T p and F^T A F, in place, with the F of predict_body."""
-    keep = math.exp(-dt_s / lasts_s)
-    for axis in range(3):
-        reach_s = lasts_s * (1 - keep) if axis == 2 else dt_s
-        stay = keep if axis == 2 else 1.0
-        pull[axis + 3] = stay * pull[axis + 3] + reach_s * pull[axis]
-        for j in range(SIZE):
-            later[axis + 3, j] = stay * later[axis + 3, j] + reach_s * later[axis, j]
-        for j in range(SIZE):
-            later[j, axis + 3] = stay * later[j, axis + 3] + reach_s * later[j, axis]
-
-
-@inner
-def multiply(left: Float, right: Float, product: Float) -> None:
-    """Their product, written into the third."""
-    for i in range(SIZE):
-        for j in range(SIZE):
-            total = 0.0
-            for m in range(SIZE):
-                total += left[i, m] * right[m, j]
-            product[i, j] = total
+def smooth_body_covariances(t_s: Float, filtered: Float, motion: BodyDynamics) -> Float:
+    """(T, 6, 6) covariances given all ranges, from what filter_body wrote; the prediction is that of predict_body."""
+    covariances, dt_s = filtered[:, COVARIANCE].reshape(-1, SIZE, SIZE), np.diff(t_s)
+    density, rate_std, lasts_s = motion
+    keep = np.exp(-dt_s / lasts_s)
+    step, noise = np.zeros((len(dt_s), SIZE, SIZE)), np.zeros((len(dt_s), SIZE, SIZE))
+    step[:] = np.eye(SIZE)
+    for axis in range(2):
+        rate = axis + 3
+        step[:, axis, rate] = dt_s
+        noise[:, axis, axis], noise[:, rate, rate] = density * dt_s**3 / 3, density * dt_s
+        noise[:, axis, rate] = noise[:, rate, axis] = density * dt_s**2 / 2
+    step[:, 2, 5], step[:, 5, 5] = lasts_s * (1 - keep), keep
+    noise[:, 2, 2] = rate_std**2 * lasts_s * (2 * dt_s - lasts_s * (1 - keep) * (3 - keep))
+    noise[:, 2, 5] = noise[:, 5, 2] = rate_std**2 * lasts_s * (1 - keep) ** 2
+    noise[:, 5, 5] = rate_std**2 * (1 - keep**2)
+    moved = step @ covariances[:-1]
+    return smooth_backwards(covariances, moved, moved @ step.transpose(0, 2, 1) + noise)

@@ -17,6 +17,7 @@ from quadlog.positioning.body.body_filter import (
     BodyDynamics,
     filter_body,
     smooth_body,
+    smooth_body_covariances,
 )
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.track.range_log import ACCELERATION_LASTS_S, VelocitySeries, sample_velocity
@@ -125,12 +126,11 @@ def smooth_segment(log: BodyLog, segment: BodySegment) -> BodySegment:
 
 def _smooth(log: BodyLog, segment: BodySegment, weight: Float) -> BodySegment:
     filtered = _filter(log, segment.begin, segment.end, segment.start, weight, np.inf, np.inf)
-    n, instants = segment.end - segment.begin, slice(segment.begin, segment.end)
-    states, covariances = np.empty((n, 6)), np.empty((n, 6, 6))
+    instants, states = slice(segment.begin, segment.end), np.empty((segment.end - segment.begin, 6))
     t_s = seconds_since(log.instant_ns[instants], int(log.instant_ns[segment.begin]))
     velocity = log.velocity_mps[instants], log.velocity_variance[instants]
-    smooth_body(t_s, *velocity, filtered.filtered, log.motion, states, covariances)
-    return replace(filtered, states=states, covariances=(covariances + covariances.transpose(0, 2, 1)) / 2)
+    smooth_body(t_s, *velocity, filtered.filtered, log.motion, states)
+    return replace(filtered, states=states, covariances=smooth_body_covariances(t_s, filtered.filtered, log.motion))
 
 
 def _filter(

@@ -32,8 +32,8 @@ LEAST_LEVER_M = 0.01
 LEVER_STD_M = 0.02
 """How well lever arms are known: a tape measure, and the phase centre of an antenna."""
 START_NEAR_S = 1.0
-MISPLACED_STD, MISPLACED_LEAST_M = 3.0, 0.1
-"""A tag seems misplaced on its body beyond so many std, and this."""
+MISPLACED_STD = 1.5
+"""Lever arms are contradicted where tags lie, in rms, so many std of their own tracks from where these have them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,19 +299,23 @@ def _track_at(
 def _misplaced(
     tags: Sequence[TagResult], levers_m: Float, middle_m: Float, states: Float, track: Track
 ) -> tuple[MisplacedTag, ...]:
-    """Tags whose own tracks, seen from the body, lie elsewhere than their lever arms, by more than their errors."""
-    found = []
+    """Tags whose own tracks, seen from the body, lie elsewhere than their lever arms; none unless they do as a whole.
+
+    The body's yaw follows lever arms that are wrong as far as it can, so one wrong arm moves all tags.
+    """
+    found, variances_m2 = [], []
     for tag, lever_m in zip(tags, levers_m, strict=True):
         at = np.searchsorted(track.t_ns, tag.track.t_ns)
         same = (at < len(track)) & (track.t_ns[at.clip(max=max(len(track) - 1, 0))] == tag.track.t_ns)
-        if not same.any():
-            continue
-        off_m = tag.track.position_m[same] - track.position_m[at[same]]
-        seen_m = np.median(_turned(-states[at[same], 2], off_m), axis=0) + middle_m
-        std_m = float(np.sqrt(np.trace(tag.track.covariance_m2, axis1=1, axis2=2).mean()))
-        if np.hypot(*(seen_m - lever_m)) > max(MISPLACED_STD * std_m, MISPLACED_LEAST_M):
+        if same.any():
+            off_m = tag.track.position_m[same] - track.position_m[at[same]]
+            seen_m = np.median(_turned(-states[at[same], 2], off_m), axis=0) + middle_m
             found.append(MisplacedTag(tag.tag, lever_m, seen_m))
-    return tuple(found)
+            variances_m2.append(np.trace(tag.track.covariance_m2, axis1=1, axis2=2).mean())
+    squares_m2 = [each.distance_m**2 for each in found]
+    if sum(squares_m2) <= MISPLACED_STD**2 * sum(variances_m2):
+        return ()
+    return tuple(each for each in found if each.distance_m**2 > np.mean(squares_m2) / 2)
 
 
 def _turned(yaw_rad: Float, vector_m: Float) -> Float:
