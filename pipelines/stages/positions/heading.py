@@ -56,10 +56,10 @@ def find_heading(
     if not walk.config.uwb.smooth:
         return _causal_heading(walk, track, tag_ahead_m, by_tags)
     course, course_std = course_heading(track), course_heading_std(track)
-    if by_tags is not None and np.median(by_tags.std_rad) > np.median(course_std):
-        tags_deg, course_deg = (np.degrees(np.median(each)) for each in (by_tags.std_rad, course_std))
+    if by_tags is not None and np.median(by_tags.std_rad) > np.hypot(np.median(course_std), SIDEWAYS_STD_RAD):
+        tags_deg = _median_deg(by_tags.std_rad)
         walk.note(
-            f"the course gives a better heading ({course_deg:.1f} degrees) than the tags ({tags_deg:.1f} degrees)"
+            f"the lever arms of the tags show the heading to {tags_deg:.1f} degrees only, and are not used for it"
         )
         by_tags = None
     aligned = {sensor.role: _align(track, sensor, tag_ahead_m, by_tags) for sensor in _orientations(walk)}

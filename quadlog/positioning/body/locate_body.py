@@ -252,7 +252,8 @@ def _tag_result(
     """The tag with the body's track at its place, at those instants at which it ranged."""
     mine = rows.tag == number
     predicted_m, weight = np.full(len(rows.t_ns), np.nan), np.zeros(len(rows.t_ns))
-    n_ranges, nis = [np.empty(0, np.int64)], [np.empty(0)]
+    n_ranges: list[Int] = [np.empty(0, np.int64)]
+    nis: list[Float] = [np.empty(0)]
     for segment in segments:
         within = log.rows(segment.begin, segment.end)
         predicted_m[within], weight[within] = predict_segment(log, segment), segment.weight
