@@ -88,6 +88,7 @@ def _write_errors(run: Path, errors: dict[int, TagErrors]) -> None:
                 table.append({"t_ns": part.t_ns, "tag": tag, "source": source} | columns)
 
 
+MOST_DESCRIBED = 10
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
 
@@ -111,7 +112,20 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
             'uwb.method = "huber" needs calibrated ranges: where all are too long by a bias it trusts the wrong ones; '
             "set uwb.calibrate = true, or take another method"
         )
-    return texts + [text for result in located.tags for text in _tag_warnings(result, config, first_ns)]
+    described = _described(located, config)
+    texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
+    if len(described) < len(located.tags):
+        texts.append(
+            f"{len(located.tags)} tags are located; what is said of single tags is left out for "
+            f"{len(located.tags) - len(described)} of them: see links.parquet and ranges.parquet"
+        )
+    return texts
+
+
+def _described(located: Located, config: Config) -> list[TagResult]:
+    """The tags of which single lines are said: those with a role first, at most MOST_DESCRIBED."""
+    with_role = set(roles_of(config, [result.tag for result in located.tags]).values())
+    return sorted(located.tags, key=lambda result: result.tag not in with_role)[:MOST_DESCRIBED]
 
 
 def _located_notes(located: Located, config: Config) -> list[str]:
@@ -123,7 +137,7 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
             f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well"
         )
-    for result in located.tags:
+    for result in _described(located, config):
         if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
             texts.append(
                 f"tag {result.tag}: single ranges within {result.epoch_s:.2f} s make one fix, a round of its anchors "
