@@ -364,6 +364,20 @@ class UnusableRobot(QuadlogError):
         super().__init__(f"{path}: quadlog cannot walk this robot; it needs {'; '.join(self.needed)}")
 
 
+class WalkerFell(QuadlogError):
+    """A simulated quadruped that was to be recorded fell: at t_s, at pose (3,) x_m, y_m, yaw_rad."""
+
+    def __init__(self, t_s: float, pose: Sequence[float]) -> None:
+        self.t_s, self.pose = float(t_s), tuple(float(each) for each in pose)
+        super().__init__(
+            f"the walker fell after {t_s:.1f} s at ({pose[0]:.1f}, {pose[1]:.1f}) m; take another --seed, or a shorter "
+            "--duration"
+        )
+
+    def __reduce__(self) -> tuple[type[WalkerFell], tuple[float, tuple[float, ...]]]:
+        return type(self), (self.t_s, self.pose)
+
+
 class AnchorsCollinear(QuadlogError):
     """UWB anchors on one line: every fix has a mirror image that fits as well."""
 
