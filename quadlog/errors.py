@@ -365,17 +365,13 @@ class UnusableRobot(QuadlogError):
 
 
 class WalkerFell(QuadlogError):
-    """A simulated quadruped that was to be recorded fell: at t_s, at pose (3,) x_m, y_m, yaw_rad."""
+    """A simulated quadruped that was to be recorded fell, t_s after the start at a place in map."""
 
-    def __init__(self, t_s: float, pose: Sequence[float]) -> None:
-        self.t_s, self.pose = float(t_s), tuple(float(each) for each in pose)
+    def __init__(self, t_s: float, x_m: float, y_m: float) -> None:
+        self.t_s, self.x_m, self.y_m = t_s, x_m, y_m
         super().__init__(
-            f"the walker fell after {t_s:.1f} s at ({pose[0]:.1f}, {pose[1]:.1f}) m; take another --seed, or a shorter "
-            "--duration"
+            f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed or a shorter --duration"
         )
-
-    def __reduce__(self) -> tuple[type[WalkerFell], tuple[float, tuple[float, ...]]]:
-        return type(self), (self.t_s, self.pose)
 
 
 class AnchorsCollinear(QuadlogError):

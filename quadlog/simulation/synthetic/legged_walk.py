@@ -1,4 +1,4 @@
-"""A site's walk as a simulated quadruped really walks it: where its body was, what it felt, and its joints."""
+"""A site's walk as a simulated quadruped really walks it: the poses of its body, what an IMU measures, its joints."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ MOST_MPS, MOST_RADPS = 1.0, 1.5
 _GRID_M, _BEYOND_M = 0.05, 2.0
 _SIGNS = np.tile([1.0, -1.0, -1.0], 4)
 """From quadlog's joints, whose thigh and calf turn about -y, to those of messages."""
-
 
 _ROW = np.dtype(
     [
@@ -77,8 +76,8 @@ class LeggedWalk:
     def joint_messages(self, start_ns: int, end_ns: int) -> Iterator[JointStates]:
         """One per tick before end_ns, free of sensor errors, in the conventions of messages."""
         for row, stamp_ns in zip(self.rows, range(start_ns, end_ns, TICK_NS), strict=False):
-            joints = (_SIGNS * row[name] for name in ("joints_rad", "joints_radps", "torques_nm"))
-            yield JointStates(stamp_ns, *joints, row["foot_loads_n"].astype(np.float64))
+            position, velocity, torque = (_SIGNS * row[name] for name in ("joints_rad", "joints_radps", "torques_nm"))
+            yield JointStates(stamp_ns, position, velocity, torque, row["foot_loads_n"].astype(np.float64))
 
     @cached_property
     def rows(self) -> NDArray[np.void]:
@@ -100,7 +99,7 @@ class LeggedWalk:
             walker.walk(1, *command)
             _write(rows[tick], walker)
             if walker.fallen:
-                raise WalkerFell(t_s[tick], walker.pose)
+                raise WalkerFell(float(t_s[tick]), *walker.pose[:2].tolist())
         rows["rpy_rad"][:, 2] = np.unwrap(rows["rpy_rad"][:, 2])
         return rows
 
