@@ -27,7 +27,7 @@ ALWAYS = ("topics", "results")
 NEEDS_RANGES = ("uwb",)
 NEEDS_CLOUDS = tuple(name for name in Config.model_fields if name not in (*ALWAYS, *NEEDS_RANGES))
 """Sections of the configuration by what a log must have for them."""
-SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
+SINGLE_TOPICS = ("lidar", "odometry", "imu", "joints", "reference")
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,6 +180,17 @@ class DecodeError(QuadlogError):
         super().__init__(f"{topic}: {reason}")
 
 
+class UnknownJoints(DecodeError):
+    """A message that names no joint of a quadruped's leg: of another machine, or with names that must be configured."""
+
+    def __init__(self, topic: str, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        listed = some_of([name[:40] for name in names]) or "none"
+        super().__init__(
+            topic, f"names no joint of four legs; it has: {listed}; if twelve of these are, name them in robot.joints"
+        )
+
+
 class AmbiguousTopic(QuadlogError):
     """Several topics, or several groups of topics, could play one role. Lists the choices as flags to paste."""
 

@@ -154,8 +154,9 @@ def open_walk(
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
             walk = _read(request, log, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
-            if choices := walk.roles.choices("reference"):
-                walk.warn(f"no reference is used: {choices}")
+            for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
+                if choices := walk.roles.choices(role):
+                    walk.warn(f"{what}: {choices}")
             walk.say_what_is_new()
             try:
                 yield walk
@@ -288,6 +289,7 @@ class _SmallTopics(TypedDict):
     uwb: tuple[str, ...]
     odometry: str | None
     imu: str | None
+    joints: str | None
     reference: str | None
     target: str | None
     tf: tuple[str, ...]
@@ -305,6 +307,7 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config, by_uwb: 
         "uwb": roles.topics("uwb") if by_uwb else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
         "imu": roles.topic("imu") if by_uwb and position in ("auto", "uwb") else upright,
+        "joints": _unless_ambiguous(roles, "joints"),
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation, Wbc
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, plugin_names
+from quadlog.config.robots import with_robot_preset
 from quadlog.config.section import Metres, Section, in_order
 
 
@@ -37,6 +38,7 @@ class Topics(Section):
     )
     odometry: str = Field("", description="odometry")
     imu: str = Field("", description="IMU")
+    joints: str = Field("", description="the joints of the robot's legs")
     reference: str = Field("", description="true pose (PoseStamped, mocap)")
     position: str = Field(
         "auto",
@@ -289,3 +291,8 @@ class Config(Section):
     wbc: Wbc = Wbc()
     simulation: Simulation = Simulation()
     results: Results = Results()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_preset(cls, data: object) -> object:
+        return with_robot_preset(data)
