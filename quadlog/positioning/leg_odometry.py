@@ -159,7 +159,7 @@ def _foot_jacobians(position_rad: Float, geometry: LegGeometry) -> Float:
 
 
 def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
-    legs = position_rad.reshape(-1, 4, 3)
+    legs = position_rad.astype(np.float64).reshape(-1, 4, 3)
     return legs[..., 0], legs[..., 1], legs[..., 2]
 
 

@@ -13,6 +13,7 @@ from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.tag_errors import (
     TagErrors,
     dilution_of,
@@ -291,8 +292,10 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
 
 
 def _body_motion(walk: ReplayContext) -> BodyMotion | None:
-    """What the odometry says of the robot's own motion; None without one that gives velocities."""
+    """What the odometry, or else the legs, say of the robot's own motion; None where nothing gives velocities."""
     odometry, streams = walk.streams.odometry, walk.streams
+    if odometry is None and walk.legs is not None:
+        return legs_motion(walk.legs)
     if odometry is None or streams.odometry_linear_mps is None or streams.odometry_angular_radps is None:
         return None
     if not streams.odometry_linear_mps.any():
