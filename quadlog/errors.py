@@ -380,9 +380,7 @@ class WalkerFell(QuadlogError):
 
     def __init__(self, t_s: float, x_m: float, y_m: float) -> None:
         self.t_s, self.x_m, self.y_m = t_s, x_m, y_m
-        super().__init__(
-            f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed"
-        )
+        super().__init__(f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed")
 
 
 class AnchorsCollinear(QuadlogError):

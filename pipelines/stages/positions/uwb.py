@@ -95,7 +95,7 @@ def tell_located(walk: ReplayContext, located: Located) -> None:
     walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
     for text in located_warnings(located, walk.config, walk.first_ns):
         walk.warn(text)
-    for text in _located_notes(located, walk.config):
+    for text in _located_notes(located, walk.config, "legs" if walk.streams.odometry is None else "odometry"):
         walk.note(text)
 
 
@@ -110,8 +110,8 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
     return texts + [text for result in located.tags for text in _tag_warnings(result, config, first_ns)]
 
 
-def _located_notes(located: Located, config: Config) -> list[str]:
-    """Choices that decided the result."""
+def _located_notes(located: Located, config: Config, motion: str) -> list[str]:
+    """Choices that decided the result; motion: what tells velocities beside the ranges."""
     texts = []
     if located.on_line:
         first, *_, last = (anchor.id for anchor in config.uwb.anchors)
@@ -129,7 +129,7 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             std_m = np.median(result.track.z_std_m) if len(result.track) else np.nan
             texts.append(f"tag {result.tag}: its height is solved for, to {std_m:.2f} m")
         if result.velocity is not None:
-            texts.append(f"tag {result.tag}: {_velocity_words(result.velocity)}")
+            texts.append(f"tag {result.tag}: {_velocity_words(result.velocity, motion)}")
         if result.bias is not None and result.bias.n.any():
             texts.append(_bias_words(result.tag, result.bias, config))
         if result.shared_m != 0:
@@ -159,10 +159,10 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
     return texts
 
 
-def _velocity_words(velocity: MeasuredVelocity) -> str:
+def _velocity_words(velocity: MeasuredVelocity, motion: str) -> str:
     if velocity.series is None:
-        return f"odometry does not steady its track: {velocity.reason}"
-    return f"odometry steadies its track, known to {velocity.std_mps:.2f} m/s from the log"
+        return f"velocities by {motion} do not steady its track: {velocity.reason}"
+    return f"velocities by {motion} steady its track, known to {velocity.std_mps:.2f} m/s from the log"
 
 
 def _misfit_warning(result: TagResult, config: Config) -> str | None:

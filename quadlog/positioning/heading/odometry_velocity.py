@@ -62,21 +62,21 @@ def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *
     """
     own_mps = _tag_velocity(motion, x_m, y_m)
     if len(motion.t_ns) < 2 or len(track) < 2:
-        return MeasuredVelocity(None, "odometry or track is too short", np.inf)
+        return MeasuredVelocity(None, "it or the track is too short", np.inf)
     offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
     cos, sin = np.cos(offset_rad), np.sin(offset_rad)
     map_mps = np.stack([cos * own_mps[:, 0] - sin * own_mps[:, 1], sin * own_mps[:, 0] + cos * own_mps[:, 1]], axis=1)
     missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
     compared = np.isfinite(missed_m)
     if not compared.any():
-        return MeasuredVelocity(None, f"odometry and track never overlap for {LEG_S:.0f} s", np.inf)
+        return MeasuredVelocity(None, f"it and the track never overlap for {LEG_S:.0f} s", np.inf)
     per_leg = missed_m**2 / (2 * LEG_S)
     std = _std_so_far(motion.t_ns, per_leg) if causal else np.full(len(missed_m), _typical_std(per_leg[compared]))
     typical = float(std[-1])
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
-        reason = f"odometry misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
+        reason = f"it misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
         return MeasuredVelocity(None, reason, typical)
     std = np.where(compared & (per_leg > (SLIP_STD * std) ** 2), np.sqrt(per_leg), std)
     speed = np.hypot(own_mps[:, 0], own_mps[:, 1])
