@@ -65,7 +65,8 @@ def _usable_sections(roles: Roles) -> tuple[str, ...]:
     """The sections that the log can use."""
     there = {*roles.found, *roles.ambiguous}
     ranges, clouds = NEEDS_RANGES if "uwb" in there else (), NEEDS_CLOUDS if "lidar" in there else ()
-    return (*ALWAYS, *ranges, *clouds)
+    legs = ("robot",) if "joints" in there and not clouds else ()
+    return (*ALWAYS, *ranges, *clouds, *legs)
 
 
 def _left_out(sections: Sequence[str]) -> str:

@@ -183,12 +183,10 @@ class DecodeError(QuadlogError):
 class UnknownJoints(DecodeError):
     """A message that names no joint of a quadruped's leg: of another machine, or with names that must be configured."""
 
-    def __init__(self, topic: str, names: Sequence[str]) -> None:
+    def __init__(self, topic: str, names: Sequence[str], remedy: str = "") -> None:
         self.names = tuple(names)
         listed = some_of([name[:40] for name in names]) or "none"
-        super().__init__(
-            topic, f"names no joint of four legs; it has: {listed}; if twelve of these are, name them in robot.joints"
-        )
+        super().__init__(topic, f"names no joint of four legs, but {listed}{remedy}")
 
 
 class AmbiguousTopic(QuadlogError):

@@ -157,6 +157,8 @@ def open_walk(
             for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
                 if choices := walk.roles.choices(role):
                     walk.warn(f"{what}: {choices}")
+            for topic, why in log.recording.joints.refused.items() if "joints" not in walk.roles.found else ():
+                walk.warn(f"{topic}: its joints are not used: it {why}")
             walk.say_what_is_new()
             try:
                 yield walk

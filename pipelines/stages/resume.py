@@ -219,7 +219,7 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
 def _named_by_config(stage: Stage, config: Config) -> Any:
     """Digests of files and versions of plug-ins that a stage's configuration names."""
     if stage == POSITION:
-        return _file_digest(Path(config.topics.position))
+        return [_file_digest(Path(config.topics.position)), _model_digest(config.robot.model)]
     if stage == PLAN:
         return [each for each in _plugins(PLANNERS) if each[0] == config.planner.name]
     if stage == CONTROL and config.simulation.has_body:

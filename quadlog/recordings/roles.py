@@ -465,7 +465,8 @@ def _judge_joints(recording: Recording, topic: str, type_name: str) -> Candidate
         return Candidate((topic,), 0, why)
     if not any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
         return Candidate((topic,), 0, "holds no joints")
-    left_out = recording.joints.left_out.get(topic, ())
+    used = recording.joints.used.get(topic)
+    left_out = () if used is None else used.left_out
     others = f", others are left out: {some_of(left_out)}" if left_out else ""
     # Where both are recorded, a driver makes the JointState of the LowState, without the feet.
     rank = 4 if last_part(type_name) == "JointState" else 1 + _rank_of(topic, type_name)
@@ -488,4 +489,6 @@ def _settle(
         ambiguous[role] = tuple(each.topics for each in top)
     for each in candidates:
         if each.rank < best or best == 0:
-            unused.update(dict.fromkeys(each.topics, each.why))
+            # What is fit, but for another topic.
+            beside = f"; {top[0].topics[0]} is better" if role == "joints" and 0 < each.rank < best else ""
+            unused.update(dict.fromkeys(each.topics, each.why + beside))

@@ -12,6 +12,7 @@ from quadlog.geometry import base_covariance, tag_to_base, wrap_angle, yaw_from_
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
 from quadlog.pipelines.stages.positions.heading import find_heading
+from quadlog.pipelines.stages.positions.joints import write_joints
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
@@ -40,6 +41,7 @@ def locate_walk(walk: ReplayContext) -> None:
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
+        write_joints(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 

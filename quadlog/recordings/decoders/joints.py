@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.errors import DecodeError, UnknownJoints
+from quadlog.errors import DecodeError, UnknownJoints, set_flag
 from quadlog.messages import Float, Int, JointStates
 from quadlog.recordings.decoders.columns import EVERY, Columns, InColumns, Ways, header_of, stamps_ns
 from quadlog.recordings.decoders.payload import stamp_ns
@@ -40,6 +40,7 @@ _JOINT_WORDS = {
 }
 _HIP_AXES = {"roll": 0, "x": 0, "pitch": 1, "y": 1}
 _NOT_DRIVEN = {"wheel", "foot", "toe", "ankle", "rotor", "arm", "yaw", "fixed"}
+ASK_FOR_ORDER = "give all twelve, in the order FL hip, thigh, calf, then FR, RL and RR, as robot.joints"
 _HIP = -1  # a hip whose axis its own name does not tell
 
 
@@ -51,7 +52,7 @@ class Order(NamedTuple):
 
     place: Int
     sign: Float
-    feet: Int | None
+    feet: Int | None = None
     left_out: tuple[str, ...] = ()
 
 
@@ -59,39 +60,54 @@ class JointOrder:
     """Which value of a message belongs to which joint: as configured, else by name or by the message's type.
 
     joints: twelve names or places in the order of JOINTS, a minus before those that turn the other way; none: detected.
-    feet: places of FL, FR, RL and RR among a message's foot forces. left_out: topic -> names that are no leg's.
+    feet: places of FL, FR, RL and RR among a message's foot forces. used: topic -> the order of its last message;
+    refused: topic -> why joints that may be a quadruped's are not known.
     """
 
     def __init__(self, joints: Sequence[str] = (), feet: Sequence[int] = ()) -> None:
         self._joints, self._feet = tuple(joints), tuple(feet)
-        self.left_out: dict[str, tuple[str, ...]] = {}
+        self.used: dict[str, Order] = {}
+        self.refused: dict[str, str] = {}
         self._known: dict[tuple[str, ...], Order] = {}
+        self._motors: dict[tuple[int, int], Order] = {}
 
     def of_names(self, names: tuple[str, ...], topic: str) -> Order:
         """The order of a message that names its joints. Raises DecodeError, or UnknownJoints without any of a leg."""
         if len(names) > MOST_NAMES:
             raise DecodeError(topic, f"names {len(names)} joints; quadlog reads at most {MOST_NAMES}")
         if names not in self._known:
-            order = self._configured(names, topic) if self._joints else _by_name(names, topic)
-            used = {*order.place.tolist(), *(() if order.feet is None else order.feet.tolist())}
+            try:
+                order = self._configured(names, topic) if self._joints else _by_name(names, topic)
+            except DecodeError as error:
+                if len(names) >= len(JOINTS) or not isinstance(error, UnknownJoints):
+                    self.refused[topic] = error.reason
+                raise
+            if self._feet and max(self._feet) >= len(names):
+                raise DecodeError(topic, f"has {len(names)} entries; robot.feet names place {max(self._feet)}")
+            feet = np.array(self._feet) if self._feet else _feet_of(names)
+            used = {*order.place.tolist(), *(() if feet is None else feet.tolist())}
             if len(self._known) == MOST_ORDERS:
                 self._known.clear()
-            self._known[names] = order._replace(left_out=tuple(name for i, name in enumerate(names) if i not in used))
-        self.left_out[topic] = self._known[names].left_out
+            self._known[names] = order._replace(
+                feet=feet, left_out=tuple(name for i, name in enumerate(names) if i not in used)
+            )
+        self.used[topic] = self._known[names]
         return self._known[names]
 
     def of_motors(self, motors: int, feet: int, topic: str) -> Order:
         """The order of a message of Unitree's with so many motors and feet. Raises DecodeError."""
-        key = (str(motors), str(feet))
-        if key not in self._known:
-            known = self._configured(tuple(map(str, range(motors))), topic) if self._joints else None
-            index = np.array(UNITREE_MOTORS) if known is None else known.place
-            sign = np.ones(12) if known is None else known.sign
+        if (motors, feet) not in self._motors:
+            # Names are those of another topic.
+            numbered = self._joints and all(each.removeprefix("-").isdecimal() for each in self._joints)
+            order = Order(np.array(UNITREE_MOTORS), np.ones(12))
+            if numbered:
+                order = self._configured(tuple(map(str, range(motors))), topic)
             places = np.array(self._feet or UNITREE_FEET)
-            if motors <= index.max() or feet <= places.max():
+            if motors <= order.place.max() or feet <= places.max():
                 raise DecodeError(topic, f"has {motors} motors and {feet} feet; see robot.joints and robot.feet")
-            self._known[key] = Order(index, sign, places)
-        return self._known[key]
+            self._motors[motors, feet] = order._replace(feet=places)
+        self.used[topic] = self._motors[motors, feet]
+        return self._motors[motors, feet]
 
     def _configured(self, names: tuple[str, ...], topic: str) -> Order:
         places = {name: i for i, name in reversed(list(enumerate(names)))}
@@ -103,17 +119,18 @@ class JointOrder:
                 raise DecodeError(topic, f"has no joint {name!r} of robot.joints; its joints: {_listed(names)}")
             if names.count(names[place]) > 1:
                 raise DecodeError(topic, f"names {names[place][:40]!r} twice")
+            if place in index:
+                raise DecodeError(topic, f"robot.joints name {names[place][:40]!r} twice")
             index.append(place)
             sign.append(-1.0 if each.startswith("-") else 1.0)
-        feet = _feet_of(names)
-        return Order(np.array(index), np.array(sign), feet)
+        return Order(np.array(index), np.array(sign))
 
 
 def _by_name(names: tuple[str, ...], topic: str) -> Order:
     kinds = [_leg_and_joint(name) for name in names]
     told = {joint for _, joint in filter(None, kinds)}
     # Beside thighs a hip is the abduction; beside abductions it lifts the thigh.
-    hip = 0 if 0 not in told else 1 if 1 not in told else None
+    hip = 0 if 1 in told else 1 if 0 in told else None
     found: dict[int, int] = {}
     for i, kind in enumerate(kinds):
         if kind is None or (kind[1] == _HIP and hip is None):
@@ -123,15 +140,16 @@ def _by_name(names: tuple[str, ...], topic: str) -> Order:
             raise DecodeError(topic, f"names {JOINTS[joint]} twice: {_listed((names[found[joint]], names[i]))}")
         found[joint] = i
     if not found:
-        raise UnknownJoints(topic, names)
+        flag = set_flag("robot.joints", names[:12])
+        raise UnknownJoints(topic, names, f"; {ASK_FOR_ORDER}:  {flag}" if len(names) >= len(JOINTS) else "")
     missing = [name for joint, name in enumerate(JOINTS) if joint not in found]
     if missing:
         raise DecodeError(
             topic,
             f"{len(found)} of a quadruped's 12 joints are known by name; unknown: {', '.join(missing)}; its joints: "
-            f"{_listed(names)}; give all twelve as robot.joints",
+            f"{_listed(names)}; {ASK_FOR_ORDER}",
         )
-    return Order(np.array([found[joint] for joint in range(12)]), np.ones(12), _feet_of(names))
+    return Order(np.array([found[joint] for joint in range(12)]), np.ones(12))
 
 
 def _leg_and_joint(name: str) -> tuple[int, int] | None:

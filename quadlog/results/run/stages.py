@@ -8,6 +8,7 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "ingest": ("reference.tum",),
     "position": (
         *("fixes.parquet", "ranges.parquet", "links.parquet", "dilution.npz", "poses.parquet"),
+        "joints.parquet",
         *("pose_uncertainty.parquet", "target.parquet", "uwb_errors.parquet", "innovations.parquet"),
     ),
     "filter": ("scans.parquet", "cloud_samples.npz"),

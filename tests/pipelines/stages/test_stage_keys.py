@@ -26,6 +26,8 @@ OTHERS = {
     "uwb.range_topics": [{"topic": "/r", "tag": 0, "anchor": 1}],
     "planner.name": "astar",
     "robot.model": "following",
+    "robot.joints": [str(joint) for joint in range(12)],
+    "robot.feet": [0, 1, 2, 3],
     "pursuit.fuzzy.tables": "corrected",
     "pursuit.fuzzy.centroid": "continuous",
 }
