@@ -220,7 +220,8 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
 def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
     """(N, 4) what the feet push down with, in N, of legs without mass: tau = J^T f."""
     jacobian = _foot_jacobians(position_rad, geometry)
-    known = np.isfinite(jacobian).all(axis=(2, 3)) & np.isfinite(torque_nm).reshape(-1, 4, 3).all(axis=2)
+    summed = jacobian.sum(axis=(2, 3)) + torque_nm.reshape(-1, 4, 3).sum(axis=2)
+    known: NDArray[np.bool_] = np.isfinite(summed)
     jacobian = np.where(known[..., None, None], jacobian, np.eye(3))
     torques = np.where(known[..., None], torque_nm.reshape(-1, 4, 3), np.nan)
     # A stretched leg pushes with any force along itself; 1 mm keeps what is told finite.
