@@ -341,10 +341,15 @@ def _window(
     return start_ns, None if duration_s is None else start_ns + round(duration_s * 1e9)
 
 
+def _nothing_used(recording: Recording) -> NothingReadable:
+    unknown = "".join(f"; {topic} {why}" for topic, why in recording.joints.refused.items())
+    return NothingReadable(recording.path, f"no message of a type that quadlog uses; see  quadlog info{unknown}")
+
+
 def _first_ns(recording: Recording, topics: list[str]) -> int:
     first = next(iter(recording.messages(topics)), None)
     if first is None:
-        raise NothingReadable(recording.path, "no message of a type that quadlog uses; see  quadlog info")
+        raise _nothing_used(recording)
     return first.t_ns
 
 
