@@ -11,6 +11,7 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import MissingInput
 from quadlog.geometry import seconds_since
+from quadlog.messages import UwbRanges
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
@@ -22,6 +23,7 @@ from quadlog.simulation.synthetic.recording import (
     JOINT_TOPIC,
     LIDAR_TOPIC,
     ODOMETRY_TOPIC,
+    ROBOT_TAG,
     ROBOT_TRUTH_TOPIC,
     START_NS,
     TF_STATIC_TOPIC,
@@ -74,6 +76,12 @@ def test_joints_and_an_imu_tell_where_the_robot_was_and_nothing_more(tmp_path, w
     assert not (outcome.run / "scans.parquet").exists()
     assert "nothing is filtered" in said(outcome)
     assert "leg lengths of 'tracking' are assumed" in said(outcome)
+    joints = read_table(outcome.run, "joints", ["contact_1", "foot_force_1_n"])
+    standing, swinging = (
+        joints["contact_1"][each] for each in (joints["foot_force_1_n"] > 50, joints["foot_force_1_n"] == 0)
+    )
+    assert np.median(standing) > 0.8
+    assert np.median(swinging) < 0.1
 
 
 def test_with_a_lidar_legs_place_the_map_and_no_scan_is_matched(tmp_path, walked, messages, monkeypatch):
@@ -85,11 +93,20 @@ def test_with_a_lidar_legs_place_the_map_and_no_scan_is_matched(tmp_path, walked
     assert "are assumed" not in said(outcome)
 
 
-def test_legs_can_be_chosen_before_odometry_and_ranges_and_a_tag_is_then_no_target(tmp_path, walked, messages):
+def test_legs_can_be_chosen_before_odometry_and_ranges(tmp_path, walked, messages):
     (tmp_path / "site.toml").write_text(recording_config(walked))
     topics = {JOINT_TOPIC, IMU_TOPIC, ODOMETRY_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC}
     outcome = replayed(tmp_path, messages, topics, "topics.position=legs")
     assert furthest_off_m(outcome.run, walked) < 0.12
+
+
+def test_a_person_in_the_anchors_frame_is_no_target_of_a_robot_in_its_own(tmp_path, walked, messages):
+    (tmp_path / "site.toml").write_text(recording_config(walked))
+    of_person = [
+        each for each in messages if not (isinstance(each.message, UwbRanges) and each.message.tag == ROBOT_TAG)
+    ]
+    outcome = replayed(tmp_path, of_person, {JOINT_TOPIC, IMU_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC})
+    assert set(read_table(outcome.run, "poses", ["source"])["source"]) == {"legs"}
     assert set(read_table(outcome.run, "target", ["source"])["source"]) == {"ahead"}
 
 
