@@ -91,6 +91,7 @@ def test_with_a_lidar_legs_place_the_map_and_no_scan_is_matched(tmp_path, walked
     assert furthest_off_m(outcome.run, walked) < 0.12
     assert (outcome.run / "maps.npz").exists()
     assert "are assumed" not in said(outcome)
+    assert "move against the ground" not in said(outcome)
 
 
 def test_legs_can_be_chosen_before_odometry_and_ranges(tmp_path, walked, messages):
@@ -108,6 +109,12 @@ def test_a_person_in_the_anchors_frame_is_no_target_of_a_robot_in_its_own(tmp_pa
     outcome = replayed(tmp_path, of_person, {JOINT_TOPIC, IMU_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC})
     assert set(read_table(outcome.run, "poses", ["source"])["source"]) == {"legs"}
     assert set(read_table(outcome.run, "target", ["source"])["source"]) == {"ahead"}
+
+
+def test_legs_of_another_robot_are_seen_to_slip(tmp_path, messages):
+    other = replayed(tmp_path, messages, {JOINT_TOPIC, IMU_TOPIC}, "robot.model=b1")
+    assert "feet that carry move against the ground" in said(other)
+    assert "lengths and hips are those of 'b1'" in said(other)
 
 
 def test_without_joints_legs_cannot_be_chosen(tmp_path, messages):
