@@ -35,7 +35,7 @@ MOST_ANCHORS = 256
 PRIORS = {
     "odometry": OdometryPrior(0.03, 0.01, (0.02, 0.02)),
     "legs": OdometryPrior(0.05, 0.01, (0.03, 0.02)),
-    "lidar": OdometryPrior(0.003, 0.001, (0.01, 0.005), first_pose_std=(0.03, 0.004)),
+    "lidar": OdometryPrior(0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
     "tf": OdometryPrior(0.01, 0.003, (0.01, 0.01)),
 }
 LEAST_PRIOR = OdometryPrior(0.002, 0.0003, (0.003, 0.002))

@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from quadlog.geometry import wrap_angle
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.positioning.self_survey.lateness import (
     DELAY_M,
     ErrorScores,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -128,7 +129,7 @@ def make_problem(
     problem = SurveyProblem(
         knot_s=seconds_since(knot_ns, begin_ns),
         knots=_relative(knots, origin),
-        step=np.array([_relative(after[None], before)[0] for before, after in zip(knots[:-1], knots[1:], strict=True)]),
+        step=np.array([_relative(after[None], before)[0] for before, after in pairwise(knots)]),
         length_m=length_m,
         step_s=np.diff(seconds_since(knot_ns, begin_ns)),
         t_s=seconds_since(kept.t_ns, begin_ns),

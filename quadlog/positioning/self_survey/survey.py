@@ -1,7 +1,7 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
-Anchors enter the batch only where their own ranges single out one place (the dilution test of [Dubois2025]), mirror
-images are solved as well and compared, and range errors may be late [Hol2010].
+Anchors enter the batch first where their own ranges single out one place; along the walk that they correct, the others
+follow. Mirror images are solved as well and compared.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CLEAR_COST = 6.0
 """A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
 UNKNOWN_M = 1.0
 """An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
-WIDER = np.array([1.15, 1.15, 1.6])
+WIDER = np.array([1.05, 1.05, 1.4])
 """Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
 
 A height reacts to range errors many times as strongly. Chosen on simulated walks, seeds 1000 to 1029.
@@ -116,7 +116,7 @@ def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: Odometry
             "walk a longer loop, nearer to the anchors and around them",
         )
     state = solution.state
-    silent = tuple(_silent(index, int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES))
+    silent = tuple(_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES))
     return AnchorSurvey(
         anchors=tuple(sorted((*anchors, *silent), key=lambda each: each.index)),
         scale=state.scale,
