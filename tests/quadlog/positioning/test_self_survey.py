@@ -80,10 +80,10 @@ def test_known_anchors_give_the_frame():
 
 
 def test_a_straight_walk_is_refused():
-    with pytest.raises(AnchorsNotObserved, match="straight line .* mirror image; walk a loop"):
+    with pytest.raises(AnchorsNotObserved, match=r"straight line .* mirror image; walk a loop"):
         survey(0, line)
 
 
 def test_a_robot_that_stands_is_refused():
-    with pytest.raises(AnchorsNotObserved, match="walks 0.0 m only"):
+    with pytest.raises(AnchorsNotObserved, match=r"walks 0\.0 m only"):
         survey(0, lambda s_m: np.column_stack([np.linspace(0, 1e-3, len(s_m)), np.zeros(len(s_m))]))
