@@ -32,6 +32,8 @@ far below the tag fits as well."""
 HEIGHT_STD_M = 0.05
 """How well heights that are given are known."""
 MOST_ANCHORS = 256
+POOR_FIT = 1.5
+"""Ranges in line of sight that scatter more than this times uwb.range_std_m are warned of."""
 PRIORS = {
     "odometry": OdometryPrior(0.03, 0.01, (0.02, 0.02)),
     "legs": OdometryPrior(0.05, 0.01, (0.03, 0.02)),
@@ -204,6 +206,11 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome, track: RobotTrack) -> Non
         walk.note(f"frame: base at the first pose; {few}two known anchors in [[uwb.anchors]] would give map")
     if known and not outcome.kept:
         walk.note("every anchor is configured already: their places only give the frame, and are surveyed again")
+    if survey.range_std_m > POOR_FIT * walk.config.uwb.range_std_m:
+        walk.warn(
+            f"ranges miss the survey by {survey.range_std_m:.2f} m (uwb.range_std_m is {walk.config.uwb.range_std_m:g}): "
+            "the odometry or the ranges are worse than the bounds allow for"
+        )
     blind = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
     if blind:
         walk.warn(
