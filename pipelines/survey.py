@@ -208,8 +208,8 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome, track: RobotTrack) -> Non
         walk.note("every anchor is configured already: their places only give the frame, and are surveyed again")
     if survey.range_std_m > POOR_FIT * walk.config.uwb.range_std_m:
         walk.warn(
-            f"ranges miss the survey by {survey.range_std_m:.2f} m "
-            f"(uwb.range_std_m is {walk.config.uwb.range_std_m:g}): the odometry or the ranges are worse than the bounds allow for"
+            f"ranges miss the survey by {survey.range_std_m:.2f} m, and uwb.range_std_m is "
+            f"{walk.config.uwb.range_std_m:g}: the odometry or the ranges are worse than the bounds allow for"
         )
     blind = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
     if blind:
