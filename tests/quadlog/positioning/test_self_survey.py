@@ -60,7 +60,7 @@ def survey(seed: int, path=loop, known: tuple[int, ...] = (), heights_m=None) ->
 
 
 def test_places_and_bounds_over_seeds():
-    """Measured over 100 seeds: median 0.05 m, 95 % bounds hold in 97 %."""
+    """Six seeds show gross errors only: with as many, the share within the bounds scatters by several percent."""
     found = [survey(seed) for seed in range(6)]
     error_m = np.array([[each.position_m for each in result.anchors] - truth for result, truth in found])
     bound_m = np.array([[each.bound_m for each in result.anchors] for result, _ in found])
