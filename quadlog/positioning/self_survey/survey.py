@@ -31,7 +31,8 @@ UNKNOWN_M = 1.0
 WIDER = np.array([1.05, 1.05, 1.4])
 """Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
 
-A height reacts to range errors many times as strongly. Lowered from 1.15 and 1.6, with which bounds of x and y held in 97 to 99 % of simulated walks.
+A height reacts to range errors many times as strongly. Lowered from 1.15 and 1.6,
+with which bounds of x and y held in 97 to 99 % of simulated walks.
 """
 CHI2_95, NORMAL_95 = 5.991, 1.96
 BLIND_SHARE = 0.8
