@@ -395,6 +395,14 @@ class AnchorsCollinear(QuadlogError):
         )
 
 
+class AnchorsNotObserved(QuadlogError):
+    """A walk that does not show where the anchors stand; what to walk instead."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"survey: {reason}; {remedy}")
+
+
 class EmptyWindow(QuadlogError):
     """--start and --duration leave no message; names how long the recording is."""
 
