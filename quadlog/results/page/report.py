@@ -20,6 +20,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
+from quadlog.results.page.player import player_of
 from quadlog.results.plots.figures import PLOTS, SharedDrawing, render_plots
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.record import RunRecord
@@ -53,6 +54,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _MAX_CONTACTS = 100
 _SIMULATED_STAGES = ("control", "report")
 _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
+_PLAYER_SCRIPTS = ("player_scene.js", "player_view.js", "player.js")
 _CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
@@ -109,10 +111,14 @@ def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
 def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
+    player = player_of(data)
+    scripts = (*(_CHART_SCRIPTS if charts or player else ()), *(_PLAYER_SCRIPTS if player else ()))
     return render_page(
         "report.html.jinja",
-        scripts=_CHART_SCRIPTS if charts else (),
-        styles=_CHART_STYLES if charts else (),
+        scripts=scripts,
+        styles=_CHART_STYLES if scripts else (),
+        player=player,
+        player_data=Markup(to_script_json(player)),  # noqa: S704
         charts=charts,
         chart_data=Markup(to_script_json(charts)),  # noqa: S704
         title=_title(data),
