@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import Condition

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName, csv_cell
 from quadlog.storage.atomic_write import whole_file
 
-
 Note = Callable[[str], None]
 
 
@@ -24,9 +23,7 @@ class Exporter(NamedTuple):
     suffix: str
 
 
-def export_run(
-    run: Path, to: str, output: Path, force: bool = False, note: Note = lambda _words: None
-) -> list[Path]:
+def export_run(run: Path, to: str, output: Path, force: bool = False, note: Note = lambda _words: None) -> list[Path]:
     """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
 
     note: called with a line on what was thinned. Raises UnknownName for an unknown format, NotARun when the run is

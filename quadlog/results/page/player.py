@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -68,11 +69,7 @@ def player_of(run: RunData) -> dict[str, Any] | None:
         "anchors": [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in run.anchors()],
         "body": scene.body_m,
         "extent": scene.extent_m(),
-        "moments": [
-            {"seconds": each.seconds, "kind": each.kind, "what": each.what, "also": each.also,
-             "value": _value(each.value, each.unit)}
-            for each in moments_of(run, scene)
-        ],  # fmt: skip
+        "moments": [asdict(each) | {"value": _value(each.value, each.unit)} for each in moments_of(run, scene)],
         "feet": any(len(each.feet) for each in scene.tracks),
         "lookahead": any(bool(np.isfinite(each.lookahead_m).any()) for each in scene.tracks),
         "note": _note(scene),
@@ -94,7 +91,8 @@ class _Packing:
 
     def add_integers(self, values: Float | Int) -> int:
         """The number of a column with whole numbers (N,) of less than 2^30."""
-        steps = np.diff(values.astype(np.int64), prepend=0)
+        whole = values.astype(np.int64)
+        steps = whole - np.concatenate([[0], whole[:-1]])
         zigzag = ((steps << 1) ^ (steps >> 63)).astype("<u4")
         self._parts.append(zigzag.view(np.uint8).reshape(-1, _WORD).T.tobytes())
         self.lengths.append(len(values))

@@ -18,7 +18,6 @@ from quadlog.results.player.scene import (
     LEGS,
     Contact,
     Paths,
-    Scene,
     Track,
     lookahead_point,
     pose_at,
@@ -26,6 +25,7 @@ from quadlog.results.player.scene import (
     scene_of,
 )
 from quadlog.results.plots import style
+from quadlog.results.plots.layout import Pose
 from quadlog.results.plots.run_data import RunData
 
 WIDTH_PX, MOST_PX, LEAST_PX = 720, 540, 300
@@ -36,16 +36,15 @@ SHARP = 2
 """Frames are drawn so many times larger and reduced, which smooths lines."""
 FPS = 10
 MAX_FRAMES = 240
-SPEEDS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+SPEEDS = (1, 2, 3, 4, 5, 10, 20, 50, 100, 200, 500, 1000)
 MARGIN_M = 1.5
 FOLLOWED_M = 16.0
 """Width of the view that follows the robot, where the whole run would show it as a dot."""
 LEAST_PX_PER_M = 12.0
-COLORS_OF_GIF = 64
 FEET = ((0.36, 0.62), (0.36, -0.62), (-0.36, 0.62), (-0.36, -0.62))
 """Nominal places of feet, in lengths and widths of the body: no table has their true ones."""
 
-_PALE, _BACK, _EDGE = "#c9ced6", "#f6f7f9", "#b8bec7"
+_PALE, _BACK, _EDGE, _COLLISION = "#c9ced6", "#f6f7f9", "#b8bec7", "#9c2f00"
 Note = Callable[[str], None]
 Point = tuple[float, float]
 
@@ -54,13 +53,9 @@ def write_gif(run: Path, part: Path, note: Note) -> None:
     """The run as an animated GIF in the file `part`. note: called with what was thinned. Raises NotARun."""
     film = Film(RunData(run))
     note(film.words)
-    frames = film.frames()
-    first = next(frames)
-    palette = film.sample().quantize(COLORS_OF_GIF)
-    flat = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    first.quantize(palette=palette, dither=Image.Dither.NONE).save(
-        part, "GIF", save_all=True, append_images=flat, duration=1000 // FPS, loop=0, optimize=False
-    )
+    palette = _palette()
+    frames = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in film.frames())
+    next(frames).save(part, "GIF", save_all=True, append_images=frames, duration=1000 // FPS, loop=0, optimize=False)
 
 
 def write_mp4(run: Path, part: Path, note: Note) -> None:
@@ -126,15 +121,6 @@ class Film:
     def frames(self) -> Iterator[Image.Image]:
         """RGB pictures of size_px, FPS a second."""
         return (self.frame(float(instant_s)) for instant_s in self.instants_s)
-
-    def sample(self) -> Image.Image:
-        """A few frames as one picture, which has the colours of all."""
-        few = [self.frame(float(self.instants_s[k])) for k in style.thin_points(len(self.instants_s), 4)]
-        width, height = self.size_px
-        sheet = Image.new("RGB", (width, height * len(few)))
-        for number, frame in enumerate(few):
-            sheet.paste(frame, (0, number * height))
-        return sheet
 
     def frame(self, instant_s: float) -> Image.Image:
         """What is where at an instant."""
@@ -214,7 +200,7 @@ class Film:
         return left, top, left + wide, bottom
 
     def _draw_walker(
-        self, draw: ImageDraw.ImageDraw, track: Track, pose: tuple[float, float, float], instant_s: float, plan: Float | None
+        self, draw: ImageDraw.ImageDraw, track: Track, pose: Pose, instant_s: float, plan: Float | None
     ) -> None:
         x_m, y_m, yaw_rad = pose
         color, (x, y) = style.COLORS[track.color], self._point(x_m, y_m)
@@ -240,7 +226,7 @@ class Film:
     def _draw_contact(self, draw: ImageDraw.ImageDraw, contact: Contact, instant_s: float) -> None:
         x, y = self._point(contact.x_m, contact.y_m)
         now, half = contact.seconds <= instant_s <= contact.until_s + 1 / FPS * self.speed, 6 * SHARP
-        color = "#9c2f00" if contact.collision else style.NOTE
+        color = _COLLISION if contact.collision else style.NOTE
         color = color if instant_s >= contact.seconds else _paled(color)
         for sign in (-1, 1):
             draw.line([(x - half, y - sign * half), (x + half, y + sign * half)], color, (4 if now else 2) * SHARP)
@@ -250,7 +236,7 @@ class Film:
     def _draw_strip(self, draw: ImageDraw.ImageDraw, instant_s: float) -> None:
         top, middle = self._map_px, self._map_px + SHARP * STRIP_PX / 2
         draw.rectangle((0, top, SHARP * WIDTH_PX, top + SHARP * STRIP_PX), "white")
-        speed = f"  {self.speed} ×" if self.speed > 1 else ""
+        speed = f"  {self.speed}x" if self.speed > 1 else ""
         draw.text((8 * SHARP, middle), f"{instant_s:7.2f} s{speed}", style.BLACK, self._font, "lm")
         left = 130 * SHARP
         named: Sequence[Track | Paths] = (*self._scene.tracks, *self._scene.paths)
@@ -267,7 +253,16 @@ def _path_at(paths: Paths, instant_s: float) -> Float:
     return np.column_stack([paths.x_m[rows], paths.y_m[rows]])
 
 
-def _paled(color: str) -> str:
-    """The colour, halfway to the background."""
-    mixed = [(int(color[k : k + 2], 16) + int(_BACK[k : k + 2], 16)) // 2 for k in (1, 3, 5)]
+def _paled(color: str, share: float = 0.5) -> str:
+    """The colour, so much of it the background's."""
+    mixed = [round((1 - share) * int(color[k : k + 2], 16) + share * int(_BACK[k : k + 2], 16)) for k in (1, 3, 5)]
     return "#" + "".join(f"{each:02x}" for each in mixed)
+
+
+def _palette() -> Image.Image:
+    """A picture with all colours of a film, and what smoothed edges make of them."""
+    plain = [_COLLISION, style.BLACK, _PALE, _EDGE, *style.COLORS.values()]
+    colors = ["#ffffff", _BACK, *(_paled(color, share) for color in plain for share in (0, 0.25, 0.5, 0.75))]
+    picture = Image.new("P", (1, 1))
+    picture.putpalette([int(color[k : k + 2], 16) for color in colors for k in (1, 3, 5)])
+    return picture

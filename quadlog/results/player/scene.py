@@ -61,7 +61,10 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Paths:
-    """Planned paths: path k, made at seconds[k], is rows first[k] to first[k + 1] of x_m, y_m; walker: a Track's key."""
+    """Planned paths: path k, made at seconds[k], is rows first[k] to first[k + 1] of x_m, y_m.
+
+    walker: key of the Track that was to walk it.
+    """
 
     label: str
     color: str
@@ -124,10 +127,10 @@ class Scene:
 
     def extent_m(self) -> tuple[float, float, float, float]:
         """Left, right, bottom, top of all that moved, was planned or was touched."""
-        x_m = [each.x_m for each in (*self.tracks, *self.paths)] + [np.array([each.x_m for each in self.contacts])]
-        y_m = [each.y_m for each in (*self.tracks, *self.paths)] + [np.array([each.y_m for each in self.contacts])]
-        x, y = np.concatenate(x_m), np.concatenate(y_m)
-        return float(x.min()), float(x.max()), float(y.min()), float(y.max())
+        lines: list[Track | Paths] = [*self.tracks, *self.paths]
+        x_m = np.concatenate([*(each.x_m for each in lines), [each.x_m for each in self.contacts]])
+        y_m = np.concatenate([*(each.y_m for each in lines), [each.y_m for each in self.contacts]])
+        return float(x_m.min()), float(x_m.max()), float(y_m.min()), float(y_m.max())
 
 
 def scene_of(run: RunData) -> Scene | None:
@@ -148,9 +151,15 @@ def scene_of(run: RunData) -> Scene | None:
         windows=_windows(run, thinned),
         clouds=_clouds(run, thinned),
         contacts=_contacts(run, thinned),
-        body_m=run.body_m(),
+        body_m=_body(run),
         thinned=thinned,
     )
+
+
+def _body(run: RunData) -> tuple[float, float] | None:
+    """Length and width of the body, where they are sizes that can be drawn."""
+    size_m = run.body_m()
+    return size_m if size_m is not None and all(0 < each <= FARTHEST_M for each in size_m) else None
 
 
 def _walkers(run: RunData) -> list[tuple[str, str, str]]:
@@ -181,11 +190,11 @@ def _track(run: RunData, name: str, label: str, color: str, thinned: list[str]) 
     step_s = max(STEP_S, float(seconds[rows[-1]] - seconds[rows[0]]) / MAX_POSES)
     if step_s > STEP_S:
         thinned.append(f"a pose of the {label} every {step_s:.2g} s")
-    _, first = np.unique(np.floor((seconds[rows] - seconds[rows[0]]) / step_s), return_index=True)
+    _, first = np.unique(np.floor((seconds[rows] - seconds[rows[0]]) / step_s + 1e-6), return_index=True)
     rows = np.append(rows[first], rows[-1]) if first[-1] != len(rows) - 1 else rows[first]
     taken = {column: table[column][rows] for column in table}
     yaw_rad = taken.get("yaw_rad", np.full(len(rows), np.nan))
-    body = "yaw_rad" in table and run.body_m() is not None
+    body = "yaw_rad" in table and _body(run) is not None
     lookahead_m = taken.get("lookahead_m", np.empty(0))
     return Track(
         name, label, color, seconds[rows], taken["x_m"], taken["y_m"], yaw_rad, body, _feet(taken), lookahead_m
