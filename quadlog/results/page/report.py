@@ -65,10 +65,10 @@ def write_report(run: Path, helper: Executor | None = None) -> Path:
     """
     data = RunData(run)
     drawing = SharedDrawing(data, helper)
-    charts = run_charts(data)
+    charts, player = run_charts(data), player_of(data)
     pictures = drawing.finish()
     _write_plots(run / "plots", pictures)
-    return _write_page(data, pictures, charts)
+    return _write_page(data, pictures, charts, player)
 
 
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
@@ -85,12 +85,15 @@ def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
 def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
     """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
     data = RunData(run, record)
-    return _write_page(data, pictures, run_charts(data))
+    return _write_page(data, pictures, run_charts(data), player_of(data))
 
 
-def _write_page(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> Path:
+def _write_page(
+    data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any], player: Mapping[str, Any] | None
+) -> Path:
     report = data.path / "report.html"
-    write_whole(report, _render(data, pictures, {name: charts[name] for name in pictures if name in charts}))
+    shown = {name: charts[name] for name in pictures if name in charts}
+    write_whole(report, _render(data, pictures, shown, player))
     return report
 
 
@@ -108,10 +111,11 @@ def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
         write_whole(folder / f"{name}.png", png)
 
 
-def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> bytes:
+def _render(
+    data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any], player: Mapping[str, Any] | None
+) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
-    player = player_of(data)
     scripts = (*(_CHART_SCRIPTS if charts or player else ()), *(_PLAYER_SCRIPTS if player else ()))
     return render_page(
         "report.html.jinja",
