@@ -18,7 +18,8 @@ STEP_S = 0.04
 """Least time between two poses: 25 a second are interpolated to what a screen shows."""
 MAX_POSES = 6000
 MAX_REPLANS = 1200
-MAX_PATH_POINTS = 48
+MAX_PATH_POINTS, MAX_COURSE_POINTS = 48, 2000
+"""Of each of many paths; of few paths, such as the course of a simulated walk, together."""
 MAX_MAPS = 1200
 MAX_MAP_BYTES = 8 << 20
 """Of all windows together, a bit a cell."""
@@ -227,13 +228,14 @@ def _paths(run: RunData, name: str, label: str, color: str, walker: str, thinned
     if len(chosen) < len(starts):
         thinned.append(f"{count(len(chosen))} of {count(len(starts))} paths of the {label}")
     ends = np.append(starts[1:], len(table["t_ns"]))
+    most = max(MAX_PATH_POINTS, MAX_COURSE_POINTS // len(chosen))
     kept = []
     for start, end in zip(starts[chosen].tolist(), ends[chosen].tolist(), strict=True):
         rows = np.arange(start, end)
         curve = "smooth_" if smooth[rows].any() else ""
         x_m, y_m = table[f"{curve}x_m"][rows], table[f"{curve}y_m"][rows]
         rows = np.flatnonzero(_near(x_m, y_m))
-        rows = rows[thin_points(len(rows), MAX_PATH_POINTS)]
+        rows = rows[thin_points(len(rows), most)]
         kept.append((x_m[rows], y_m[rows]))
     first = np.cumsum([0, *(len(x_m) for x_m, _ in kept)])
     x_m, y_m = (np.concatenate(each) for each in zip(*kept, strict=True))
