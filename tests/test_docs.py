@@ -140,6 +140,7 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     "quadlog metrics runs/yesterday --explain eta_m": words("eta_m", "worst"),
     "quadlog metrics runs/yesterday --reference truth.tum": words("ate_rmse_m", "rpe_rmse_m"),
     "quadlog export runs/yesterday --to csv": all_tables,
+    "quadlog export runs/yesterday --to gif": lambda _: Path("yesterday-walk.gif").read_bytes().startswith(b"GIF89a"),
     "quadlog simulate line --terrain 3cm --seeds 2 -o walks": walks,
     "quadlog synthesize follow -o truth.mcap --duration 20": truth,
     "quadlog metrics runs/yesterday --fail-if 'success_rate<0.9'": lambda _: (
