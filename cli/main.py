@@ -33,7 +33,7 @@ def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> 
 
 
 COMMANDS = (
-    *("info", "init", "replay", "compare-planners", "simulate"),
+    *("info", "init", "replay", "sweep", "survey", "compare-planners", "simulate"),
     *("metrics", "report", "export", "diff", "check", "synthesize", "tables"),
 )
 
@@ -134,5 +134,5 @@ def _interrupted_words(error: BaseException, arguments: list[str], started_s: fl
     if folders:
         others = f" and {len(folders) - 1} more" if len(folders) > 1 else ""
         return f"{words}; the result in {folders[-1]}{others} is complete"
-    goes_on = ", and --resume goes on" if arguments[:1] == ["replay"] else ""
+    goes_on = ", and --resume goes on" if arguments[:1] in (["replay"], ["sweep"]) else ""
     return f"{words}; nothing half-written was left{goes_on}"

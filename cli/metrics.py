@@ -88,7 +88,7 @@ def command(
             click.echo(printable(line), err=True)
         if explain is None:
             shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
-            click.echo(format_metrics(shown, outcome.spreads, to), nl=False)
+            click.echo(format_metrics(shown, outcome.spreads, to, outcome.differing), nl=False)
         else:
             from quadlog.pipelines.evaluation.metrics import explain_runs
 

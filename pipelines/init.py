@@ -27,7 +27,7 @@ ALWAYS = ("topics", "results")
 NEEDS_RANGES = ("uwb",)
 NEEDS_CLOUDS = tuple(name for name in Config.model_fields if name not in (*ALWAYS, *NEEDS_RANGES))
 """Sections of the configuration by what a log must have for them."""
-SINGLE_TOPICS = ("lidar", "odometry", "imu", "reference")
+SINGLE_TOPICS = ("lidar", "odometry", "imu", "joints", "reference")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,8 @@ def _usable_sections(roles: Roles) -> tuple[str, ...]:
     """The sections that the log can use."""
     there = {*roles.found, *roles.ambiguous}
     ranges, clouds = NEEDS_RANGES if "uwb" in there else (), NEEDS_CLOUDS if "lidar" in there else ()
-    return (*ALWAYS, *ranges, *clouds)
+    legs = ("robot",) if "joints" in there and not clouds else ()
+    return (*ALWAYS, *ranges, *clouds, *legs)
 
 
 def _left_out(sections: Sequence[str]) -> str:

@@ -46,7 +46,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         progress.say(reused_words(names_of(earlier), request.options.until))
     clock = StageClock()
     with open_log(request, clock, progress) as log:
-        todo = reachable_stages(log.roles, request.options.until)
+        reachable = reachable_stages(log.roles, request.options.until)
+        todo = _until_pause(reachable, request.pause_after)
         missing = [name for stage in todo if stage not in earlier for name in stage.names]
         to_compile = [name for name in missing if name != "position" or log.by_uwb]
         clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
@@ -63,8 +64,10 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             marked = MarkedStages(walk, request, earlier)
             for stage in todo:
                 marked.do(stage, partial(_work, stage, compiled))
-            if todo != stages_for(request.options.until):
+            if reachable != stages_for(request.options.until):
                 walk.warn(f"nothing is filtered, mapped, planned or walked: {log.roles.why_none('lidar')}")
+            if request.pause_after is not None:
+                return ReplayOutcome(request.recording, request.run, ExitCode.DONE, reused=walk.reused)
             with clock.stage("report"):
                 # Drawing is not loaded before there is something to draw.
                 from quadlog.pipelines.stages.report import finish_walk
@@ -91,7 +94,13 @@ def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
 def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
     """The input, if the folder holds anything of an earlier replay; else it is not hashed, which takes a while."""
     began = any((request.run / name).is_file() for name in ("run.json", MARKS_FILE))
-    return describe_input(request.recording) if began else None
+    return (request.described or describe_input(request.recording)) if began else None
+
+
+def _until_pause(stages: tuple[Stage, ...], pause_after: str | None) -> tuple[Stage, ...]:
+    """The stages up to the one of this name; all without a name, or where the log does not reach it."""
+    names = [stage.name for stage in stages]
+    return stages[: names.index(pause_after) + 1] if pause_after in names else stages
 
 
 @contextmanager

@@ -29,11 +29,16 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
         from quadlog.pipelines.batch.summary import rebuild_summary
         from quadlog.results.page.report import write_report
         from quadlog.results.run.find_runs import files_beside_runs, is_run
+        from quadlog.results.sweep.page import write_sweep_page
+        from quadlog.results.sweep.table import TABLE
 
         beside = files_beside_runs(runs)
         for run in (run for run in runs if run not in beside):
             alone = is_run(run) or not run.is_dir()
-            yield write_report(run, helper) if alone else rebuild_summary(run)
+            if alone:
+                yield write_report(run, helper)
+            else:
+                yield write_sweep_page(run) if (run / TABLE).is_file() else rebuild_summary(run)
 
 
 def load_drawing() -> None:

@@ -6,10 +6,13 @@ import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
+
+if TYPE_CHECKING:
+    from quadlog.results.run.record import InputRecord
 
 GOES_ON = "--resume goes on"
 
@@ -47,7 +50,11 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made."""
+    """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
+
+    pause_after: name of a stage after which the replay ends without a report, for another replay to continue; None to
+    run all. draws: whether the run gets plots and a page. described: the input, if the caller has hashed it already.
+    """
 
     recording: Path
     run: Path
@@ -56,6 +63,9 @@ class ReplayRequest:
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
     notes: tuple[str, ...] = ()
+    pause_after: str | None = None
+    draws: bool = True
+    described: InputRecord | None = None
 
 
 @dataclass(frozen=True, slots=True)

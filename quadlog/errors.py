@@ -180,6 +180,15 @@ class DecodeError(QuadlogError):
         super().__init__(f"{topic}: {reason}")
 
 
+class UnknownJoints(DecodeError):
+    """A message that names no joint of a quadruped's leg: of another machine, or with names that must be configured."""
+
+    def __init__(self, topic: str, names: Sequence[str], remedy: str = "") -> None:
+        self.names = tuple(names)
+        listed = some_of([name[:40] for name in names]) or "none"
+        super().__init__(topic, f"names no joint of four legs, but {listed}{remedy}")
+
+
 class AmbiguousTopic(QuadlogError):
     """Several topics, or several groups of topics, could play one role. Lists the choices as flags to paste."""
 
@@ -302,6 +311,14 @@ class CannotWrite(FileError):
     template = "{path}: cannot be written: {reason}"
 
 
+class MissingProgram(QuadlogError):
+    """A program of others that is not on PATH, and what can be had without it."""
+
+    def __init__(self, program: str, needed_by: str, remedy: str) -> None:
+        self.program, self.needed_by, self.remedy = program, needed_by, remedy
+        super().__init__(f"{needed_by} needs {program}, which is not on PATH: install it, or use {remedy}")
+
+
 class WorkerDied(QuadlogError):
     """A worker process ended during a task; exit_code as in multiprocessing, -9 for SIGKILL."""
 
@@ -364,6 +381,14 @@ class UnusableRobot(QuadlogError):
         super().__init__(f"{path}: quadlog cannot walk this robot; it needs {'; '.join(self.needed)}")
 
 
+class WalkerFell(QuadlogError):
+    """A simulated quadruped that was to be recorded fell, t_s after the start at a place in map."""
+
+    def __init__(self, t_s: float, x_m: float, y_m: float) -> None:
+        self.t_s, self.x_m, self.y_m = t_s, x_m, y_m
+        super().__init__(f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed")
+
+
 class AnchorsCollinear(QuadlogError):
     """UWB anchors on one line: every fix has a mirror image that fits as well."""
 
@@ -376,6 +401,14 @@ class AnchorsCollinear(QuadlogError):
             f"from the first anchor to the last with  "
             f"{set_flag('uwb.mirror', ['left'])}  or  {set_flag('uwb.mirror', ['right'])}"
         )
+
+
+class AnchorsNotObserved(QuadlogError):
+    """A walk that does not show where the anchors stand; what to walk instead."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"survey: {reason}; {remedy}")
 
 
 class EmptyWindow(QuadlogError):

@@ -70,6 +70,14 @@ def yaw_from_quat(quat_xyzw: Float) -> Float:
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+def roll_pitch_from_quat(quat_xyzw: Float) -> Float:
+    """Roll and pitch (..., 2) of quaternions (..., 4) as x, y, z, w of R_z(yaw) R_y(pitch) R_x(roll)."""
+    x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
+    roll_rad = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    # Rounding may bring the sine of a right angle beyond 1.
+    return np.stack([roll_rad, np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))], axis=-1)
+
+
 def quat_from_yaw(yaw_rad: Float) -> Float:
     """Quaternions (..., 4) as x, y, z, w that turn by yaw about z."""
     half = np.asarray(yaw_rad, dtype=np.float64) / 2
@@ -88,6 +96,18 @@ def quat_from_euler(yaw_rad: Float, pitch_rad: Float, roll_rad: Float) -> Float:
     ]
     # Adding 0 turns the -0 of a level walker into 0.
     return np.stack(quat, axis=-1) + 0.0
+
+
+def poses_in_space(
+    x_m: Float, y_m: Float, yaw_rad: Float, z_m: Float | None = None, tilt_rad: Float | None = None
+) -> tuple[Float, Float]:
+    """Positions (N, 3) and quaternions (N, 4) of poses whose height (N,) and roll and pitch (N, 2) may be unknown.
+
+    Where these are NaN or None, the pose lies in the plane z = 0 and is level.
+    """
+    height_m = np.zeros(len(x_m)) if z_m is None else np.nan_to_num(z_m, nan=0.0)
+    roll_rad, pitch_rad = np.zeros((2, len(x_m))) if tilt_rad is None else np.nan_to_num(tilt_rad, nan=0.0).T
+    return np.column_stack([x_m, y_m, height_m]), quat_from_euler(np.asarray(yaw_rad, float), pitch_rad, roll_rad)
 
 
 def wrap_angle(angle_rad: Float) -> Float:

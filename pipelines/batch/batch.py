@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,17 +39,17 @@ class BatchOutcome:
             return ExitCode.FAILED
         return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
 
-    def failure_lines(self) -> list[str]:
+    def failure_lines(self, many: str = "recordings", table: str = "summary.parquet") -> list[str]:
         """Number of failures and the reasons of the first ones; of a single recording its reason."""
         failed = [run for run in self.runs if run.failed]
         if not failed:
             return []
         if len(self.runs) == 1:
             return [f"quadlog: {failed[0].recording}: {failed[0].reason}"]
-        lines = [f"{len(failed)} of {len(self.runs)} recordings failed:"]
+        lines = [f"{len(failed)} of {len(self.runs)} {many} failed:"]
         lines += [f"  {run.recording}: {run.reason}" for run in failed[:SHOWN_FAILURES]]
         left = len(failed) - SHOWN_FAILURES
-        return lines if left <= 0 else [*lines, f"  and {left} more, which summary.parquet lists with their reasons"]
+        return lines if left <= 0 else [*lines, f"  and {left} more, which {table} lists with their reasons"]
 
 
 def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
@@ -63,30 +63,51 @@ def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
 
 
 def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
-    """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster.
+    """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster, and summarise them.
 
     An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
     After Ctrl-C, which stops all workers, `--resume` continues.
     """
+    with open_workers(batch, jobs, scheduler, progress) as replay_all:
+        outcomes = replay_all(batch)
+    summarise({each.request.run.parent for each in batch}, outcomes, progress)
+    return BatchOutcome(outcomes)
+
+
+ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
+"""Replays recordings and returns their outcomes in the same order; none is started after the workers were halted."""
+
+
+@contextmanager
+def open_workers(
+    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress, *, repeats: bool = True
+) -> Iterator[ReplayAll]:
+    """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch.
+
+    repeats: whether a warning is printed for each run that has it, or once.
+    """
     folders = {each.request.run.parent for each in batch}
-    refused = _refused(batch)
-    with _seen_by_all(folders if scheduler else set()) as shared:
-        order = sorted(range(len(batch)), key=lambda number: (-batch[number].size_bytes, number))
-        run = BatchRun([_task(batch, number, shared) for number in order if number not in refused], progress)
-        try:
-            with open_engine(min(jobs, len(batch)), scheduler, run.hear) as engine:
-                if engine.greeting:
-                    progress.say(engine.greeting)
-                run.go(engine)
-        finally:
-            _clear_unfinished(batch)
-    ended = refused | run.outcomes
-    outcomes = [
-        replace(ended[number], recording=each.request.recording, run=each.request.run)
-        for number, each in enumerate(batch)
-    ]
-    summarise(folders, outcomes, progress)
-    return BatchOutcome(tuple(outcomes))
+    runs, said = [BatchRun([], progress)], None if repeats else set[str]()
+    with ExitStack() as stack:
+        stack.callback(_clear_unfinished, batch)  # after the workers have stopped
+        shared = stack.enter_context(_seen_by_all(folders if scheduler else set()))
+        engine = stack.enter_context(open_engine(min(jobs, len(batch)), scheduler, lambda step: runs[-1].hear(step)))
+        if engine.greeting:
+            progress.say(engine.greeting)
+
+        def replay_all(part: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
+            refused = _refused(part)
+            order = sorted(range(len(part)), key=lambda number: (-part[number].size_bytes, number))
+            tasks = [_task(part, number, shared) for number in order if number not in refused]
+            runs.append(BatchRun(tasks, progress, runs[-1].halted, said))
+            runs[-1].go(engine)
+            ended = refused | runs[-1].outcomes
+            return tuple(
+                replace(ended[number], recording=each.request.recording, run=each.request.run)
+                for number, each in enumerate(part)
+            )
+
+        yield replay_all
 
 
 def _clear_unfinished(batch: Sequence[Planned]) -> None:

@@ -17,21 +17,33 @@ from quadlog.results.run.stages import reused_words
 
 
 class BatchRun:
-    """A running batch; outcomes: by the recordings' numbers."""
+    """A running batch; outcomes: by the recordings' numbers. halted: why no more is started, empty while it goes on."""
 
-    def __init__(self, tasks: Sequence[BatchTask], progress: BatchProgress) -> None:
-        """tasks: in the order of their start."""
+    def __init__(
+        self,
+        tasks: Sequence[BatchTask],
+        progress: BatchProgress,
+        halted: str = "",
+        said: set[str] | None = None,
+    ) -> None:
+        """tasks: in the order of their start. halted: of an earlier batch on the same workers.
+
+        said: warnings that are not repeated, where all tasks are of one recording.
+        """
         self.outcomes: dict[int, ReplayOutcome] = {}
         self._todo, self._progress = deque(tasks), progress
         self._tally = BatchCounts(len(tasks), sum(task.size_bytes for task in tasks))
         self._died: set[int] = set()
         self._peak_mb: dict[int, float] = {}
-        self._halted = ""
+        self.halted = halted
+        self._said = said
 
     def go(self, engine: Engine) -> None:
         """Run until every task has an outcome. Ctrl-C is reported with the number done, and raised again."""
         self._progress.expect(self._tally, engine.workers())
         tasks = list(self._todo)
+        if self.halted:
+            self._todo.clear()
         try:
             for task, future in engine.done(replay_task, self._todo, self._progress.say):
                 self._take(task, future, engine)
@@ -57,7 +69,7 @@ class BatchRun:
             self._halt("the scheduler has ended, or dropped what it was given", engine)
             answer = self._halted_answer(task)
         except WorkerDied as error:
-            if self._halted:
+            if self.halted:
                 answer = self._halted_answer(task)
             elif task.number in self._died or engine.tries == 1:
                 answer = _failed(task, self._death_words(task, error, engine))
@@ -89,23 +101,28 @@ class BatchRun:
         self._peak_mb.pop(task.number, None)
         self._tally.count(task.size_bytes, outcome.failed, outcome.cost.get("wall_s"))
         for warning in answer.warnings:
-            self._progress.say(f"{outcome.run.name}: {warning}")
-        words = [outcome.reason or "done"]
+            if self._said is None or warning not in self._said:
+                self._progress.say(f"{outcome.run.name}: {warning}")
+        if self._said is not None:
+            self._said.update(answer.warnings)
+        pause = task.request.pause_after
+        done = "done" if pause is None else f"{pause} is done for all that share it"
+        words = [outcome.reason or done]
         if outcome.reused:
             words.append(reused_words(outcome.reused, task.request.options.until))
         self._progress.finish(outcome.run.name, "; ".join(words))
 
     def _halt(self, reason: str, engine: Engine) -> None:
         """Stop the batch, with one line for the user."""
-        if not self._halted:
-            self._halted = reason
+        if not self.halted:
+            self.halted = reason
             self._progress.say(f"stopping: {reason}; {GOES_ON}")
             self._todo.clear()
             engine.stop()
 
     def _halted_answer(self, task: BatchTask) -> BatchAnswer:
         begun = "stopped" if task.number in self._peak_mb else "not started"
-        return _failed(task, f"{begun}: {self._halted}; {GOES_ON}")
+        return _failed(task, f"{begun}: {self.halted}; {GOES_ON}")
 
     def _death_words(self, task: BatchTask, error: WorkerDied, engine: Engine) -> str:
         again = ", and so was the next one" if engine.tries > 1 else ""

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import Condition
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import (
     Measured,
     MeasuredRun,
@@ -19,10 +18,16 @@ from quadlog.metrics.summary import (
     Spread,
     spread,
     summarise,
-    worst_instants,
+    worst_of,
 )
-from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, Reference, compare_with_reference
+from quadlog.pipelines.evaluation.reference import (
+    REFERENCE_METRICS,
+    Reference,
+    compare_with_own_reference,
+    compare_with_reference,
+)
 from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
+from quadlog.results.compare.settings import differing_settings, settings_of
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
 from quadlog.results.run.tables import has_table, read_table, start_ns
@@ -44,7 +49,7 @@ def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAt
     try:
         samples = _samples(name, run.path, reference)
         instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
-        details = _contacts(run.path) if name in _OF_CONTACTS else []
+        details = _contacts(run.path) if name in _OF_CONTACTS else _dimensions(name, run.path, reference)
     except QuadlogError as error:
         return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
     why = "a run saves no samples of it" if samples is None else "at no instant bad"
@@ -71,6 +76,14 @@ def _contacts(run: Path) -> list[str]:
     return ["contacts, s from start:", *aligned([head, *rows])]
 
 
+def _dimensions(name: str, run: Path, reference: Reference | None) -> list[str]:
+    """Whether a metric of a trajectory is of errors in the plane or in space; nothing for other metrics."""
+    if name not in TRAJECTORY_METRICS:
+        return []
+    compared = compare_with_own_reference(run) if reference is None else compare_with_reference(run, reference)
+    return [] if compared is None else [f"errors in {compared.dimensions}"]
+
+
 def _samples(name: str, run: Path, reference: Reference | None) -> Samples | None:
     if name not in SAMPLED:
         return None
@@ -84,10 +97,9 @@ def _samples(name: str, run: Path, reference: Reference | None) -> Samples | Non
 
 def _instants(name: str, samples: Samples, first_ns: int) -> list[WorstInstant]:
     values = samples.values
-    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
     return [
         WorstInstant(int(samples.t_ns[i]), (int(samples.t_ns[i]) - first_ns) / _NS, float(values[i]))
-        for i in worst_instants(samples.t_ns, badness)
+        for i in worst_of(name, samples)
     ]
 
 
@@ -99,12 +111,14 @@ _TOLD = 3
 class MetricsOutcome:
     """The runs that could be read; spreads: of each metric over them, in their order.
 
+    differing: how the runs' settings differ, a line each; spreads is empty then: such runs are not averaged.
     said: lines on how they were read; problems: a line for everything that could not be; failing: a line for every
     condition that holds on a run, or cannot be told.
     """
 
     runs: list[MeasuredRun]
     spreads: dict[str, Spread]
+    differing: list[str]
     said: list[str]
     problems: list[str]
     failing: list[str]
@@ -136,6 +150,7 @@ def measure_runs(
     failing: list[str] = []
     for path, label in zip(found, run_labels(found), strict=True):
         try:
+            record = read_run_json(path)
             measured, lines, damage = _measure(path, reference, detail)
         except QuadlogError as error:
             if len(found) == 1:
@@ -143,7 +158,7 @@ def measure_runs(
             problems.append(str(error))
             failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
             continue
-        runs.append(MeasuredRun(path, label, measured))
+        runs.append(MeasuredRun(path, label, measured, settings_of(record)))
         said += lines
         problems += damage
         failing += _failing(path, measured, conditions)
@@ -152,14 +167,15 @@ def measure_runs(
         failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
-    return MetricsOutcome(runs, spread_of(runs), said, problems, failing)
+    differing = differing_settings([run.settings for run in runs])
+    return MetricsOutcome(runs, {} if differing else spread_of(runs), differing, said, problems, failing)
 
 
 def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
     """How each metric differs over the runs that have it."""
     spreads: dict[str, Spread] = {}
-    for name in CATALOGUE:
-        over = spread([run.metrics[name].value for run in runs if name in run.metrics], yes_or_no=name == "fallen")
+    for name, entry in CATALOGUE.items():
+        over = spread([run.metrics[name].value for run in runs if name in run.metrics], entry.kind)
         if over is not None:
             spreads[name] = over
     return spreads
@@ -167,7 +183,6 @@ def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
 
 def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
     """The metrics of one run in the contract's order, lines for people, and what is damaged."""
-    read_run_json(run)
     metrics, problems = _saved_metrics(run)
     said: list[str] = []
     if detail or problems:
@@ -176,6 +191,8 @@ def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict
         problems += [*dict.fromkeys(map(str, errors)), *_contradictions(run, metrics, found)]
         for name, summary in found.items():
             metrics[name] = _summarised(name, summary, metrics.get(name))
+    if reference is None and detail and not metrics.keys().isdisjoint(TRAJECTORY_METRICS):
+        said += [f"{run}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], run, None)]
     if reference is not None:
         metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
         compared = compare_with_reference(run, reference)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from quadlog.config.schema import Config
 from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
-from quadlog.geometry import quat_from_yaw
+from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, fix_error_samples
@@ -59,7 +59,7 @@ _LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
 class OnTime:
     """How poses are paired and compared, each as evo's option: --t_max_diff, --t_offset, --align, --project_to_plane.
 
-    offset_s is added to the run's times; planar: both in the plane z = 0.
+    offset_s is added to the run's times; planar: both in the plane z = 0, None for where either is known in it alone.
 
     Raises UsageError for what is no time.
     """
@@ -67,7 +67,7 @@ class OnTime:
     max_difference_s: float = 0.01
     offset_s: float = 0.0
     align: bool = False
-    planar: bool = False
+    planar: bool | None = False
 
     def __post_init__(self) -> None:
         # Neither comparison is true of NaN.
@@ -99,12 +99,14 @@ class Compared:
     """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired.
 
     summary: the reference's clock and the errors, in one line; warnings: a clock or a frame that is not the poses'.
+    dimensions: whether errors are those in the plane or in space, and why.
     """
 
     samples: dict[str, Samples]
     said: tuple[str, ...]
     summary: str
     warnings: tuple[str, ...]
+    dimensions: str
 
 
 def compare_with_reference(run: Path, reference: Reference) -> Compared:
@@ -119,35 +121,58 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
 
     Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
     """
-    estimate, how, truth = _trajectory_of(run), reference.how, reference.trajectory
+    how, truth, (estimate, why_planar) = reference.how, reference.trajectory, _trajectory_of(run)
+    why_planar = why_planar or ("the reference lies in a plane" if _is_planar(truth) else "")
+    planar = bool(why_planar) if how.planar is None else how.planar
     options = how.max_difference_s, how.offset_s
     try:
-        compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=how.planar)
+        compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=planar)
     except PosesOnLine as error:
         raise NotARun(run, f"cannot be aligned with {reference.path}: {error}") from error
     if compared is None:
         raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
     n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
-    said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {compared.summary()}"]
+    dimensions = _dimension_words(planar, how, why_planar)
+    summary = f"errors in {dimensions}; {compared.summary()}"
+    said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {summary}"]
     warnings = tuple(compared.warnings())
     said += [f"warning: {words}" for words in warnings]
     said += _height_words(compared.truth, compared.estimate)
-    return Compared(compared.samples, tuple(said), compared.summary(), warnings)
+    return Compared(compared.samples, tuple(said), summary, warnings, dimensions)
+
+
+def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:
+    if planar:
+        return f"2-D ({why_planar if how.planar is None else '--project-to-plane xy'})"
+    if why_planar:
+        return f"3-D ({why_planar}, and what is not known counts as 0; --project-to-plane xy leaves heights out)"
+    return "3-D"
+
+
+def _is_planar(trajectory: Trajectory) -> bool:
+    """Whether its height never changes, as that of an odometry or a tracker of the plane."""
+    return bool(np.ptp(trajectory.position_m[:, 2]) == 0)
 
 
 def compare_with_own_reference(run: Path) -> Compared | None:
-    """The saved poses against the recording's own reference, in the plane; None without either, or without a pair."""
+    """The saved poses against the recording's own reference, in space where both tell heights, else in the plane.
+
+    None without either, or without a pair.
+    """
     path = run / "reference.tum"
     if not path.is_file() or not has_table(run, "poses"):
         return None
     try:
-        return compare_trajectory(run, Reference.read(path, OnTime(planar=True)))
+        return compare_trajectory(run, Reference.read(path, OnTime(planar=None)))
     except NoCommonTime:
         return None
 
 
-def _trajectory_of(run: Path) -> Trajectory:
-    """The poses that trajectory.tum holds, which evo would be given; from poses.parquet where a run has it."""
+def _trajectory_of(run: Path) -> tuple[Trajectory, str]:
+    """The poses that trajectory.tum holds, which evo would be given; from poses.parquet where a run has it.
+
+    With why they are known in the plane alone, empty where heights are known; unknown roll and pitch count as 0.
+    """
     if has_table(run, "poses"):
         return _trajectory_of_poses(run)
     path = run / "trajectory.tum"
@@ -157,18 +182,23 @@ def _trajectory_of(run: Path) -> Trajectory:
         poses = read_tum(path)
     except UnreadableFile as error:
         raise NotARun(path, f"is damaged: {error.reason}") from error
-    return Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
+    trajectory = Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
+    return trajectory, "the poses lie in a plane" if _is_planar(trajectory) else ""
 
 
-def _trajectory_of_poses(run: Path) -> Trajectory:
-    table = read_table(run, "poses", ["t_ns", "x_m", "y_m", "yaw_rad", "source"])
+def _trajectory_of_poses(run: Path) -> tuple[Trajectory, str]:
+    table = read_table(run, "poses")
     if set(table["source"]) == {"fixed"}:
         raise NotARun(run, "has no trajectory to compare: its poses are fixed")
-    position_m = np.column_stack([table["x_m"], table["y_m"], np.zeros(len(table["t_ns"]))])
+    tilt_rad = np.column_stack([table["roll_rad"], table["pitch_rad"]])
+    position_m, quat_xyzw = poses_in_space(table["x_m"], table["y_m"], table["yaw_rad"], table["z_m"], tilt_rad)
     known = np.flatnonzero(np.isfinite(position_m).all(axis=1) & np.isfinite(table["yaw_rad"]))
     if len(known) == 0:
         raise NotARun(run, "has no trajectory to compare: poses.parquet holds no pose")
-    return Trajectory(table["t_ns"], position_m, quat_from_yaw(table["yaw_rad"])).rows(known)
+    trajectory = Trajectory(table["t_ns"], position_m, quat_xyzw).rows(known)
+    if not np.isfinite(table["z_m"][known]).all():
+        return trajectory, "heights of the poses are not known"
+    return trajectory, "the poses lie in a plane" if _is_planar(trajectory) else ""
 
 
 def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str, Samples]:

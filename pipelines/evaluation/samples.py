@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import QuadlogError
+from quadlog.geometry import interpolate_poses
+from quadlog.metrics.alignment import track_difference_samples
 from quadlog.metrics.planning import Replans, search_samples
 from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
@@ -25,6 +27,9 @@ from quadlog.pipelines.evaluation.reference import (
 )
 from quadlog.results.run.tables import read_table
 
+_BOTH_TRACKS = ("poses", "other_poses")
+_COMPARED_GAP_S = 0.5
+
 
 class _Run:
     """A run folder, and what several sources need of it, each read once and only when it is needed."""
@@ -39,7 +44,7 @@ class _Run:
     @cached_property
     def reference(self) -> Reference:
         """The recording's own."""
-        return Reference.read(self.path / "reference.tum", OnTime(planar=True))
+        return Reference.read(self.path / "reference.tum", OnTime(planar=None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +111,18 @@ def _own_trajectory(run: _Run) -> dict[str, Samples]:
     return compare_trajectory(run.path, run.reference).samples
 
 
+def _lidar_against_uwb(run: _Run) -> dict[str, Samples]:
+    columns = ["t_ns", "x_m", "y_m", "yaw_rad", "source"]
+    tracks = {str(each["source"][0]): each for each in (read_table(run.path, name, columns) for name in _BOTH_TRACKS)}
+    if tracks.keys() != {"lidar", "uwb"}:
+        return {}
+    (t_ns, lidar_m), (uwb_ns, uwb_m) = (
+        (track["t_ns"], np.column_stack([track["x_m"], track["y_m"]])) for track in (tracks["lidar"], tracks["uwb"])
+    )
+    at_scans_m, _, _ = interpolate_poses(t_ns, uwb_ns, uwb_m, tracks["uwb"]["yaw_rad"], _COMPARED_GAP_S)
+    return track_difference_samples(t_ns, lidar_m, at_scans_m)
+
+
 def _plans(run: _Run) -> dict[str, Samples]:
     columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
     return search_samples(Replans(**read_table(run.path, "plans", columns)))
@@ -129,6 +146,7 @@ _SOURCES = (
     _Source(("innovations.parquet",), ("uwb_nis",), _innovations, newer=True),
     _Source(("uwb_errors.parquet",), ("uwb_nees", "uwb_coverage_95"), _ellipses, newer=True),
     _Source(("reference.tum",), TRAJECTORY_METRICS, _own_trajectory),
+    _Source(("other_poses.parquet",), ("lidar_uwb_rmse_m",), _lidar_against_uwb, newer=True),
     _Source(
         ("plans.parquet",),
         (

@@ -20,7 +20,7 @@ from numba.core import event
 
 from quadlog.pipelines.executor.machine import cores
 
-SAID = "compiling for the first time on this machine, which takes some seconds; later starts find it in the cache"
+SAID = "compiling for the first time on this machine, 3 to 20 s depending on the log; later starts use the cache"
 LONGEST_S = 600.0
 """The other process is not waited for longer than this."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -57,7 +57,7 @@ def fill_trot_folder(
     def write_results() -> None:
         control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
         write_table(run / "control.parquet", TABLES["control"], control)
-        write_tum(run / "trajectory.tum", walk.t_ns, control["x_m"], control["y_m"], control["yaw_rad"])
+        _write_trajectory(run, control)
         _write_frames(run, trotted.model, walk.qpos, walk.t_ns, description.config.results.frames, say)
 
     record = partial(_trot_record, description, trotted, clock)
@@ -98,6 +98,12 @@ def _write_frames(
         say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
         return
     write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
+
+
+def _write_trajectory(run: Path, control: Mapping[str, Any]) -> None:
+    tilt_rad = np.column_stack([control["roll_rad"], control["pitch_rad"]])
+    t_ns, x_m, y_m, yaw_rad, z_m = (control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
+    write_tum(run / "trajectory.tum", t_ns, x_m, y_m, yaw_rad, z_m, tilt_rad)
 
 
 def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:
@@ -223,7 +229,7 @@ def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedW
     write_table(
         run / "paths.parquet", TABLES["paths"], course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
     )
-    write_tum(run / "trajectory.tum", control["t_ns"], control["x_m"], control["y_m"], control["yaw_rad"])
+    _write_trajectory(run, control)
     ground = description.ground
     if not ground.is_plane:
         # A corner's height stands for the cell about it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from quadlog.results.run.record import InputRecord
 from quadlog.results.run.run_folder import RunFolder
 from quadlog.results.run.tables import has_table, read_table
 
+if TYPE_CHECKING:
+    from quadlog.positioning.leg_odometry import LegTrack
+
 TARGET_GAP_S = 1.0
 """Positions of the target are interpolated over gaps of at most this."""
 
@@ -31,7 +34,8 @@ TARGET_GAP_S = 1.0
 class RobotTrack:
     """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,); their source, and the name it gives to the frame.
 
-    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known.
+    covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known. z_m (N,) and tilt_rad (N, 2),
+    roll and pitch: NaN where nothing tells them, None where nothing ever does.
     """
 
     t_ns: Int
@@ -41,6 +45,8 @@ class RobotTrack:
     frame_id: str = ""
     covariance_m2: Float | None = None
     yaw_std_rad: Float | None = None
+    z_m: Float | None = None
+    tilt_rad: Float | None = None
 
     @classmethod
     def read(cls, run: Path, frame_id: str = "") -> Self:
@@ -54,7 +60,9 @@ class RobotTrack:
             covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
             yaw_std_rad = spread["yaw_std_rad"]
         xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), _first_of(poses["source"])
-        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, covariance_m2, yaw_std_rad)
+        tilt_rad = np.column_stack([poses["roll_rad"], poses["pitch_rad"]])
+        spreads = covariance_m2, yaw_std_rad
+        return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, *spreads, poses["z_m"], tilt_rad)
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""
@@ -135,7 +143,7 @@ class ReplayContext:
 
     start_ns, end_ns: the requested window on the chosen clock, None where it is open. first_ns, last_ns: first and last
     instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. tracker: the
-    robot's track by its clouds, None where it is not made. used: role -> topics
+    robot's track by its clouds, None where it is not made. legs: the body's track by its joints. used: role -> topics
     that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
     stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
     warnings of reused clouds. config: with the anchors that the messages contain where none are configured;
@@ -158,6 +166,7 @@ class ReplayContext:
     last_ns: int
     scanner: Scanner | None = None
     tracker: LidarTracker | None = None
+    legs: LegTrack | None = None
     robot: RobotTrack | None = None
     target: TargetTrack | None = None
     used: dict[str, tuple[str, ...]] = field(default_factory=dict)

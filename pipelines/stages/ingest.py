@@ -154,8 +154,11 @@ def open_walk(
             run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
             walk = _read(request, log, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
-            if choices := walk.roles.choices("reference"):
-                walk.warn(f"no reference is used: {choices}")
+            for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
+                if choices := walk.roles.choices(role):
+                    walk.warn(f"{what}: {choices}")
+            for topic, why in log.recording.joints.refused.items() if "joints" not in walk.roles.found else ():
+                walk.warn(f"{topic}: its joints are not used: it {why}")
             walk.say_what_is_new()
             try:
                 yield walk
@@ -288,6 +291,7 @@ class _SmallTopics(TypedDict):
     uwb: tuple[str, ...]
     odometry: str | None
     imu: str | None
+    joints: str | None
     reference: str | None
     target: str | None
     tf: tuple[str, ...]
@@ -299,12 +303,13 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config, by_uwb: 
     chosen = position if position in {channel.topic for channel in recording.channels} else None
     # Odometry may be the position (auto) or the heading (UWB).
     needs_odometry = position in ("auto", "uwb", "odometry")
-    # Otherwise the IMU is only used to level scans.
-    upright = _unless_ambiguous(roles, "imu") if config.lidar.level else None
+    # Otherwise the IMU is only used to level scans and to turn the body of legs.
+    upright = _unless_ambiguous(roles, "imu") if config.lidar.level or "joints" in roles.found else None
     return {
         "uwb": roles.topics("uwb") if by_uwb else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
         "imu": roles.topic("imu") if by_uwb and position in ("auto", "uwb") else upright,
+        "joints": _unless_ambiguous(roles, "joints"),
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),
@@ -336,10 +341,15 @@ def _window(
     return start_ns, None if duration_s is None else start_ns + round(duration_s * 1e9)
 
 
+def _nothing_used(recording: Recording) -> NothingReadable:
+    unknown = "".join(f"; {topic} {why}" for topic, why in recording.joints.refused.items())
+    return NothingReadable(recording.path, f"no message of a type that quadlog uses; see  quadlog info{unknown}")
+
+
 def _first_ns(recording: Recording, topics: list[str]) -> int:
     first = next(iter(recording.messages(topics)), None)
     if first is None:
-        raise NothingReadable(recording.path, "no message of a type that quadlog uses; see  quadlog info")
+        raise _nothing_used(recording)
     return first.t_ns
 
 

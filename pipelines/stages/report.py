@@ -44,13 +44,14 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
         if walk.robot is not None:
             write_derived(run, record=_record(walk, request, startup_s))
             write_layout(run)
-        pictures = write_plots(run, _record(walk, request, startup_s))
+        pictures = write_plots(run, _record(walk, request, startup_s)) if request.draws else {}
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := _realtime_factor(walk, request)) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")
     walk.run.write_metrics(saved_metrics(metrics))
     record = _record(walk, request, startup_s)
-    write_page(run, pictures, record)
+    if request.draws:
+        write_page(run, pictures, record)
     walk.check_left()
     walk.run.write_run_json(record)
     walk.say_what_is_new()
@@ -96,7 +97,10 @@ def _trajectory_metrics(walk: ReplayContext) -> Metrics:
     if compared is None:
         return {}
     metrics = metrics_of(compared.samples)
-    if not _in_reference_frame(walk):
+    in_its_frame = _in_reference_frame(walk)
+    if compared.warnings or not in_its_frame:
+        walk.note(f"errors against the reference are in {compared.dimensions}")
+    if not in_its_frame:
         return {name: each for name, each in metrics.items() if name not in FRAME_METRICS}
     if not compared.warnings:
         walk.note(f"against the reference: {compared.summary}")

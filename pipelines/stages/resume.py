@@ -42,7 +42,7 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
     """The outcome of an earlier run with the very same input, config, options and version; None when there is none."""
     if not (request.run / "run.json").is_file():
         return None
-    return outcome_there(request, describe_input(request.recording))
+    return outcome_there(request, request.described or describe_input(request.recording))
 
 
 def outcome_there(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
@@ -70,7 +70,7 @@ def refuse_another(request: ReplayRequest, described: InputRecord) -> None:
 def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
     """The outcome of a run that is finished until `until`, None if files of its stages or its page are missing."""
     marks = read_marks(request.run)
-    if until == "report" and not (request.run / "report.html").is_file():
+    if until == "report" and request.draws and not (request.run / "report.html").is_file():
         return None
     try:
         record, metrics = read_run_json(request.run), read_metrics(request.run)
@@ -196,7 +196,8 @@ def stage_keys(request: ReplayRequest, identity: str) -> dict[Stage, str]:
     key = _digest(_common(request, identity))
     for stage in stages_for(request.options.until):
         config = {name: _value(request.config, name) for name in stage.reads}
-        key = _digest([key, stage.names, config, _named_by_config(stage, request.config)])
+        seed = request.options.seed if _draws_numbers(stage, request.config) else None
+        key = _digest([key, stage.names, config, _named_by_config(stage, request.config), seed])
         keys[stage] = key
     return keys
 
@@ -206,7 +207,7 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
     options = request.options
     return {
         "input": identity,
-        "options": [options.stamp, options.start_s, options.duration_s, options.seed],
+        "options": [options.stamp, options.start_s, options.duration_s],
         "definitions": [_folder_digest(folder) for folder in options.msg_path],
         "decoders": _plugins(DECODERS),
         "quadlog": [__version__, RUN_FORMAT],
@@ -216,10 +217,15 @@ def _common(request: ReplayRequest, identity: str) -> dict[str, Any]:
     }
 
 
+def _draws_numbers(stage: Stage, config: Config) -> bool:
+    """Whether a stage draws random numbers: the papers' fit of the ground, and disturbances in the re-simulation."""
+    return stage is CONTROL or ("filter" in stage.names and config.lidar.method == "paper")
+
+
 def _named_by_config(stage: Stage, config: Config) -> Any:
     """Digests of files and versions of plug-ins that a stage's configuration names."""
     if stage == POSITION:
-        return _file_digest(Path(config.topics.position))
+        return [_file_digest(Path(config.topics.position)), _model_digest(config.robot.model, unreadable="")]
     if stage == PLAN:
         return [each for each in _plugins(PLANNERS) if each[0] == config.planner.name]
     if stage == CONTROL and config.simulation.has_body:
@@ -261,8 +267,11 @@ def _definitions(folder: Path) -> Iterator[Path]:
         yield from sorted(folder.glob(pattern))
 
 
-def _model_digest(model: str) -> str | None:
-    """Digest of a robot's file and its includes; None for the name of one of quadlog's own robots."""
+def _model_digest(model: str, unreadable: str | None = None) -> str | None:
+    """Digest of a robot's file and its includes; None for the name of one of quadlog's own robots.
+
+    unreadable: of a file that cannot be read; None for one that never equals another, where the robot is needed.
+    """
     from quadlog.control.locomotion.robot import ROBOTS
 
     if model in ROBOTS:
@@ -272,7 +281,8 @@ def _model_digest(model: str) -> str | None:
     try:
         return content_digest(Path(model))
     except QuadlogError:
-        return uuid4().hex  # the stage that loads it raises the error
+        # The stage that loads it raises the error.
+        return uuid4().hex if unreadable is None else unreadable
 
 
 def _digest(content: dict[str, Any] | Sequence[Any]) -> str:

@@ -227,17 +227,19 @@ class Scanner:
 
 
 def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
-    """Whether positions come from the lidar: as configured, or under auto where nothing else can tell them.
+    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position.
 
     by_uwb: whether there are ranges and anchors.
     """
     position = config.topics.position
-    if "lidar" not in roles.found or position not in ("auto", "lidar"):
+    if "lidar" not in roles.found:
         return False
-    if position == "lidar":
+    if position == "lidar" or (by_uwb and config.lidar.odometry):
         return True
+    if position != "auto":
+        return False
     moving_tf = [topic for topic in roles.topics("tf") if topic.rsplit("/", 1)[-1] != "tf_static"]
-    return not (by_uwb or moving_tf or roles.topic("odometry"))
+    return not (by_uwb or moving_tf or roles.topic("odometry") or "joints" in roles.found)
 
 
 class LidarTracker:
@@ -249,9 +251,11 @@ class LidarTracker:
         settings = LidarOdometrySettings(min_range_m=lidar.min_range_m)
         self._odometry, self._deskew = LidarOdometry(settings), lidar.deskew
         self._mount, self._tilt = transform_lidar_to_base, tilt
+        self._levelled: list[Float] = []
 
     def take(self, t_ns: int, cloud: PointCloud) -> None:
         """The next cloud."""
+        known = len(self._odometry)
         span = sweep_span(cloud.times, len(cloud.xyz_m)) if self._deskew else Skewed.NO_TIMES
         offset_ns, middle_ns = None, t_ns
         if not isinstance(span, Skewed):
@@ -260,10 +264,15 @@ class LidarTracker:
         rotation = (rotations[0] @ self._mount[:3, :3]).astype(np.float32)
         shift_m = (rotations[0] @ self._mount[:3, 3]).astype(np.float32)
         self._odometry.take(t_ns, cloud.xyz_m @ rotation.T + shift_m, offset_ns)
+        self._levelled += [rotations[0]] * (len(self._odometry) - known)
 
     def track(self) -> LidarTrack:
-        """Poses of base at the middle of each scan; the frame is base at the first scan, with z up."""
-        return self._odometry.track()
+        """Poses of base at the middle of each scan; the frame is base at the first scan, with z up.
+
+        Where no tilt is known to level scans by, z of the frame is that of base at the first scan.
+        """
+        matched = self._odometry.track()
+        return replace(matched, rotation=matched.rotation @ np.array(self._levelled).reshape(-1, 3, 3))
 
     def warnings(self) -> list[str]:
         """How many scans do not tell the whole pose, and why."""

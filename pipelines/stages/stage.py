@@ -41,11 +41,20 @@ class Stage:
         return work
 
 
-# lidar.level: whether the IMU is read for the scans, which may change where the recording begins.
+# lidar.level: whether the IMU is read for the scans, which may change where the recording begins. robot.model: the
+# lengths of the legs that may tell the position.
 POSITION = Stage(
     ("position",),
     "positions.position:locate_walk",
-    reads=("topics", "uwb", *(f"lidar.{key}" for key in ("level", "mount", "deskew", "min_range_m"))),
+    reads=(
+        "topics",
+        "uwb",
+        "robot.preset",
+        "robot.model",
+        "robot.joints",
+        "robot.feet",
+        *(f"lidar.{key}" for key in ("level", "mount", "deskew", "odometry", "min_range_m")),
+    ),
     files=(*STAGE_FILES["ingest"], *STAGE_FILES["position"], "trajectory.tum"),
     needs_compiled=lambda walk: walk.streams.ranges is not None,
 )
@@ -64,7 +73,7 @@ MAP = Stage(
         *FILTER.reads,
         *(f"grid.{key}" for key in ("cell_m", "size_cells", "min_height_m", "max_height_m", "min_points")),
         *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "decay_s", "target_radius_m")),
-        *("robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
+        *("robot.preset", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
     ),
     files=(*STAGE_FILES["filter"], *STAGE_FILES["map"]),
     needs_compiled=lambda _: True,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, ControllerParts
+from quadlog.config.robots import ROBOT_PRESETS
 from quadlog.config.section import Section, in_order
 
 Weight = Annotated[float, Field(ge=0, le=1e9)]
@@ -65,9 +66,20 @@ class Pursuit(Section):
     fuzzy: Fuzzy = Fuzzy()
 
 
+def _each_once(values: list[Any], count: int, what: str) -> list[Any]:
+    if values and (len(values) != count or len(set(values)) != count):
+        raise ValueError(f"must be {count} different {what}, or none")
+    return values
+
+
 class RobotConfig(Section):
     """The robot's body on maps [Following, Table 1], and the model that walks."""
 
+    preset: Literal[(*ROBOT_PRESETS,)] = Field(  # type: ignore[valid-type]
+        "paper",
+        description="sets the other keys of [robot], and mpc.f_max_n and wbc.f_max_n, where they are not given: go1, "
+        "go2, a1, b1 [unitree_ros], or paper",
+    )
     length_m: float = Field(0.62, gt=0, le=100, description="of the body, along x")
     width_m: float = Field(0.26, gt=0, le=100, description="of the body, along y")
     height_m: float = Field(
@@ -76,9 +88,34 @@ class RobotConfig(Section):
     model: str = Field(
         "tracking",
         min_length=1,
-        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], or a file: "
-        "MJCF or URDF",
+        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's, "
+        "or a file: MJCF or URDF",
     )
+
+    joints: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(
+        [],
+        description="joints of the log: names, or places in the message, of hip, thigh and calf of the legs FL, FR, RL "
+        'and RR, "-" before those that turn the other way; none: by their names, or the message\'s type',
+    )
+    feet: list[Annotated[int, Field(ge=0, le=63)]] = Field(
+        [], description="places of FL, FR, RL and RR among the log's foot forces; none: 1, 0, 3, 2 [unitree_ros]"
+    )
+
+    @field_validator("joints", mode="before")
+    @classmethod
+    def _places_are_names(cls, joints: object) -> object:
+        return [str(each) if isinstance(each, int) else each for each in joints] if isinstance(joints, list) else joints
+
+    @field_validator("joints")
+    @classmethod
+    def _twelve_joints(cls, joints: list[str]) -> list[str]:
+        _each_once([each.removeprefix("-") for each in joints], 12, "joints")
+        return joints
+
+    @field_validator("feet")
+    @classmethod
+    def _four_feet(cls, feet: list[int]) -> list[int]:
+        return _each_once(feet, 4, "places")
 
 
 class MpcConfig(Section):

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation, Wbc
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, plugin_names
+from quadlog.config.robots import with_robot_preset
 from quadlog.config.section import Metres, Section, in_order
 from quadlog.metrics.catalogue import CATALOGUE
 
@@ -39,11 +40,12 @@ class Topics(Section):
     )
     odometry: str = Field("", description="odometry")
     imu: str = Field("", description="IMU")
+    joints: str = Field("", description="the joints of the robot's legs")
     reference: str = Field("", description="true pose (PoseStamped, mocap)")
     position: str = Field(
         "auto",
-        description="robot position: uwb, tf, odometry, lidar (matched scans), fixed, a pose topic or TUM file; auto: "
-        "the first of these that the recording has",
+        description="robot position: uwb, tf, odometry, legs (joints), lidar (matched scans), fixed, a pose topic or "
+        "TUM file; auto: the first of these that the recording has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')
@@ -71,7 +73,9 @@ class Tag(Section):
     """A UWB tag: who carries it, how high, and where it sits in base."""
 
     id: int = Field(ge=0, description="the tag's id in the range messages")
-    role: Literal["robot", "person", "none"] = Field("none", description="who carries it")
+    role: Literal["robot", "person", "none"] = Field(
+        "none", description="who carries it; several of the robot are one body: position and yaw from all"
+    )
     height_m: Metres | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
     x_m: Metres = Field(0.0, description="where the tag sits in base, forward")
     y_m: Metres = Field(0.0, description="where the tag sits in base, to the left")
@@ -173,6 +177,11 @@ class LidarConfig(Section):
         None, gt=0, le=360, description="kept in front of the robot; unset: 180 for paper [Following], else 360"
     )
     deskew: bool = Field(True, description="undo the robot's motion during a scan, where its points carry times")
+    odometry: bool = Field(
+        False,
+        description="track the robot by matching scans also where UWB gives its position: metrics compare both, and "
+        "without odometry in the log its velocity steadies UWB's track; some 7 ms a scan",
+    )
     level: bool = Field(True, description="undo the robot's roll and pitch, where an IMU or odometry gives them")
     min_range_m: float = Field(0.3, ge=0, le=1000, description="nearer points are not valid")
     max_range_m: float = Field(30.0, gt=0, le=1000, description="farther points are not valid")
@@ -322,3 +331,8 @@ class Config(Section):
     simulation: Simulation = Simulation()
     results: Results = Results()
     expect: Expect = Expect()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_preset(cls, data: object) -> object:
+        return with_robot_preset(data)

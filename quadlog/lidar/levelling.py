@@ -89,6 +89,28 @@ def _up_at(t_ns: int, series: UpSeries) -> tuple[float, float, float] | NotLevel
     return (x / length, y / length, z / length) if z / length >= math.cos(MAX_TILT_RAD) else NotLevelled.STEEP
 
 
+def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:
+    """Roll and pitch (W, 2) of base at instants (W,); NaN where level_rotations would not level a scan."""
+    if len(series) == 0:
+        return np.full((len(t_ns_wanted), 2), np.nan)
+    after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, "left"), len(series) - 1)
+    before = np.maximum(np.searchsorted(series.t_ns, t_ns_wanted, "right") - 1, 0)
+    since_ns, until_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
+    share = (since_ns / np.maximum(since_ns + until_ns, 1))[:, None]
+    up = (1 - share) * series.up[before] + share * series.up[after]
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    tilt_rad = tilt_of(up)
+    tilt_rad[(np.maximum(since_ns, until_ns) > MAX_AGE_NS) | (up[:, 2] < math.cos(MAX_TILT_RAD))] = np.nan
+    return tilt_rad
+
+
+def tilt_of(up: Float) -> Float:
+    """Roll and pitch (N, 2) of base in which the directions (N, 3) are up; see _rotation."""
+    x, y, z = up.T
+    # Adding 0 turns the -0 of a level robot into 0.
+    return np.column_stack([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))]) + 0.0
+
+
 def _rotation(x: float, y: float, z: float) -> list[list[float]]:
     """R_y(pitch) R_x(roll), whose last row is up: (-sin pitch, cos pitch sin roll, cos pitch cos roll)."""
     cos_pitch = math.hypot(y, z)

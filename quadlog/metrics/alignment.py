@@ -9,6 +9,7 @@ import numpy as np
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.positioning import Trajectory
+from quadlog.metrics.summary import Samples, finite_samples
 
 _RANK = 1e-9  # of the largest singular value
 
@@ -234,6 +235,16 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
         before_m=_rms(reference_m - position_m),
         after_m=_rms(wanted - centred @ rotation.T),
     )
+
+
+def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> dict[str, Samples]:
+    """Of lidar_uwb_rmse_m: distances of positions (N, 2), NaN where unknown, once a rigid motion has aligned them."""
+    offset = find_frame_offset(lidar_xy_m, uwb_xy_m)
+    if offset is None:
+        return {}
+    cos, sin = np.cos(offset.turn_rad), np.sin(offset.turn_rad)
+    moved_m = lidar_xy_m @ np.array([[cos, sin], [-sin, cos]]) + offset.shift_m
+    return {"lidar_uwb_rmse_m": finite_samples(t_ns, np.hypot(*(moved_m - uwb_xy_m).T), "rms")}
 
 
 def frame_offset_words(offset: FrameOffset) -> str | None:

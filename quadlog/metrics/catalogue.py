@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+ValueKind = Literal["quantity", "count", "yes or no"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -10,7 +13,9 @@ class MetricEntry:
     """One metric of the contract.
 
     formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
-    itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad.
+    itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad. kind: of a
+    run's value; only quantities are about normally distributed over runs.
+    better: the lower or the higher value; empty where neither is better.
     """
 
     name: str
@@ -20,6 +25,8 @@ class MetricEntry:
     source: str
     counted: str
     worst_is_lowest: bool = False
+    kind: ValueKind = "quantity"
+    better: Literal["lower", "higher", ""] = "lower"
 
 
 _OURS = "quadlog's own definition"
@@ -72,6 +79,7 @@ _ENTRIES = (
     MetricEntry(
         *("fallen", "", "1 when the robot fell, else 0; absent for a robot without a body"),
         *("max fallen_i", _OURS, "control ticks"),
+        kind="yes or no",
     ),
     MetricEntry(
         *("pitch_rms_rad", "rad", "root mean square of the body's pitch less the pitch that the ground asks for"),
@@ -97,34 +105,42 @@ _ENTRIES = (
         *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),
         *("min clearance_i", _OURS, "control ticks with an obstacle on the map"),
         worst_is_lowest=True,
+        better="higher",
     ),
     MetricEntry(
         *("collisions", "", "how often contact began with an obstacle that did not first appear inside the body"),
         *("number of ticks with clearance ≤ 0 after one without", _OURS, "control ticks inside the map"),
+        kind="count",
     ),
     MetricEntry(
         *("following_distance_mean_m", "m", "mean distance to who is followed"),
         *("1/N Σ |target_i − robot_i|", _OURS, "control ticks with a known target"),
+        better="",
     ),
     MetricEntry(
         *("lateral_drift_m", "m", "how far to the left a trot along x ended"),
         *("y_end − y_start", "[Foot] Figs 5, 6", "samples of the trot"),
+        better="",
     ),
     MetricEntry(
         *("yaw_rate_degps", "deg/s", "rate at which a trot along x turns to the left"),
         *("slope of the line through the mean yaw of each gait cycle", "[Foot] Figs 5, 6", "gait cycles"),
+        better="",
     ),
     MetricEntry(
         *("forward_m", "m", "how far along x a trot went"),
         *("x_end − x_start", "[Foot] Figs 5, 6", "samples of the trot"),
+        better="",
     ),
     MetricEntry(
         *("expanded_total", "", "cells that the planner closed, over all replans"),
         *("Σ expanded_i", _OURS, _REPLANS),
+        kind="count",
     ),
     MetricEntry(
         *("generated_total", "", "distinct cells that the planner ever opened, over all replans"),
         *("Σ generated_i", _OURS, _REPLANS),
+        kind="count",
     ),
     MetricEntry(
         *("expanded_mean", "", "cells that the planner closed, per replan"),
@@ -133,6 +149,7 @@ _ENTRIES = (
     MetricEntry(
         *("ratio_to_astar", "", "cells that A* closes on the same queries per cell closed; above 1 is better"),
         *("Σ astar_expanded_i / Σ expanded_i", _OURS, _REPLANS),
+        better="higher",
     ),
     MetricEntry(
         *("fallback_share", "", "share of replans in which an incremental planner had to start from scratch"),
@@ -146,6 +163,7 @@ _ENTRIES = (
         *("success_rate", "", "share of replans that found a path"),
         *("Σ found_i / N", _OURS, _REPLANS),
         worst_is_lowest=True,
+        better="higher",
     ),
     MetricEntry(
         *("uwb_rmse_m", "m", "root mean square distance of the robot's UWB fixes from the truth, unsmoothed"),
@@ -166,18 +184,24 @@ _ENTRIES = (
             "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
         ),
         *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
+        better="",
     ),
     MetricEntry(
         *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),
         *("1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ", "[BarShalom]", "positions of the robot's tag with a truth"),
+        better="",
     ),
     MetricEntry(
         *("uwb_coverage_95", "", "share of the truth that lies in the 95 % ellipses of the robot's track"),
         *("share of eᵢᵀ Cᵢ⁻¹ eᵢ ≤ 5.99", _OURS, "positions of the robot's tag with a truth"),
         worst_is_lowest=True,
+        better="",
     ),
     MetricEntry(
-        *("ate_rmse_m", "m", "absolute trajectory error against a reference, translation; equal to evo_ape's rmse"),
+        "ate_rmse_m",
+        "m",
+        "absolute trajectory error against a reference, translation, in 3-D where both have heights, else in 2-D; "
+        "equal to evo_ape's rmse, in 2-D with --project_to_plane xy",
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(
@@ -189,20 +213,31 @@ _ENTRIES = (
         *("√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(
+        *("lidar_uwb_rmse_m", "m", "root mean square distance between the lidar's and UWB's tracks once aligned"),
+        *("√( 1/N Σ |R lidar_i + t − uwb_i|² ), R and t a rigid motion in the plane", "[Umeyama]"),
+        "poses of the lidar at which UWB has one",
+    ),
+    MetricEntry(
         *(
             "reference_time_offset_s",
             "s",
             "what to add to the poses' times to have the reference's",
         ),
         *("argmin over offset, R, t of Σ |R p_i + t − p_ref(t_i + offset)|²", _OURS, "poses compared"),
+        better="",
     ),
     MetricEntry(
-        *("rpe_rmse_m", "m", "relative pose error from pair to pair, translation; equal to evo_rpe's rmse"),
+        *(
+            "rpe_rmse_m",
+            "m",
+            "relative pose error from pair to pair, translation, in 3-D or 2-D as ate_rmse_m; as evo_rpe",
+        ),
         *("√( 1/N Σ |trans( (Q_i⁻¹ Q_i+1)⁻¹ (P_i⁻¹ P_i+1) )|² )", "[Sturm]", "steps between neighbouring pairs"),
     ),
     MetricEntry(
         *("realtime_factor", "", "recorded seconds per second of computing, start-up and compilation apart"),
         *("recorded_s / Σ stage seconds", _OURS, "runs: 1"),
+        better="higher",
     ),
 )
 

@@ -28,12 +28,12 @@ Z_95 = float(ndtri(0.975))
 """Two-sided 95 % quantile of a normal."""
 
 
-def student_interval(values: Float) -> Interval | None:
+def student_interval(values: Float, confidence: float = 0.95) -> Interval | None:
     """Interval of the mean of values (N,), independent and about normally distributed; None below two."""
     if len(values) < 2:
         return None
     mean, half = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    half *= float(stdtrit(len(values) - 1, 0.975))
+    half *= float(stdtrit(len(values) - 1, (1 + confidence) / 2))
     return (mean - half, mean + half)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.catalogue import CATALOGUE, ValueKind
 from quadlog.metrics.intervals import Interval, mean_interval_in_time, student_interval, wilson_interval
 from quadlog.metrics.metric import Metric, Metrics
 
@@ -163,18 +163,22 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """A run under the name that tells it from the others, with its metrics in the contract's order."""
+    """A run under the name that tells it from the others, with its metrics in the contract's order.
+
+    settings: how it was made; runs of other settings are not averaged with it.
+    """
 
     path: Path
     label: str
     metrics: Mapping[str, Measured]
+    settings: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
     """Over the runs that have the metric: mean, sample standard deviation, quantiles, and the extremes.
 
-    interval: 95 %, of the mean over all runs that could have been; None for one run or runs all alike.
+    interval: 95 %, of the mean over all runs that could have been; None for one run, runs all alike, and counts.
     lowest, highest: which of the values given are the extremes, the first where several are.
     """
 
@@ -188,10 +192,11 @@ class Spread:
     highest: int
 
 
-def spread(values: Sequence[float], yes_or_no: bool = False) -> Spread | None:
-    """Of R runs, None without one. The runs count as independent of one another and about normally distributed.
+def spread(values: Sequence[float], kind: ValueKind = "quantity") -> Spread | None:
+    """Of R runs, None without one. The runs count as independent of one another.
 
-    yes_or_no: values are 0 or 1, whose interval is Wilson's: it stays inside [0, 1], and wide when all are alike.
+    The interval of quantities is Student's; that of "yes or no", values of 0 or 1, is Wilson's: it stays inside [0, 1],
+    and wide when all are alike. Counts have none: few runs say nothing of how a count is distributed.
     """
     if not values:
         return None
@@ -204,16 +209,16 @@ def spread(values: Sequence[float], yes_or_no: bool = False) -> Spread | None:
         std=None if len(x) < 2 else 0.0 if alike else float(np.std(x, ddof=1)),
         p50=p50,
         p95=p95,
-        interval=_interval_of_mean(x, yes_or_no, alike),
+        interval=_interval_of_mean(x, kind, alike),
         lowest=int(np.argmin(x)),
         highest=int(np.argmax(x)),
     )
 
 
-def _interval_of_mean(x: Float, yes_or_no: bool, alike: bool) -> Interval | None:
-    if yes_or_no:
+def _interval_of_mean(x: Float, kind: ValueKind, alike: bool) -> Interval | None:
+    if kind == "yes or no":
         return wilson_interval(int(x.sum()), len(x)) if len(x) > 1 else None
-    return None if alike else student_interval(x)
+    return None if alike or kind == "count" else student_interval(x)
 
 
 APART_NS = 1_000_000_000
@@ -231,3 +236,10 @@ def worst_instants(t_ns: Int, badness: Float, most: int = 3) -> list[int]:
         chosen.append(worst)
         open_ &= np.abs(t_ns - t_ns[worst]) >= APART_NS
     return chosen
+
+
+def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
+    """As worst_instants, of the samples of the metric `name`: the largest in size, or the lowest where low is bad."""
+    values = samples.values
+    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
+    return worst_instants(samples.t_ns, badness, most)

@@ -12,6 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from quadlog.messages import Float, Float32, Int
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 
 FEWEST_POINTS = 50
 """After thinning; a scan with fewer is no place."""
@@ -66,6 +67,10 @@ class LidarOdometry:
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
+
+    def __len__(self) -> int:
+        """Number of poses so far."""
+        return len(self._t_ns)
 
     def take(self, t_ns: int, xyz_m: Float32, offset_ns: Int | None) -> None:
         """The next scan: points (N, 3) in upright axes about the robot, measured offset_ns (N,) after t_ns.
@@ -137,6 +142,14 @@ class LidarOdometry:
         self._t_ns.append(t_ns)
         self._poses.append(pose)
         self._match.append(match)
+
+
+def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
+    """Velocities between successive scans that are both matched well; None with fewer than two."""
+    matched = track.match == ScanMatch.MATCHED
+    usable = matched[1:] & matched[:-1] & (np.diff(track.t_ns) <= MAX_GAP_NS)
+    yaw_rad = np.unwrap(np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0]))
+    return motion_between(track.t_ns, track.position_m[:, :2], yaw_rad, usable, "lidar", causal=causal)
 
 
 def _middle(offset_ns: Int) -> int:

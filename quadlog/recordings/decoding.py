@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError
 from quadlog.messages import Message
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders import foxglove, laser_scan, pose, uwb
+from quadlog.recordings.decoders import foxglove, joints, laser_scan, pose, unitree, uwb
 from quadlog.recordings.decoders.columns import Ways
+from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
+from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 
@@ -52,6 +54,34 @@ IN_COLUMNS: dict[str, Ways] = {
     "nav_msgs/msg/Odometry": [(pose.ODOMETRY, pose.odometry_in_columns)],
     "sensor_msgs/msg/Imu": [(pose.IMU, pose.imu_in_columns)],
     "tf2_msgs/msg/TFMessage": [(pose.TF, pose.tf_in_columns)],
+    "unitree_go/msg/SportModeState": [(unitree.SPORT_MODE_STATE, unitree.sport_mode_states_in_columns)],
+}
+
+
+# The same of types that hold several messages.
+SEVERAL: dict[str, Callable[[Any, str], tuple[Message, ...]]] = {
+    "unitree_go/msg/SportModeState": unitree.decode_sport_mode_state,
+}
+
+
+class BodyDecoder(NamedTuple):
+    """decode: from a message, its topic and the order of joints to messages; ways: the same in columns, of a topic."""
+
+    decode: Callable[[Any, str, JointOrder], tuple[Message, ...]]
+    ways: Callable[[str, JointOrder], Ways]
+
+
+_LOW_STATE = BodyDecoder(unitree.decode_low_state, unitree.low_state_ways)
+_HIGH_STATE = BodyDecoder(unitree.decode_high_state, unitree.high_state_ways)
+
+# A quadruped's joints, which are told by configuration too, and what else is in the same message.
+BODY: dict[str, BodyDecoder] = {
+    "sensor_msgs/msg/JointState": BodyDecoder(joints.decode_joint_state, joints.joint_state_ways),
+    "unitree_go/msg/LowState": _LOW_STATE,
+    "unitree_legged_msgs/msg/LowState": _LOW_STATE,
+    "unitree_legged_msgs/msg/HighState": _HIGH_STATE,
+    "ros2_unitree_legged_msgs/msg/LowState": _LOW_STATE,
+    "ros2_unitree_legged_msgs/msg/HighState": _HIGH_STATE,
 }
 
 # LinkTrack packages have many names: matched by the last part of the type.
@@ -101,7 +131,7 @@ def last_part(type_name: str) -> str:
 
 def decoder_plugin(type_name: str) -> Plugin | None:
     """The plug-in that decodes a type, None where there is none. Raises PluginNameTaken."""
-    own = (BY_HAND, ROS, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
+    own = (BY_HAND, ROS, SEVERAL, BODY, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
     taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
     return find_plugin(DECODERS, type_name, taken=taken)
 
@@ -125,13 +155,33 @@ def is_decodable(channel: Channel) -> bool:
         return name in FOXGLOVE_PROTOBUF
     if encoding == "json":
         return name in FOXGLOVE_JSON
-    return name in BY_HAND or name in ROS or last_part(name) in LINKTRACK
+    return _has_own(name) or isinstance(found_pose(channel), PoseField)
 
 
-def decoder_for(channel: Channel, definitions: Definitions | None = None, *, points: bool = True) -> Decoder | None:
+def _has_own(name: str) -> bool:
+    """Whether there is a decoder for ROS messages of this type."""
+    return any(name in table for table in (BY_HAND, ROS, SEVERAL, BODY)) or last_part(name) in LINKTRACK
+
+
+def found_pose(channel: Channel) -> PoseField | str:
+    """Where the definition of a type that has no decoder holds a pose, or why it is not taken; empty for all others."""
+    name, encoding = channel.type_name, channel.message_encoding
+    if _has_own(name) or plugged_decoder(name) is not None or encoding not in ("ros1", "cdr"):
+        return ""
+    return find_pose(name, encoding, channel.schema_encoding, channel.schema)
+
+
+def decoder_for(
+    channel: Channel,
+    definitions: Definitions | None = None,
+    order: JointOrder | None = None,
+    *,
+    points: bool = True,
+) -> Decoder | None:
     """The channel's decoder, or None for a type that quadlog has no use for.
 
-    points: False for clouds that are checked but come without points, except those of plug-ins.
+    order: of joints; None: detected. points: False for clouds that are checked but come without points, except those
+    of plug-ins.
     Raises DecodeError where the type is known but its encoding or its
     definition is not; the decoder raises it for single payloads.
     """
@@ -155,16 +205,29 @@ def decoder_for(channel: Channel, definitions: Definitions | None = None, *, poi
     definitions = definitions or Definitions()
     if name in ROS:
         return _single(definitions.decoder(channel, ROS[name]))
-    return definitions.decoder(channel, LINKTRACK[last_part(name)])
+    if name in BODY:
+        decode, joint_order = BODY[name].decode, order or JointOrder()
+        return definitions.decoder(channel, lambda message, topic: decode(message, topic, joint_order))
+    if name in SEVERAL:
+        return definitions.decoder(channel, SEVERAL[name])
+    if last_part(name) in LINKTRACK:
+        return definitions.decoder(channel, LINKTRACK[last_part(name)])
+    found = found_pose(channel)
+    assert isinstance(found, PoseField)
+    return _single(definitions.decoder(channel, found))
 
 
-def ways_in_columns(channel: Channel) -> Ways:
+def ways_in_columns(channel: Channel, order: JointOrder | None = None) -> Ways:
     """How the channel's type is decoded many at a time; none where it is not, as static transforms, which are few."""
     if channel.message_encoding not in ("ros1", "cdr") or plugged_decoder(channel.type_name) is not None:
         return ()
     if pose.is_static(channel.topic):
         return ()
+    if channel.type_name in BODY:
+        return BODY[channel.type_name].ways(channel.topic, order or JointOrder())
     ways = IN_COLUMNS.get(channel.type_name)
+    if isinstance(found := found_pose(channel), PoseField):
+        return () if found.flag else [(found.wanted, pose.pose_in_columns)]
     return ways if ways is not None else LINKTRACK_IN_COLUMNS.get(last_part(channel.type_name), ())
 
 

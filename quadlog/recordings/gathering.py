@@ -12,9 +12,8 @@ import numpy as np
 from quadlog.messages import Int, Message
 from quadlog.recordings.clock import Clock
 from quadlog.recordings.containers.container import Channel, RawMessage
-from quadlog.recordings.decoders.columns import LARGEST_BYTES, ColumnDecoder, Columns
+from quadlog.recordings.decoders.columns import LARGEST_BYTES, ColumnDecoder, Columns, Ways
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoding import ways_in_columns
 
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
 MOST_HELD, MOST_HELD_BYTES, MOST_BEFORE_HELD = 4, 1 << 24, 256
@@ -74,8 +73,8 @@ class Pass:
 class Waiting:
     """The messages of a channel that are not decoded yet."""
 
-    def __init__(self, channel: Channel) -> None:
-        self.channel = channel
+    def __init__(self, channel: Channel, ways: Ways) -> None:
+        self.channel, self._ways = channel, ways
         self._decoder: ColumnDecoder | None = None
         self._tries = 0
         self._begin()
@@ -108,7 +107,7 @@ class Waiting:
         """What decodes them; None where none is found by the payload."""
         if self._decoder is None and self._tries < MOST_TRIES:
             self._tries += 1
-            self._decoder = definitions.column_decoder(self.channel, payload, ways_in_columns(self.channel))
+            self._decoder = definitions.column_decoder(self.channel, payload, self._ways)
         return self._decoder
 
     def _begin(self) -> None:

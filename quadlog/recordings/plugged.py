@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike
 
 from quadlog.config.plugins import Plugin, describe_failure
 from quadlog.errors import DecodeError
-from quadlog.messages import Float, Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Float, Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
@@ -35,6 +35,12 @@ _ARRAYS: dict[type, dict[str, tuple[DTypeLike, tuple[int | str, ...]]]] = {
     },
     Imu: {"quat_xyzw": (np.float64, (4,)), "angular_radps": (np.float64, (3,)), "linear_mps2": (np.float64, (3,))},
     Transforms: {},
+    JointStates: {
+        "position_rad": (np.float64, (12,)),
+        "velocity_radps": (np.float64, (12,)),
+        "torque_nm": (np.float64, (12,)),
+        "foot_force_n": (np.float64, (4,)),
+    },
 }
 _MAY_BE_NONE = {
     (PointCloud, "ring"),

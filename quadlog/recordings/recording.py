@@ -12,13 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import DecodeError, UnknownTopic, some_of
+from quadlog.errors import DecodeError, UnknownJoints, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
 from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, is_decodable, ways_in_columns
+from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, found_pose, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
@@ -30,11 +32,12 @@ def open_recording(
     msg_path: Sequence[Path | str] = (),
     range_topics: Mapping[str, tuple[int, int]] | None = None,
     anchor_ids: Collection[int] = (),
+    joints: JointOrder | None = None,
 ) -> Recording:
     """Open any recording quadlog reads. Use it as a context manager.
 
     msg_path: folders of .msg files for types the recording does not define;
-    range_topics: topic -> (tag, anchor) for topics of single ranges.
+    range_topics: topic -> (tag, anchor) for topics of single ranges; joints: their order, None: detected.
     Raises RecordingNotFound, NotARecording or NothingReadable.
     """
     from quadlog.recordings.containers.open import open_container
@@ -45,6 +48,7 @@ def open_recording(
         definitions=Definitions([Path(folder) for folder in msg_path]),
         range_topics=range_topics or {},
         anchor_ids=anchor_ids,
+        joints=joints,
     )
 
 
@@ -56,6 +60,7 @@ def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), s
         msg_path=msg_path,
         range_topics={each.topic: (each.tag, each.anchor) for each in config.uwb.range_topics},
         anchor_ids=[anchor.id for anchor in config.uwb.anchors],
+        joints=JointOrder(config.robot.joints, config.robot.feet),
     )
 
 
@@ -70,10 +75,12 @@ class Recording(ClosedOnExit):
         definitions: Definitions | None = None,
         range_topics: Mapping[str, tuple[int, int]] | None = None,
         anchor_ids: Collection[int] = (),
+        joints: JointOrder | None = None,
     ) -> None:
         self.container, self.stamp = container, stamp
         self._definitions = definitions or Definitions()
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
+        self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
         self._learned: set[str] = set()
         self._first_lags: dict[str, list[int]] = {}
@@ -133,6 +140,12 @@ class Recording(ClosedOnExit):
             found.setdefault(channel.topic, []).append(channel)
         return {topic: tuple(channels) for topic, channels in found.items()}
 
+    @cached_property
+    def found_poses(self) -> dict[str, PoseField | str]:
+        """Type -> its pose by its definition, or why that is not taken, of types without a decoder of their own."""
+        found = {channel.type_name: found_pose(channel) for channel in self.channels}
+        return {name: field for name, field in found.items() if field}
+
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Timed]:
@@ -176,7 +189,8 @@ class Recording(ClosedOnExit):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
-                own = waiting[id(raw.channel)] = Waiting(raw.channel) if ways_in_columns(raw.channel) else None
+                ways = ways_in_columns(raw.channel, self.joints)
+                own = waiting[id(raw.channel)] = Waiting(raw.channel, ways) if ways else None
                 if own is not None and raw.channel.topic in prompt:
                     held.behind.append(own)
             if own is None or not own.take(order, raw):
@@ -276,6 +290,18 @@ class Recording(ClosedOnExit):
                 continue
         return found
 
+    def why_unsampled(self, topic: str, count: int) -> str | None:
+        """Why none of the first few messages of a topic can be decoded, or None where some can."""
+        reason = None
+        for raw in islice(self.container.messages([topic]), count):
+            try:
+                self._decode(raw)
+            except DecodeError as error:
+                reason = reason or error.reason
+            else:
+                return None
+        return reason
+
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
         for channel in self.channels_of(topic):
@@ -347,6 +373,8 @@ class Recording(ClosedOnExit):
         topic = raw.channel.topic
         try:
             decoded = self._decode(raw, points=points)
+        except UnknownJoints:  # of another machine; `detect_roles` tells of a topic of nothing else
+            return ()
         except DecodeError as error:
             reading.failed[topic] = reading.failed.get(topic, 0) + 1
             most, why = self._failures.get(topic, (0, error.reason))
@@ -372,7 +400,7 @@ class Recording(ClosedOnExit):
         if known is None:
             decoder = None
             try:
-                decoder = decoder_for(channel, self._definitions, points=points)
+                decoder = decoder_for(channel, self._definitions, self.joints, points=points)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
             # The channel is kept, so its id stays its own.

@@ -9,7 +9,8 @@ import numpy as np
 
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
-from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part, plugged_decoder
 from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
@@ -32,6 +33,16 @@ OWN_KINDS: dict[str, type[Message]] = {
     "gtec_msgs/msg/Ranging": UwbRanges,
     "uwb_driver/msg/UwbRange": UwbRanges,
     "sensor_msgs/msg/Range": UwbRanges,
+}
+# Of a type that holds several: the kind that it is for, and what else there is.
+BODY_KINDS: dict[str, tuple[type[Message], ...]] = {
+    "sensor_msgs/msg/JointState": (JointStates,),
+    "unitree_go/msg/LowState": (JointStates, Imu),
+    "unitree_go/msg/SportModeState": (Odometry, Imu),
+    "unitree_legged_msgs/msg/LowState": (JointStates, Imu),
+    "unitree_legged_msgs/msg/HighState": (Odometry, JointStates, Imu),
+    "ros2_unitree_legged_msgs/msg/LowState": (JointStates, Imu),
+    "ros2_unitree_legged_msgs/msg/HighState": (Odometry, JointStates, Imu),
 }
 RANGE_TYPE = "sensor_msgs/msg/Range"
 PLANAR_SCANS = {"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"}
@@ -58,6 +69,8 @@ LATE_SCANS = 100
 NO_RETURN_M = 1e4
 """Coordinates beyond are what some drivers write where there was no return."""
 SAMPLED_SCANS = 5
+SAMPLED_JOINTS = 20
+"""Drivers of arms and wheels may share the topic."""
 FEW_POINTS = 100  # a spinning lidar gives thousands, a radar tens
 FLAT_M = 0.02
 _NEAREST_ROLE: dict[type[Message], str] = {
@@ -67,9 +80,11 @@ _NEAREST_ROLE: dict[type[Message], str] = {
     Imu: "imu",
     Pose: "reference",
     Transforms: "tf",
+    JointStates: "joints",
 }
 # The rank of what is a cloud, but hardly a lidar's.
 _POOR = 1
+_TRUTH = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +96,20 @@ class Candidate:
     why: str
 
 
-def kind_of(type_name: str) -> type[Message] | None:
-    """What messages of a type become, None for types that nobody decodes."""
+def kinds_of(type_name: str) -> tuple[type[Message], ...]:
+    """What messages of a type become, the most important kind first; none for types that nobody decodes."""
     plugged = plugged_decoder(type_name)
     if plugged is not None:
-        return plugged.gives
-    return UwbRanges if last_part(type_name) in LINKTRACK else OWN_KINDS.get(type_name)
+        return (plugged.gives,)
+    if type_name in BODY_KINDS:
+        return BODY_KINDS[type_name]
+    own = UwbRanges if last_part(type_name) in LINKTRACK else OWN_KINDS.get(type_name)
+    return () if own is None else (own,)
+
+
+def kinds_in(recording: Recording, type_name: str) -> tuple[type[Message], ...]:
+    """The same, with the poses that the recording's own definitions show in types that nobody else decodes."""
+    return (Pose,) if isinstance(recording.found_poses.get(type_name), PoseField) else kinds_of(type_name)
 
 
 def refusal(type_name: str) -> str | None:
@@ -106,9 +129,9 @@ def refusal(type_name: str) -> str | None:
 
 def nearest_role(type_name: str) -> str | None:
     """The role that topics of a type look fit for, usable or not."""
-    kind = kind_of(type_name)
-    if kind is not None:
-        return _NEAREST_ROLE[kind]
+    kinds = kinds_of(type_name)
+    if kinds:
+        return _NEAREST_ROLE[kinds[0]]
     if last_part(type_name) in REFUSED:
         return "uwb"
     return "lidar" if type_name.partition("/")[0] in DRIVER_PACKAGES else None
@@ -116,7 +139,6 @@ def nearest_role(type_name: str) -> str | None:
 
 NOT_READ = {
     "camera images": ("Image", "CameraInfo", "CompressedVideo", "Theora"),
-    "joints of a robot": ("JointState", "LowState", "HighState", "SportModeState"),
     "satellite positions": ("NavSat", "Gps", "GPS"),
     "logs and diagnostics": ("Log", "Diagnostic", "Rosout", "ParameterEvent"),
     "commands": ("Twist", "Cmd", "Command", "Joy"),
@@ -145,7 +167,7 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     for topic, name in free.items():
         if name == RANGE_TYPE and recording.ends_of(topic) is None:
             unused[topic] = "is a Range whose ends nothing tells; map them in [[uwb.range_topics]] if it is UWB"
-        elif kind_of(name) is UwbRanges:
+        elif UwbRanges in kinds_of(name):
             kinds.setdefault(last_part(name), []).append(topic)
     return [
         Candidate(tuple(topics), 1, f"{len(topics)} topics of {kind}" if len(topics) > 1 else f"the only {kind}")
@@ -200,13 +222,14 @@ def _valid_points(cloud: PointCloud) -> np.ndarray:
 
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "lidar", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "legs", "lidar", "fixed")
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
     "lidar": ((PointCloud,), "a point cloud"),
     "uwb": ((UwbRanges,), "UWB ranges"),
     "odometry": ((Pose, Odometry), "odometry"),
     "imu": ((Imu,), "an IMU"),
+    "joints": ((JointStates,), "the joints of a robot"),
     "reference": ((Pose, Odometry), "a pose"),
     "target": ((Pose, Odometry), "a pose"),
 }
@@ -262,7 +285,8 @@ class Roles:
     def of_topic(self, topic: str) -> tuple[str | None, str]:
         """The role a topic plays, and why it does or does not."""
         if topic in self._role_of:
-            return self._role_of[topic].name, self._role_of[topic].why
+            mine = [role for role in self.found.values() if topic in role.topics]
+            return ", ".join(role.name for role in mine), "; ".join(dict.fromkeys(role.why for role in mine))
         if topic in self._choice_of:
             name, topics = self._choice_of[topic]
             count = len(self.ambiguous[name])
@@ -295,12 +319,16 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     found: dict[str, Role] = {}
     ambiguous: dict[str, tuple[tuple[str, ...], ...]] = {}
     for role, chosen in _configured(recording, topics).items():
-        found[role] = Role(role, chosen, "chosen in the configuration")
+        fields = [found_words(recording, name) for topic in chosen for name in recording.types_of(topic)]
+        found[role] = Role(role, chosen, "; ".join(["chosen in the configuration", *filter(None, fields)]))
+        if role == "joints" and (why := recording.why_unsampled(chosen[0], SAMPLED_JOINTS)) is not None:
+            raise UnknownTopic(role, chosen[0], _fitting(recording, role, chosen[0]), f"cannot be used: it {why}")
     taken = {topic for role in found.values() for topic in role.topics}
-    free = {topic: name for topic, name in usable.items() if topic not in taken}
+    # A message that holds several kinds can play several roles.
+    free = {topic: name for topic, name in usable.items() if topic not in taken or len(kinds_of(name)) > 1}
 
     if "lidar" not in found:
-        clouds = [topic for topic, name in free.items() if kind_of(name) is PointCloud]
+        clouds = [topic for topic, name in free.items() if PointCloud in kinds_of(name)]
         _settle("lidar", look_at_clouds(recording, clouds), found, ambiguous, unused)
     if "uwb" not in found:
         families = uwb_candidates(recording, free, unused)
@@ -310,16 +338,19 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             ambiguous["uwb"] = tuple(family.topics for family in families)
     for role, kind in (("odometry", Odometry), ("imu", Imu)):
         if role not in found:
-            _settle(role, _by_kind(role, kind, free), found, ambiguous, unused)
+            _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
+    if "joints" not in found:
+        _settle("joints", look_at_joints(recording, free), found, ambiguous, unused)
     if "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
-        _settle("reference", _by_kind("reference", Pose, free | sources), found, ambiguous, unused)
+        _settle("reference", _by_kind(recording, "reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
-    transforms = tuple(topic for topic, name in usable.items() if kind_of(name) is Transforms)
+    transforms = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
     if transforms:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
-    targets = tuple(topic for topic, name in free.items() if kind_of(name) is Pose and is_target_name(topic))
+    targets = tuple(topic for topic, name in free.items() if Pose in kinds_of(name) and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
+    near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
     return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
 
 
@@ -349,6 +380,7 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
         why: str | None = f"carries several types ({some_of(types)})"
         if len(types) == 1:
             why = refusal(types[0])
+            why = why or _untaken(recording, types[0])
         if why is None and all(count == 0 for count in counts):
             why = "has no messages"
         if why is None:
@@ -360,10 +392,22 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
     return usable, unused
 
 
+def _untaken(recording: Recording, type_name: str) -> str | None:
+    """Why the poses that a type's definition shows are not taken."""
+    field = recording.found_poses.get(type_name)
+    return field if isinstance(field, str) else None
+
+
+def found_words(recording: Recording, type_name: str) -> str:
+    """The type and the field of a pose that was found by the definition; empty for other types."""
+    field = recording.found_poses.get(type_name)
+    return f"{type_name}, its pose in {field.name}" if isinstance(field, PoseField) else ""
+
+
 def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
     """Role -> topics, for the roles that the configuration settles."""
     chosen: dict[str, tuple[str, ...]] = {}
-    for role in ("lidar", "odometry", "imu", "reference"):
+    for role in ("lidar", "odometry", "imu", "joints", "reference"):
         if topic := getattr(topics, role):
             chosen[role] = (topic,)
     if topics.uwb:
@@ -389,34 +433,75 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
         raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
     if len(types) > 1:
         raise UnknownTopic(role, topic, choices, f"carries several types ({some_of(types)})")
-    if not _fits(role, types[0]):
+    if not _fits(recording, role, types[0]):
         raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 
 
 def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
     """The other topics whose type fits a role."""
-    topics = (channel.topic for channel in recording.channels if _fits(role, channel.type_name))
+    topics = (channel.topic for channel in recording.channels if _fits(recording, role, channel.type_name))
     return [each for each in dict.fromkeys(topics) if each != topic]
 
 
-def _fits(role: str, type_name: str) -> bool:
-    return kind_of(type_name) in KINDS[role][0]
+def _fits(recording: Recording, role: str, type_name: str) -> bool:
+    return not set(KINDS[role][0]).isdisjoint(kinds_in(recording, type_name))
 
 
-def _by_kind(role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
-    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry."""
+def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
+    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry.
+
+    A pose that was found by a definition is a reference by such a name of its topic or type, unless others are; without
+    it a user must choose it.
+    """
     candidates = []
     for topic, name in free.items():
         truth = any(word in topic.lower() for word in TRUTH_WORDS)
-        if role == "reference" and truth and _fits(role, name):
-            candidates.append(Candidate((topic,), 2, f"{name}, and its name speaks of truth"))
+        if role == "reference" and (words := found_words(recording, name)):
+            if truth or any(word in name.lower() for word in TRUTH_WORDS):
+                candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, and its name speaks of truth"))
+            else:
+                why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
+                candidates.append(Candidate((topic,), 0, why))
+        elif role == "reference" and truth and _fits(recording, role, name):
+            candidates.append(Candidate((topic,), _TRUTH, f"{name}, and its name speaks of truth"))
         elif (
-            kind_of(name) is kind
+            kind in kinds_of(name)
             and not (role == "odometry" and truth)
             and not (role == "reference" and is_target_name(topic))
         ):
-            candidates.append(Candidate((topic,), 1, f"the only {name}"))
+            why = f"in {name}" if name in BODY_KINDS else f"the only {name}"
+            candidates.append(Candidate((topic,), 1 + _rank_of(topic, name), why))
     return candidates
+
+
+def _rank_of(topic: str, type_name: str) -> int:
+    """How well a topic of several kinds serves; those for one thing serve best.
+
+    A robot's own /lf/ topics repeat others at a lower rate.
+    """
+    if type_name not in BODY_KINDS:
+        return 6
+    by_type = {"LowState": 5, "SportModeState": 3, "HighState": 1}.get(last_part(type_name), 5)
+    return by_type - ("lf" in topic.split("/"))
+
+
+def look_at_joints(recording: Recording, free: Mapping[str, str]) -> list[Candidate]:
+    """How well each topic with joints serves, by its first messages; one with the feet's forces is best."""
+    return [_judge_joints(recording, topic, name) for topic, name in free.items() if JointStates in kinds_of(name)]
+
+
+def _judge_joints(recording: Recording, topic: str, type_name: str) -> Candidate:
+    why = recording.why_unsampled(topic, SAMPLED_JOINTS)
+    if why is not None:
+        return Candidate((topic,), 0, why)
+    if not any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
+        return Candidate((topic,), 0, "holds no joints")
+    used = recording.joints.used.get(topic)
+    left_out = () if used is None else used.left_out
+    others = f", others are left out: {some_of(left_out)}" if left_out else ""
+    # Where both are recorded, a driver makes the JointState of the LowState, without the feet.
+    rank = 4 if last_part(type_name) == "JointState" else 1 + _rank_of(topic, type_name)
+    return Candidate((topic,), rank, f"12 joints of four legs in {type_name}{others}")
 
 
 def _settle(
@@ -435,4 +520,6 @@ def _settle(
         ambiguous[role] = tuple(each.topics for each in top)
     for each in candidates:
         if each.rank < best or best == 0:
-            unused.update(dict.fromkeys(each.topics, each.why))
+            # What is fit, but for another topic.
+            beside = f"; {top[0].topics[0]} is better" if role == "joints" and 0 < each.rank < best else ""
+            unused.update(dict.fromkeys(each.topics, each.why + beside))

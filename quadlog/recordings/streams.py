@@ -9,7 +9,20 @@ from math import nan
 
 import numpy as np
 
-from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose, PoseSeries, RangeSeries, Transforms, UwbRanges
+from quadlog.messages import (
+    Float,
+    Imu,
+    ImuSeries,
+    Int,
+    JointSeries,
+    JointStates,
+    Odometry,
+    Pose,
+    PoseSeries,
+    RangeSeries,
+    Transforms,
+    UwbRanges,
+)
 from quadlog.recordings.clock import backward_steps, increasing_rows, repeated_rows
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.columns import Columns
@@ -40,6 +53,7 @@ class Streams:
     tf: TransformTree
     warnings: list[str]
     anchor_places: dict[int, AnchorPlace]
+    joints: JointSeries | None = None
 
 
 def gather(
@@ -51,6 +65,7 @@ def gather(
     reference: str | None = None,
     target: str | None = None,
     tf: Sequence[str] = (),
+    joints: str | None = None,
     start_ns: int | None = None,
     end_ns: int | None = None,
 ) -> Streams:
@@ -62,7 +77,7 @@ def gather(
     farther, what it stamps a second time is dropped and counted, because two
     walks would interleave. Raises ClocksDiffer.
     """
-    wanted = Gatherer(uwb, odometry, imu, reference, target, tf)
+    wanted = Gatherer(uwb, odometry, imu, reference, target, tf, joints)
     wanted.take_static(recording)
     for gathered in recording.gathered(wanted.moving, (), start_ns, end_ns) if wanted.moving else ():
         wanted.take(gathered, recording.stamp)
@@ -71,19 +86,29 @@ def gather(
 
 _NO_QUATERNION = [nan] * 4
 _NO_TWIST = [0.0] * 6
+_JOINT_VALUES = 40
+MOST_OF_A_JOINT = 1e5
+"""Larger angles, rates, torques and forces are no measurements."""
 
 
 @dataclass
 class _Columns:
-    """Rows of numbers: a time and `width` values each, and which of them came first. The last frames count."""
+    """Rows of numbers: a time and `width` values each, and which of them came first. The last frames count.
+
+    code: of the array that holds the values, "d" or "f".
+    """
 
     width: int
+    code: str = "d"
     order: array[int] = field(default_factory=lambda: array("q"))
     t_ns: array[int] = field(default_factory=lambda: array("q"))
-    values: array[float] = field(default_factory=lambda: array("d"))
+    values: array[float] = field(init=False)
     frame_id: str = ""
     child_frame_id: str = ""
     _frames_of: int = -1
+
+    def __post_init__(self) -> None:
+        self.values = array(self.code)
 
     def add(self, order: int, t_ns: int, values: Iterable[float]) -> None:
         """One row."""
@@ -95,7 +120,7 @@ class _Columns:
         """Rows (N,), (N,) and (N, width)."""
         self.order.frombytes(order.tobytes())
         self.t_ns.frombytes(t_ns.tobytes())
-        self.values.frombytes(np.ascontiguousarray(values, np.float64).tobytes())
+        self.values.frombytes(np.ascontiguousarray(values, self.code).tobytes())
 
     def name(self, order: int, frame_id: str, child_frame_id: str = "") -> None:
         """The frames of a row."""
@@ -105,7 +130,7 @@ class _Columns:
     def arrays(self) -> tuple[Int, Float]:
         """Times (N,) and values (N, width) in the order in which they came."""
         order, t_ns = np.array(self.order, np.int64), np.array(self.t_ns, np.int64)
-        values = np.array(self.values, np.float64).reshape(-1, self.width)
+        values = np.array(self.values, self.code).reshape(-1, self.width)
         if (np.diff(order) < 0).any():
             rows = np.argsort(order, kind="stable")
             t_ns, values = t_ns[rows], values[rows]
@@ -118,7 +143,7 @@ class _Columns:
         dropped = len(t_ns) - len(kept)
         if dropped:
             warnings.append(f"{topic}: {dropped} of {len(t_ns)} stamps do not increase; those messages are dropped")
-        return t_ns[kept], values[kept]
+        return (t_ns[kept], values[kept]) if dropped else (t_ns, values)
 
 
 class Gatherer:
@@ -135,13 +160,15 @@ class Gatherer:
         reference: str | None = None,
         target: str | None = None,
         tf: Sequence[str] = (),
+        joints: str | None = None,
     ) -> None:
-        topics = dict.fromkeys([*uwb, *(topic for topic in (odometry, imu, reference, target) if topic), *tf])
+        single = (odometry, imu, joints, reference, target)
+        topics = dict.fromkeys([*uwb, *(topic for topic in single if topic), *tf])
         self.static = [topic for topic in tf if is_static(topic)]
         self.moving = [topic for topic in topics if topic not in self.static]
         self.moving_tf = [topic for topic in tf if topic not in self.static]
         self.tree = TransformTree()
-        self._uwb, self._imu_topic = set(uwb), imu
+        self._uwb, self._imu_topic, self._joints_topic = set(uwb), imu, joints
         self._pose_topics = {"odometry": odometry, "reference": reference, "target": target}
         self._ranges = _Columns(5)  # tag, anchor, range, gap, and the topic by its number in _range_topics
         self._range_topics: dict[str, int] = {}
@@ -151,6 +178,7 @@ class Gatherer:
         for role, topic in self._pose_topics.items():
             self._columns_of_topic.setdefault(topic or "", []).append(self._poses[role])
         self._imu = _Columns(7)
+        self._joints = _Columns(_JOINT_VALUES, "f")
         self._places = AnchorPlaces()
         self._warnings: list[str] = []
 
@@ -166,12 +194,18 @@ class Gatherer:
             return
         order, t_ns, topic, content = gathered
         if isinstance(content, Imu):
+            if topic != self._imu_topic:
+                return
             self._imu.name(order, content.frame_id)
             quaternion = _NO_QUATERNION if content.quat_xyzw is None else content.quat_xyzw.tolist()
             self._imu.add(order, t_ns, [*content.angular_radps.tolist(), *quaternion])
         elif isinstance(content, (Pose, Odometry)):
             for column in self._columns_of_topic.get(topic, ()):
                 _take_pose(order, t_ns, content, column)
+        elif isinstance(content, JointStates):
+            if topic == self._joints_topic:
+                fields = (content.position_rad, content.velocity_radps, content.torque_nm, content.foot_force_n)
+                self._joints.add(order, t_ns, np.concatenate(fields).tolist())
         elif isinstance(content, UwbRanges):
             if topic in self._uwb:
                 self._take_ranges(order, t_ns, topic, content)
@@ -183,8 +217,12 @@ class Gatherer:
     def _take_columns(self, order: Int, t_ns: Int, topic: str, columns: Columns) -> None:
         last = int(order[-1])
         if columns.kind is Imu:
-            self._imu.name(last, columns.frame_id)
-            self._imu.extend(order, t_ns, columns.values)
+            if topic == self._imu_topic:
+                self._imu.name(last, columns.frame_id)
+                self._imu.extend(order, t_ns, columns.values)
+        elif columns.kind is JointStates:
+            if topic == self._joints_topic:
+                self._joints.extend(order, t_ns, columns.values)
         elif columns.kind is UwbRanges:
             if topic in self._uwb:
                 self._take_range_columns(order, t_ns, topic, columns.values)
@@ -194,7 +232,7 @@ class Gatherer:
             for column in self._columns_of_topic[topic]:
                 column.name(last, columns.frame_id, columns.child_frame_id)
                 column.extend(order, t_ns, values)
-        else:
+        elif columns.kind is Pose:
             self.tree.add_moving(columns.frame_id, columns.child_frame_id, t_ns, columns.values)
 
     def _take_range_columns(self, order: Int, t_ns: Int, topic: str, values: Float) -> None:
@@ -236,6 +274,7 @@ class Gatherer:
             tf=self.tree,
             warnings=self._warnings,
             anchor_places=self._places.found(),
+            joints=self._joint_series(),
         )
 
     def _range_series(self) -> tuple[RangeSeries | None, Float | None]:
@@ -289,6 +328,21 @@ class Gatherer:
         if not oriented and np.isfinite(quaternions).any():
             self._warnings.append(f"{self._imu_topic}: not every message has an orientation; none is used")
         return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None, self._imu.frame_id)
+
+    def _joint_series(self) -> JointSeries | None:
+        topic = str(self._joints_topic)
+        t_ns, values = self._joints.increasing(topic, self._warnings)
+        if len(t_ns) == 0:
+            return None
+        parts = {"angles": values[:, :12], "speeds": values[:, 12:24], "torques": values[:, 24:36]}
+        parts["foot forces"] = values[:, 36:]
+        for what, part in parts.items():
+            unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
+            # A message that gives none of them has NaN everywhere.
+            if unfit.any() and not np.isnan(part).all():
+                self._warnings.append(f"{topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out")
+            part[unfit] = np.nan
+        return JointSeries(t_ns, *parts.values())
 
 
 def _take_pose(order: int, t_ns: int, message: Pose | Odometry, column: _Columns) -> None:

@@ -286,7 +286,7 @@ def test_every_topic_of_a_real_recording_has_a_role_or_a_reason(name: str) -> No
     ("type_name", "why"),
     [
         ("sensor_msgs/msg/CompressedImage", "not used: quadlog reads no camera images"),
-        ("unitree_go/msg/LowState", "not used: quadlog reads no joints of a robot"),
+        ("unitree_hg/msg/LowState", "not used: quadlog has no decoder for LowState"),
         ("my_msgs/msg/Gripper", "not used: quadlog has no decoder for Gripper"),
     ],
 )

@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import MissingInput
-from quadlog.geometry import base_covariance, tag_to_base, yaw_from_quat
+from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
+from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
-from quadlog.pipelines.stages.positions.heading import find_heading
+from quadlog.pipelines.stages.positions.heading import find_heading, frozen
+from quadlog.pipelines.stages.positions.joints import write_joints
+from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.results.run.tables import TABLES, write_table
-from quadlog.storage.formats.tum import read_tum, write_tum
+from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
-AUTO_ORDER = ("uwb", "tf", "odometry", "lidar", "fixed")
+AUTO_ORDER = ("uwb", "tf", "odometry", "legs", "lidar", "fixed")
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -29,15 +32,20 @@ def locate_walk(walk: ReplayContext) -> None:
     """
     walk.progress.begin("position", None)
     with walk.clock.stage("position"):
+        walk.legs = track_legs(walk)
         uwb = locate_tags(walk)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
+        other = _other_track(walk, uwb, walk.robot.source)
         if walk.streams.reference is not None:
             walk.use("reference")
         walk.begin_folder()
         if uwb is not None:
             write_uwb(walk, uwb)
         _write_tracks(walk)
+        if other is not None:
+            write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
+        write_joints(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
 
 
@@ -48,6 +56,7 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
         "uwb": lambda: _from_uwb(walk, uwb),
         "tf": lambda: _from_tf(walk),
         "odometry": lambda: _from_odometry(walk),
+        "legs": lambda: _from_legs(walk),
         "lidar": lambda: _from_lidar(walk),
         "fixed": lambda: _fixed(walk),
     }
@@ -79,9 +88,13 @@ def _why_not(walk: ReplayContext, source: str) -> str:
 def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | None:
     if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
         return None
-    track = uwb.robot.track
-    x_m, y_m = lever_of(walk.config, uwb.robot.tag)
-    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m)
+    if uwb.body is None:
+        track = uwb.robot.track
+        x_m, y_m = lever_of(walk.config, uwb.robot.tag)
+    else:
+        track = uwb.body.track
+        x_m, y_m = uwb.body.middle_m.tolist()
+    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m, None if uwb.body is None else uwb.body.yaw)
     return RobotTrack(
         track.t_ns,
         tag_to_base(track.position_m, yaw_rad, x_m, y_m),
@@ -89,7 +102,27 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
         "uwb",
         covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
         yaw_std_rad=yaw_std_rad,
+        # base is on the ground, below the tag by the height that was given for it.
+        z_m=track.z_m - uwb.robot.height_m if uwb.robot.height_solved else None,
+        tilt_rad=_tilt(walk, track.t_ns),
     )
+
+
+def _other_track(walk: ReplayContext, uwb: UwbPositions | None, used: str) -> RobotTrack | None:
+    """The track of the lidar where UWB's is used, and the other way round, for a comparison."""
+    if used == "uwb":
+        return _from_lidar(walk)
+    return _from_uwb(walk, uwb) if used == "lidar" else None
+
+
+def _tilt(walk: ReplayContext, t_ns: Int) -> Float | None:
+    """Roll and pitch (N, 2) of base at t_ns (N,) by the IMU, or else by odometry that is not planar; None without."""
+    imu, odometry = walk.streams.imu, walk.streams.odometry
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+        return tilt_at(t_ns, up_in_base(imu.t_ns, imu.quat_xyzw))
+    if odometry is not None and odometry.quat_xyzw[:, :2].any():
+        return tilt_at(t_ns, up_in_base(odometry.t_ns, odometry.quat_xyzw))
+    return None
 
 
 def _from_tf(walk: ReplayContext) -> RobotTrack | None:
@@ -107,6 +140,23 @@ def _from_odometry(walk: ReplayContext) -> RobotTrack | None:
     return _from_poses(walk.streams.odometry, "odometry")
 
 
+def _from_legs(walk: ReplayContext) -> RobotTrack | None:
+    track = walk.legs
+    if track is None:
+        return None
+    walk.use("joints")
+    if walk.streams.imu is not None:
+        walk.use("imu")
+    tell_legs(walk, track)
+    rows = rows_apart(track, STEP_S)
+    yaw_rad = track.rpy_rad[rows, 2] - track.rpy_rad[0, 2]
+    cos, sin = np.cos(track.rpy_rad[0, 2]), np.sin(track.rpy_rad[0, 2])
+    xy_m = track.position_m[rows, :2] @ np.array([[cos, -sin], [sin, cos]])
+    # Height drifts by several times more than the plane: no height rather than a wrong one.
+    tilt_rad = track.rpy_rad[rows, :2]
+    return RobotTrack(track.t_ns[rows], xy_m, wrap_angle(yaw_rad), "legs", LEGS_FRAME, tilt_rad=tilt_rad)
+
+
 def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
     track = None if walk.tracker is None else walk.tracker.track()
     if walk.tracker is None or track is None or len(track.t_ns) == 0:
@@ -114,15 +164,19 @@ def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
     walk.use("lidar")
     for text in walk.tracker.warnings():
         walk.warn(text)
-    yaw_rad = np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0])
-    return RobotTrack(track.t_ns, track.position_m[:, :2], yaw_rad, "lidar", LIDAR_FRAME)
+    turned = track.rotation
+    yaw_rad = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    tilt_rad = tilt_of(turned[:, 2])
+    x_y_m, z_m = track.position_m[:, :2], track.position_m[:, 2]
+    return RobotTrack(track.t_ns, x_y_m, yaw_rad, "lidar", LIDAR_FRAME, z_m=z_m, tilt_rad=tilt_rad)
 
 
 def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
-    yaw_rad = yaw_from_quat(poses.quat_xyzw)
-    return RobotTrack(poses.t_ns, poses.position_m[:, :2], yaw_rad, source, poses.frame_id)
+    yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
+    xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
+    return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
 
 
 def _fixed(walk: ReplayContext) -> RobotTrack:
@@ -138,7 +192,7 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
-    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "lidar")
+    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "legs", "lidar")
     if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
     if topics.target == "uwb":
@@ -167,17 +221,23 @@ def _write_tracks(walk: ReplayContext) -> None:
     folder, robot, target, reference = walk.run.path, walk.robot, walk.target, walk.streams.reference
     assert robot is not None
     x_m, y_m = robot.xy_m.T
-    columns = {"t_ns": robot.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": robot.yaw_rad, "source": robot.source}
-    write_table(folder / "poses.parquet", TABLES["poses"], columns)
+    write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
     if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
         _write_uncertainty(folder, robot.t_ns, robot.covariance_m2, robot.yaw_std_rad)
-    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad)
+    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad, robot.z_m, robot.tilt_rad)
     if target is not None:
         columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
         write_table(folder / "target.parquet", TABLES["target"], columns)
     if reference is not None:
-        x_m, y_m, _ = reference.position_m.T
-        write_tum(folder / "reference.tum", reference.t_ns, x_m, y_m, yaw_from_quat(reference.quat_xyzw))
+        write_tum_poses(folder / "reference.tum", reference.t_ns, reference.position_m, reference.quat_xyzw)
+
+
+def _pose_columns(track: RobotTrack) -> dict[str, object]:
+    x_m, y_m = track.xy_m.T
+    tilt_rad = np.full((len(x_m), 2), np.nan) if track.tilt_rad is None else track.tilt_rad
+    columns = {"t_ns": track.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": track.yaw_rad, "source": track.source}
+    columns |= {"z_m": np.nan if track.z_m is None else track.z_m}
+    return columns | {"roll_rad": tilt_rad[:, 0], "pitch_rad": tilt_rad[:, 1]}
 
 
 def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_rad: Float) -> None:
@@ -186,3 +246,8 @@ def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_ra
     for name, row, column in (("cov_xx_m2", 0, 0), ("cov_xy_m2", 0, 1), ("cov_yy_m2", 1, 1)):
         columns[name] = covariance_m2[:, row, column]
     write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
+
+
+def robot_track(walk: ReplayContext) -> RobotTrack:
+    """The robot's track from the configured source other than UWB. Raises MissingInput."""
+    return _robot(walk, None)

@@ -233,4 +233,52 @@ _FOOT = Robot(
     standing_height_m=0.20,
 )
 
-ROBOTS = {robot.name: robot for robot in (_TRACKING, _FOLLOWING, _FOOT)}
+# [unitree_ros, const.xacro]: masses, lengths, hips, the trunk's box, and of the joints' torque limits the least. Ours:
+# standing heights, about 0.7 of the leg's length, as these robots stand.
+_GO1 = Robot(
+    name="go1",
+    trunk_mass_kg=4.8,
+    trunk_m=(0.3762, 0.0935, 0.114),
+    hip_x_m=0.1881,
+    hip_y_m=0.04675,
+    lengths_m=(0.08, 0.213, 0.213),
+    link_masses_kg=(0.510299, 0.898919, 0.158015, 0.06),
+    torque_limit_nm=33.5,
+    standing_height_m=0.29,
+)
+_GO2 = Robot(
+    name="go2",
+    trunk_mass_kg=6.921,
+    trunk_m=(0.3762, 0.0935, 0.114),
+    hip_x_m=0.1934,
+    hip_y_m=0.0465,
+    lengths_m=(0.0955, 0.213, 0.213),
+    link_masses_kg=(0.678, 1.152, 0.154, 0.06),
+    torque_limit_nm=23.7,
+    standing_height_m=0.29,
+)
+_A1 = Robot(
+    name="a1",
+    trunk_mass_kg=6.0,
+    trunk_m=(0.267, 0.194, 0.114),
+    hip_x_m=0.1805,
+    hip_y_m=0.047,
+    lengths_m=(0.0838, 0.2, 0.2),
+    link_masses_kg=(0.595, 0.888, 0.151, 0.06),
+    torque_limit_nm=33.5,
+    standing_height_m=0.27,
+)
+_B1 = Robot(
+    name="b1",
+    trunk_mass_kg=18.276,
+    trunk_m=(0.647, 0.3, 0.15),
+    hip_x_m=0.3455,
+    hip_y_m=0.072,
+    lengths_m=(0.12675, 0.35, 0.35),
+    link_masses_kg=(1.998, 3.444, 0.803, 0.05),
+    torque_limit_nm=100.0,
+    standing_height_m=0.48,
+    foot_radius_m=0.04,
+)
+
+ROBOTS = {robot.name: robot for robot in (_TRACKING, _FOLLOWING, _FOOT, _GO1, _GO2, _A1, _B1)}

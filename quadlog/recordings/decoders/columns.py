@@ -10,13 +10,14 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from quadlog.geometry import FARTHEST_M
-from quadlog.messages import NS_PER_S, Float, Imu, Int, Odometry, Pose, UwbRanges
+from quadlog.messages import NS_PER_S, Float, Imu, Int, JointStates, Odometry, Pose, UwbRanges
 from quadlog.recordings.decoders.type_definitions import Types
 
 Wanted = Mapping[str, int]
 """Path of a field -> how many of its elements are wanted; TEXT for a string, WHOLE for one whole number of at most 32
-bits, ABSENT where there must be no such field. In the order of the definition."""
-TEXT, ABSENT, WHOLE = 0, -1, -2
+bits, EVERY for all numbers of a sequence, behind their count, or all its strings; ABSENT where there must be no such
+field. In the order of the definition."""
+TEXT, ABSENT, WHOLE, EVERY = 0, -1, -2, -3
 
 DTYPES = {"bool": "?", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8"} | {
     f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)
@@ -25,12 +26,18 @@ CDR_ORDER = {b"\0\0": ">", b"\0\1": "<"}
 CDR_SLACK = 3  # bytes by which writers may fill a payload up
 
 
+AS_SENT = -1
+
+
 class Misfit(ValueError):
     """A payload that does not follow its definition."""
 
 
 class Flat(NamedTuple):
-    """A dtype repeated, of which the first few are wanted; a string where the dtype is "s"; a list of elements."""
+    """A dtype repeated, of which the first few are wanted; a string where the dtype is "s"; a list of elements.
+
+    repeated: AS_SENT for a sequence, whose payload gives the number. wanted: EVERY for all of a sequence.
+    """
 
     dtype: str
     repeated: int = 1
@@ -67,9 +74,10 @@ def _flat(
         inner: tuple[Flat, ...] | None
         if kind == Nodetype.NAME:
             inner = _flat(types, detail, f"{path}.", wanted, found)
-        elif kind == Nodetype.SEQUENCE and detail[0][0] == Nodetype.NAME:
+        elif kind in (Nodetype.SEQUENCE, Nodetype.ARRAY) and detail[0][0] == Nodetype.NAME:
             elements = _flat(types, detail[0][1], f"{path}.", wanted, found)
-            inner = elements and (Flat("", elements=elements),)
+            count = AS_SENT if kind == Nodetype.SEQUENCE else detail[1]
+            inner = elements and (Flat("", count, elements=elements),)
         else:
             inner = _basic(kind, detail, wanted.get(path))
             found += [(path, wanted[path])] if path in wanted else []
@@ -80,15 +88,24 @@ def _flat(
 
 
 def _basic(kind: Nodetype, detail: Any, wanted: int | None) -> tuple[Flat] | None:
+    if kind == Nodetype.SEQUENCE:
+        return _sequence(detail[0][1][0], wanted)
     if kind == Nodetype.BASE and detail[0] == "string" and wanted in (None, TEXT):
         return (Flat("s", wanted=int(wanted == TEXT)),)
     (_, detail), count = detail if kind == Nodetype.ARRAY else ((kind, detail), 1)
-    dtype = DTYPES.get(detail[0]) if kind in (Nodetype.BASE, Nodetype.ARRAY) else None
-    if dtype is None or wanted == TEXT or count < max(wanted or 0, 1):
+    dtype = DTYPES.get(detail[0])
+    if dtype is None or wanted in (TEXT, EVERY) or count < max(wanted or 0, 1):
         return None
     if (wanted == WHOLE and dtype not in ("i1", "u1", "i2", "u2", "i4", "u4")) or (wanted and dtype == "?"):
         return None
     return (Flat(dtype, count, 1 if wanted == WHOLE else wanted or 0),)
+
+
+def _sequence(base: str, wanted: int | None) -> tuple[Flat] | None:
+    dtype = "s" if base == "string" else DTYPES.get(base)
+    if dtype is None or wanted not in (None, EVERY) or (wanted and dtype == "?"):
+        return None
+    return (Flat(dtype, AS_SENT, wanted or 0),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,20 +163,27 @@ class _Walk:
     def along(self, fields: tuple[Flat, ...]) -> None:
         """Over the fields; raises Misfit where the payload ends before them."""
         for each in fields:
+            count = each.repeated
+            if count == AS_SENT:
+                count = self._length(wanted=each.wanted == EVERY and each.dtype != "s")
             if each.elements:
-                for _ in range(self._length()):
+                for _ in range(count):
                     self.along(each.elements)
             elif each.dtype == "s":
-                self._string(wanted=bool(each.wanted))
-            else:
-                self._numbers(np.dtype(self.order + each.dtype), each.repeated, each.wanted)
+                for _ in range(count):
+                    self._string(wanted=bool(each.wanted))
+            elif count:  # an empty sequence is not aligned
+                wanted = count if each.wanted == EVERY else each.wanted
+                self._numbers(np.dtype(self.order + each.dtype), count, wanted)
 
     def _numbers(self, dtype: np.dtype, count: int, wanted: int) -> None:
         self._align(dtype.itemsize)
         begin = self.at
         self._skip(count * dtype.itemsize)
-        if not wanted:
-            return
+        if wanted:
+            self._want(begin, dtype, wanted)
+
+    def _want(self, begin: int, dtype: np.dtype, wanted: int) -> None:
         if self.numbers:
             last_begin, last_dtype, last_count = self.numbers[-1]
             if last_dtype == dtype.str and last_begin + last_count * dtype.itemsize == begin:
@@ -181,12 +205,14 @@ class _Walk:
         self.fixed.append((begin, raw))
         self.texts += [text] if wanted else []
 
-    def _length(self) -> int:
+    def _length(self, *, wanted: bool = False) -> int:
         self._align(4)
         begin = self.at
         self._skip(4)
         raw = self.payload[begin : self.at]
         self.fixed.append((begin, raw))
+        if wanted:
+            self._want(begin, np.dtype(f"{self.order}u4"), 1)
         return int.from_bytes(raw, "little" if self.order == "<" else "big")
 
     def _align(self, size: int) -> None:
@@ -204,14 +230,15 @@ KEPT_LAYOUTS = 16
 LARGEST_BYTES = 1 << 14
 """Larger payloads are no small messages: they are decoded one by one."""
 
-MessageKind = type[Imu] | type[Odometry] | type[Pose] | type[UwbRanges]
+MessageKind = type[Imu] | type[JointStates] | type[Odometry] | type[Pose] | type[UwbRanges]
 
 
 class Columns(NamedTuple):
     """N messages of a kind that name the same frames; stamp_ns (N,), None without stamps; values (N, W).
 
     values of a Pose: position and quaternion; of an Odometry linear and angular velocity behind them; of an Imu angular
-    velocity and quaternion, NaN without one; of UwbRanges the tag and its distances to anchors 0, 1, …, 0 for none.
+    velocity and quaternion, NaN without one; of UwbRanges the tag and its distances to anchors 0, 1, …, 0 for none; of
+    JointStates its four fields one after the other.
     """
 
     kind: MessageKind

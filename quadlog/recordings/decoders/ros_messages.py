@@ -31,6 +31,8 @@ from quadlog.recordings.decoders.type_definitions import (
 )
 
 BUNDLED = Path(__file__).parent / "definitions"
+PORTS = {"unitree_legged_msgs": "ros2_unitree_legged_msgs"}
+"""Packages whose messages have the layout of another one's."""
 HEADER_FIELD = "std_msgs/Header header\n"
 
 Deserialise = Callable[[Payload], Any]
@@ -210,13 +212,14 @@ def standard_types(encoding: str, name: str) -> Types:
 
 
 def _bundled_file(name: str) -> Path | None:
-    """The bundled definition of the same package, or else of the same last part (LinkTrack ports rename it)."""
+    """The bundled definition of the same package, or else of the one that it is a port of (LinkTrack by any name)."""
     package, _, last = name.partition("/")[0], "", name.rpartition("/")[2]
     exact = BUNDLED / package / "msg" / f"{last}.msg"
     if exact.is_file():
         return exact
-    port = BUNDLED / "nlink_parser" / "msg" / f"{last}.msg"
-    return port if last.startswith("Linktrack") and port.is_file() else None
+    original = "nlink_parser" if last.startswith("Linktrack") else PORTS.get(package, "")
+    port = BUNDLED / original / "msg" / f"{last}.msg"
+    return port if original and port.is_file() else None
 
 
 def _msg_file(folder: Path, name: str) -> Path | None:

@@ -8,7 +8,8 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "ingest": ("reference.tum",),
     "position": (
         *("fixes.parquet", "ranges.parquet", "links.parquet", "dilution.npz", "poses.parquet"),
-        *("pose_uncertainty.parquet", "target.parquet", "uwb_errors.parquet", "innovations.parquet"),
+        *("pose_uncertainty.parquet", "other_poses.parquet", "target.parquet", "uwb_errors.parquet"),
+        *("innovations.parquet", "joints.parquet"),
     ),
     "filter": ("scans.parquet", "cloud_samples.npz"),
     "map": ("maps.npz", "ground.npz", "map.pgm", "map.yaml"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -31,12 +32,18 @@ METRIC_NAMES = tuple(CATALOGUE)
 COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
 """Cost of replaying a recording in a batch."""
 
+_JOINT_NAMES = ("q_{:02d}_rad", "dq_{:02d}_radps", "tau_{:02d}_nm")
 _TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
+JOINT_COLUMNS = tuple(tuple(name.format(joint) for joint in range(12)) for name in _JOINT_NAMES)
+"""Names of a body's angles, rates and torques, by joint."""
+CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
+FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
     "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
 )
+_POSES = table_schema("t_ns:int x_m y_m yaw_rad source:text z_m roll_rad pitch_rad")
 _PATHS = table_schema("t_ns:int i:int x_m y_m smooth_x_m smooth_y_m")
 
 TABLES: dict[str, pa.Schema] = {
@@ -50,9 +57,11 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
     "innovations": table_schema("t_ns:int tag:int n_ranges:int nis"),
-    "poses": table_schema("t_ns:int x_m y_m yaw_rad source:text"),
+    "poses": _POSES,
+    "other_poses": _POSES,
     "pose_uncertainty": table_schema("t_ns:int cov_xx_m2 cov_xy_m2 cov_yy_m2 yaw_std_rad"),
     "target": table_schema("t_ns:int x_m y_m source:text"),
+    "joints": table_schema(f"t_ns:int {' '.join((*chain(*JOINT_COLUMNS), *CONTACTS, *FOOT_FORCES))}"),
     "scans": table_schema(
         "t_ns:int n_raw:int n_valid:int n_outlier:int n_ground:int n_obstacle:int "
         "ground_nx ground_ny ground_nz ground_d_m ground_found:bool ms"
@@ -76,14 +85,18 @@ TABLES: dict[str, pa.Schema] = {
 
 # Columns that may be left out when writing, and are then null.
 OPTIONAL = frozenset(
-    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *METRIC_NAMES, *COST_NAMES, "worker"}
+    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES, "worker"}
 )
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
 # Columns that older tables lack; they are read as NaN or empty text.
-ADDED = {"summary": frozenset({*COST_NAMES, "worker"}), "control": frozenset({"plan_error_m"})}
+ADDED = {
+    "summary": frozenset({*COST_NAMES, "worker"}),
+    "control": frozenset({"plan_error_m"}),
+    "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
+}
 
 # Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384

@@ -84,8 +84,10 @@ _ONE_NOTE = (
 )
 _MANY_NOTE = (
     "mean, std, p50, p95: over the runs that have the metric.",
-    "low, high: of the mean over all such runs, independent and normally distributed (Student's t); of falls Wilson's.",
+    "low, high: of the mean over all such runs, independent and normally distributed (Student's t); of falls Wilson's;",
+    "none of counts.",
 )
+_DIFFERING_NOTE = "The runs are listed and not averaged, because their settings differ:"
 _WITHIN = "n, quantiles and intervals within each run: --format csv, or one run alone."
 
 
@@ -107,11 +109,18 @@ class Sheet:
     rest: int = 0
 
 
-def make_sheet(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
-    """A row for each metric that any of the runs has, in the order of the catalogue."""
+def make_sheets(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread], differing: Sequence[str]) -> list[Sheet]:
+    """A row for each metric that any of the runs has, in the order of the catalogue; notes are on the last sheet.
+
+    differing: how the settings of the runs differ, a line each; such runs are listed, MOST_COLUMNS to a sheet.
+    """
     if len(runs) == 1:
-        return _one(runs[0])
-    return _few(runs, spreads) if len(runs) <= MOST_COLUMNS else _many(runs, spreads)
+        return [_one(runs[0])]
+    if differing:
+        parts = [runs[first : first + MOST_COLUMNS] for first in range(0, len(runs), MOST_COLUMNS)]
+        notes = (_DIFFERING_NOTE, *(f"  {line}" for line in differing))
+        return [_listed(part, notes if part is parts[-1] else ()) for part in parts]
+    return [_few(runs, spreads) if len(runs) <= MOST_COLUMNS else _many(runs, spreads)]
 
 
 def number(value: float | None) -> str:
@@ -140,6 +149,17 @@ def _summary_cells(each: Measured) -> tuple[str, ...]:
         return (number(each.value), str(each.n), "", "", "", "", "", "")
     spread = (number(of.mean), number(of.std), number(of.p50), number(of.p95), *ends(of.interval))
     return (number(each.value), str(each.n), *spread)
+
+
+def _listed(runs: Sequence[MeasuredRun], notes: tuple[str, ...]) -> Sheet:
+    labels = tuple(printable(run.label) for run in runs)
+    rows = [
+        (name, entry.unit, *(number(run.metrics[name].value) if name in run.metrics else "" for run in runs))
+        for name, entry in CATALOGUE.items()
+        if any(name in run.metrics for run in runs)
+    ]
+    caption = f"Metrics of {len(runs)} run{'s' if len(runs) > 1 else ''}"
+    return Sheet(caption, ("metric", "unit", *labels), rows, labels, notes, range(2, 2 + len(runs)))
 
 
 def _few(runs: Sequence[MeasuredRun], spreads: Mapping[str, Spread]) -> Sheet:
@@ -176,20 +196,22 @@ _WIDEST = 120
 _CSV = ("run", "metric", "value", "unit", "n", "mean", "std", "p50", "p95", "low", "high")
 
 
-def format_metrics(runs: Sequence[MeasuredRun], spreads: Spreads, to: str) -> str:
-    """The runs' metrics as the format `to`, with a line end. Raises UnknownName."""
+def format_metrics(runs: Sequence[MeasuredRun], spreads: Spreads, to: str, differing: Sequence[str] = ()) -> str:
+    """The runs' metrics as the format `to`, with a line end; differing as in `make_sheets`. Raises UnknownName."""
     if to not in FORMATS:
         raise UnknownName("format", to, FORMATS)
-    return FORMATS[to](runs, spreads)
+    if to in _OF_RUNS:
+        return _OF_RUNS[to](runs)
+    return _OF_SHEETS[to](make_sheets(runs, spreads, differing))
 
 
-def json_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
+def json_text(runs: Sequence[MeasuredRun]) -> str:
     """A list with one flat object per run: `run`, its path, and a plain number for each metric that it has."""
     objects = [{"run": _text(run.path), **{name: each.value for name, each in run.metrics.items()}} for run in runs]
     return json.dumps(objects, indent=2, allow_nan=False) + "\n"
 
 
-def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
+def csv_text(runs: Sequence[MeasuredRun]) -> str:
     """A row per run and metric, in full precision; empty fields where there is no value.
 
     mean, std, p50, p95: of the samples behind the value; low, high: its 95 % interval.
@@ -206,31 +228,44 @@ def csv_text(runs: Sequence[MeasuredRun], _spreads: Spreads) -> str:
     return csv_table(rows)
 
 
-def table_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
+def table_text(sheets: Sequence[Sheet]) -> str:
     """Aligned plain text; names of runs that would make it too wide are replaced by numbers, listed above."""
-    sheet, told = make_sheet(runs, spreads), dict[str, str]()
+    return "\n".join(map(_table_text, sheets))
+
+
+def _table_text(sheet: Sheet) -> str:
+    told: dict[str, str] = {}
     lines = _sheet_lines(sheet)
     if sheet.names and len(lines[0]) > _WIDEST:
         sheet, told = _numbered(sheet)
         lines = _sheet_lines(sheet)
     legend = (f"{short}: {name}" for short, name in told.items())
-    return "\n".join([sheet.caption, *legend, "", *lines, "", *sheet.notes]) + "\n"
+    return "\n".join([sheet.caption, *legend, "", *lines, *([""] if sheet.notes else []), *sheet.notes]) + "\n"
 
 
-def markdown_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
+def markdown_text(sheets: Sequence[Sheet]) -> str:
     """A table under its caption, the notes below."""
-    sheet = make_sheet(runs, spreads)
+    return "\n".join(map(_markdown_text, sheets))
+
+
+def _markdown_text(sheet: Sheet) -> str:
     notes = "".join(f"\n{escape_markdown(note)}\n" for note in sheet.notes)
     table = markdown_table(sheet.header, sheet.rows, sheet.right)
     return f"{escape_markdown(sheet.caption)}\n\n{table}{notes}"
 
 
-def latex_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
+def latex_text(sheets: Sequence[Sheet]) -> str:
     """Floating tables in booktabs style; the notes as comments.
 
     A table too wide for a page has numbers for the runs' names, listed below it, or is divided into two, or both.
     """
-    named = make_sheet(runs, spreads)
+    tables: list[str] = []
+    for sheet in sheets:
+        tables += _latex_tables(sheet, len(tables))
+    return latex_document(sheets[-1].notes, tables)
+
+
+def _latex_tables(named: Sheet, before: int) -> list[str]:
     numbered, told = _numbered(named)
     candidates = [[named], [numbered], _divided(named), _divided(numbered)]
     fitting = (each for each in candidates if all(width_pt(part.header, part.rows) <= WIDEST_PT for part in each))
@@ -241,18 +276,19 @@ def latex_text(runs: Sequence[MeasuredRun], spreads: Spreads) -> str:
             shown = {*header, *chain.from_iterable(rows)}
             return "; ".join(f"{short}: {name}" for short, name in told.items() if short in shown)
 
-        label = "tab:metrics-more" if tables else "tab:metrics"
+        count = before + len(tables)
+        label = "tab:metrics" + (f"-{count + 1}" if count else "")
         tables += latex_tables(part.caption, label, part.header, part.rows, part.right, below=below)
-    return latex_document(named.notes, tables)
+    return tables
 
 
-FORMATS: dict[str, Callable[[Sequence[MeasuredRun], Spreads], str]] = {
+_OF_SHEETS: dict[str, Callable[[Sequence[Sheet]], str]] = {
     "table": table_text,
-    "json": json_text,
-    "csv": csv_text,
     "markdown": markdown_text,
     "latex": latex_text,
 }
+_OF_RUNS: dict[str, Callable[[Sequence[MeasuredRun]], str]] = {"json": json_text, "csv": csv_text}
+FORMATS = (*_OF_SHEETS, *_OF_RUNS)
 
 
 def _text(path: object) -> str:

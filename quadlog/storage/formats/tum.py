@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import TooLarge, UnreadableFile
-from quadlog.geometry import FARTHEST_M, quat_from_yaw
+from quadlog.geometry import FARTHEST_M, poses_in_space
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.storage.atomic_write import write_whole
 
@@ -20,16 +20,33 @@ _MAX_LINE = 1000
 _NS = 1_000_000_000
 
 
-def write_tum(path: Path, t_ns: Int, x_m: Float, y_m: Float, yaw_rad: Float) -> None:
-    """Planar poses, columns (N,) each, as `path`: seconds with nine decimals, metres, z = 0, unit quaternion.
+def write_tum(
+    path: Path,
+    t_ns: Int,
+    x_m: Float,
+    y_m: Float,
+    yaw_rad: Float,
+    z_m: Float | None = None,
+    tilt_rad: Float | None = None,
+) -> None:
+    """Poses, columns (N,) each, as `path`; tilt_rad (N, 2): roll and pitch. Raises CannotWrite.
 
-    Rows without a finite pose are left out. Raises CannotWrite.
+    TUM has no sign for "unknown": a height or tilt that is NaN or None is written as zero. Rows without a finite
+    position or yaw are left out.
     """
-    pose = np.column_stack([x_m, y_m, quat_from_yaw(yaw_rad)[:, 2:]])
+    write_tum_poses(path, t_ns, *poses_in_space(x_m, y_m, yaw_rad, z_m, tilt_rad))
+
+
+def write_tum_poses(path: Path, t_ns: Int, position_m: Float, quat_xyzw: Float) -> None:
+    """Positions (N, 3) and quaternions (N, 4) at t_ns (N,): seconds with nine decimals, metres, unit quaternion.
+
+    Rows with a number that is not finite are left out. Raises CannotWrite.
+    """
+    pose = np.column_stack([position_m, quat_xyzw])
     whole = np.isfinite(pose).all(axis=1)
     lines = [
-        f"{_seconds(t)} {x!r} {y!r} 0.0 0.0 0.0 {qz!r} {qw!r}\n"
-        for t, (x, y, qz, qw) in zip(t_ns[whole].tolist(), pose[whole].tolist(), strict=True)
+        f"{_seconds(t)} {' '.join(map(repr, numbers))}\n"
+        for t, numbers in zip(t_ns[whole].tolist(), pose[whole].tolist(), strict=True)
     ]
     write_whole(path, "".join(lines).encode())
 

@@ -169,6 +169,20 @@ def test_over_several_runs_the_spread_is_that_of_their_values(run):
     assert measure_runs([run.parent], None, [], in_detail=True).runs[0].metrics["eta_m"].summary is not None
 
 
+def test_runs_of_different_settings_are_not_averaged(run):
+    other = shutil.copytree(run, run.with_name("other"))
+    record = json.loads((other / "run.json").read_text())
+    record["config"]["uwb"]["anchors"][0]["x_m"] += 1.0
+    record["seed"] = record["options"]["seed"] = 7
+    (other / "run.json").write_text(json.dumps(record))
+    assert measure_runs([run.parent], None, []).spreads, "another place of an anchor and another seed are no setting"
+    record["config"]["planner"]["name"] = "astar"
+    (other / "run.json").write_text(json.dumps(record))
+    outcome = measure_runs([run.parent], None, [])
+    assert not outcome.spreads
+    assert [line.partition(":")[0] for line in outcome.differing] == ["planner.name"]
+
+
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(

@@ -85,6 +85,21 @@ def test_an_odometry_goes_before_the_lidar_unless_chosen_otherwise(tmp_path, wal
     assert sources == {"auto": {"odometry"}, "lidar": {"lidar"}}
 
 
+@pytest.mark.parametrize(
+    ("override", "source", "other"),
+    [("lidar.odometry=true", "uwb", "lidar"), ("topics.position=lidar", "lidar", "uwb")],
+)
+def test_lidar_and_uwb_are_compared_where_both_are_tracked(tmp_path, walk, override, source, other):
+    topics = {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC, UWB_TOPIC}
+    rows = enumerate(walk.site.anchors_m.tolist())
+    anchors = ", ".join(f"{{id={i}, x_m={x_m}, y_m={y_m}, z_m={z_m}}}" for i, (x_m, y_m, z_m) in rows)
+    outcome = replayed(tmp_path, walk, topics, f"uwb.anchors=[{anchors}]", override, until="position")
+    saved = [set(read_table(tmp_path / "run", name, ["source"])["source"]) for name in ("poses", "other_poses")]
+    assert saved == [{source}, {other}]
+    assert outcome.metrics["lidar_uwb_rmse_m"]["value"] < 0.15
+    assert any("velocities by lidar steady its track" in note for note in read_run_json(tmp_path / "run")["notes"])
+
+
 def test_a_lidar_that_is_not_there_cannot_be_chosen(tmp_path, walk):
     with pytest.raises(MissingInput, match=r"topics\.position = 'lidar'"):
         replayed(tmp_path, walk, {IMU_TOPIC}, "topics.position=lidar")

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.summary import spread
 
 values = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30)
@@ -25,7 +26,7 @@ def test_equal_to_scipy(x):
 
 @given(st.lists(st.integers(0, 1), min_size=2, max_size=60))
 def test_falls_have_wilsons_interval(falls):
-    low, high = spread(falls, yes_or_no=True).interval
+    low, high = spread(falls, kind="yes or no").interval
     expected = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
     assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
     assert 0 <= low <= np.mean(falls) <= high <= 1
@@ -37,4 +38,9 @@ def test_few_and_all_alike():
     assert (one.mean, one.std, one.interval) == (3.0, None, None)
     alike = spread([0.1] * 7)
     assert (alike.mean, alike.std, alike.interval, alike.lowest) == (0.1, 0.0, None, 0)
-    assert spread([1.0], yes_or_no=True).interval is None
+    assert spread([1.0], kind="yes or no").interval is None
+
+
+def test_counts_have_no_interval():
+    assert spread([0.0, 2.0, 3.0], kind="count").interval is None
+    assert CATALOGUE["collisions"].kind == "count"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from evo.core.geometry import umeyama_alignment
+from scipy.spatial.transform import Rotation
 
 from quadlog.geometry import seconds_since
-from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySettings, LidarTrack, ScanMatch
+from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySettings, LidarTrack, ScanMatch, body_motion
 from quadlog.simulation.synthetic import corridor, follow, forest
 from quadlog.simulation.synthetic.recording import START_NS
 
@@ -88,6 +89,28 @@ def test_scans_that_come_late_or_twice_are_left_out():
     track = odometry([scans[0], scans[2], scans[1], scans[2], scans[3]])
     assert len(track.t_ns) == 3
     assert (np.diff(track.t_ns) > 0).all()
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_velocities_of_the_body_are_those_of_the_walk(causal):
+    t_s = np.arange(0.0, 6.0, 0.1)
+    yaw_rad = 2.0 + 0.5 * t_s  # a circle to the left at 0.6 m/s, sidestepping at 0.1 m/s
+    velocity = np.stack([0.6 * np.cos(yaw_rad) - 0.1 * np.sin(yaw_rad), 0.6 * np.sin(yaw_rad) + 0.1 * np.cos(yaw_rad)])
+    position_m = np.zeros((len(t_s), 3))
+    position_m[1:, :2] = np.cumsum((velocity[:, 1:] + velocity[:, :-1]).T / 2 * 0.1, axis=0)
+    rotation = Rotation.from_euler("z", yaw_rad[:, None]).as_matrix()
+    match = np.zeros(len(t_s), dtype=np.int64)
+    match[20] = ScanMatch.LOST
+    position_m[20] += 3.0
+    track = LidarTrack((t_s * 1e9).astype(np.int64), position_m, rotation, match)
+    motion = body_motion(track, causal=causal)
+    assert len(motion.t_ns) == len(t_s) - 3
+    assert motion.velocity_mps == pytest.approx(np.tile([0.6, 0.1], (len(motion.t_ns), 1)), abs=1e-3)
+    assert motion.yaw_rate_radps == pytest.approx(0.5)
+    known_at_s = t_s[[1, -1]] if causal else (t_s[[0, -1]] + [0.05, -0.05])
+    assert motion.t_ns[[0, -1]] * 1e-9 == pytest.approx(known_at_s)
+    first = yaw_rad[1] if causal else yaw_rad[0] + 0.025
+    assert motion.yaw_rad[0] == pytest.approx(first)
 
 
 def test_nothing_at_all_is_no_track():

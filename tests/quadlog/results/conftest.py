@@ -214,7 +214,8 @@ def _write_positions(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     true_m = np.linalg.norm(robot_m[:, None] - ANCHORS_M, axis=2).ravel()
     ranges = {"range_m": true_m + rng.normal(0, 0.1, 120), "predicted_m": true_m, "weight": 1.0}
     _table(path, "ranges", t_ns=np.repeat(t_ns, 3), tag=0, anchor=np.tile([0, 1, 2], 40), **ranges)
-    _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb")
+    unknown = dict.fromkeys(("z_m", "roll_rad", "pitch_rad"), np.nan)
+    _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb", **unknown)
     _table(path, "target", t_ns=t_ns, x_m=robot_m[:, 0] + 2, y_m=robot_m[:, 1], source="uwb")
     write_tum(path / "trajectory.tum", t_ns, robot_m[:, 0], robot_m[:, 1], yaw_rad)
 

@@ -68,7 +68,8 @@ folder = Path({str(tmp_path)!r})
 poses, shape = TABLES["poses"], (900, 900)
 with TableWriter(folder / "poses.parquet", poses) as table, MapsWriter(folder / "maps.npz", 0.1, shape) as maps:
     n = 50_000
-    table.append(dict(t_ns=np.arange(n), x_m=np.zeros(n), y_m=0.0, yaw_rad=0.0, source="uwb"))
+    table.append(dict(
+        t_ns=np.arange(n), x_m=np.zeros(n), y_m=0.0, yaw_rad=0.0, source="uwb", z_m=0.0, roll_rad=0.0, pitch_rad=0.0))
     for t in range(50):
         maps.append(t, (0, 0), np.random.default_rng(t).random(shape) < 0.5)
     os.kill(os.getpid(), signal.SIGKILL)
@@ -97,7 +98,8 @@ folder = Path({str(tmp_path)!r})
 def table():
     random = np.random.default_rng(0).random(100_000)
     write_table(folder / "poses.parquet", TABLES["poses"], dict(
-        t_ns=np.arange(100_000), x_m=random, y_m=random, yaw_rad=0.0, source="uwb"))
+        t_ns=np.arange(100_000), x_m=random, y_m=random, yaw_rad=0.0, source="uwb",
+        z_m=0.0, roll_rad=0.0, pitch_rad=0.0))
 def maps():
     with MapsWriter(folder / "maps.npz", 0.1, (900, 900)) as maps:
         for t in range(50):

@@ -92,6 +92,7 @@ def test_angles_are_neighbours_across_the_turn(tmp_path: Path) -> None:
     for name, yaw_rad in (("a", np.pi - 1e-9), ("b", -np.pi + 1e-9)):
         (tmp_path / name).mkdir()
         columns = {"t_ns": np.arange(3), "x_m": 0.0, "y_m": 0.0, "yaw_rad": yaw_rad, "source": "uwb"}
+        columns |= {"z_m": np.nan, "roll_rad": np.nan, "pitch_rad": np.nan}
         write_table(tmp_path / name / "poses.parquet", TABLES["poses"], columns)
     assert compare_files("poses.parquet", tmp_path / "a", tmp_path / "b", Tolerance(1e-6)).same
     (column,) = compare_files("poses.parquet", tmp_path / "a", tmp_path / "b", EXACT).columns

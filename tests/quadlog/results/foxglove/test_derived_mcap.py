@@ -177,7 +177,10 @@ def test_a_walk_along_a_course_is_its_own_frame_and_its_tilt_is_scipys(tmp_path:
 
 @pytest.mark.parametrize("t_ns", [-1, (1 << 32) * 10**9])
 def test_a_time_that_foxglove_cannot_show_is_refused(tmp_path: Path, t_ns: int) -> None:
-    pose = {"t_ns": [t_ns], "x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0, "source": "uwb"}
+    pose = dict.fromkeys(("x_m", "y_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad"), 0.0) | {
+        "t_ns": [t_ns],
+        "source": "uwb",
+    }
     write_table(tmp_path / "poses.parquet", TABLES["poses"], pose)
     with pytest.raises(NotARun, match="before 1970 or after 2106"):
         write_derived(tmp_path)

@@ -93,6 +93,7 @@ def test_what_a_run_has_not_is_not_shown(tiny_run: Path, gone: list[str], left: 
 
 def test_a_bare_run_is_one_scene(tmp_path: Path) -> None:
     pose = {"t_ns": [0], "x_m": np.nan, "y_m": np.nan, "yaw_rad": np.nan, "source": "uwb"}
+    pose |= dict.fromkeys(("z_m", "roll_rad", "pitch_rad"), np.nan)
     write_table(tmp_path / "poses.parquet", TABLES["poses"], pose)
     write_derived(tmp_path)
     layout = json.loads(write_layout(tmp_path).read_bytes())

@@ -29,8 +29,9 @@ from quadlog.results.run.tables import (
 
 
 def poses(n: int) -> dict[str, Any]:
-    random = np.random.default_rng(0).random((3, n))
-    return {"t_ns": np.arange(n), "x_m": random[0], "y_m": random[1], "yaw_rad": random[2], "source": ["uwb"] * n}
+    names = ("x_m", "y_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad")
+    random = np.random.default_rng(0).random((6, n))
+    return {"t_ns": np.arange(n), "source": ["uwb"] * n} | dict(zip(names, random, strict=True))
 
 
 def cut(columns: dict[str, Any], first: int, last: int) -> dict[str, Any]:
@@ -132,6 +133,9 @@ def test_an_empty_table_has_its_columns(tmp_path: Path) -> None:
         "y_m": (0, "f"),
         "yaw_rad": (0, "f"),
         "source": (0, "O"),
+        "z_m": (0, "f"),
+        "roll_rad": (0, "f"),
+        "pitch_rad": (0, "f"),
     }
 
 
@@ -154,7 +158,7 @@ def test_columns_are_checked_by_name(tmp_path: Path) -> None:
         pytest.raises(ValueError, match=r"missing: \['source'\]"),
         TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table,
     ):
-        table.add_row({"t_ns": 1, "x_m": 0.0, "y_m": None, "yaw_rad": 0.0})
+        table.add_row(dict.fromkeys(("x_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad"), 0.0) | {"t_ns": 1, "y_m": None})
     assert [each.name for each in tmp_path.iterdir()] == []
 
 
@@ -186,8 +190,8 @@ def test_columns_that_a_summary_of_before_lacks_are_without_values(tmp_path: Pat
 def test_unknown_tables_and_columns_are_named(tiny_run: Path, tmp_path: Path) -> None:
     with pytest.raises(UnknownName, match="'fix'"):
         read_table(tiny_run, "fix")
-    with pytest.raises(UnknownName, match="column of poses 'z_m'"):
-        read_table(tiny_run, "poses", ["z_m"])
+    with pytest.raises(UnknownName, match="column of poses 'height_m'"):
+        read_table(tiny_run, "poses", ["height_m"])
     with pytest.raises(NotARun, match=r"has no poses\.parquet"):
         read_table(tmp_path, "poses")
     assert has_table(tiny_run, "poses")
@@ -228,8 +232,8 @@ def test_foreign_tables_are_refused(tmp_path: Path) -> None:
 
 def test_a_table_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_table(tmp_path / "poses.parquet", TABLES["poses"], poses(100))
-    monkeypatch.setattr(tables, "_MAX_VALUES", 499)
-    with pytest.raises(TooLarge, match="500"):
+    monkeypatch.setattr(tables, "_MAX_VALUES", 799)
+    with pytest.raises(TooLarge, match="800"):
         read_table(tmp_path, "poses")
 
 
@@ -249,5 +253,5 @@ def test_a_run_starts_where_its_figures_do(tiny_run: Path, tmp_path: Path) -> No
 def test_the_first_of_all_tables_counts(tmp_path: Path) -> None:
     columns = {"x_m": 0.0, "y_m": 0.0, "source": "uwb"}
     write_table(tmp_path / "target.parquet", TABLES["target"], columns | {"t_ns": [7, 9]})
-    write_table(tmp_path / "poses.parquet", TABLES["poses"], columns | {"t_ns": [3, 5], "yaw_rad": 0.0})
+    write_table(tmp_path / "poses.parquet", TABLES["poses"], poses(2) | {"t_ns": [3, 5]})
     assert start_ns(tmp_path) == 3

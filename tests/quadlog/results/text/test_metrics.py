@@ -72,6 +72,15 @@ def test_many_runs_are_summed_up_with_the_extremes_named() -> None:
     assert row[-4:] == ["0", "r0", "9", "r9"]
 
 
+def test_runs_of_different_settings_are_listed_six_to_a_table() -> None:
+    runs = [a_run(f"r{i}", float(i)) for i in range(8)]
+    text = format_metrics(runs, {}, "table", ["planner.name: astar, ia_star"])
+    headers = [line.split() for line in text.splitlines() if line.startswith("metric ")]
+    assert headers == [["metric", "unit", *(f"r{i}" for i in range(6))], ["metric", "unit", "r6", "r7"]]
+    assert text.endswith("because their settings differ:\n  planner.name: astar, ia_star\n")
+    assert "mean" not in text
+
+
 def test_names_too_long_for_a_line_are_numbered() -> None:
     runs = [a_run(f"2024-05-0{day}-a-recording-of-a-long-walk", 0.1 * day) for day in range(1, 5)]
     lines = text_of(runs, "table").splitlines()
@@ -125,7 +134,7 @@ def test_latex_divides_what_is_too_wide() -> None:
     names = ("following_distance_mean_m", "rpe_rmse_m")
     runs = [a_run(f"walk-{i}", 1e-7 * i, **dict.fromkeys(names, 0.00012345 * i)) for i in range(1, 7)]
     text = text_of(runs, "latex")
-    assert re.findall(r"\\label\{(.*)\}", text) == ["tab:metrics", "tab:metrics-more"]
+    assert re.findall(r"\\label\{(.*)\}", text) == ["tab:metrics", "tab:metrics-2"]
     first, second = re.findall(r"\nmetric & unit & (.*) ", text)
     assert first == " & ".join(f"walk-{i}" for i in range(1, 7))
     assert second == "mean & std & low & high"

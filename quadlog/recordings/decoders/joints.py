@@ -1,0 +1,254 @@
+"""Joints and feet of quadrupeds: which value of a message is which joint's; sensor_msgs/JointState."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadlog.errors import DecodeError, UnknownJoints, set_flag
+from quadlog.messages import Float, Int, JointStates
+from quadlog.recordings.decoders.columns import EVERY, Columns, InColumns, Ways, header_of, stamps_ns
+from quadlog.recordings.decoders.payload import stamp_ns
+
+LEG_NAMES = ("FL", "FR", "RL", "RR")
+JOINT_NAMES = ("hip", "thigh", "calf")
+JOINTS = tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINT_NAMES)
+MOST_NAMES = 1000
+"""A message with more names is refused: humanoids have fewer than a hundred."""
+
+MOST_ORDERS = 64
+
+# The order of motors and feet in all of Unitree's messages is FR, FL, RR, RL (unitree_legged_sdk, comm.h).
+UNITREE_MOTORS = (3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8)
+UNITREE_FEET = (1, 0, 3, 2)
+
+_LEG_WORDS = {
+    **dict.fromkeys(("fl", "lf", "frontleft", "leftfront"), 0),
+    **dict.fromkeys(("fr", "rf", "frontright", "rightfront"), 1),
+    **dict.fromkeys(("rl", "lr", "hl", "lh", "bl", "lb", "rearleft", "hindleft", "leftrear", "lefthind"), 2),
+    **dict.fromkeys(("rr", "hr", "rh", "br", "rb", "rearright", "hindright", "rightrear", "righthind"), 3),
+}
+_ENDS = {"front": 0, "fore": 0, "rear": 2, "hind": 2, "back": 2}
+_SIDES = {"left": 0, "right": 1}
+_JOINT_WORDS = {
+    **dict.fromkeys(("haa", "hx", "abduction", "abduct", "abad", "coxa"), 0),
+    **dict.fromkeys(("hfe", "hy", "thigh", "femur", "upper"), 1),
+    **dict.fromkeys(("kfe", "kn", "knee", "calf", "shank", "tibia", "lower"), 2),
+}
+_HIP_AXES = {"roll": 0, "x": 0, "pitch": 1, "y": 1}
+_NOT_DRIVEN = {"wheel", "foot", "toe", "ankle", "rotor", "arm", "yaw", "fixed"}
+ASK_FOR_ORDER = "give all twelve, in the order FL hip, thigh, calf, then FR, RL and RR, as robot.joints"
+_HIP = -1  # a hip whose axis its own name does not tell
+
+
+class Order(NamedTuple):
+    """Where a message has each joint: place (12,) and sign (12,) by JOINTS; feet: (4,) places, None without forces.
+
+    left_out: names that are no leg's.
+    """
+
+    place: Int
+    sign: Float
+    feet: Int | None = None
+    left_out: tuple[str, ...] = ()
+
+
+class JointOrder:
+    """Which value of a message belongs to which joint: as configured, else by name or by the message's type.
+
+    joints: twelve names or places in the order of JOINTS, a minus before those that turn the other way; none: detected.
+    feet: places of FL, FR, RL and RR among a message's foot forces. used: topic -> the order of its last message;
+    refused: topic -> why joints that may be a quadruped's are not known.
+    """
+
+    def __init__(self, joints: Sequence[str] = (), feet: Sequence[int] = ()) -> None:
+        self._joints, self._feet = tuple(joints), tuple(feet)
+        self.used: dict[str, Order] = {}
+        self.refused: dict[str, str] = {}
+        self._known: dict[tuple[str, ...], Order] = {}
+        self._motors: dict[tuple[int, int], Order] = {}
+
+    def of_names(self, names: tuple[str, ...], topic: str) -> Order:
+        """The order of a message that names its joints. Raises DecodeError, or UnknownJoints without any of a leg."""
+        if len(names) > MOST_NAMES:
+            raise DecodeError(topic, f"names {len(names)} joints; quadlog reads at most {MOST_NAMES}")
+        if names not in self._known:
+            try:
+                order = self._configured(names, topic) if self._joints else _by_name(names, topic)
+            except DecodeError as error:
+                if len(names) >= len(JOINTS) or not isinstance(error, UnknownJoints):
+                    self.refused[topic] = error.reason
+                raise
+            if self._feet and max(self._feet) >= len(names):
+                raise DecodeError(topic, f"has {len(names)} entries; robot.feet names place {max(self._feet)}")
+            feet = np.array(self._feet) if self._feet else _feet_of(names)
+            used = {*order.place.tolist(), *(() if feet is None else feet.tolist())}
+            if len(self._known) == MOST_ORDERS:
+                self._known.clear()
+            self._known[names] = order._replace(
+                feet=feet, left_out=tuple(name for i, name in enumerate(names) if i not in used)
+            )
+        self.used[topic] = self._known[names]
+        return self._known[names]
+
+    def of_motors(self, motors: int, feet: int, topic: str) -> Order:
+        """The order of a message of Unitree's with so many motors and feet. Raises DecodeError."""
+        if (motors, feet) not in self._motors:
+            # Names are those of another topic.
+            numbered = self._joints and all(each.removeprefix("-").isdecimal() for each in self._joints)
+            order = Order(np.array(UNITREE_MOTORS), np.ones(12))
+            if numbered:
+                order = self._configured(tuple(map(str, range(motors))), topic)
+            places = np.array(self._feet or UNITREE_FEET)
+            if motors <= order.place.max() or feet <= places.max():
+                raise DecodeError(topic, f"has {motors} motors and {feet} feet; see robot.joints and robot.feet")
+            self._motors[motors, feet] = order._replace(feet=places)
+        self.used[topic] = self._motors[motors, feet]
+        return self._motors[motors, feet]
+
+    def _configured(self, names: tuple[str, ...], topic: str) -> Order:
+        places = {name: i for i, name in reversed(list(enumerate(names)))}
+        index, sign = [], []
+        for each in self._joints:
+            name = each.removeprefix("-")
+            place = places.get(name, int(name) if name.isdecimal() and int(name) < len(names) else None)
+            if place is None:
+                raise DecodeError(topic, f"has no joint {name!r} of robot.joints; its joints: {_listed(names)}")
+            if names.count(names[place]) > 1:
+                raise DecodeError(topic, f"names {names[place][:40]!r} twice")
+            if place in index:
+                raise DecodeError(topic, f"robot.joints name {names[place][:40]!r} twice")
+            index.append(place)
+            sign.append(-1.0 if each.startswith("-") else 1.0)
+        return Order(np.array(index), np.array(sign))
+
+
+def _by_name(names: tuple[str, ...], topic: str) -> Order:
+    kinds = [_leg_and_joint(name) for name in names]
+    told = {joint for _, joint in filter(None, kinds)}
+    # Beside thighs a hip is the abduction; beside abductions it lifts the thigh.
+    hip = 0 if 1 in told else 1 if 0 in told else None
+    found: dict[int, int] = {}
+    for i, kind in enumerate(kinds):
+        if kind is None or (kind[1] == _HIP and hip is None):
+            continue
+        joint = 3 * kind[0] + (hip or 0 if kind[1] == _HIP else kind[1])
+        if joint in found:
+            raise DecodeError(topic, f"names {JOINTS[joint]} twice: {_listed((names[found[joint]], names[i]))}")
+        found[joint] = i
+    if not found:
+        flag = set_flag("robot.joints", names[:12])
+        raise UnknownJoints(topic, names, f"; {ASK_FOR_ORDER}:  {flag}" if len(names) >= len(JOINTS) else "")
+    missing = [name for joint, name in enumerate(JOINTS) if joint not in found]
+    if missing:
+        raise DecodeError(
+            topic,
+            f"{len(found)} of a quadruped's 12 joints are known by name; unknown: {', '.join(missing)}; its joints: "
+            f"{_listed(names)}; {ASK_FOR_ORDER}",
+        )
+    return Order(np.array([found[joint] for joint in range(12)]), np.ones(12))
+
+
+def _leg_and_joint(name: str) -> tuple[int, int] | None:
+    """The leg's number and the joint's, _HIP for a bare hip; None for what is no driven joint of a leg."""
+    words = _words(name)
+    leg, found = _leg_of(words), set(words)
+    if leg is None or found & _NOT_DRIVEN:
+        return None
+    axes = {_HIP_AXES[word] for word in found if word in _HIP_AXES}
+    if "hip" in found:
+        told = {_JOINT_WORDS[word] for word in found if word in _JOINT_WORDS} | axes
+        return (leg, told.pop() if len(told) == 1 else _HIP) if len(told) < 2 else None
+    joints = {_JOINT_WORDS[word] for word in found if word in _JOINT_WORDS}
+    joints |= {int(word) for word in found if word in ("0", "1", "2")} if not joints else set()
+    return (leg, joints.pop()) if len(joints) == 1 else None
+
+
+def _words(name: str) -> list[str]:
+    """`FL_hip_joint`, `LF_HAA`, `frontLeftKnee` and `FL0` in lower-case words and numbers."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=[0-9])", " ", name[:200])
+    return re.findall(r"[a-z]+|[0-9]+", apart.lower())
+
+
+def _leg_of(words: Sequence[str]) -> int | None:
+    legs = {_LEG_WORDS[word] for word in words if word in _LEG_WORDS}
+    ends = {_ENDS[word] for word in words if word in _ENDS}
+    sides = {_SIDES[word] for word in words if word in _SIDES}
+    if not legs and len(ends) == len(sides) == 1:
+        legs = {ends.pop() + sides.pop()}
+    return legs.pop() if len(legs) == 1 else None
+
+
+def _feet_of(names: tuple[str, ...]) -> Int | None:
+    """Some drivers add four entries `FL_foot` whose effort is the foot's force."""
+    feet = {_leg_of(_words(name)): i for i, name in enumerate(names) if _words(name)[1:] == ["foot"]}
+    return np.array([feet[leg] for leg in range(4)]) if {0, 1, 2, 3} <= feet.keys() else None
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 16} more" if len(names) > 16 else ""
+    return ", ".join(name[:40] for name in names[:16]) + more
+
+
+def decode_joint_state(message: Any, topic: str, order: JointOrder) -> tuple[JointStates]:
+    """sensor_msgs/JointState. Raises DecodeError for lists of different lengths, UnknownJoints without legs."""
+    names = tuple(map(str, message.name))
+    lists = [np.asarray(each, np.float64)[None] for each in (message.position, message.velocity, message.effort)]
+    return (joint_states(stamp_ns(message), _named_values(names, lists, topic, order)[0]),)
+
+
+JOINT_STATE = header_of("header") | dict.fromkeys(("name", "position", "velocity", "effort"), EVERY)
+
+
+def joint_state_in_columns(topic: str, order: JointOrder) -> InColumns:
+    """The same of the texts and numbers of JOINT_STATE."""
+
+    def in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+        lists, at = [], 2
+        for _ in range(3):
+            count = int(numbers[0, at])
+            lists.append(numbers[:, at + 1 : at + 1 + count])
+            at += 1 + count
+        try:
+            values = _named_values(texts[1:], lists, topic, order)
+        except DecodeError:  # raised again by the way through single messages
+            return [], np.zeros(len(numbers), dtype=bool)
+        return [Columns(JointStates, stamps_ns(numbers[:, :2]), values)], np.ones(len(numbers), dtype=bool)
+
+    return in_columns
+
+
+def joint_state_ways(topic: str, order: JointOrder) -> Ways:
+    """JointState by columns."""
+    return [(JOINT_STATE, joint_state_in_columns(topic, order))]
+
+
+def _named_values(names: tuple[str, ...], lists: Sequence[Float], topic: str, order: JointOrder) -> Float:
+    """(N, 40) the fields of JointStates, of positions, velocities and efforts, each (N, names) or (N, 0)."""
+    for what, values in zip(("positions", "velocities", "efforts"), lists, strict=True):
+        if values.shape[1] not in (0, len(names)):
+            raise DecodeError(topic, f"names {len(names)} joints, but has {values.shape[1]} {what}")
+    found = order.of_names(names, topic)
+    rows = np.full((len(lists[0]), 40), np.nan)
+    for k, values in enumerate(lists):
+        if values.shape[1]:
+            rows[:, 12 * k : 12 * k + 12] = values[:, found.place] * found.sign
+    if found.feet is not None and lists[2].shape[1]:
+        rows[:, 36:] = lists[2][:, found.feet]
+    return rows
+
+
+def joint_states(stamp_ns: int | None, row: Float) -> JointStates:
+    """The message of its fields one after the other (40,)."""
+    return JointStates(stamp_ns, row[:12], row[12:24], row[24:36], row[36:])
+
+
+def motor_values(q_dq_tau: Float, feet: Float, topic: str, order: JointOrder) -> Float:
+    """(N, 40) the fields of JointStates, of all motors' q, dq and tau (N, M, 3) and the foot forces (N, F)."""
+    found = order.of_motors(q_dq_tau.shape[1], feet.shape[1], topic)
+    driven = q_dq_tau[:, found.place] * found.sign[:, None]
+    assert found.feet is not None
+    return np.concatenate([driven[..., 0], driven[..., 1], driven[..., 2], feet[:, found.feet]], axis=1)

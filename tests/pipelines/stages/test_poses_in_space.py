@@ -1,0 +1,128 @@
+"""Height, roll and pitch of poses, from every source that knows them; errors in 2-D and 3-D, with evo as the oracle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from evo import main_ape, main_rpe
+from evo.core import metrics as evo_metrics
+from evo.core import sync
+from evo.core.trajectory import Plane
+from evo.tools import file_interface
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config
+from quadlog.geometry import roll_pitch_from_quat, seconds_since
+from quadlog.lidar.levelling import tilt_at, up_in_base
+from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
+from quadlog.pipelines.evaluation.reference import OnTime, Reference
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay
+from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.simulation.synthetic import forest
+from quadlog.simulation.synthetic.forest import ANCHORS_M
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS, TF_STATIC_TOPIC, UWB_TOPIC
+from quadlog.storage.formats.tum import read_tum, write_tum_poses
+
+IN_SPACE = ("z_m", "roll_rad", "pitch_rad")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-3.1, 3.1), st.floats(-0.6, 0.6), st.floats(-0.3, 0.3))
+def test_angles_are_those_of_scipy(yaw_rad: float, pitch_rad: float, roll_rad: float) -> None:
+    quat_xyzw = Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]).as_quat()[None]
+    np.testing.assert_allclose(roll_pitch_from_quat(quat_xyzw), [[roll_rad, pitch_rad]], atol=1e-9)
+    t_ns = np.array([0, 200_000_001])
+    tilt_rad = tilt_at(t_ns, up_in_base(t_ns[:1], quat_xyzw))
+    np.testing.assert_allclose(tilt_rad, [[roll_rad, pitch_rad], [np.nan, np.nan]], atol=1e-9)
+
+
+def by_evo(run: Path, *, planar: bool) -> list[float]:
+    """rmse of ATE and RPE of trajectory.tum against reference.tum."""
+    read = file_interface.read_tum_trajectory_file
+    part, plane = evo_metrics.PoseRelation.translation_part, Plane.XY if planar else None
+    found = []
+    for tool, extra in ((main_ape.ape, {}), (main_rpe.rpe, {"delta": 1, "delta_unit": evo_metrics.Unit.frames})):
+        pair = sync.associate_trajectories(*(read(str(run / f"{name}.tum")) for name in ("reference", "trajectory")))
+        found.append(tool(*pair, part, project_to_plane=plane, **extra).stats["rmse"])
+    return found
+
+
+def replayed(lias: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any) -> ReplayOutcome:
+    """A real walk whose poses come from a file, against the recording's motion capture."""
+    write_tum_poses(folder / "poses.tum", t_ns, position_m, quat_xyzw)
+    config = load_config(None, [f"topics.position={folder / 'poses.tum'}"], {})
+    request = ReplayRequest(
+        lias.folder / "lias_fast.mcap", folder / "run", config, ReplayOptions(until="position", duration_s=12.0)
+    )
+    return replay(request, Silent())
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, planar, without_pictures):
+    truth, rng = read_tum(lias.folder / "lias_fast_mocap.tum"), np.random.default_rng(0)
+    position_m = truth.position_m + rng.normal(0, [0.02, 0.02, 0.2], truth.position_m.shape)
+    turned = Rotation.from_quat(truth.quat_xyzw) * Rotation.from_rotvec(rng.normal(0, 0.1, position_m.shape))
+    if planar:
+        position_m[:, 2] = 0
+    outcome = replayed(lias, tmp_path, turned.as_quat(), position_m, truth.t_ns)
+    poses, back = read_table(outcome.run, "poses"), read_tum(outcome.run / "trajectory.tum")
+    np.testing.assert_allclose(
+        np.column_stack([poses[name] for name in ("yaw_rad", "pitch_rad", "roll_rad")]), turned.as_euler("ZYX")
+    )
+    np.testing.assert_allclose(back.position_m, position_m)
+    np.testing.assert_allclose((Rotation.from_quat(back.quat_xyzw) * turned.inv()).magnitude(), 0, atol=1e-9)
+    found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
+    assert found == pytest.approx(by_evo(outcome.run, planar=planar), abs=1e-9)
+    words = "2-D (the poses lie in a plane)" if planar else "3-D"
+    notes = " ".join(read_run_json(outcome.run)["notes"])
+    assert f"the reference: errors in {words}; " in notes or f"errors against the reference are in {words}" in notes
+    (run,) = measure_runs([outcome.run], None, []).runs
+    assert said_of(outcome.run) == [f"{outcome.run}: errors in {words}"]
+    assert explain_runs("rpe_rmse_m", [run], None).endswith(f"  errors in {words}\n")
+    told = said_of(outcome.run, Reference.read(outcome.run / "reference.tum", OnTime()))
+    assert f"errors in {'3-D (the poses lie in a plane, and what is not' if planar else '3-D;'}" in told[1]
+
+
+def said_of(run: Path, reference: Reference | None = None) -> list[str]:
+    return measure_runs([run], reference, []).said
+
+
+def test_a_run_of_before_has_no_heights_and_is_compared_in_the_plane(short_run, tmp_path):
+    """And of UWB with a given height and an IMU, roll and pitch are known, but no height."""
+    poses = read_table(short_run.run, "poses")
+    assert [np.isfinite(poses[name]).any() for name in IN_SPACE] == [False, True, True]
+    old = {name: each for name, each in poses.items() if name not in IN_SPACE}
+    before = pa.schema([each for each in TABLES["poses"] if each.name in old])
+    write_table(tmp_path / "poses.parquet", before, old)
+    back = read_table(tmp_path, "poses")
+    assert all(np.isnan(back[name]).all() for name in IN_SPACE)
+    assert said_of(short_run.run) == [f"{short_run.run}: errors in 2-D (heights of the poses are not known)"]
+
+
+def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path, without_pictures):
+    """Synthetic, over rough ground between anchors of several heights; base is on the ground."""
+    walk, path = forest.synthesize(3, 12.0, azimuth_steps=8), tmp_path / "walk.mcap"
+    topics = {UWB_TOPIC, IMU_TOPIC, TF_STATIC_TOPIC, "/truth/robot/pose"}
+    write_recording(WRITERS["mcap"](path), (each for each in walk.messages() if each.topic in topics))
+    anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
+    tag = {"id": 0, "role": "robot", "height_m": 0.6, "x_m": -0.2}
+    config = Config.model_validate({"uwb": {"anchors": anchors, "tags": [tag], "height": "solved"}})
+    outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
+    poses = read_table(outcome.run, "poses")
+    truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
+    np.testing.assert_allclose(poses["roll_rad"], truth.roll_rad, atol=1e-6)
+    np.testing.assert_allclose(poses["pitch_rad"], truth.pitch_rad, atol=1e-6)
+    assert np.sqrt(np.mean((poses["z_m"] - truth.height_m) ** 2)) < 0.45  # its std is told to be 0.29 m
+    found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
+    assert found == pytest.approx(by_evo(outcome.run, planar=False), abs=1e-9)

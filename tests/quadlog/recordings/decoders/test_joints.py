@@ -1,0 +1,283 @@
+"""Joints of quadrupeds by name and by order, from payloads that rosbags writes."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from quadlog.errors import DecodeError, UnknownJoints
+from quadlog.messages import Imu, JointStates, Odometry
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.columns import Columns
+from quadlog.recordings.decoders.joints import JOINTS, JointOrder
+from quadlog.recordings.decoders.ros_messages import BUNDLED, Definitions
+from quadlog.recordings.decoding import decoder_for, ways_in_columns
+
+LEGS = ("FL", "FR", "RL", "RR")
+UNITREE = [f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
+STYLES = {
+    "unitree": UNITREE,
+    "unitree with _joint": [f"{name}_joint" for name in UNITREE],
+    "anymal": [f"{leg}_{joint}" for leg in ("LF", "RF", "LH", "RH") for joint in ("HAA", "HFE", "KFE")],
+    "spot": [
+        f"{end}_{side}_{j}"
+        for end in ("front", "rear")
+        for side in ("left", "right")
+        for j in ("hip_x", "hip_y", "knee")
+    ],
+    "spot, short": [f"{leg}.{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn")],
+    "champ": [f"{leg}_{j}_joint" for leg in ("lf", "rf", "lh", "rh") for j in ("hip", "upper_leg", "lower_leg")],
+    "roll and pitch": [
+        f"{leg}_{j}" for leg in ("lf", "rf", "lh", "rh") for j in ("hip_roll", "hip_pitch", "knee_pitch")
+    ],
+    "abduction": [f"{leg}_{j}" for leg in ("FL", "FR", "BL", "BR") for j in ("abduction", "hip", "knee")],
+    "camel case": [
+        f"{leg}{j}" for leg in ("frontLeft", "frontRight", "hindLeft", "hindRight") for j in ("Hip", "Thigh", "Calf")
+    ],
+    "numbered": [f"{leg}{k}" for leg in ("FL", "FR", "RL", "RR") for k in range(3)],
+}
+RANK = {"FR": 1, "FL": 0, "RR": 3, "RL": 2}
+
+
+@cache
+def store(ros: str) -> Any:
+    made = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
+    for package in ("unitree_go", "ros2_unitree_legged_msgs"):
+        for path in sorted((BUNDLED / package / "msg").glob("*.msg")):
+            made.register(get_types_from_msg(path.read_text(), f"{package}/msg/{path.stem}"))
+    # As in unitree_ros_to_real for ROS 1: other names for the same fields.
+    for name in ("LowState", "HighState", "IMU", "MotorState", "BmsState", "Cartesian"):
+        text = (BUNDLED / "ros2_unitree_legged_msgs" / "msg" / f"{name}.msg").read_text()
+        camel = text.replace("motor_state", "motorState").replace("foot_force", "footForce")
+        camel = camel.replace("tau_est", "tauEst").replace("yaw_speed", "yawSpeed")
+        made.register(get_types_from_msg(camel, f"unitree_legged_msgs/msg/{name}"))
+    return made
+
+
+def payload_of(ros: str, message: Any) -> bytes:
+    made, name = store(ros), message.__msgtype__
+    return bytes(made.serialize_ros1(message, name) if ros == "ros1" else made.serialize_cdr(message, name))
+
+
+def channel_of(ros: str, name: str, embedded: bool = True) -> Channel:
+    version = 1 if ros == "ros1" else 2
+    text = store(ros).generate_msgdef(name, ros_version=version)[0] if embedded else ""
+    return Channel("/topic", name, "ros1" if ros == "ros1" else "cdr", f"ros{version}msg", text.encode())
+
+
+def joint_state(ros: str, names: Any, position: Any = None, velocity: Any = (), effort: Any = ()) -> Any:
+    kinds = store(ros).types
+    stamp = kinds["builtin_interfaces/msg/Time"](5, 7)
+    header = kinds["std_msgs/msg/Header"](*((0,) if ros == "ros1" else ()), stamp, "")
+    values = np.arange(len(names)) if position is None else position
+    arrays = (np.array(each, np.float64) for each in (values, velocity, effort))
+    return kinds["sensor_msgs/msg/JointState"](header, list(names), *arrays)
+
+
+def decoded(ros: str, message: Any, order: JointOrder | None = None, *, embedded: bool = True) -> tuple[Any, ...]:
+    """What the message gives alone, which is what it gives in columns."""
+    channel, payload, order = (
+        channel_of(ros, message.__msgtype__, embedded),
+        payload_of(ros, message),
+        order or JointOrder(),
+    )
+    decode = decoder_for(channel, None, order)
+    assert decode is not None
+    columns = Definitions().column_decoder(channel, payload, ways_in_columns(channel, order))
+    assert columns is not None
+    rows = list(columns.decode([payload, payload]))
+    try:
+        found = decode(payload)
+    except DecodeError:
+        assert rows == []
+        raise
+    ((_, together),) = rows
+    by_kind = {each.kind: each for each in together}
+    assert by_kind.keys() == {type(each) for each in found}
+    for each in found:
+        same_columns(each, by_kind[type(each)])
+    return found
+
+
+def same_columns(message: Any, columns: Columns) -> None:
+    stamps = None if columns.stamp_ns is None else columns.stamp_ns[1]
+    fields = {
+        JointStates: ("position_rad", "velocity_radps", "torque_nm", "foot_force_n"),
+        Odometry: ("position_m", "quat_xyzw", "linear_mps", "angular_radps"),
+        Imu: ("angular_radps", "quat_xyzw"),
+    }[type(message)]
+    values = [np.full(4, np.nan) if (v := getattr(message, name)) is None else v for name in fields]
+    np.testing.assert_allclose(columns.values[1], np.concatenate(values), atol=1e-12)
+    assert stamps == message.stamp_ns
+
+
+@pytest.mark.parametrize("style", STYLES)
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_joints_are_found_by_name_in_any_order(style: str, data: Any) -> None:
+    names = STYLES[style]
+    legs = ("FR", "FL", "RR", "RL") if style.startswith("unitree") else LEGS
+    others = ["arm_1", "front_left_wheel", "FL_hip_rotor", "gripper"]
+    given_names = data.draw(st.permutations([*names, *data.draw(st.lists(st.sampled_from(others), unique=True))]))
+    place = {name: float(i) for i, name in enumerate(given_names)}
+    ros = data.draw(st.sampled_from(["ros1", "ros2"]))
+    numbers = list(place.values())
+    (found,) = decoded(
+        ros, joint_state(ros, given_names, velocity=[-v for v in numbers], effort=[2 * v for v in numbers])
+    )
+    expected = np.empty(12)
+    for i, name in enumerate(names):
+        expected[3 * RANK[legs[i // 3]] + i % 3] = place[name]
+    np.testing.assert_array_equal(found.position_rad, expected)
+    np.testing.assert_array_equal(found.velocity_radps, -expected)
+    np.testing.assert_array_equal(found.torque_nm, 2 * expected)
+    assert np.isnan(found.foot_force_n).all()
+    assert found.stamp_ns == 5_000_000_007
+
+
+def test_what_a_joint_state_leaves_out_is_not_a_number() -> None:
+    for velocity, effort in (((), ()), ((), np.ones(12)), (np.ones(12), ())):
+        (found,) = decoded("ros2", joint_state("ros2", UNITREE, velocity=velocity, effort=effort))
+        assert np.isnan(found.velocity_radps).all() == (len(velocity) == 0)
+        assert np.isnan(found.torque_nm).all() == (len(effort) == 0)
+
+
+def test_the_effort_of_a_foot_is_its_force() -> None:
+    names = [*UNITREE, *(f"{leg}_foot" for leg in LEGS)]
+    (found,) = decoded("ros2", joint_state("ros2", names, effort=np.arange(16)))
+    assert found.foot_force_n.tolist() == [12, 13, 14, 15]
+    # Of a wheeled leg, it is the joint of a wheel.
+    (wheeled,) = decoded(
+        "ros2", joint_state("ros2", [*UNITREE, *(f"{leg}_foot_joint" for leg in LEGS)], effort=np.arange(16))
+    )
+    assert np.isnan(wheeled.foot_force_n).all()
+
+
+def test_configured_joints_by_name_place_and_sign() -> None:
+    names = [f"motor{chr(97 + i)}" for i in range(13)]
+    order = JointOrder([f"-{names[12 - i]}" if i % 2 else str(12 - i) for i in range(12)])
+    (found,) = decoded("ros1", joint_state("ros1", names), order)
+    assert found.position_rad.tolist() == [-(12.0 - i) if i % 2 else 12.0 - i for i in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("names", "error", "words"),
+    [
+        (UNITREE[:11], DecodeError, "11 of a quadruped's 12 joints are known by name; unknown: RL_calf"),
+        ([*UNITREE[:11], UNITREE[0]], DecodeError, "names FR_hip twice"),
+        ([*UNITREE, "rf_haa"], DecodeError, "names FR_hip twice"),
+        ([f"m{i}" for i in range(12)], UnknownJoints, "--set 'robot.joints="),
+        (["front_left_wheel", "rear_left_wheel"], UnknownJoints, "names no joint of four legs, but front_left_wheel"),
+        ([f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "knee")], DecodeError, "4 of a quadruped's 12"),
+        ([f"joint_{i}" for i in range(10_000)], DecodeError, "names 10000 joints; quadlog reads at most 1000"),
+        ([], UnknownJoints, "but none"),
+    ],
+)
+def test_joints_that_are_not_known_are_told(names: list[str], error: type[Exception], words: str) -> None:
+    payload = payload_of("ros2", joint_state("ros2", names))
+    with pytest.raises(error) as caught:
+        decoder_for(channel_of("ros2", "sensor_msgs/msg/JointState"))(payload)  # type: ignore[misc]
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 1200
+
+
+@pytest.mark.parametrize("which", ["position", "velocity", "effort"])
+def test_lists_of_different_lengths_are_refused(which: str) -> None:
+    with pytest.raises(DecodeError, match="names 12 joints, but has 11"):
+        decoded("ros2", joint_state("ros2", UNITREE, **{which: np.zeros(11)}))
+
+
+def filled(ros: str, name: str, **values: Any) -> Any:
+    """A message whose numbers are zero, with some fields set."""
+    made = store(ros)
+
+    def zero(kind: int, detail: Any) -> Any:
+        if kind == 1:
+            return 0.0 if detail[0].startswith("float") else 0
+        if kind == 2:
+            return made.types[detail](*(zero(int(k), d) for _, (k, d) in made.fielddefs[detail][1]))
+        (inner, what), count = detail
+        return np.zeros(count, what[0]) if int(inner) == 1 else [zero(int(inner), what) for _ in range(count)]
+
+    message = zero(2, name)
+    for i, motor in enumerate(getattr(message, "motor_state", getattr(message, "motorState", []))):
+        motor.q, motor.dq = float(i), -float(i)
+        setattr(motor, "tau_est" if hasattr(motor, "tau_est") else "tauEst", 2.0 * i)
+    imu = message.imu_state if hasattr(message, "imu_state") else message.imu
+    imu.quaternion[:], imu.gyroscope[:], imu.accelerometer[:] = (0.8, 0.0, 0.0, 0.6), (0.25, 0.5, 0.75), (0, 0, 9.75)
+    for field in ("foot_force", "footForce"):
+        if hasattr(message, field):
+            getattr(message, field)[:] = (10, 20, 30, 40)
+    for field, value in values.items():
+        getattr(message, field)[:] = value
+    return message
+
+
+LOW_STATES = [
+    ("ros2", "unitree_go/msg/LowState"),
+    ("ros2", "ros2_unitree_legged_msgs/msg/LowState"),
+    ("ros1", "unitree_legged_msgs/msg/LowState"),
+    ("ros2", "unitree_legged_msgs/msg/LowState"),
+]
+
+
+@pytest.mark.parametrize("embedded", [True, False])
+@pytest.mark.parametrize(("ros", "name"), LOW_STATES)
+def test_low_states_are_in_unitrees_order(ros: str, name: str, embedded: bool) -> None:
+    if not embedded and ros == "ros1":
+        pytest.skip("ROS 1 bags embed all definitions")
+    joints, imu = decoded(ros, filled(ros, name), embedded=embedded)
+    assert joints.position_rad.tolist() == [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+    assert joints.torque_nm.tolist() == (2 * joints.position_rad).tolist() == (-2 * joints.velocity_radps).tolist()
+    assert joints.foot_force_n.tolist() == [20, 10, 40, 30]
+    np.testing.assert_allclose(imu.quat_xyzw, (0, 0, 0.6, 0.8), atol=1e-7)
+    assert imu.angular_radps.tolist() == [0.25, 0.5, 0.75]
+    assert imu.stamp_ns is joints.stamp_ns is None
+
+
+def test_motors_can_be_configured_and_are_counted() -> None:
+    order = JointOrder([f"-{i}" if i == 3 else str(i) for i in range(12)], [0, 1, 2, 3])
+    joints, _ = decoded("ros2", filled("ros2", LOW_STATES[0][1]), order)
+    assert joints.position_rad.tolist() == [0, 1, 2, -3, 4, 5, 6, 7, 8, 9, 10, 11]
+    assert joints.foot_force_n.tolist() == [10, 20, 30, 40]
+    with pytest.raises(DecodeError, match="has no joint '20'"):
+        decoded("ros2", filled("ros2", LOW_STATES[0][1]), JointOrder([*map(str, range(9, 21))]))
+    with pytest.raises(DecodeError, match="4 feet"):
+        decoded("ros2", filled("ros2", LOW_STATES[0][1]), JointOrder((), [1, 2, 3, 4]))
+
+
+def test_high_and_sport_mode_states_give_odometry() -> None:
+    for ros, name in (
+        ("ros2", "ros2_unitree_legged_msgs/msg/HighState"),
+        ("ros1", "unitree_legged_msgs/msg/HighState"),
+    ):
+        message = filled(ros, name, position=(1, 2, 0.25), velocity=(0.5, -0.25, 9))
+        odometry, imu, joints = decoded(ros, message)
+        assert odometry.position_m.tolist() == [1, 2, 0.25]
+        assert odometry.linear_mps.tolist() == [0.5, -0.25, 0]
+        assert odometry.quat_xyzw.tolist() == imu.quat_xyzw.tolist()
+        assert joints.position_rad[0] == 3
+    sport = filled("ros2", "unitree_go/msg/SportModeState", position=(1, 2, 0.25))
+    sport.stamp.sec, sport.stamp.nanosec = 5, 7
+    odometry, imu = decoded("ros2", sport, embedded=False)
+    assert (odometry.stamp_ns, imu.stamp_ns) == (5_000_000_007, 5_000_000_007)
+    assert odometry.position_m.tolist() == [1, 2, 0.25]
+    sport.position[0] = np.nan
+    with pytest.raises(DecodeError, match="position is not finite"):
+        decoded("ros2", sport)
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (np.nan, 0, 0, 1)])
+def test_an_imu_without_orientation_still_has_rates_and_joints(quaternion: Any) -> None:
+    message = filled("ros2", LOW_STATES[0][1])
+    message.imu_state.quaternion[:] = quaternion
+    joints, imu = decoded("ros2", message)
+    assert imu.quat_xyzw is None
+    assert np.isfinite(joints.position_rad).all()
+    assert len(JOINTS) == len(joints.position_rad)

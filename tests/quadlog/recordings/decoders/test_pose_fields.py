@@ -1,0 +1,118 @@
+"""Poses of types that quadlog does not know, found by their definitions; payloads are written by rosbags."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import get_types_from_msg
+
+from quadlog.config.schema import Topics
+from quadlog.errors import AmbiguousTopic, DecodeError
+from quadlog.messages import Pose
+from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoding import decoder_for, is_decodable, ways_in_columns
+from quadlog.recordings.recording import Recording
+from quadlog.recordings.roles import detect_roles
+from quadlog.recordings.streams import gather
+
+T_NS = 1_700_000_000_000_000_005
+XYZ, TURN = (1.0, -2.0, 0.5), (0.0, 0.6, 0.0, 0.8)
+HEADER = "std_msgs/Header header\n"
+SUBJECT = "vicon/msg/Subject"
+TYPES = {
+    SUBJECT: HEADER
+    + "string name\nbool occluded\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    "lab/msg/Tracked": HEADER + "uint32 id\ngeometry_msgs/PoseWithCovariance where\nfloat64[] residuals\n",
+    "lab/msg/Body": "string name\ngeometry_msgs/Transform place\n",
+    "lab/msg/Frame": HEADER + "uint32 frame\nBody body\n",
+    "lab/msg/Bodies": HEADER + "Body[] bodies\n",
+    "lab/msg/Two": HEADER + "geometry_msgs/Pose seen\ngeometry_msgs/Pose wanted\n",
+    "lab/msg/Timeless": "geometry_msgs/Pose pose\n",
+    "lab/msg/Wrapped": "geometry_msgs/PoseStamped stamped\n",
+}
+
+
+@pytest.fixture(params=["ros1", "cdr"])
+def lab(request: pytest.FixtureRequest, both_ros: Any) -> Any:
+    ros = type(both_ros.cdr)(request.param)
+    for name, text in TYPES.items():
+        ros.store.register(get_types_from_msg(text, name))
+    return ros
+
+
+def messages_of(ros: Any, occluded: bool = False) -> dict[str, Any]:
+    """One message with the same pose of every type that holds one."""
+    pose, header = ros.pose(XYZ, TURN), ros.header(T_NS, "/world")
+    transform = ros.transform(T_NS, "/world", "", XYZ, TURN).transform
+    covered = ros.type("geometry_msgs/msg/PoseWithCovariance")(pose, np.zeros(36))
+    parts = {
+        SUBJECT: (header, "dog", occluded, pose.position, pose.orientation),
+        "lab/msg/Tracked": (header, 3, covered, np.array([0.5, 0.25])),
+        "lab/msg/Frame": (header, 9, ros.type("lab/msg/Body")("dog", transform)),
+        "lab/msg/Wrapped": (ros.type("geometry_msgs/msg/PoseStamped")(header, pose),),
+    }
+    return {name: ros.type(name)(*each) for name, each in parts.items()}
+
+
+def test_the_pose_of_an_unknown_type(lab: Any) -> None:
+    for name, message in messages_of(lab).items():
+        channel, payload = lab.channel("/topic", name), lab.serialise(message)
+        (pose,) = decoder_for(channel)(payload)  # type: ignore[misc]
+        assert isinstance(pose, Pose)
+        assert (pose.stamp_ns, pose.frame_id, pose.position_m.tolist()) == (T_NS, "world", list(XYZ))
+        np.testing.assert_allclose(pose.quat_xyzw, TURN)
+        columns = Definitions().column_decoder(channel, payload, ways_in_columns(channel))
+        assert (columns is None) == (name == SUBJECT), "what is flagged is decoded one by one"
+        if columns is not None:
+            ((_, (found,)),) = columns.decode([payload])
+            assert (int(found.stamp_ns[0]), found.frame_id) == (T_NS, "world")
+            np.testing.assert_allclose(found.values, [[*XYZ, *TURN]])
+
+
+def test_what_a_tracker_does_not_see_is_no_pose(lab: Any) -> None:
+    decode: Any = decoder_for(lab.channel("/topic", SUBJECT))
+    with pytest.raises(DecodeError, match=r"not tracked \(occluded\)"):
+        decode(lab.serialise(messages_of(lab, occluded=True)[SUBJECT]))
+
+
+def test_types_without_one_pose_and_a_header_are_not_taken(lab: Any) -> None:
+    others = ("lab/msg/Bodies", "lab/msg/Two", "lab/msg/Timeless", "visualization_msgs/msg/Marker")
+    assert not any(is_decodable(lab.channel("/topic", name)) for name in others)
+
+
+def recording(log: Any, ros: Any, topics: dict[str, str]) -> Recording:
+    container, messages = log.container, messages_of(ros)
+    for topic, name in topics.items():
+        payload = ros.serialise(messages[name]) if name in messages else b"\0\1\0\0"
+        container.add(ros.channel(topic, name), T_NS, payload)
+    return Recording(container)
+
+
+def test_a_tracker_is_the_reference_and_the_reason_names_type_and_field(lab: Any, log: Any) -> None:
+    dogs = recording(
+        log, lab, {"/dog": SUBJECT, "/all": "lab/msg/Bodies", "/plan": "lab/msg/Two", "/id": "lab/msg/Frame"}
+    )
+    roles = detect_roles(dogs, Topics())
+    why = "vicon/msg/Subject, its pose in position and orientation, and its name speaks of truth"
+    assert roles.of_topic("/dog") == ("reference", why)
+    assert roles.of_topic("/all")[1].startswith("holds arrays of poses (bodies)")
+    assert roles.of_topic("/plan")[1].startswith("holds 2 poses (seen, wanted)")
+    assert roles.of_topic("/id")[1] == (
+        "not used: lab/msg/Frame, its pose in body.place, could be the reference: --set topics.reference=/id"
+    )
+    chosen = detect_roles(dogs, Topics(reference="/id"))
+    assert chosen.of_topic("/id") == ("reference", "chosen in the configuration; lab/msg/Frame, its pose in body.place")
+    series = gather(dogs, reference="/id").reference
+    assert series is not None
+    np.testing.assert_allclose(series.position_m, [XYZ])
+
+
+def test_two_bodies_are_for_the_user_to_choose_from_and_a_pose_topic_goes_before(lab: Any, log: Any) -> None:
+    two = recording(log, lab, {"/a": SUBJECT, "/b": SUBJECT})
+    with pytest.raises(AmbiguousTopic, match=r"topics\.reference=/a"):
+        detect_roles(two, Topics()).topic("reference")
+    stamped = lab.type("geometry_msgs/msg/PoseStamped")(lab.header(T_NS), lab.pose(XYZ, TURN))
+    log.container.add(lab.channel("/mocap/pose", stamped.__msgtype__), T_NS, lab.serialise(stamped))
+    assert detect_roles(Recording(log.container), Topics()).topic("reference") == "/mocap/pose"
