@@ -51,6 +51,10 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
             "position error, clocks aligned",
             "The position error after the offset between the two clocks is taken out.",
         ),
+        "lidar_uwb_rmse_m": (
+            "lidar track against UWB",
+            "How far apart the tracks from lidar scans and from UWB are, once laid on each other.",
+        ),
         "reference_time_offset_s": ("clock offset to the truth", "How far the truth's clock is from the poses' clock."),
     },
     "Perception": {},
