@@ -17,6 +17,7 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Answer, Panel, ReplanSettings
 from quadlog.planning.rules import Rules
+from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestions
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
 from quadlog.results.plots.planner_comparison import PathScene, around_paths
 
@@ -29,13 +30,14 @@ class Answers:
 
     us_repeats (N, K): microseconds of each time that a row's question was asked, of which column us has the median.
     scene: the question that took the baseline most cells, of the first episode only where one follows from the other,
-    with all paths.
+    with all paths. shown: questions for the page, None where none were to be kept.
     """
 
     columns: dict[str, NDArray[Any]]
     scenarios: dict[str, NDArray[Any]]
     us_repeats: NDArray[np.float64]
     scene: PathScene | None
+    shown: ShownQuestions | None = None
 
 
 @dataclass(slots=True)
@@ -44,6 +46,7 @@ class _Notebook:
 
     source: ProblemSource
     baseline: str
+    sample: QuestionSample | None = None
     replans: Columns = field(default_factory=lambda: {name: [] for name in REPLANS.names})
     scenarios: Columns = field(default_factory=lambda: {name: [] for name in SCENARIOS.names})
     us_repeats: list[list[float]] = field(default_factory=list)
@@ -64,6 +67,8 @@ class _Notebook:
             self.at += 1
         if is_first_pass and (episode == 0 or self.source.is_static):
             self._look_at((episode, replan), question, answers)
+        if is_first_pass and self.sample is not None:
+            _keep(self.sample, (episode, replan), question, answers)
 
     def _add_row(self, episode: int, replan: int, question: Question, answer: Answer) -> None:
         self.us_repeats.append(list(answer.us_repeats))
@@ -103,14 +108,16 @@ def ask_everything(
     repeats: int = 1,
     *,
     curvatures: bool = True,
+    sample: QuestionSample | None = None,
 ) -> Answers:
     """Ask the planners of those names, the first of them the baseline, each by the rules it keeps of these.
 
     repeats: how often, for the times; whatever else is answered is of the first time. Planners take turns: at every
     question, or where questions stand alone and planners hold a map's memory one after the other, in every pass.
-    curvatures: of smoothed paths, which take longer than the plans; static sources have none.
+    curvatures: of smoothed paths, which take longer than the plans; static sources have none. sample: keeps questions
+    for the page.
     """
-    book = _Notebook(source, names[0])
+    book = _Notebook(source, names[0], sample)
     smoothing = ReplanSettings() if curvatures and not source.is_static else None
     passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
     for number in range(passes):
@@ -127,7 +134,16 @@ def ask_everything(
     columns, us_repeats = _arrays(book.replans), _repeats(book.us_repeats, repeats)
     asked = np.isfinite(us_repeats).all(axis=1)
     columns["us"][asked] = np.median(us_repeats[asked], axis=1)
-    return Answers(columns, _arrays(book.scenarios), us_repeats, _scene(book))
+    shown = None if sample is None else sample.finish()
+    return Answers(columns, _arrays(book.scenarios), us_repeats, _scene(book), shown)
+
+
+def _keep(sample: QuestionSample, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
+    """What there was to plan, with every path; there is no map of what could not be asked."""
+    query = question.query
+    if isinstance(query, Query) and question.occupied is not None:
+        layers, ends = (question.occupied, query.blocked), (query.start, query.goal)
+        sample.add(at, query.window, layers, ends, {each.planner: each.plan.cells for each in answers})
 
 
 def _repeats(us: list[list[float]], repeats: int) -> NDArray[np.float64]:

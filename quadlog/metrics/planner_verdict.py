@@ -21,11 +21,39 @@ def verdict(comparison: Comparison) -> str:
     """
     if not comparison.paired_replans:
         return f"On {comparison.source} no replan was solved by {_all_of(comparison)}: nothing can be compared."
-    clauses = [_cells_clause(comparison), _optimal_clause(comparison), _time_clause(comparison)]
+    clauses = [clause for _, clause in _clauses(comparison)]
+    return f"On {comparison.source} ({_counts(comparison)}) {'; '.join(clauses)}."
+
+
+def verdict_lines(comparison: Comparison) -> list[tuple[str, str]]:
+    """The same by subject: what it is about, and a sentence."""
+    if not comparison.paired_replans:
+        return [("Verdict", f"No replan was solved by {_all_of(comparison)}: nothing can be compared.")]
+    lines: dict[str, list[str]] = {}
+    for subject, clause in _clauses(comparison):
+        lines.setdefault(subject, []).append(clause)
+    names = tuple(row.planner for row in comparison.rows)
+    sentences = [(subject, _sentence("; ".join(clauses), names)) for subject, clauses in lines.items()]
+    return [*sentences, ("Rests on", f"{_counts(comparison)}.")]
+
+
+def _clauses(comparison: Comparison) -> list[tuple[str, str]]:
+    """Subject and clause, in order."""
     if len(comparison.rows) == 1:
         only = comparison.rows[0]
-        clauses = [f"{only.planner} ran alone: there is nothing to compare it with", _time_of(only)]
-    return f"On {_what_it_rests_on(comparison)} {'; '.join(filter(None, clauses))}."
+        return [
+            ("Cells", f"{only.planner} ran alone: there is nothing to compare it with"),
+            ("Time", _time_of(only)),
+        ]
+    of = (("Cells", _cells_clause), ("Cells", _optimal_clause), ("Time", _time_clause))
+    clauses = ((subject, clause(comparison)) for subject, clause in of)
+    return [(subject, clause) for subject, clause in clauses if clause]
+
+
+def _sentence(clause: str, names: tuple[str, ...]) -> str:
+    """With a capital letter, unless a planner's name comes first, which has none."""
+    first = clause if clause.startswith(names) else clause[0].upper() + clause[1:]
+    return f"{first}."
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -49,12 +77,12 @@ def notes(comparison: Comparison) -> list[str]:
     return lines
 
 
-def _what_it_rests_on(comparison: Comparison) -> str:
-    counts = (
+def _counts(comparison: Comparison) -> str:
+    """What the verdict rests on."""
+    return (
         f"{_count(comparison.paired_episodes, 'episode')}, {_count(comparison.paired_replans, 'replan')} "
         f"solved by {_all_of(comparison)}"
     )
-    return f"{comparison.source} ({counts})"
 
 
 def _cells_clause(comparison: Comparison) -> str:
@@ -102,11 +130,11 @@ def _time_clause(comparison: Comparison) -> str:
     lead = lead_of(comparison.us, fastest, [name for name in names if name != fastest], baseline)
     if lead is None or len(lead.unbeaten) == lead.choices - 1:
         slowest = max(names, key=median.__getitem__)
-        medians = f"medians of {_times(median[fastest])} ({fastest}) to {_times(median[slowest])} us ({slowest})"
-        return f"no planner was shown to be the fastest, with {medians} per replan"
+        medians = f"medians of {_times(median[fastest])} ({fastest}) to {_times(median[slowest])} µs ({slowest})"
+        return f"times do not show which planner is quickest, with {medians} per replan"
     who = " and ".join([fastest, *lead.unbeaten])
     told = f"{who} were fastest, not told apart, {fastest}" if lead.unbeaten else f"{fastest} was fastest,"
-    words = f"{told} with a median of {_times(median[fastest])} us per replan{_interval_of(comparison, fastest)}"
+    words = f"{told} with a median of {_times(median[fastest])} µs per replan{_interval_of(comparison, fastest)}"
     if fastest == baseline or lead.low is None or lead.high is None:
         return words
     bounds = f"{_bounds(1 / lead.high, 1 / lead.low)}, as the best of {lead.choices}"
@@ -189,7 +217,7 @@ def _paths_clause(row: PlannerRow) -> str:
 
 
 def _time_of(row: PlannerRow) -> str:
-    return f"with a median of {_times(row.us_median or 0.0)} us per replan"
+    return f"with a median of {_times(row.us_median or 0.0)} µs per replan"
 
 
 def _is_excessive(row: PlannerRow) -> bool:

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import base64
-import zlib
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from quadlog.messages import Float, Int
+from quadlog.results.page.packing import NO_YAW, UNIT_M, UNIT_S, Packing
 from quadlog.results.player.moments import moments_of
 from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Scene, Windows, scene_of
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.text.numbers import short
 
-UNIT_M, UNIT_S, UNIT_RAD = 1e-3, 1e-3, 1e-4
-"""What 1 stands for in the packed columns."""
-NO_YAW = 100_000
-"""A yaw that is not known; known ones are within -31416 and 31416."""
-_LEVEL = 6
-_WORD = 4
+UNIT_RAD = 1e-4
+"""What 1 stands for in the packed yaws."""
 
 
 def player_of(run: RunData) -> dict[str, Any] | None:
@@ -35,7 +30,7 @@ def player_of(run: RunData) -> dict[str, Any] | None:
     scene = scene_of(run)
     if scene is None:
         return None
-    packing = _Packing()
+    packing = Packing()
     tracks = [
         {"key": each.key, "label": each.label, "color": each.color, "body": each.body,
          "t": packing.add(each.seconds, UNIT_S), "x": packing.add(each.x_m, UNIT_M), "y": packing.add(each.y_m, UNIT_M),
@@ -78,35 +73,6 @@ def player_of(run: RunData) -> dict[str, Any] | None:
     }
 
 
-class _Packing:
-    """Columns of integers on their way into the page."""
-
-    def __init__(self) -> None:
-        self.lengths: list[int] = []
-        self._parts: list[bytes] = []
-
-    def add(self, values: Float, unit: float) -> int:
-        """The number of a column with values (N,), finite, in whole units."""
-        return self.add_integers(np.rint(values / unit))
-
-    def add_integers(self, values: Float | Int) -> int:
-        """The number of a column with whole numbers (N,) of less than 2^30."""
-        whole = values.astype(np.int64)
-        steps = whole - np.concatenate([[0], whole[:-1]])
-        zigzag = ((steps << 1) ^ (steps >> 63)).astype("<u4")
-        self._parts.append(zigzag.view(np.uint8).reshape(-1, _WORD).T.tobytes())
-        self.lengths.append(len(values))
-        return len(self.lengths) - 1
-
-    def add_bytes(self, content: bytes) -> None:
-        """What follows the columns."""
-        self._parts.append(content)
-
-    def finish(self) -> str:
-        """Everything, deflated, in base64."""
-        return base64.b64encode(zlib.compress(b"".join(self._parts), _LEVEL)).decode()
-
-
 def _yaws(yaw_rad: Float) -> Int:
     wrapped = (yaw_rad + np.pi) % (2 * np.pi) - np.pi
     return _or(wrapped / UNIT_RAD, NO_YAW)
@@ -118,7 +84,7 @@ def _or(values: Float, otherwise: int) -> Int:
     return np.where(fits, np.rint(np.where(fits, values, 0)), otherwise).astype(np.int64)
 
 
-def _windows(windows: Windows, packing: _Packing) -> dict[str, Any]:
+def _windows(windows: Windows, packing: Packing) -> dict[str, Any]:
     maps, (rows, columns) = windows.maps, windows.maps.shape
     placed = {
         "t": packing.add(windows.seconds, UNIT_S),

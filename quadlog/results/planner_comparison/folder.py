@@ -1,7 +1,7 @@
 """The folder of a comparison: tables, plots, and a page that shows them.
 
 Files: planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex, plots/,
-and README.md, which is written last. Nothing is written, and nothing of an earlier comparison is removed, before all
+report.html, and README.md, which is written last. Nothing is written, and nothing of an earlier comparison is removed, before all
 sources are compared.
 """
 
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.metrics.planning import Comparison
+from quadlog.results.planner_comparison.page import PageSection, page_section, render_comparison
+from quadlog.results.planner_comparison.shown_questions import ShownQuestions
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS, format_rows, write_planners
 from quadlog.results.plots.planner_comparison import PathScene, draw_cells, draw_paths, draw_ratios
 from quadlog.results.plots.style import render_png
@@ -25,7 +27,7 @@ from quadlog.results.run.tables import TableWriter
 from quadlog.results.text.markup import escape_markdown
 from quadlog.storage.atomic_write import new_folder, uninterrupted, write_whole
 
-README = "README.md"
+README, PAGE = "README.md", "report.html"
 TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
 TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
@@ -40,7 +42,7 @@ class ComparisonFiles:
     def __init__(self, folder: Path, force: bool, has_queries: bool) -> None:
         self._folder, self._force, self._has_queries = folder, force, has_queries
         self._stack = ExitStack()
-        self._sources = 0
+        self._sections: list[PageSection] = []
         self._plots: dict[str, bytes] = {}
 
     def __enter__(self) -> Self:
@@ -61,12 +63,23 @@ class ComparisonFiles:
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def finish(self, rows: Sequence[Mapping[str, Any]], findings: Sequence[str], about: Sequence[str]) -> None:
-        """Write all files, the page last; signals are delayed until then. Raises CannotWrite."""
+    def finish(
+        self,
+        rows: Sequence[Mapping[str, Any]],
+        findings: Sequence[str],
+        about: Sequence[str],
+        losses: Sequence[str] = (),
+    ) -> None:
+        """Write all files, README.md last; signals are delayed until then. Raises CannotWrite.
+
+        losses: what of recordings was lost.
+        """
+        page = render_comparison(self._sections, about, losses, self._has_queries)
         with uninterrupted():
             self._stack.close()
             for name, png in self._plots.items():
                 write_whole(self._folder / "plots" / name, png)
+            write_whole(self._folder / PAGE, page)
             _write_comparison(self._folder, rows, findings, about)
 
     def add(
@@ -75,16 +88,17 @@ class ComparisonFiles:
         replans: Mapping[str, NDArray[Any]],
         scenarios: Mapping[str, NDArray[Any]],
         scene: PathScene | None,
+        shown: ShownQuestions | None = None,
     ) -> None:
-        """One source: its rows of replans.parquet and scenarios.parquet, and its plots."""
+        """One source: its rows of replans.parquet and scenarios.parquet, its plots, and its part of the page."""
         self._replans.append(replans)
         if len(scenarios["map"]):
             self._scenarios.append(scenarios)
-        self._sources += 1
-        for name, draw in _plots(comparison, replans, scene).items():
-            png = render_png(draw)
-            if png is not None:
-                self._plots[f"source-{self._sources}-{name}.png"] = png
+        number = len(self._sections) + 1
+        drawn = {name: render_png(draw) for name, draw in _plots(comparison, replans, scene).items()}
+        pictures = {name: png for name, png in drawn.items() if png is not None}
+        self._plots |= {f"source-{number}-{name}.png": png for name, png in pictures.items()}
+        self._sections.append(page_section(number, comparison, replans, shown, pictures))
 
     def _make_room(self, kind: type[BaseException] | None, *_: object) -> None:
         """Remove the files of an earlier comparison."""
@@ -116,8 +130,8 @@ def _write_comparison(
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """Files of an earlier comparison, the page first."""
-    named = (folder / name for name in (README, *TEXTS, *TABLES))
+    """Files of an earlier comparison, README.md first."""
+    named = (folder / name for name in (README, PAGE, *TEXTS, *TABLES))
     return [*(path for path in named if path.exists()), *_pictures(folder)]
 
 

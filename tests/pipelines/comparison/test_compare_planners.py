@@ -216,11 +216,11 @@ def test_an_interruption_in_the_second_source_leaves_nothing_of_the_first(tmp_pa
     second.write_text(Path(scen[0]).read_text())
     ask_everything, sources = compare_planners.ask_everything, []
 
-    def interrupted(source, *rest):
+    def interrupted(source, *rest, **more):
         sources.append(source)
         if len(sources) == 2:
             raise KeyboardInterrupt
-        return ask_everything(source, *rest)
+        return ask_everything(source, *rest, **more)
 
     monkeypatch.setattr(compare_planners, "ask_everything", interrupted)
     before = sorted(tmp_path.iterdir())

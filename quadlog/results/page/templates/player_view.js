@@ -1,6 +1,7 @@
 "use strict";
 // The picture of the player: what is seen of the map, and everything that is drawn on it.
-const openView = (data, scene, canvas) => {
+// extra: draws more, under the window's grid and over the trails, with the tools of this picture.
+const openView = (data, scene, canvas, extra = {}) => {
   const FOLLOWED_M = 12; // across, around the robot that is followed
   const LEAST = 12; // pixels per metre of a whole run that shows more than dots
   const FEET = [[0.36, 0.62], [0.36, -0.62], [-0.36, 0.62], [-0.36, -0.62]]; // nominal, in lengths and widths
@@ -179,9 +180,10 @@ const openView = (data, scene, canvas) => {
     pen.strokeStyle = pen.fillStyle = colors.text;
     pen.lineWidth = 2;
     pen.strokeRect(from, height, metres * view.scale, 0.01);
-    pen.fillText(`${metres} m`, from, height - 6);
+    pen.fillText(`${metres} ${data.unit ?? "m"}`, from, height - 6);
   };
 
+  const tools = { pen, x, y, line, cells, layer, tint };
   const draw = (seconds) => {
     const poses = data.tracks.map((track) => scene.pose(track, seconds));
     const led = [...poses].reverse().find((pose) => pose);
@@ -201,6 +203,7 @@ const openView = (data, scene, canvas) => {
     if (at >= 0) {
       const { x: fromX, y: fromY, cell, column, row } = data.windows;
       paintGrid(at);
+      extra.under?.(tools, at);
       pen.strokeStyle = colors.line;
       pen.lineWidth = 1;
       pen.strokeRect(...cells(grid, fromX + column[at] * cell, fromY + row[at] * cell, cell));
@@ -212,6 +215,7 @@ const openView = (data, scene, canvas) => {
       pen.fillStyle = colors.target;
       cloud.x.forEach((px, index) => pen.fillRect(x(px / 1000) - 1, y(cloud.y[index] / 1000) - 1, 2, 2));
     }
+    extra.over?.(tools, seconds);
     const planned = data.paths.map((paths) => scene.path(paths, seconds));
     data.paths.forEach((paths, index) => {
       const last = index === data.paths.length - 1;
@@ -234,9 +238,9 @@ const openView = (data, scene, canvas) => {
     const scale = Math.min(size.x / (right - left + 3), size.y / (top - bottom + 3));
     view = { x: (left + right) / 2, y: (bottom + top) / 2, scale };
   };
-  const near = () => {
+  const near = (across = FOLLOWED_M) => {
     follow = true;
-    view = { ...view, scale: Math.min(size.x, size.y) / FOLLOWED_M };
+    view = { ...view, scale: Math.min(size.x, size.y) / across };
   };
   const recolor = () => {
     colors = Object.fromEntries(names.map((name) => [name, painted(name)()]));

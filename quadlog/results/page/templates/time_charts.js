@@ -1,9 +1,8 @@
 "use strict";
-{
-  // Charts over time. All of them show the same stretch of the run, and the same instant under the cursor.
+// Charts over time. All of a group show the same stretch of the run, and the same instant under the cursor.
+const openTimeCharts = (group, timed) => {
   const HEIGHT = 190;
   const NARROWEST = 1e-4; // of the run
-  const timed = Object.entries(chartData).filter(([, chart]) => chart.panels);
   const panels = timed.flatMap(([, chart]) => chart.panels);
   const whole = [
     Math.min(...panels.map((panel) => panel.seconds[0])),
@@ -31,7 +30,8 @@
     const charted = new Map([...heads.keys()].map((chart) => [chart.root, chart]));
     for (const { target, isIntersecting } of entries) if (isIntersecting) readOff(charted.get(target));
   });
-  playheads.push((seconds, numbers) => {
+  playheads.push((seconds, numbers, of) => {
+    if (of !== group) return;
     played = seconds;
     placeHeads();
     if (!numbers) return;
@@ -50,7 +50,7 @@
     chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
     chart.over.addEventListener("click", (event) => {
       const left = event.clientX - chart.over.getBoundingClientRect().left;
-      if (pressed === event.clientX) for (const seek of seekers) seek(chart.posToVal(left, "x"));
+      if (pressed === event.clientX) for (const seek of seekers) seek(chart.posToVal(left, "x"), group);
     });
   };
 
@@ -72,8 +72,9 @@
   };
   const showAll = () => show(...whole);
 
-  const line = ({ label, color, points }, joined) => ({
+  const line = ({ label, color, points, dashed }, joined) => ({
     label,
+    dash: dashed ? [6, 4] : undefined,
     stroke: painted(color),
     width: points ? 0 : 1.5,
     paths: points ? () => null : undefined,
@@ -82,12 +83,14 @@
     value: (_, value) => shortNumber(value),
   });
 
-  const options = (panel, width) => ({
+  // Of values that span decades: from 0 where there is one, which no logarithm has.
+  const wide = { positive: { distr: 3 }, zero: { distr: 4, asinh: 1, range: (_, low, high) => [0, 1.5 * high] } };
+  const options = (panel, width, over) => ({
     width,
     height: HEIGHT,
-    scales: { x: { time: false, range: () => shown } },
+    scales: { x: { time: false, range: () => shown }, y: wide[panel.log] ?? {} },
     series: [
-      { label: "t (s)", value: (_, value) => shortNumber(value) },
+      { label: over, value: (_, value) => shortNumber(value) },
       ...panel.lines.map((each) => line(each, panel.joined)),
     ],
     axes: [axis(26), axis(52)],
@@ -99,7 +102,7 @@
       drag: { x: true, y: false, setScale: false, dist: 4 },
       points: { fill: (_, at) => styled(panel.lines[at - 1].color), stroke: () => styled("back"), size: 8, width: 1 },
       sync: {
-        key: "time",
+        key: `time ${group}`,
         setSeries: false,
         scales: ["x", null],
         filters: { pub: (kind) => kind === "mousemove" || kind === "mouseleave" },
@@ -130,7 +133,7 @@
   });
 
   // The cursor by keys: to the next point of the first panel, which the others follow; said aloud as text.
-  const stepper = (mine, said) => (steps) => {
+  const stepper = (mine, said, over) => (steps) => {
     const [first] = mine;
     const seconds = first.data[0];
     const inside = (at) => seconds[at] >= shown[0] && seconds[at] <= shown[1];
@@ -146,22 +149,23 @@
         return `${each.label} ${shortNumber(index === null ? null : chart.data[at + 1][index])}`;
       }),
     );
-    said.textContent = `${shortNumber(seconds[to])} s: ${values.join(", ")}`;
+    const at = shortNumber(seconds[to]);
+    said.textContent = `${over ? `${over} ${at}` : `${at} s`}: ${values.join(", ")}`;
   };
 
-  for (const [name, { panels: own }] of timed) {
+  for (const [name, { panels: own, axis: over }] of timed) {
     const help = "Left and right arrow move the cursor, plus and minus zoom, page up and page down move on, 0 shows all.";
     const [place, area] = openChart(name, help);
     const mine = own.map((panel) => {
       area.append(element("p", "what", panel.what));
-      const chart = new uPlot(options(panel, area.clientWidth), [panel.seconds, ...panel.values], area);
+      const chart = new uPlot(options(panel, area.clientWidth, over ?? "t (s)"), [panel.seconds, ...panel.values], area);
       charts.push(chart);
       addHead(chart);
       return chart;
     });
     const said = element("output", "unseen");
     place.append(said);
-    const step = stepper(mine, said);
+    const step = stepper(mine, said, over);
     addBar(place, [
       ["+", "zoom in", ["+", "="], () => zoom(0.5)],
       ["\u2212", "zoom out", ["-", "_"], () => zoom(2)],
@@ -177,4 +181,10 @@
     });
   }
   redraws.push(() => charts.forEach((chart) => chart.redraw(false, true)));
+};
+{
+  const timed = Object.entries(chartData).filter(([, chart]) => chart.panels);
+  for (const group of new Set(timed.map(([, chart]) => chart.group))) {
+    openTimeCharts(group, timed.filter(([, chart]) => chart.group === group));
+  }
 }
