@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quadlog.results.papers.page import Appendix, Erratum, errata_text
+from quadlog.results.papers.page import HEADER, Appendix, AppendixTable, Erratum, errata_text
 
 FOLLOWING = (
     Erratum(
@@ -226,7 +226,7 @@ INTRODUCTION = (
 
 def errata_appendix() -> Appendix:
     """The list as it stands at the end of the tables' page."""
-    return Appendix(TITLE, f"{INTRODUCTION}\n{errata_text(ERRATA, 3)}")
+    return Appendix(TITLE, INTRODUCTION, [AppendixTable(paper, HEADER, mine) for paper, mine in ERRATA.items()])
 
 
 def errata_document() -> str:

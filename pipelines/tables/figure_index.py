@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from quadlog.results.papers.page import Appendix
-from quadlog.results.text.markup import markdown_table
+from quadlog.results.papers.page import Appendix, AppendixTable
 
 NOTHING_TO_MEASURE = "shows a robot, a device, a place or a method: nothing to measure"
 LOST = "lost but for its text: 3.24 m/s, slopes of 35°, loads of 15.07 kg, by a robot whose legs are not printed"
@@ -78,6 +77,6 @@ def figures_appendix() -> Appendix:
         for paper, mine in SHOWN.items()
         for each in mine
     ]
-    text = "What each of them became. Pictures of theirs are not shown again.\n\n"
-    table = markdown_table(("paper", "printed as", "here", "remark"), rows)
-    return Appendix("Where the papers' tables and figures are", text + table)
+    text = "What each of them became. Pictures of theirs are not shown again.\n"
+    table = AppendixTable("", ("paper", "printed as", "here", "remark"), rows)
+    return Appendix("Where the papers' tables and figures are", text, [table])

@@ -24,6 +24,7 @@ from quadlog.pipelines.tables.figure_index import figures_appendix
 from quadlog.pipelines.tables.real.recordings import folder_of_datasets
 from quadlog.pipelines.tables.registry import TABLES
 from quadlog.results.papers.page import prepare_folder, reusable_tables, write_readme, write_table
+from quadlog.results.papers.report import RelatedPage, write_report
 from quadlog.results.papers.table import Origin, PaperTable, SavedTable
 
 ONLY_PRINTS = "quadlog/cli/"
@@ -104,6 +105,16 @@ def _can_be_made_now(table: PaperTable) -> bool:
     return not table.rows and folder_of_datasets() is not None
 
 
+def related_pages(seed: int) -> dict[str, RelatedPage]:
+    """Where planners are compared with their paths on a map, by the name of a table on the same walks."""
+    from quadlog.pipelines.tables.planning.planner_walks import DENSITIES_PER_M2, HELD_OUT_SEED
+
+    forests = " ".join(f"forest:{each:g}" for each in DENSITIES_PER_M2)
+    command = f"quadlog compare-planners {forests} --preset paper --seed {HELD_OUT_SEED + seed} -o planners"
+    what = "Cells, time and path of every planner in every replan of these walks, on a map"
+    return {"planning-2": RelatedPage(what, command, "planners")}
+
+
 def make_tables(
     names: Sequence[str],
     folder: Path,
@@ -137,5 +148,7 @@ def make_tables(
         write_table(folder, SavedTable(table, origin))
         tables[name] = table
         progress.advance()
-    write_readme(folder, list(TABLES), origin.code, (figures_appendix(), errata_appendix()), force)
+    appendices = (figures_appendix(), errata_appendix())
+    write_readme(folder, list(TABLES), origin.code, appendices, force)
+    write_report(folder, list(TABLES), origin.code, appendices, related_pages(seed), force)
     return [tables[name] for name in chosen]

@@ -152,17 +152,38 @@ OLD = "**Measured by another quadlog, or with other packages, than the last tabl
 
 
 @dataclass(frozen=True, slots=True)
+class AppendixTable:
+    """A table of an appendix; an empty title is not shown."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    @property
+    def markdown(self) -> str:
+        """The title as a heading of level 3, and the table."""
+        heading = f"### {escape_markdown(self.title)}\n\n" if self.title else ""
+        return heading + markdown_table(self.header, self.rows)
+
+
+@dataclass(frozen=True, slots=True)
 class Appendix:
-    """A section after the tables: a title, and Markdown below it."""
+    """A section after the tables: a title, Markdown below it, and tables."""
 
     title: str
     text: str
+    tables: Sequence[AppendixTable] = ()
+
+    @property
+    def markdown(self) -> str:
+        """All but the title."""
+        return "\n".join([self.text, *(each.markdown for each in self.tables)])
 
 
 def readme_text(saved: Sequence[SavedTable], code: str, appendices: Sequence[Appendix]) -> str:
     """The whole page. code: digest of the current quadlog; tables measured by another one are listed."""
     sections = [f'<a id="{each.table.name}"></a>\n\n{section_text(each.table)}' for each in saved]
-    ends = [f"## {escape_markdown(each.title)}\n\n{each.text}" for each in appendices]
+    ends = [f"## {escape_markdown(each.title)}\n\n{each.markdown}" for each in appendices]
     return "\n".join([PREFACE, _summary_text(saved, code), *sections, *ends])
 
 
@@ -202,7 +223,7 @@ def _share(table: PaperTable) -> str:
     return f"{table.count(Verdict.YES)} of {table.comparable}" if table.comparable else "none printed"
 
 
-README = "README.md"
+README, REPORT = "README.md", "report.html"
 
 
 def reusable_tables(folder: Path, names: Sequence[str], origin: Origin) -> list[SavedTable]:
@@ -214,7 +235,7 @@ def reusable_tables(folder: Path, names: Sequence[str], origin: Origin) -> list[
 def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTable], force: bool) -> None:
     """Make the folder, before the named tables are measured.
 
-    Raises CannotWrite, and unless `force` AlreadyExists for the page and for a file of theirs,
+    Raises CannotWrite, and unless `force` AlreadyExists for the pages and for a file of theirs,
     and for a file of a reused table that is not as it would be written.
     """
     for path in () if force else _in_the_way(folder, names, reused):
@@ -238,18 +259,27 @@ def write_readme(folder: Path, names: Sequence[str], code: str, appendices: Sequ
 
     Raises AlreadyExists for another page, unless `force`.
     """
-    saved = [each for name in names if (each := load_saved(folder, name)) is not None]
-    page, text = folder / README, readme_text(saved, code, appendices).encode()
-    if not _holds(page, text):
+    page = folder / README
+    write_page(page, readme_text(saved_tables(folder, names), code, appendices).encode(), force)
+    return page
+
+
+def saved_tables(folder: Path, names: Sequence[str]) -> list[SavedTable]:
+    """The named tables that are complete in the folder."""
+    return [each for name in names if (each := load_saved(folder, name)) is not None]
+
+
+def write_page(page: Path, content: bytes, force: bool) -> None:
+    """Write a page unless it is as it should be; raises AlreadyExists for another one, unless `force`."""
+    if not _holds(page, content):
         if page.exists() and not force:
             raise AlreadyExists(page)
-        write_whole(page, text)
-    return page
+        write_whole(page, content)
 
 
 def _in_the_way(folder: Path, names: Sequence[str], reused: Sequence[SavedTable]) -> Iterator[Path]:
     if names:
-        yield folder / README
+        yield from (folder / README, folder / REPORT)
     for name in names:
         yield from (folder / f"{name}.{suffix}" for suffix in ("csv", "tex", "json"))
         yield from sorted(folder.glob(f"{name}-*.png"))

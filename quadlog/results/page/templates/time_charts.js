@@ -85,6 +85,13 @@ const openTimeCharts = (group, timed) => {
 
   // Of values that span decades: from 0 where there is one, which no logarithm has.
   const wide = { positive: { distr: 3 }, zero: { distr: 4, asinh: 1, range: (_, low, high) => [0, 1.5 * high] } };
+  const isPower = (value) => value === 0 || Math.log10(value) % 1 === 0;
+  const upright = (log, size) => {
+    const made = axis(size);
+    if (log !== "zero") return made;
+    const filter = (_, splits) => splits.map((each) => (isPower(each) ? each : null)); // uPlot has -1 below 0
+    return { ...made, filter, grid: { ...made.grid, filter } };
+  };
   const options = (panel, width, over) => ({
     width,
     height: HEIGHT,
@@ -93,7 +100,7 @@ const openTimeCharts = (group, timed) => {
       { label: over, value: (_, value) => shortNumber(value) },
       ...panel.lines.map((each) => line(each, panel.joined)),
     ],
-    axes: [axis(26), axis(52)],
+    axes: [axis(26), upright(panel.log, over === "t (s)" ? 52 : 64)],
     legend: {
       markers: { width: 3, stroke: (_, at) => styled(panel.lines[at - 1].color), fill: () => "transparent" },
     },

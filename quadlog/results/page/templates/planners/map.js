@@ -105,11 +105,11 @@ const openPlannerMap = async (place, data) => {
     });
     for (const move of playheads) move(number[now], true, group);
   };
-  // Around the start: the window, or of a map that stands still as much as the question takes.
-  const across = () => {
-    const far = Math.hypot(goal.x[now] - start.x[now], goal.y[now] - start.y[now]) / 1000;
-    return data.alone ? Math.max(3 * far, 12 * edge) : 1.15 * data.across;
-  };
+  // Around the start: as much as the question takes, or of a walk, where that changes, as questions mostly take.
+  const lengths = Array.from(number, (_, at) => Math.hypot(goal.x[at] - start.x[at], goal.y[at] - start.y[at]) / 1000);
+  const usual = lengths.toSorted((a, b) => a - b)[lengths.length >> 1];
+  const across = () =>
+    data.alone ? Math.max(3 * lengths[now], 12 * edge) : 1.15 * Math.min(data.across, Math.max(3 * usual, 40 * edge));
   const seek = (at) => {
     now = Math.min(Math.max(at, 0), number.length - 1);
     if (view.follows() && data.alone) view.near(across());
