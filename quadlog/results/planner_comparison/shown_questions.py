@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -14,10 +15,12 @@ from quadlog.messages import Int
 from quadlog.planning.protocol import Bool, Cell, Cells
 
 MAX_QUESTIONS = 1200
-MAX_PATH_POINTS = 300_000
+MAX_PATH_POINTS = 200_000
 """Of all paths together, after the cells on straight stretches are left out."""
-MAX_MAP_BYTES = 8 << 20
-"""Of all maps together, a bit a cell, obstacles and growth."""
+MAX_MAP_BYTES, MAX_DEFLATED_BYTES = 16 << 20, 2 << 20
+"""Of all maps together, obstacles and growth: a bit a cell in memory, and deflated, each by its difference from the one
+before, about as the page holds them."""
+_LIMITS = (MAX_QUESTIONS, MAX_PATH_POINTS, MAX_MAP_BYTES, MAX_DEFLATED_BYTES)
 MAX_MAP_CELLS = 4_000_000
 """Of one map of a static source; larger ones are shown with coarser cells."""
 
@@ -35,9 +38,9 @@ class ShownMap:
     grown: bytes
 
     @property
-    def size_bytes(self) -> int:
-        """Of both layers."""
-        return len(self.obstacles) + len(self.grown)
+    def bits(self) -> NDArray[np.uint8]:
+        """Both layers, one after the other."""
+        return np.frombuffer(self.obstacles + (self.grown or self.obstacles), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +87,11 @@ class QuestionSample:
 
     def __init__(self, is_static: bool, row_zero_on_top: bool, sources: int = 1) -> None:
         self._is_static, self._flipped, self._sources = is_static, row_zero_on_top, sources
-        self._most = tuple(limit // sources for limit in (MAX_QUESTIONS, MAX_PATH_POINTS, MAX_MAP_BYTES))
+        self._most = tuple(limit // sources for limit in _LIMITS)
         self._kept: dict[tuple[int, int], ShownQuestion] = {}
         self._stride, self._past_last = 1, math.inf
         self._latest = (-1, -1)
-        self._points = self._map_bytes = 0
+        self._points = self._map_bytes = self._deflated_bytes = 0
         self._window: Window | None = None
         self._map: tuple[Window, Bool, Bool, ShownMap] | None = None
 
@@ -143,7 +146,7 @@ class QuestionSample:
         return episode < self._past_last and (self._stride == 1 or episode == 0) and replan % self._stride == 0
 
     def _is_full(self) -> bool:
-        held = len(self._kept), self._points, self._map_bytes
+        held = len(self._kept), self._points, self._map_bytes, self._deflated_bytes
         return any(amount > limit for amount, limit in zip(held, self._most, strict=True))
 
     def _thin(self, episode: int) -> None:
@@ -156,7 +159,11 @@ class QuestionSample:
             place = 0 if self._is_static else 1
             self._kept = {at: each for at, each in self._kept.items() if at[place] % self._stride == 0}
         self._points = sum(len(path) for each in self._kept.values() for path in each.paths.values())
-        self._map_bytes = sum({id(each.map): each.map.size_bytes for each in self._kept.values()}.values())
+        self._map_bytes = self._deflated_bytes = 0
+        before = None
+        for each in dict.fromkeys(question.map for question in self._kept.values()):
+            self._count(before, each)
+            before = each
 
     def _map_of(self, window: Window, occupied: Bool, blocked: Bool) -> ShownMap:
         """The map of a question; the same object where it is the map of the question before."""
@@ -167,9 +174,15 @@ class QuestionSample:
                 return shown
         packed = [self._packed(window, layer) for layer in (occupied, blocked)]
         shown = ShownMap(window.col0, window.row0, packed[0], packed[1] if packed[0] != packed[1] else b"")
+        self._count(None if self._map is None else self._map[-1], shown)
         self._map = (window, occupied, blocked, shown)
-        self._map_bytes += shown.size_bytes
         return shown
+
+    def _count(self, before: ShownMap | None, shown: ShownMap) -> None:
+        bits = shown.bits
+        changed = bits if before is None else bits ^ before.bits
+        self._map_bytes += len(bits)
+        self._deflated_bytes += len(zlib.compress(changed.tobytes(), 1))
 
     def _packed(self, window: Window, layer: Bool) -> bytes:
         if self._is_static:

@@ -56,6 +56,7 @@ def test_a_folder_holds_tables_texts_and_plots(tmp_path):
     assert outcome.exit_code == ExitCode.DONE
     assert sorted(path.name for path in folder.iterdir()) == sorted(
         ["README.md", "planners.csv", "planners.json", "planners.parquet", "planners.tex", "plots", "replans.parquet"]
+        + ["report.html"]
     )
     assert sorted(path.name for path in (folder / "plots").iterdir()) == [
         f"source-{number}-{name}.png" for number in (1, 2) for name in ("cells-per-replan", "paths", "ratios")
