@@ -49,7 +49,12 @@ def test_the_csv_file_holds_what_the_contract_says(made):
 def test_the_page_shows_the_pictures_that_are_there_and_says_that_it_is_fast(made):
     names = {path.name for path in made.iterdir()}
     pictures = {"following-uwb-site.png", "following-uwb-efficiency.png"}
-    assert names == {"README.md", *(f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex")), *pictures}
+    assert names == {
+        "README.md",
+        "report.html",
+        *(f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex")),
+        *pictures,
+    }
     page = (made / "README.md").read_text(encoding="utf-8")
     assert "`quadlog tables following-uwb --fast`" in page
     assert "**A fast run" in page

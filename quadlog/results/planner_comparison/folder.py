@@ -1,8 +1,8 @@
 """The folder of a comparison: tables, plots, and a page that shows them.
 
 Files: planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex, plots/,
-report.html, and README.md, which is written last. Nothing is written, and nothing of an earlier comparison is removed, before all
-sources are compared.
+report.html, and README.md, which is written last. Nothing is written, and nothing of an earlier comparison is removed,
+before all sources are compared.
 """
 
 from __future__ import annotations

@@ -64,7 +64,9 @@ def map_data(shown: ShownQuestions, asked: Asked, counted: str) -> dict[str, Any
     places = np.array([asked.place(each.episode, each.replan) for each in shown.questions])
     first_with = [next(at for at, each in enumerate(shown.questions) if each.map is known) for known in maps]
     map_seconds = (places[first_with] + 1).astype(np.float64)
-    ends = {name: _centres([getattr(each, name) for each in shown.questions], base, shown) for name in ("start", "goal")}
+    ends = {
+        name: _centres([getattr(each, name) for each in shown.questions], base, shown) for name in ("start", "goal")
+    }
     grown = [each.grown or each.obstacles for each in maps] if any(each.grown for each in maps) else None
     answers = Packing()
     return {
@@ -104,7 +106,9 @@ def replan_chart(shown: ShownQuestions, asked: Asked, counted: str, group: str) 
         for unit, column in of.items()
     }
     lines = [each for all_of in values.values() for each in all_of]
-    keep = np.unique(np.concatenate([thin_line(each, max(MAX_CHART_POINTS // shown.sources // len(lines), 8)) for each in lines]))
+    keep = np.unique(
+        np.concatenate([thin_line(each, max(MAX_CHART_POINTS // shown.sources // len(lines), 8)) for each in lines])
+    )
     number = keep + 1.0
     whats = {
         "cells": f"{'neighbours' if counted == 'touched' else 'cells'} {counted} per {word_for(shown)}",
@@ -182,8 +186,8 @@ def _block(
     return content if ends else content | {"paths": [], "clouds": [], "hold": {"track": 0, "cloud": 0}}
 
 
-def _centres(cells: Sequence[Any], base: Int, shown: ShownQuestions) -> Float:
-    """(N, 2) centres of cells, from the lower-left corner of all maps on."""
+def _centres(cells: Any, base: Int, shown: ShownQuestions) -> Float:
+    """(N, 2) centres of N cells, from the lower-left corner of all maps on."""
     centres: Float = (np.asarray(cells, dtype=np.float64).reshape(-1, 2) - base + 0.5) * shown.cell
     return centres
 

@@ -184,8 +184,7 @@ def _chart_note(asked: Asked | None, chart: Mapping[str, Any] | None) -> str:
     if asked is None or chart is None or not chart["panels"]:
         return ""
     drawn, last = len(chart["panels"][0]["seconds"]), int(chart["panels"][0]["seconds"][-1])
-    thinned = f"Thinned to {count(drawn)} of {count(last)}, with the extremes of every line." if drawn < last else ""
-    return thinned
+    return f"Thinned to {count(drawn)} of {count(last)}, with the extremes of every line." if drawn < last else ""
 
 
 def _picture(name: str, png: bytes) -> dict[str, Any]:

@@ -213,7 +213,7 @@ def _corners(cells: Cells) -> Cells:
         return cells
     steps = np.diff(cells, axis=0)
     turns = (steps[1:] != steps[:-1]).any(axis=1)
-    return cells[np.concatenate([[True], turns, [True]])]
+    return cells[np.array([True, *turns.tolist(), True])]
 
 
 def _coarse(layer: Bool, step: int) -> NDArray[np.bool_]:
@@ -223,5 +223,4 @@ def _coarse(layer: Bool, step: int) -> NDArray[np.bool_]:
     rows, cols = (math.ceil(size / step) for size in layer.shape)
     padded = np.zeros((rows * step, cols * step), dtype=bool)
     padded[: layer.shape[0], : layer.shape[1]] = layer
-    coarse: NDArray[np.bool_] = padded.reshape(rows, step, cols, step).any(axis=(1, 3))
-    return coarse
+    return np.asarray(padded.reshape(rows, step, cols, step).any(axis=(1, 3)))

@@ -19,7 +19,7 @@ def test_the_document_is_what_the_code_says():
 
 def test_the_page_has_the_same_errata_as_the_document():
     rows = [line for line in errata_document().splitlines() if line.startswith("| ")]
-    assert [line for line in errata_appendix().text.splitlines() if line.startswith("| ")] == rows
+    assert [line for line in errata_appendix().markdown.splitlines() if line.startswith("| ")] == rows
     assert len(rows) == sum(map(len, ERRATA.values())) + len(ERRATA)
 
 

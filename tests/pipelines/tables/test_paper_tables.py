@@ -51,7 +51,7 @@ def test_without_a_name_all_are_made(made, tmp_path):
     assert made == [("a", True, 3), ("b", True, 3), ("c", True, 3)]
     assert [table.name for table in tables] == ["a", "b", "c"]
     assert set(contents(tmp_path / "out")) == {
-        "README.md", *(f"{name}.{suffix}" for name in "abc" for suffix in ("csv", "tex", "json")),
+        "README.md", "report.html", *(f"{name}.{suffix}" for name in "abc" for suffix in ("csv", "tex", "json")),
     }  # fmt: skip
 
 

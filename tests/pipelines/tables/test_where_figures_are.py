@@ -30,4 +30,4 @@ def test_each_leads_to_a_table_there_is_or_says_why_not():
     assert all(each.tables or each.remark for each in everywhere)
     # What real recordings give is in no paper.
     assert {name for each in everywhere for name in each.tables} == set(TABLES) - {"uwb-real"}
-    assert figures_appendix().text.count("\n| ") == 1 + len(everywhere)
+    assert figures_appendix().markdown.count("\n| ") == 1 + len(everywhere)

@@ -27,7 +27,7 @@ def test_the_page_has_all_tables_there_are_in_the_order_asked_for(tmp_path, save
     assert "three" not in text
 
 
-@pytest.mark.parametrize("name", ["README.md", *sorted(FILES)])
+@pytest.mark.parametrize("name", ["README.md", "report.html", *sorted(FILES)])
 def test_nothing_is_overwritten_without_force(tmp_path, name):
     (tmp_path / name).write_text("mine")
     with pytest.raises(AlreadyExists, match="--force"):

@@ -16,7 +16,7 @@ from quadlog.results.plots.planner_comparison import PathScene
 from quadlog.storage.atomic_write import complete_folders
 
 NAMES = ("astar", "ia_star")
-WRITTEN = ("README.md", "planners.csv", "planners.parquet")
+WRITTEN = ("README.md", "report.html", "planners.csv", "planners.parquet")
 
 
 def answers(source: str = "walk", replans: int = 3, episodes: int = 1) -> dict[str, np.ndarray]:
@@ -91,7 +91,8 @@ def test_a_single_replan_has_no_plot_over_replans(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["README.md", "planners.csv", "planners.parquet", "scenarios.parquet", "plots/source-2-paths.png"]
+    "name",
+    ["README.md", "report.html", "planners.csv", "planners.parquet", "scenarios.parquet", "plots/source-2-paths.png"],
 )
 def test_what_is_there_is_replaced_by_force_alone(tmp_path, name):
     earlier = tmp_path / name

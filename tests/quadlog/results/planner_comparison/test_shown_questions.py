@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,7 +108,7 @@ def test_the_corners_of_a_path_give_all_of_its_cells(steps: list[tuple[int, int]
     sample.add((0, 0), Window(7, -2, 0.1, (8, 9)), (FREE, FREE), ENDS, {"astar": path})
     corners = sample.finish().questions[0].paths["astar"] - (7, -2)
     cells = [corners[:1]]
-    for begin, end in zip(corners[:-1], corners[1:], strict=True):
+    for begin, end in itertools.pairwise(corners):
         count = np.abs(end - begin).max()
         cells.append(begin + np.arange(1, count + 1)[:, None] * (end - begin) // max(count, 1))
     assert np.concatenate(cells).tolist() == path.tolist()
