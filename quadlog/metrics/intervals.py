@@ -178,8 +178,8 @@ _BLOCKS = 40
 _FEWEST_INDEPENDENT = 6
 
 
-def mean_interval_in_time(values: Float) -> Interval | None:
-    """95 % interval of the mean of a stationary series (N,), by Student's t with its effective number of values.
+def mean_interval_in_time(values: Float, confidence: float = 0.95) -> Interval | None:
+    """Interval of the mean of a stationary series (N,), by Student's t with its effective number of values.
 
     None below SAFE_IN_TIME values, for values all alike, and for a series that is worth fewer than
     _FEWEST_INDEPENDENT independent values: none of them tells how it could have been otherwise.
@@ -196,7 +196,7 @@ def mean_interval_in_time(values: Float) -> Interval | None:
     variance, independent = _variance_of_mean(blocks)
     if independent < _FEWEST_INDEPENDENT:
         return None
-    mean, half = float(np.mean(values)), float(stdtrit(independent - 1, 0.975)) * math.sqrt(variance)
+    mean, half = float(np.mean(values)), float(stdtrit(independent - 1, (1 + confidence) / 2)) * math.sqrt(variance)
     return (mean - half, mean + half)
 
 

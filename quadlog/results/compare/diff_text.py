@@ -57,7 +57,7 @@ def _lines(runs: RunDifference) -> Iterator[str]:
     yield f"A  {runs.a}"
     yield f"B  {runs.b}"
     first = first_difference(runs)
-    yield "results: the same" if first is None else f"results: differ, first in {_first_line(first, runs.start_ns)}"
+    yield "results: the same" if first is None else f"results: differ, first in {first_line(first, runs.start_ns)}"
     for name, found in runs.origins.items():
         yield f"{name}: {'differs' if found else 'the same'}"
         yield from _value_lines("    ", found)
@@ -68,7 +68,8 @@ def _lines(runs: RunDifference) -> Iterator[str]:
             yield from _result_lines(result, runs.start_ns)
 
 
-def _first_line(first: FirstDifference, start_ns: int) -> str:
+def first_line(first: FirstDifference, start_ns: int) -> str:
+    """Stage, result, column and instant of a first difference, and both values."""
     at = f" {_place(first.place, start_ns)}" if first.place is not None else ""
     if first.column is None:
         return f"stage {first.stage}: {first.result}{at} is only in {first.only_in}"
@@ -112,10 +113,10 @@ def _place(place: RowLocation, start_ns: int) -> str:
 
 def _both(a: Any, b: Any, apart: float | None) -> str:
     by = f" (by {short(apart)})" if apart is not None else ""
-    return f"{_value(a)} | {_value(b)}{by}"
+    return f"{value_text(a)} | {value_text(b)}{by}"
 
 
-def _value(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value, shortened to fit a line."""
     if value is None:
         return "none"
