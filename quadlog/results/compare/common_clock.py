@@ -14,10 +14,10 @@ LETTERS = ("A", "B")
 
 @dataclass(frozen=True, slots=True)
 class CommonClock:
-    """What a second on the page is of both runs.
+    """What an instant on the page is of both runs.
 
     is_shared: the same time stamp is the same instant in both, so that samples can be paired. why_not: the reason
-    where it is not. words: the clock's name.
+    where it is not. words: what 0 s is.
     """
 
     is_shared: bool
@@ -36,7 +36,7 @@ def open_runs(paths: tuple[Path, Path]) -> tuple[RunData, RunData, CommonClock]:
 
 
 def _clock_of(a: RunData, b: RunData) -> CommonClock:
-    apart = "seconds since the start of each run"
+    apart = "the start of each run"
     if a.simulated != b.simulated:
         simulated, replay = LETTERS if a.simulated else LETTERS[::-1]
         return CommonClock(False, apart, f"{simulated} is a simulated walk and {replay} the replay of a recording")
@@ -44,11 +44,11 @@ def _clock_of(a: RunData, b: RunData) -> CommonClock:
         what = "courses" if a.simulated else "recordings"
         return CommonClock(False, apart, f"A and B are of different {what}")
     if a.simulated:
-        return CommonClock(True, "time of the simulation, the same in both")
+        return CommonClock(True, "the start of the simulation, the same in both")
     stamps = [str(run.record.options.get("stamp")) for run in (a, b)]
     if stamps[0] != stamps[1]:
         return CommonClock(False, apart, f"their time stamps are of different clocks: {stamps[0]} in A, {stamps[1]} in B")
-    return CommonClock(True, "time of the recording, the same in both")
+    return CommonClock(True, "the start of the earlier run, on the clock of the recording")
 
 
 def not_comparable(a: RunData, b: RunData, clock: CommonClock) -> Iterator[str]:

@@ -68,9 +68,9 @@ def _lines(runs: RunDifference) -> Iterator[str]:
             yield from _result_lines(result, runs.start_ns)
 
 
-def first_line(first: FirstDifference, start_ns: int) -> str:
+def first_line(first: FirstDifference, start_ns: int, with_stamp: bool = True) -> str:
     """Stage, result, column and instant of a first difference, and both values."""
-    at = f" {_place(first.place, start_ns)}" if first.place is not None else ""
+    at = f" {_place(first.place, start_ns, with_stamp)}" if first.place is not None else ""
     if first.column is None:
         return f"stage {first.stage}: {first.result}{at} is only in {first.only_in}"
     return f"stage {first.stage}: {first.result}, {first.column}{at}: {_both(first.a, first.b, first.apart)}"
@@ -104,11 +104,12 @@ def _rows(count: int) -> str:
     return f"{count} row{'s' if count != 1 else ''}"
 
 
-def _place(place: RowLocation, start_ns: int) -> str:
-    keys = ", ".join(f"{name} {value}" for name, value in place.keys)
+def _place(place: RowLocation, start_ns: int, with_stamp: bool = True) -> str:
+    keys = [f"{name} {value}" for name, value in place.keys]
     if place.t_ns is None:
-        return f"at {keys}"
-    return f"at {(place.t_ns - start_ns) / _NS:.3f} s (t_ns {place.t_ns}{', ' if keys else ''}{keys})"
+        return f"at {', '.join(keys)}"
+    inside = ", ".join([f"t_ns {place.t_ns}"] * with_stamp + keys)
+    return f"at {(place.t_ns - start_ns) / _NS:.3f} s{f' ({inside})' if inside else ''}"
 
 
 def _both(a: Any, b: Any, apart: float | None) -> str:

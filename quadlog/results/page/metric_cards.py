@@ -207,11 +207,11 @@ def _row(run: RunData, bounds: Mapping[str, Bound], name: str, label: str, words
         label,
         words or (CATALOGUE[name].meaning if name in CATALOGUE else ""),
         in_words(name, value, unit),
-        "" if interval is None else _span(interval, *((100.0, " %") if name in _SHARES else ())),
+        "" if interval is None else interval_text(interval, *((100.0, " %") if name in _SHARES else ())),
         _bound_words(bounds[name], unit) if name in bounds else "",
         _state(bounds.get(name), value, interval),
     )
-    return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else _span(interval))
+    return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else interval_text(interval))
 
 
 def _absent(bound: Bound, label: str, words: str) -> ShownMetric:
@@ -226,8 +226,8 @@ def _interval(name: str, saved: Mapping[str, Any]) -> Interval | None:
     return float(ends[0]), float(ends[1])  # type: ignore[arg-type]
 
 
-def _span(interval: Interval, times: float = 1.0, unit: str = "") -> str:
-    """Both ends to two digits, or all before the point."""
+def interval_text(interval: Interval, times: float = 1.0, unit: str = "") -> str:
+    """An interval: both ends to two digits, or all before the point."""
     ends = (times * end for end in interval)
     low, high = ((count(round(end)) if abs(end) >= 100 else short(end, 2)).replace("-", "\u2212") for end in ends)
     return f"{low} to {high}{unit}"

@@ -13,7 +13,7 @@ from quadlog.results.player.scene import Paths, Scene, Track, Windows
 
 RUN_COLORS = {"A": ("robot", "fix"), "B": ("target", "note")}
 """Of a run: of the simulated robot, its plan and the map; of everything else."""
-_OF_BOTH = "text"
+OF_BOTH, TARGET_OF_BOTH, _POINTS_OF_BOTH = "text", "soft", "resim"
 _BOTH = "A and B"
 
 
@@ -35,7 +35,11 @@ def two_scenes(a: Scene | None, b: Scene | None) -> Scene | None:
         tracks=merged("tracks", _labelled, _shared),
         paths=merged("paths", _labelled, _shared),
         windows=merged("windows", lambda each, letter: replace(each, color=RUN_COLORS[letter][0]), _as_it_is),
-        clouds=merged("clouds", lambda each, letter: replace(each, color=RUN_COLORS[letter][1]), _as_it_is),
+        clouds=merged(
+            "clouds",
+            lambda each, letter: replace(each, color=RUN_COLORS[letter][1]),
+            lambda each: replace(each, color=_POINTS_OF_BOTH),
+        ),
         contacts=merged("contacts", lambda each, letter: replace(each, run=letter), _as_it_is),
         body_m=bodies[0] if bodies else None,
         thinned=[f"{who}: {what}" for what, who in _letters(thinned["A"], thinned["B"])],
@@ -80,7 +84,8 @@ def _labelled(each: Track | Paths, letter: str) -> Track | Paths:
 
 
 def _shared(each: Track | Paths) -> Track | Paths:
-    return replace(each, label=f"{_BOTH}: {each.label}", color=_OF_BOTH)
+    is_target = isinstance(each, Track) and each.key == "target"
+    return replace(each, label=f"{_BOTH}: {each.label}", color=TARGET_OF_BOTH if is_target else OF_BOTH)
 
 
 def _as_it_is(each: Any) -> Any:

@@ -65,7 +65,7 @@ const addBar = (place, actions) => {
     const shown = place.closest("figure").classList.toggle("pictured");
     picture.setAttribute("aria-pressed", String(shown));
   });
-  bar.append(picture);
+  if (place.closest("figure").querySelector("img")) bar.append(picture);
   place.prepend(bar);
   place.addEventListener("keydown", (event) => {
     const action = actions.find(([, , keys]) => keys.includes(event.key));
@@ -88,4 +88,7 @@ const onWidth = (area, fit) => {
   }).observe(ruler);
 };
 
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+// On paper colours are those of light pages.
+for (const change of ["(prefers-color-scheme: dark)", "print"]) {
+  matchMedia(change).addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+}

@@ -1,0 +1,273 @@
+"""Two runs in one page: one player, charts laid over each other, paired differences, and where the runs part."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.paired import PairedDifference
+from quadlog.results.compare.common_clock import LETTERS, CommonClock, not_comparable
+from quadlog.results.compare.diff_text import first_line, value_text
+from quadlog.results.compare.differences import FirstDifference, ResultDifference, RunDifference, ValueDifference
+from quadlog.results.compare.run_diff import first_difference, first_of_stage
+from quadlog.results.page.html import format_number, render_page
+from quadlog.results.page.metric_cards import MetricRow, ThemeGroup, interval_text, metric_themes
+from quadlog.results.page.overlay import is_alike, overlaid_charts
+from quadlog.results.page.player import player_of_two
+from quadlog.results.page.report import moving_parts, run_title
+from quadlog.results.page.verdict import Sentence, VerdictLine, verdict
+from quadlog.results.player.moments import Moment
+from quadlog.results.plots.figures import PLOTS
+from quadlog.results.plots.run_data import RunData
+
+_TOLD, _TOLD_COLUMNS = 4, 6
+_NS = 1e9
+_COUNTS = (("collisions", "Contacts"), ("fallen", "Falls"))
+Origins = Mapping[str, Sequence[ValueDifference]]
+
+
+@dataclass(frozen=True, slots=True)
+class RunPair:
+    """Two runs on their common clock, their names, and what was compared of them.
+
+    origins: how they were made differently, by kind. diff: None without a shared clock. differences: of metrics, by
+    name. problems: sentences on what could not be read.
+    """
+
+    a: RunData
+    b: RunData
+    names: tuple[str, str]
+    clock: CommonClock
+    origins: Origins
+    diff: RunDifference | None
+    differences: Mapping[str, PairedDifference]
+    problems: Sequence[str] = ()
+
+    @property
+    def runs(self) -> tuple[RunData, RunData]:
+        """Both, A first."""
+        return self.a, self.b
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedMetric:
+    """A metric of two runs; numbers are None and texts empty where there is none.
+
+    difference: B less A, paired where pairs is not empty. better: A, B, undecided, ...; is_clear: beyond chance.
+    """
+
+    name: str
+    label: str
+    help: str
+    unit: str
+    a: float | None
+    b: float | None
+    difference: float | None
+    interval: str
+    pairs: str
+    better: str
+    is_clear: bool
+
+
+def side_by_side_page(pair: RunPair) -> bytes:
+    """The page, in UTF-8. Raises NotARun for damaged files."""
+    themes = _compared_themes(pair)
+    stages = [] if pair.diff is None else list(_stages(pair.diff, pair.a))
+    parting = [] if pair.diff is None else list(_parting(pair.diff, pair.a))
+    charts, player = overlaid_charts(pair.a, pair.b), player_of_two(pair.a, pair.b, parting)
+    return render_page(
+        "side_by_side.html.jinja",
+        **moving_parts(charts, player, bool(themes)),
+        title=" and ".join(dict.fromkeys(map(run_title, pair.runs))),
+        clock=pair.clock.words,
+        verdict=[*_made(pair), *_parted(pair), *_measured(pair, themes)],
+        not_comparable=[*not_comparable(pair.a, pair.b, pair.clock), *pair.problems],
+        runs=[
+            {
+                "letter": letter,
+                "name": name,
+                "title": run_title(run),
+                "simulated": run.simulated,
+                "record": run.record,
+                "verdict": verdict(run),
+                "command": shlex.join(str(word) for word in run.record.command),
+            }
+            for letter, name, run in zip(LETTERS, pair.names, pair.runs, strict=True)
+        ],
+        settings=[
+            {"kind": kind, "key": each.key, "a": value_text(each.a), "b": value_text(each.b)}
+            for kind, found in pair.origins.items()
+            for each in found
+        ],
+        lost_and_warned=_lost_and_warned(pair),
+        stages=stages,
+        themes=themes,
+        # What differs comes first.
+        figures=sorted((plot for plot in PLOTS if plot.name in charts), key=lambda plot: is_alike(charts[plot.name])),
+    )
+
+
+def _compared_themes(pair: RunPair) -> list[ThemeGroup]:
+    """The groups of metrics, as the page of one run has them, with a row for each that either run has."""
+    of_a, of_b = ({group.title: group for group in metric_themes(run)} for run in pair.runs)
+    groups = []
+    for title in dict.fromkeys((*of_a, *of_b)):
+        rows = [{row.shown.name: row for row in group.rows} for group in _present(title, of_a, of_b)]
+        names = list(dict.fromkeys(name for each in rows for name in each))
+        # The order is that of the themes; a metric of B alone stands where B has it.
+        compared = [_compared(pair, name, *(each.get(name) for each in rows)) for name in names]
+        if compared:
+            groups.append(ThemeGroup(title, compared, []))
+    return groups
+
+
+def _present(title: str, *groups: Mapping[str, ThemeGroup]) -> list[ThemeGroup]:
+    return [of.get(title, ThemeGroup(title, [], [])) for of in groups]
+
+
+def _compared(pair: RunPair, name: str, a: MetricRow | None, b: MetricRow | None) -> ComparedMetric:
+    row = a or b
+    assert row is not None
+    paired = pair.differences.get(name)
+    difference = None if a is None or b is None else b.value - a.value if paired is None else paired.difference
+    return ComparedMetric(
+        name=name,
+        label=row.shown.label,
+        help=row.shown.help,
+        unit=row.unit,
+        a=None if a is None else a.value,
+        b=None if b is None else b.value,
+        difference=difference,
+        interval="" if paired is None or paired.interval is None else interval_text(paired.interval),
+        pairs="" if paired is None else _pairs(paired),
+        better=_better(name, difference, paired),
+        is_clear=paired is not None and paired.clear,
+    )
+
+
+def _pairs(paired: PairedDifference) -> str:
+    alone = [f"{many} only in {run}" for run, many in zip(LETTERS, (paired.alone_a, paired.alone_b)) if many]
+    return ", ".join([format_number(paired.pairs), *alone])
+
+
+def _better(name: str, difference: float | None, paired: PairedDifference | None) -> str:
+    if difference is None:
+        return ""
+    if (paired is not None and paired.same) or (paired is None and difference == 0):
+        return "the same"
+    if paired is None or paired.interval is None:
+        return ""
+    if not paired.clear:
+        return "undecided"
+    better = CATALOGUE[name].better if name in CATALOGUE else ""
+    if not better:
+        return "differ"
+    return "B" if (difference > 0) == (better == "higher") else "A"
+
+
+def _made(pair: RunPair) -> Iterator[VerdictLine]:
+    """How the runs were made differently."""
+    found = [each for kind in ("config", "options", "seed") for each in pair.origins.get(kind, ())]
+    if found:
+        named = [f"{each.key} ({value_text(each.a)} in A, {value_text(each.b)} in B)" for each in found[:_TOLD]]
+        more = f" and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+        text = f"{len(found)} setting{'s differ' if len(found) > 1 else ' differs'}: {', '.join(named)}{more}."
+    else:
+        text = "Config, options and seed are the same."
+    others = [kind for kind in ("input", "versions") if pair.origins.get(kind)]
+    yield VerdictLine("Settings", [Sentence(text), *(Sentence(f"The {kind} differ{'s' * (kind == 'input')}.") for kind in others)])
+
+
+def _parted(pair: RunPair) -> Iterator[VerdictLine]:
+    """Until where the results are the same."""
+    if pair.diff is None:
+        return
+    first = first_difference(pair.diff)
+    if first is None:
+        yield VerdictLine("Results", [Sentence("All saved results are the same.")])
+        return
+    before = list(pair.diff.stages)[: list(pair.diff.stages).index(first.stage)]
+    same = [stage for stage in before if pair.diff.stages[stage]]
+    start = f"The same through {', '.join(same)}. " if same else ""
+    yield VerdictLine("Results", [Sentence(f"{start}They part first in {first_line(first, pair.a.start_ns, False)}.")])
+
+
+def _measured(pair: RunPair, themes: Sequence[ThemeGroup]) -> Iterator[VerdictLine]:
+    """Which run is better in what, and their contacts and falls."""
+    rows: list[ComparedMetric] = [row for theme in themes for row in theme.rows]
+    sentences = []
+    for letter in ("B", "A"):
+        found = [row for row in rows if row.is_clear and row.better == letter]
+        named = ", ".join(f"{row.label} (by {_size(row)})" for row in found[:_TOLD])
+        more = f" and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+        if found:
+            sentences.append(Sentence(f"{letter} is better beyond chance in {named}{more}."))
+    undecided = sum(row.better == "undecided" for row in rows)
+    if undecided:
+        what = "difference" if undecided == 1 else "differences"
+        sentences.append(Sentence(f"{undecided} {what} with an interval may be chance."))
+    for name, what in _COUNTS:
+        values = [run.metric(name) for run in pair.runs]
+        if None not in values:
+            a, b = (format_number(float(value or 0)) for value in values)
+            sentences.append(Sentence(f"{what}: {a} in A, {b} in B.", alarm=any(values)))
+    if sentences:
+        yield VerdictLine("Metrics", sentences)
+
+
+def _size(row: ComparedMetric) -> str:
+    return f"{format_number(abs(row.difference or 0.0))} {row.unit}".strip()
+
+
+def _lost_and_warned(pair: RunPair) -> list[dict[str, Any]]:
+    """Losses and warnings that both runs have, then those of each alone; `run` names the runs."""
+    losses, warnings = ([list(getattr(run.record, name)) for run in pair.runs] for name in ("losses", "warnings"))
+    both = {"losses": _shared(*losses), "warnings": _shared(*warnings)}
+    boxes = [{"run": "A and B", **both}]
+    for letter, lost, warned in zip(LETTERS, losses, warnings, strict=True):
+        own = {"losses": [each for each in lost if each not in both["losses"]]}
+        boxes.append({"run": letter, **own, "warnings": [each for each in warned if each not in both["warnings"]]})
+    return boxes
+
+
+def _shared(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [each for each in a if each in b]
+
+
+def _stages(diff: RunDifference, run: RunData) -> Iterator[dict[str, Any]]:
+    """A row for each stage: whether its results differ, and its first difference with its seconds on the page."""
+    for stage, results in diff.stages.items():
+        first = first_of_stage(diff, stage)
+        words = "the same" if results else "nothing saved"
+        text = "" if first is None else first_line(first, run.start_ns, False)
+        yield {
+            "stage": stage,
+            "state": words if first is None else "differs",
+            "what": text.removeprefix(f"stage {stage}: "),
+            "all": "; ".join(_differing(each) for each in results if not each.same),
+            "seconds": None if first is None else _seconds(first, run),
+        }
+
+
+def _differing(result: ResultDifference) -> str:
+    """A result and those of its columns or values that differ, the first few by name."""
+    names = [*(each.column for each in result.columns), *(each.key for each in result.values)]
+    more = f" and {len(names) - _TOLD_COLUMNS} more" if len(names) > _TOLD_COLUMNS else ""
+    return f"{result.name} ({', '.join(names[:_TOLD_COLUMNS])}{more})" if names else result.name
+
+
+def _seconds(first: FirstDifference, run: RunData) -> float | None:
+    return None if first.place is None or first.place.t_ns is None else (first.place.t_ns - run.start_ns) / _NS
+
+
+def _parting(diff: RunDifference, run: RunData) -> Iterator[Moment]:
+    """The instant of the first difference of each stage that has one."""
+    for stage in diff.stages:
+        first = first_of_stage(diff, stage)
+        seconds = None if first is None else _seconds(first, run)
+        if first is not None and seconds is not None:
+            column = f", {first.column}" if first.column is not None else ""
+            yield Moment(seconds, "parting", f"{stage}: {first.result}{column}")
