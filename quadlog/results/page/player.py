@@ -76,6 +76,8 @@ def _player(
         for each in scene.clouds
     ]  # fmt: skip
     windows = [_windows(each, packing) for each in scene.windows]
+    for each in scene.windows:
+        _add_maps(each, packing)
     return {
         "from": scene.from_s,
         "until": scene.until_s,
@@ -122,7 +124,7 @@ class _Packing:
         return len(self.lengths) - 1
 
     def add_bytes(self, content: bytes) -> None:
-        """What follows the columns."""
+        """What follows the columns, and is added after all of them."""
         self._parts.append(content)
 
     def finish(self) -> str:
@@ -142,20 +144,25 @@ def _or(values: Float, otherwise: int) -> Int:
 
 
 def _windows(windows: Windows, packing: _Packing) -> dict[str, Any]:
+    """Size, place and time of each window, without its cells."""
     maps, (rows, columns) = windows.maps, windows.maps.shape
     placed = {
         "t": packing.add(windows.seconds, UNIT_S),
         "column": packing.add_integers(windows.cell[:, 0]),
         "row": packing.add_integers(windows.cell[:, 1]),
     }
+    origin_m = windows.origin_m.tolist()
+    size = {"rows": rows, "columns": columns, "cell": maps.cell_m}
+    return placed | size | {"x": origin_m[0], "y": origin_m[1], "color": windows.color}
+
+
+def _add_maps(windows: Windows, packing: _Packing) -> None:
+    maps, (rows, columns) = windows.maps, windows.maps.shape
     before = np.zeros((rows, (columns + 7) // 8), np.uint8)
     for index, (column, row) in zip(windows.index.tolist(), windows.cell.tolist(), strict=True):
         bits = np.packbits(np.roll(maps.occupied(index), (row % rows, column % columns), axis=(0, 1)), axis=1)
         packing.add_bytes((bits ^ before).tobytes())
         before = bits
-    origin_m = windows.origin_m.tolist()
-    size = {"rows": rows, "columns": columns, "cell": maps.cell_m}
-    return placed | size | {"x": origin_m[0], "y": origin_m[1], "color": windows.color}
 
 
 def _value(value: float | None, unit: str) -> str:
