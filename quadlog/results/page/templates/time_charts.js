@@ -21,9 +21,9 @@
     if (played === null) return;
     const head = heads.get(chart);
     head.hidden = played < shown[0] || played > shown[1];
-    if (!head.hidden) head.style.transform = `translateX(${chart.valToPos(played, "x")}px)`;
+    if (!head.hidden && inSight.has(chart)) head.style.transform = `translateX(${chart.valToPos(played, "x")}px)`;
   };
-  const placeHeads = () => inSight.forEach(placeHead);
+  const placeHeads = () => [...heads.keys()].forEach(placeHead);
   const readOff = (chart) => {
     if (played === null || heads.get(chart).hidden) return;
     chart.setCursor({ left: chart.valToPos(played, "x"), top: chart.bbox.height / devicePixelRatio / 2 }, false, false);
