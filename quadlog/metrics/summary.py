@@ -41,7 +41,8 @@ class Samples:
 
     def rows(self, index: Int) -> Samples:
         """The samples with these indices (M,)."""
-        weights, vectors = (None if each is None else each[index] for each in (self.weights, self.vectors))
+        weights = None if self.weights is None else self.weights[index]
+        vectors = None if self.vectors is None else self.vectors[index]
         return Samples(self.t_ns[index], self.values[index], self.statistic, weights, vectors)
 
 

@@ -53,7 +53,7 @@ def row(page: str, name: str) -> dict[str, str]:
 def test_metrics_are_paired_on_common_instants(runs: Any, show: Any) -> None:
     page = show(runs.a, runs.b)
     a, b = (read_table(run, "control") for run in (runs.a, runs.b))
-    common, in_a, in_b = np.intersect1d(a["t_ns"], b["t_ns"], return_indices=True)
+    _, in_a, in_b = np.intersect1d(a["t_ns"], b["t_ns"], return_indices=True)
     known = np.isfinite(a["error_m"][in_a]) & np.isfinite(b["error_m"][in_b])
     error_a, error_b = a["error_m"][in_a][known], b["error_m"][in_b][known]
     eta, rmse = row(page, "eta_m"), row(page, "cross_track_rmse_m")

@@ -47,7 +47,7 @@ def _clock_of(a: RunData, b: RunData) -> CommonClock:
         return CommonClock(True, "the start of the simulation, the same in both")
     stamps = [str(run.record.options.get("stamp")) for run in (a, b)]
     if stamps[0] != stamps[1]:
-        return CommonClock(False, apart, f"their time stamps are of different clocks: {stamps[0]} in A, {stamps[1]} in B")
+        return CommonClock(False, apart, f"their stamps are of different clocks: {stamps[0]} in A, {stamps[1]} in B")
     return CommonClock(True, "the start of the earlier run, on the clock of the recording")
 
 

@@ -262,7 +262,9 @@ def _panel(run: RunData, table: Table, columns: Columns) -> ChartPanel:
     what, lines = columns
     seconds = run.seconds(table["t_ns"])
     present = [line for line in lines if line[0] in table]
-    return ChartPanel(what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present])
+    return ChartPanel(
+        what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present]
+    )
 
 
 def _expanded(run: RunData) -> list[ChartPanel]:

@@ -38,7 +38,9 @@ def overlaid_panels(a: Sequence[ChartPanel], b: Sequence[ChartPanel]) -> Iterato
         if _are_alike(one.lines, other.lines):
             yield ChartPanel(f"{what}: {_SAME}", one.lines)
         elif len({line.color for line in (*one.lines, *other.lines)}) > MOST_QUANTITIES:
-            yield from (ChartPanel(f"{what}: {run}", panel.lines) for run, panel in zip(RUN_COLORS, (one, other)))
+            yield from (
+                ChartPanel(f"{what}: {run}", panel.lines) for run, panel in zip(RUN_COLORS, (one, other), strict=True)
+            )
         else:
             yield from _by_quantity(what, one.lines, other.lines)
 
@@ -70,14 +72,13 @@ def _trajectories(a: dict[str, Any] | None, b: dict[str, Any] | None) -> dict[st
     charts = [{} if each is None else each for each in (a, b)]
     if not any(charts):
         return None
-    walks = [[_place(walk) for walk in chart.get("walks", [])] for chart in charts]
+    walks: list[list[dict[str, Any]]] = [[_place(walk) for walk in chart.get("walks", [])] for chart in charts]
     named = [
-        walk
-        | {"label": f"A and B: {walk['label']}", "color": TARGET_OF_BOTH if walk["label"] == "target" else OF_BOTH}
+        walk | {"label": f"A and B: {walk['label']}", "color": TARGET_OF_BOTH if walk["label"] == "target" else OF_BOTH}
         for walk in walks[0]
         if walk in walks[1]
     ]
-    for run, mine, others in (("A", *walks), ("B", *reversed(walks))):
+    for run, mine, others in (("A", walks[0], walks[1]), ("B", walks[1], walks[0])):
         named += [
             walk | {"label": f"{run}: {walk['label']}", "color": RUN_COLORS[run]["walk" not in walk["label"]]}
             for walk in mine

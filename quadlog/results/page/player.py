@@ -45,9 +45,7 @@ def player_of_two(a: RunData, b: RunData, parting: Sequence[Moment]) -> dict[str
     return _player(scene, sorted({*a.anchors(), *b.anchors()}), moments)
 
 
-def _player(
-    scene: Scene, anchors: Sequence[tuple[int, float, float]], moments: Sequence[Moment]
-) -> dict[str, Any]:
+def _player(scene: Scene, anchors: Sequence[tuple[int, float, float]], moments: Sequence[Moment]) -> dict[str, Any]:
     """The scene as plain JSON.
 
     packed: base64 of deflated bytes: the columns one after the other, then the maps. lengths: of each column, in
@@ -75,6 +73,11 @@ def _player(
          "y": packing.add(each.y_m, UNIT_M)}
         for each in scene.clouds
     ]  # fmt: skip
+    contacts = [
+        {"seconds": each.seconds, "until": each.until_s, "x": each.x_m, "y": each.y_m, "collision": each.collision,
+         "run": each.run}
+        for each in scene.contacts
+    ]  # fmt: skip
     windows = [_windows(each, packing) for each in scene.windows]
     for each in scene.windows:
         _add_maps(each, packing)
@@ -86,11 +89,7 @@ def _player(
         "paths": paths,
         "clouds": clouds,
         "windows": windows,
-        "contacts": [
-            {"seconds": each.seconds, "until": each.until_s, "x": each.x_m, "y": each.y_m, "collision": each.collision,
-             "run": each.run}
-            for each in scene.contacts
-        ],  # fmt: skip
+        "contacts": contacts,
         "anchors": [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in anchors],
         "body": scene.body_m,
         "extent": scene.extent_m(),

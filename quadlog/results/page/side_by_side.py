@@ -14,7 +14,7 @@ from quadlog.results.compare.diff_text import first_line, value_text
 from quadlog.results.compare.differences import FirstDifference, ResultDifference, RunDifference, ValueDifference
 from quadlog.results.compare.run_diff import first_difference, first_of_stage
 from quadlog.results.page.html import format_number, render_page
-from quadlog.results.page.metric_cards import MetricRow, ThemeGroup, interval_text, metric_themes
+from quadlog.results.page.metric_cards import MetricRow, interval_text, metric_themes
 from quadlog.results.page.overlay import is_alike, overlaid_charts
 from quadlog.results.page.player import player_of_two
 from quadlog.results.page.report import moving_parts, run_title
@@ -72,6 +72,14 @@ class ComparedMetric:
     is_clear: bool
 
 
+@dataclass(frozen=True, slots=True)
+class ComparedTheme:
+    """The metrics of one theme that either run has."""
+
+    title: str
+    rows: list[ComparedMetric]
+
+
 def side_by_side_page(pair: RunPair) -> bytes:
     """The page, in UTF-8. Raises NotARun for damaged files."""
     themes = _compared_themes(pair)
@@ -110,22 +118,17 @@ def side_by_side_page(pair: RunPair) -> bytes:
     )
 
 
-def _compared_themes(pair: RunPair) -> list[ThemeGroup]:
+def _compared_themes(pair: RunPair) -> list[ComparedTheme]:
     """The groups of metrics, as the page of one run has them, with a row for each that either run has."""
-    of_a, of_b = ({group.title: group for group in metric_themes(run)} for run in pair.runs)
+    of_a, of_b = ({group.title: group.rows for group in metric_themes(run)} for run in pair.runs)
     groups = []
     for title in dict.fromkeys((*of_a, *of_b)):
-        rows = [{row.shown.name: row for row in group.rows} for group in _present(title, of_a, of_b)]
-        names = list(dict.fromkeys(name for each in rows for name in each))
-        # The order is that of the themes; a metric of B alone stands where B has it.
-        compared = [_compared(pair, name, *(each.get(name) for each in rows)) for name in names]
-        if compared:
-            groups.append(ThemeGroup(title, compared, []))
-    return groups
-
-
-def _present(title: str, *groups: Mapping[str, ThemeGroup]) -> list[ThemeGroup]:
-    return [of.get(title, ThemeGroup(title, [], [])) for of in groups]
+        rows_a, rows_b = ({row.shown.name: row for row in of.get(title, [])} for of in (of_a, of_b))
+        names = dict.fromkeys((*rows_a, *rows_b))
+        groups.append(
+            ComparedTheme(title, [_compared(pair, name, rows_a.get(name), rows_b.get(name)) for name in names])
+        )
+    return [group for group in groups if group.rows]
 
 
 def _compared(pair: RunPair, name: str, a: MetricRow | None, b: MetricRow | None) -> ComparedMetric:
@@ -149,7 +152,9 @@ def _compared(pair: RunPair, name: str, a: MetricRow | None, b: MetricRow | None
 
 
 def _pairs(paired: PairedDifference) -> str:
-    alone = [f"{many} only in {run}" for run, many in zip(LETTERS, (paired.alone_a, paired.alone_b)) if many]
+    alone = [
+        f"{many} only in {run}" for run, many in zip(LETTERS, (paired.alone_a, paired.alone_b), strict=True) if many
+    ]
     return ", ".join([format_number(paired.pairs), *alone])
 
 
@@ -177,8 +182,12 @@ def _made(pair: RunPair) -> Iterator[VerdictLine]:
         text = f"{len(found)} setting{'s differ' if len(found) > 1 else ' differs'}: {', '.join(named)}{more}."
     else:
         text = "Config, options and seed are the same."
-    others = [kind for kind in ("input", "versions") if pair.origins.get(kind)]
-    yield VerdictLine("Settings", [Sentence(text), *(Sentence(f"The {kind} differ{'s' * (kind == 'input')}.") for kind in others)])
+    sentences = [Sentence(text)]
+    if pair.origins.get("input"):
+        sentences.append(Sentence("The inputs differ."))
+    if pair.origins.get("versions"):
+        sentences.append(Sentence("The versions differ."))
+    yield VerdictLine("Settings", sentences)
 
 
 def _parted(pair: RunPair) -> Iterator[VerdictLine]:
@@ -195,9 +204,9 @@ def _parted(pair: RunPair) -> Iterator[VerdictLine]:
     yield VerdictLine("Results", [Sentence(f"{start}They part first in {first_line(first, pair.a.start_ns, False)}.")])
 
 
-def _measured(pair: RunPair, themes: Sequence[ThemeGroup]) -> Iterator[VerdictLine]:
+def _measured(pair: RunPair, themes: Sequence[ComparedTheme]) -> Iterator[VerdictLine]:
     """Which run is better in what, and their contacts and falls."""
-    rows: list[ComparedMetric] = [row for theme in themes for row in theme.rows]
+    rows = [row for theme in themes for row in theme.rows]
     sentences = []
     for letter in ("B", "A"):
         found = [row for row in rows if row.is_clear and row.better == letter]

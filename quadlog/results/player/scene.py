@@ -44,8 +44,9 @@ _SPACE_M = 0.02
 class Track:
     """Poses over time: seconds (N,) rising, x_m, y_m (N,) in map, yaw_rad (N,) NaN where unknown.
 
-    key: name of the table. run: A or B where two runs are in one scene, else empty. body: drawn as a footprint. feet: (N,) which feet stand, a bit for each leg in the order FL, FR, RL, RR, or
-    NOT_KNOWN; lookahead_m: (N,), NaN where there is none. Both are empty where the table has none.
+    key: name of the table. run: A or B where two runs are in one scene, else empty. body: drawn as a footprint. feet:
+    (N,) which feet stand, a bit for each leg in the order FL, FR, RL, RR, or NOT_KNOWN; lookahead_m: (N,), NaN where
+    there is none. Both are empty where the table has none.
     """
 
     key: str

@@ -24,8 +24,8 @@ def two_scenes(a: Scene | None, b: Scene | None) -> Scene | None:
         return None
 
     def merged(name: str, of_run: Callable[[Any, str], Any], of_both: Callable[[Any], Any]) -> list[Any]:
-        lists = [getattr(scenes[letter], name) if letter in scenes else [] for letter in RUN_COLORS]
-        return list(_merged(*lists, of_run, of_both))
+        of_a, of_b = ([] if scene is None else getattr(scene, name) for scene in (a, b))
+        return list(_merged(of_a, of_b, of_run, of_both))
 
     bodies = [scene.body_m for scene in scenes.values() if scene.body_m is not None]
     thinned = {letter: scenes[letter].thinned if letter in scenes else [] for letter in RUN_COLORS}

@@ -89,7 +89,9 @@ def test_both_runs_are_in_one_player_and_in_every_chart(page: Path, browse: Brow
     for label, run in (("A: re-simulated robot", "a"), ("B: re-simulated robot", "b")):
         table = read_table(page.parent / run, "control")
         row = int(np.abs(table["t_ns"] - table["t_ns"][0] - 2_000_000_000).argmin())
-        assert (tracks[label]["x"], tracks[label]["y"]) == pytest.approx((table["x_m"][row], table["y_m"][row]), abs=2e-3)
+        assert (tracks[label]["x"], tracks[label]["y"]) == pytest.approx(
+            (table["x_m"][row], table["y_m"][row]), abs=2e-3
+        )
     for run, cells in zip("ab", say["cells"], strict=True):
         (window,) = [each for k, each in enumerate(load_maps(page.parent / run)) if k == 10]
         assert cells == np.flatnonzero(window.occupied[::-1]).tolist()
