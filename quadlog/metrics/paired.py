@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval, corrected_confidence, mean_interval_in_time
 from quadlog.metrics.summary import Samples, value_of
 
@@ -49,7 +48,7 @@ def paired_differences(a: Mapping[str, Samples], b: Mapping[str, Samples]) -> di
     delta method), are a series whose mean is the difference.
     """
     pairs = {name: pair for name in a if name in b and (pair := _paired(a[name], b[name])) is not None}
-    series = {name: _difference_in_time(name, pair) for name, pair in pairs.items()}
+    series = {name: _difference_in_time(pair) for name, pair in pairs.items()}
     intervals = {name: None if each is None else mean_interval_in_time(each) for name, each in series.items()}
     confidence = corrected_confidence(sum(interval is not None for interval in intervals.values()))
     found = {}
@@ -76,10 +75,8 @@ def _paired(a: Samples, b: Samples) -> _Pair | None:
     return _Pair(a.rows(in_a), b.rows(in_b), len(a.t_ns) - len(common), len(b.t_ns) - len(common))
 
 
-def _difference_in_time(name: str, pair: _Pair) -> Float | None:
+def _difference_in_time(pair: _Pair) -> Float | None:
     """A series (N,) whose mean is the difference; None of counts and extremes, which are no means."""
-    if CATALOGUE[name].kind != "quantity":
-        return None
     of_a, of_b = _effects(pair.a), _effects(pair.b)
     return None if of_a is None or of_b is None else of_b - of_a
 
@@ -87,7 +84,7 @@ def _difference_in_time(name: str, pair: _Pair) -> Float | None:
 def _effects(samples: Samples) -> Float | None:
     """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
 
-    To first order; None of statistics that are no function of means.
+    To first order; None of statistics that are no function of means, and of sums: all metrics that are sums are counts.
     """
     x, value = samples.values, value_of(samples)
     match samples.statistic:

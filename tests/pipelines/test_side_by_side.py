@@ -120,10 +120,12 @@ def test_names_stay_text(runs: Any, show: Any, tmp_path: Path) -> None:
     record["config"]["planner"]["name"] = script
     record["input"]["path"] = f"{script}.mcap"
     (hostile / "run.json").write_text(json.dumps(record))
-    page = show(hostile, runs.a)
-    assert "<img" not in page
-    assert "<script>alert" not in page
-    assert page.count("&lt;script&gt;alert(1)") >= 4
+    for pair in ((hostile, runs.a), (runs.a, hostile)):
+        page = show(*pair)
+        assert "<img" not in page
+        assert "<script>alert" not in page
+        assert page.count("&lt;script&gt;alert(1)") >= 4
+        shutil.rmtree(tmp_path / "new")
 
 
 @pytest.mark.parametrize(
