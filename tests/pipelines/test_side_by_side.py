@@ -78,6 +78,10 @@ def test_the_page_says_what_differs_and_where(runs: Any, show: Any, capsys: pyte
     text = html.unescape(page)
     assert f"They part first in stage plan: {first['result']}, {first['column']} at {first['place']['s']:.3f} s" in text
     assert "The same through ingest, position, filter, map." in text
+    a, b = (read_table(run, "control") for run in (runs.a, runs.b))
+    _, in_a, in_b = np.intersect1d(a["t_ns"], b["t_ns"], return_indices=True)
+    apart_m = np.linalg.norm([a[axis][in_a] - b[axis][in_b] for axis in ("x_m", "y_m")], axis=0)
+    assert f"The simulated robots were at most {apart_m.max():.2f} m apart" in text
     differing = {each["key"] for each in diff["origins"]["config"]}
     shown = set(re.findall(r'<th scope="row"><code>([^<]*)</code></th><td data-name="A">', page))
     assert {"planner.name", "simulation.controller"} <= differing <= shown

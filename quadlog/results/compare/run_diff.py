@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,15 +45,15 @@ def compare_origins(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tup
 
 def first_difference(runs: RunDifference) -> FirstDifference | None:
     """The first difference of two runs, None if there is none: that of the first stage that differs."""
-    return next((first for stage in runs.stages if (first := first_of_stage(runs, stage)) is not None), None)
+    return next((first for each in runs.stages.items() if (first := first_of_results(*each)) is not None), None)
 
 
-def first_of_stage(runs: RunDifference, stage: str) -> FirstDifference | None:
-    """The first difference in a stage, None if there is none.
+def first_of_results(stage: str, results: Iterable[ResultDifference]) -> FirstDifference | None:
+    """The first difference in some results of a stage, None if there is none.
 
     Missing results come first, then the earliest time stamp, then values without a time stamp.
     """
-    candidates = [each for result in runs.stages[stage] for each in _candidates(stage, result)]
+    candidates = [each for result in results for each in _candidates(stage, result)]
     return min(candidates, key=lambda each: each[0])[1] if candidates else None
 
 

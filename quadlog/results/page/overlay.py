@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from quadlog.messages import Float
+from quadlog.results.compare.common_clock import CommonClock
 from quadlog.results.page.charts import ChartPanel, Line, over_time, run_panels, trajectory_chart
 from quadlog.results.player.two_scenes import OF_BOTH, RUN_COLORS, TARGET_OF_BOTH
 from quadlog.results.plots.run_data import RunData
@@ -17,12 +19,27 @@ MOST_QUANTITIES = 3
 _SAME = "the same in A and B"
 
 
-def overlaid_charts(a: RunData, b: RunData) -> dict[str, Any]:
+def overlaid_charts(a: RunData, b: RunData, clock: CommonClock) -> dict[str, Any]:
     """The charts of both runs by name of the figure, as plain JSON. Raises NotARun for damaged tables."""
     of_a, of_b = run_panels(a), run_panels(b)
+    apart = robots_apart(a, b) if clock.is_shared else None
     charts = {"trajectory": _trajectories(trajectory_chart(a), trajectory_chart(b))}
-    charts |= {name: over_time(list(overlaid_panels(of_a[name], of_b[name]))) for name in of_a}
+    panels = {name: list(overlaid_panels(of_a[name], of_b[name])) for name in of_a}
+    if apart is not None and apart[1].any():
+        panels["displacement"].insert(0, ChartPanel("from A to B (m)", [Line("distance", OF_BOTH, *apart)]))
+    charts |= {name: over_time(each) for name, each in panels.items()}
     return {name: chart for name, chart in charts.items() if chart is not None}
+
+
+def robots_apart(a: RunData, b: RunData) -> tuple[Float, Float] | None:
+    """How far the simulated robots were apart (N,), with seconds (N,); None where they share no instant."""
+    of_a, of_b = a.table("control"), b.table("control")
+    if of_a is None or of_b is None:
+        return None
+    t_ns, in_a, in_b = np.intersect1d(of_a["t_ns"], of_b["t_ns"], return_indices=True)
+    apart_m = np.hypot(*(of_a[name][in_a] - of_b[name][in_b] for name in ("x_m", "y_m")))
+    known = np.isfinite(apart_m)
+    return (a.seconds(t_ns[known]), apart_m[known]) if known.any() else None
 
 
 def is_alike(chart: dict[str, Any]) -> bool:

@@ -7,15 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.paired import PairedDifference
 from quadlog.results.compare.common_clock import LETTERS, CommonClock, not_comparable
 from quadlog.results.compare.diff_text import first_line, value_text
 from quadlog.results.compare.differences import FirstDifference, ResultDifference, RunDifference, ValueDifference
-from quadlog.results.compare.run_diff import first_difference, first_of_stage
+from quadlog.results.compare.run_diff import first_difference, first_of_results
 from quadlog.results.page.html import format_number, render_page
 from quadlog.results.page.metric_cards import MetricRow, interval_text, metric_themes
-from quadlog.results.page.overlay import is_alike, overlaid_charts
+from quadlog.results.page.overlay import is_alike, overlaid_charts, robots_apart
 from quadlog.results.page.player import player_of_two
 from quadlog.results.page.report import moving_parts, run_title
 from quadlog.results.page.verdict import Sentence, VerdictLine, verdict
@@ -24,6 +27,8 @@ from quadlog.results.plots.figures import PLOTS
 from quadlog.results.plots.run_data import RunData
 
 _TOLD, _TOLD_COLUMNS = 4, 6
+_PARTED_M = 0.1
+"""Simulated robots farther apart walk differently, to the eye."""
 _NS = 1e9
 _COUNTS = (("collisions", "Contacts"), ("fallen", "Falls"))
 Origins = Mapping[str, Sequence[ValueDifference]]
@@ -84,8 +89,7 @@ def side_by_side_page(pair: RunPair) -> bytes:
     """The page, in UTF-8. Raises NotARun for damaged files."""
     themes = _compared_themes(pair)
     stages = [] if pair.diff is None else list(_stages(pair.diff, pair.a))
-    parting = [] if pair.diff is None else list(_parting(pair.diff, pair.a))
-    charts, player = overlaid_charts(pair.a, pair.b), player_of_two(pair.a, pair.b, parting)
+    charts, player = overlaid_charts(pair.a, pair.b, pair.clock), player_of_two(pair.a, pair.b, list(_parting(pair)))
     return render_page(
         "side_by_side.html.jinja",
         **moving_parts(charts, player, bool(themes)),
@@ -201,7 +205,23 @@ def _parted(pair: RunPair) -> Iterator[VerdictLine]:
     before = list(pair.diff.stages)[: list(pair.diff.stages).index(first.stage)]
     same = [stage for stage in before if pair.diff.stages[stage]]
     start = f"The same through {', '.join(same)}. " if same else ""
-    yield VerdictLine("Results", [Sentence(f"{start}They part first in {first_line(first, pair.a.start_ns, False)}.")])
+    sentences = [Sentence(f"{start}They part first in {first_line(first, pair.a.start_ns, False)}.")]
+    apart = robots_apart(pair.a, pair.b)
+    if apart is not None:
+        sentences.append(Sentence(_apart_words(*apart)))
+    yield VerdictLine("Results", sentences)
+
+
+def _apart_words(seconds: Float, apart_m: Float) -> str:
+    parted, most = _parted_rows(apart_m)
+    words = f"The simulated robots were at most {apart_m[most]:.2f} m apart, at {seconds[most]:.1f} s"
+    return f"{words}." if parted is None else f"{words}; first more than {_PARTED_M:g} m at {seconds[parted]:.1f} s."
+
+
+def _parted_rows(apart_m: Float) -> tuple[int | None, int]:
+    """The rows where the simulated robots, apart_m (N,) apart, were first parted, if they were, and most apart."""
+    parted = np.flatnonzero(apart_m > _PARTED_M)
+    return int(parted[0]) if len(parted) else None, int(np.argmax(apart_m))
 
 
 def _measured(pair: RunPair, themes: Sequence[ComparedTheme]) -> Iterator[VerdictLine]:
@@ -247,36 +267,47 @@ def _shared(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
 
 
 def _stages(diff: RunDifference, run: RunData) -> Iterator[dict[str, Any]]:
-    """A row for each stage: whether its results differ, and its first difference with its seconds on the page."""
+    """A row for each result that differs, the first of its stage first, and for each stage without one."""
     for stage, results in diff.stages.items():
-        first = first_of_stage(diff, stage)
-        words = "the same" if results else "nothing saved"
-        text = "" if first is None else first_line(first, run.start_ns, False)
-        yield {
-            "stage": stage,
-            "state": words if first is None else "differs",
-            "what": text.removeprefix(f"stage {stage}: "),
-            "all": "; ".join(_differing(each) for each in results if not each.same),
-            "seconds": None if first is None else _seconds(first, run),
-        }
+        firsts = [(first, each) for each in results if (first := first_of_results(stage, [each])) is not None]
+        if not firsts:
+            state = "the same" if results else "nothing saved"
+            yield {"stage": stage, "state": state, "seconds": None, "what": "", "more": ""}
+        for first, result in sorted(firsts, key=lambda each: _seconds(each[0], run) or 0.0):
+            text = first_line(first, run.start_ns, False).removeprefix(f"stage {stage}: ")
+            yield {
+                "stage": stage,
+                "state": "differs",
+                "seconds": _seconds(first, run),
+                "what": text,
+                "more": _also(first, result),
+            }
 
 
-def _differing(result: ResultDifference) -> str:
-    """A result and those of its columns or values that differ, the first few by name."""
+def _also(first: FirstDifference, result: ResultDifference) -> str:
+    """The other columns or values of the result that differ, the first few by name."""
     names = [*(each.column for each in result.columns), *(each.key for each in result.values)]
-    more = f" and {len(names) - _TOLD_COLUMNS} more" if len(names) > _TOLD_COLUMNS else ""
-    return f"{result.name} ({', '.join(names[:_TOLD_COLUMNS])}{more})" if names else result.name
+    others = [name for name in names if name != first.column]
+    more = f" and {len(others) - _TOLD_COLUMNS} more" if len(others) > _TOLD_COLUMNS else ""
+    return f"{', '.join(others[:_TOLD_COLUMNS])}{more}"
 
 
 def _seconds(first: FirstDifference, run: RunData) -> float | None:
     return None if first.place is None or first.place.t_ns is None else (first.place.t_ns - run.start_ns) / _NS
 
 
-def _parting(diff: RunDifference, run: RunData) -> Iterator[Moment]:
-    """The instant of the first difference of each stage that has one."""
-    for stage in diff.stages:
-        first = first_of_stage(diff, stage)
-        seconds = None if first is None else _seconds(first, run)
-        if first is not None and seconds is not None:
-            column = f", {first.column}" if first.column is not None else ""
-            yield Moment(seconds, "parting", f"{stage}: {first.result}{column}")
+def _parting(pair: RunPair) -> Iterator[Moment]:
+    """The instant of the first difference of each result that has one, and those of the simulated robots."""
+    if pair.diff is None:
+        return
+    for stage, results in pair.diff.stages.items():
+        for first in (first_of_results(stage, [each]) for each in results):
+            seconds = None if first is None else _seconds(first, pair.a)
+            if first is not None and seconds is not None:
+                yield Moment(seconds, "parting", first.result)
+    apart = robots_apart(pair.a, pair.b)
+    if apart is not None and apart[1].any():
+        parted, most = _parted_rows(apart[1])
+        if parted is not None:
+            yield Moment(float(apart[0][parted]), "parting", f"robots {_PARTED_M:g} m apart")
+        yield Moment(float(apart[0][most]), "parting", "robots most apart", value=float(apart[1][most]), unit="m")

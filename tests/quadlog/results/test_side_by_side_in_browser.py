@@ -98,7 +98,7 @@ def test_both_runs_are_in_one_player_and_in_every_chart(page: Path, browse: Brow
     for color in ("0,114,178", "213,94,0"):  # of A and of B
         assert say["inks"].get(color, 0) >= 30, color
     assert say["sought"] == 0.0  # of the maps, which differ first
-    assert say["panels"] == ["x, forward (m): the same in A and B", "y, to the left (m)"]
+    assert say["panels"] == ["from A to B (m)", "x, forward (m): the same in A and B", "y, to the left (m)"]
     assert say["legend"].count("A") == say["legend"].count("B") == 1
     assert say["same"].endswith("the same in A and B")
     assert say["figures"].index("chart-displacement") < say["figures"].index("chart-ranges")

@@ -188,8 +188,10 @@ const openView = (data, scene, canvas) => {
 
   const draw = (seconds) => {
     const poses = data.tracks.map((track) => scene.pose(track, seconds));
-    const led = [...poses].reverse().find((pose) => pose);
-    if (follow && led) view = { ...view, x: led.x, y: led.y };
+    const walkers = poses.filter((pose, index) => pose && data.tracks[index].key === walker.key);
+    const led = walkers.length ? walkers : [...poses].reverse().filter((pose) => pose).slice(0, 1);
+    const middle = (axis) => led.reduce((sum, pose) => sum + pose[axis], 0) / led.length;
+    if (follow && led.length) view = { ...view, x: middle("x"), y: middle("y") };
     const sharp = canvas.width / size.x;
     pen.setTransform(sharp, 0, 0, sharp, 0, 0);
     pen.fillStyle = colors.card;
