@@ -17,6 +17,8 @@ from quadlog.results.plots.run_data import RunData
 MOST_QUANTITIES = 3
 """A panel with more quantities, such as the residuals of eight anchors, is drawn once for each run instead."""
 _SAME = "the same in A and B"
+_BESIDE = ("target", "reference", "course")
+"""Walks that are not the robot's."""
 
 
 def overlaid_charts(a: RunData, b: RunData, clock: CommonClock) -> dict[str, Any]:
@@ -96,8 +98,9 @@ def _trajectories(a: dict[str, Any] | None, b: dict[str, Any] | None) -> dict[st
         if walk in walks[1]
     ]
     for run, mine, others in (("A", walks[0], walks[1]), ("B", walks[1], walks[0])):
+        main = next((walk["label"] for walk in reversed(mine) if walk["label"] not in _BESIDE), "")
         named += [
-            walk | {"label": f"{run}: {walk['label']}", "color": RUN_COLORS[run]["walk" not in walk["label"]]}
+            walk | {"label": f"{run}: {walk['label']}", "color": RUN_COLORS[run][walk["label"] != main]}
             for walk in mine
             if walk not in others
         ]

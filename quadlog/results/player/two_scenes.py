@@ -12,7 +12,7 @@ from quadlog.results.player.moments import Moment
 from quadlog.results.player.scene import Paths, Scene, Track, Windows
 
 RUN_COLORS = {"A": ("robot", "fix"), "B": ("target", "note")}
-"""Of a run: of the simulated robot, its plan and the map; of everything else."""
+"""Of a run: of its last track, which is the simulated robot where there is one, its plan and the map; of the rest."""
 OF_BOTH, TARGET_OF_BOTH, _POINTS_OF_BOTH = "text", "soft", "resim"
 _BOTH = "A and B"
 
@@ -27,13 +27,18 @@ def two_scenes(a: Scene | None, b: Scene | None) -> Scene | None:
         of_a, of_b = ([] if scene is None else getattr(scene, name) for scene in (a, b))
         return list(_merged(of_a, of_b, of_run, of_both))
 
+    def labelled(each: Track | Paths, letter: str) -> Track | Paths:
+        walker = each.key if isinstance(each, Track) else each.walker
+        is_main = walker == scenes[letter].tracks[-1].key
+        return replace(each, label=f"{letter}: {each.label}", color=RUN_COLORS[letter][not is_main], run=letter)
+
     bodies = [scene.body_m for scene in scenes.values() if scene.body_m is not None]
     thinned = {letter: scenes[letter].thinned if letter in scenes else [] for letter in RUN_COLORS}
     return Scene(
         from_s=min(scene.from_s for scene in scenes.values()),
         until_s=max(scene.until_s for scene in scenes.values()),
-        tracks=merged("tracks", _labelled, _shared),
-        paths=merged("paths", _labelled, _shared),
+        tracks=merged("tracks", labelled, _shared),
+        paths=merged("paths", labelled, _shared),
         windows=merged("windows", lambda each, letter: replace(each, color=RUN_COLORS[letter][0]), _as_it_is),
         clouds=merged(
             "clouds",
@@ -74,13 +79,6 @@ def _merged(
             yield of_both(one)
     yield from (of_run(each, "A") for each in only_a)
     yield from (of_run(each, "B") for each in only_b)
-
-
-def _labelled(each: Track | Paths, letter: str) -> Track | Paths:
-    walker = each.key if isinstance(each, Track) else each.walker
-    simulated, other = RUN_COLORS[letter]
-    color = simulated if walker == "control" else other
-    return replace(each, label=f"{letter}: {each.label}", color=color, run=letter)
 
 
 def _shared(each: Track | Paths) -> Track | Paths:
