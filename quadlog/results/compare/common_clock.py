@@ -8,6 +8,7 @@ from pathlib import Path
 
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.stages import STAGES
+from quadlog.results.run.tables import TIMED
 
 LETTERS = ("A", "B")
 
@@ -30,8 +31,10 @@ def open_runs(paths: tuple[Path, Path]) -> tuple[RunData, RunData, CommonClock]:
     a, b = (RunData(path) for path in paths)
     clock = _clock_of(a, b)
     if clock.is_shared:
-        start_ns = min(a.start_ns, b.start_ns)
-        a, b = (RunData(each.path, each.record, start_ns) for each in (a, b))
+        # A run without any instant starts at 0, which is no time of the recording.
+        timed = [run for run in (a, b) if any(run.table(name) is not None for name in TIMED)]
+        start_ns = min((run.start_ns for run in timed), default=0)
+        a.start_ns = b.start_ns = start_ns
     return a, b, clock
 
 

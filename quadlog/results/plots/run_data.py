@@ -101,14 +101,11 @@ LARGEST_DRAWN = 1e12
 class RunData:
     """A run folder, read lazily. Missing files are None or empty; damaged ones raise NotARun.
 
-    record is for a run whose run.json is not yet written; without it the file is read. start_ns: the instant that is
-    0 s, for runs shown on a common clock; by default the run's own start.
+    record is for a run whose run.json is not yet written; without it the file is read.
     """
 
-    def __init__(self, path: Path, record: RunRecord | None = None, start_ns: int | None = None) -> None:
+    def __init__(self, path: Path, record: RunRecord | None = None) -> None:
         self.path = path
-        if start_ns is not None:
-            self.start_ns = start_ns
         self.record = _read_record(path) if record is None else record
         self._tables: dict[str, Table | None] = {}
         self._left_out: dict[str, int] = {}
