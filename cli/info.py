@@ -13,6 +13,7 @@ import click
 
 from quadlog.cli.terminal.parameters import AS_JSON, CONFIG, MSG_PATH, PATH_OR_URL, examples, set_option
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
+from quadlog.recordings.formatting import listed
 
 COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
 RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "median m", "NLOS", "weak path"}
@@ -83,6 +84,8 @@ def print_info(info: dict[str, Any]) -> None:
         _print_table(*link_table(info["uwb"]))
     if info["uwb_tags"]:
         _print_lines(["", *(line for row in info["uwb_tags"] for line in tag_lines(row))])
+        if info["uwb_body"]:
+            _print_lines([f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"])
         if info["dilution"] is not None:
             _print_lines(["", *dilution_lines(info["dilution"])])
 

@@ -91,7 +91,7 @@ def _uwb(
 ) -> tuple[dict[str, Any], list[str]]:
     """The health of the ranges where anchors are configured, or placed by enough messages."""
     if not config.uwb.anchors and len(places) < FEWEST_ANCHORS:
-        return {"uwb": [], "uwb_tags": [], "dilution": None}, place_warnings(places, {})
+        return {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}, place_warnings(places, {})
     # What locates takes half a second to load.
     from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics
     from quadlog.pipelines.stages.positions.uwb import configured_places, with_carried_anchors
@@ -99,7 +99,7 @@ def _uwb(
     warnings = place_warnings(places, configured_places(config))
     effective = with_carried_anchors(config, places)
     if not effective.uwb.anchors:
-        return {"uwb": [], "uwb_tags": [], "dilution": None}, warnings
+        return {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}, warnings
     found, more = uwb_diagnostics(part, roles, effective, whole)
     return found, [*warnings, *more]
 

@@ -13,6 +13,7 @@ from quadlog.messages import Float
 from quadlog.pipelines.stages.positions.tag_errors import (
     PositionErrors,
     TagErrors,
+    body_tags_of,
     dilution_of,
     errors_of_tags,
     levers_on_robot,
@@ -34,13 +35,14 @@ MAP_ROWS, MAP_COLUMNS = 8, 12
 def uwb_diagnostics(
     recording: Recording, roles: Roles, config: Config, whole: bool
 ) -> tuple[dict[str, Any], list[str]]:
-    """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `dilution`; and why they are empty.
+    """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, `uwb_body`, the tags that a replay solves
+    together, and `dilution`; and why they are empty.
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
     None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
     walk tell them too badly.
     """
-    empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "dilution": None}
+    empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
     try:
         streams = gather(recording, uwb=roles.topics("uwb"), reference=reference)
@@ -51,12 +53,14 @@ def uwb_diagnostics(
         located = locate(streams.ranges, anchors, list(tags.values()), settings)
     except QuadlogError as error:
         return empty, [f"UWB: {error}"]
-    role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()}
-    robot = next((tag for tag, role in role_of.items() if role == "robot"), None)
+    body = body_tags_of(config, list(tags))
+    role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()} | dict.fromkeys(body, "robot")
+    robot = body[0] if body else None
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),
         "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
+        "uwb_body": body if len(body) > 1 else [],
         "dilution": _dilution(located, robot, config),
     }
     first_ns = int(streams.ranges.t_ns.min())

@@ -19,7 +19,9 @@ from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import PointCloud, RangeSeries
 from quadlog.pipelines.executor.compilation import Compilation, python
 from quadlog.pipelines.stages.perceive import make_memory
+from quadlog.pipelines.stages.positions.tag_errors import has_body_of_tags
 from quadlog.pipelines.stages.scans import ScanSettings
+from quadlog.positioning.body.locate_body import locate_body
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 
@@ -29,7 +31,7 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
     `position` and `control` take about as long as all other parts, and are shared with another process.
     """
     parts: dict[str, Callable[[], object]] = {
-        "position": _locate_toy_tag,
+        "position": _locate_toy_body if has_body_of_tags(config) else _locate_toy_tag,
         "filter": partial(_classify_toy_scan, config),
         "map": partial(_map_toy_scan, config),
         "plan": partial(_walk_toy_map, config.planner.name),
@@ -41,16 +43,32 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
     return Compilation(parts, ("position", "control"), elsewhere, say)
 
 
+def _locate_toy_body() -> None:
+    """Two tags on one body."""
+    _locate_toy_tag()
+    anchors, ranges = _toy_ranges()
+    for smooth in (True, False):
+        settings = LocateSettings(smooth=smooth)
+        located = locate(ranges, anchors, [TagInfo(0, 1.0)], settings)
+        locate_body(located.tags * 2, np.array([[0.1, 0.0], [-0.1, 0.0]]), anchors, settings)
+
+
 def _locate_toy_tag() -> None:
-    """A second of a tag that walks between three anchors, with every step that a real one takes."""
+    """A second of a tag, with every step that a real one takes."""
+    anchors, ranges = _toy_ranges()
+    for smooth in (True, False):
+        locate(ranges, anchors, [TagInfo(0, 1.0)], LocateSettings(smooth=smooth))
+
+
+def _toy_ranges() -> tuple[Anchors, RangeSeries]:
+    """A second of a tag that walks between three anchors."""
     anchor_m = np.array([[0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]])
     t_ns = np.arange(50, dtype=np.int64) * 20_000_000
     walk_m = np.column_stack([2 + t_ns * 1e-9, np.full(50, 3.0), np.ones(50)])
     range_m = np.linalg.norm(walk_m[:, None] - anchor_m, axis=2)
     ids = np.arange(3, dtype=np.int64)
     ranges = RangeSeries(np.repeat(t_ns, 3), np.zeros(150, dtype=np.int64), np.tile(ids, 50), range_m.ravel())
-    locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings())
-    locate(ranges, Anchors(ids, anchor_m, np.zeros(3)), [TagInfo(0, 1.0)], LocateSettings(smooth=False))
+    return Anchors(ids, anchor_m, np.zeros(3)), ranges
 
 
 def _classify_toy_scan(config: Config) -> CompactScan:

@@ -71,7 +71,9 @@ class Tag(Section):
     """A UWB tag: who carries it, how high, and where it sits in base."""
 
     id: int = Field(ge=0, description="the tag's id in the range messages")
-    role: Literal["robot", "person", "none"] = Field("none", description="who carries it")
+    role: Literal["robot", "person", "none"] = Field(
+        "none", description="who carries it; several of the robot are one body: position and yaw from all"
+    )
     height_m: Metres | None = Field(None, description="height above the map's floor; unset: uwb.tag_height_m")
     x_m: Metres = Field(0.0, description="where the tag sits in base, forward")
     y_m: Metres = Field(0.0, description="where the tag sits in base, to the left")

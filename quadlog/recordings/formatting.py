@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 # Below this a clock counts from its own start (simulation time), not from 1970.
@@ -24,6 +25,12 @@ def stamps_go_back(topic: str, back_ns: int, t_ns: int) -> str:
 def several(count: int, thing: str) -> str:
     """`1 message`, `2 messages`."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def listed(items: Sequence[object], most: int = 10) -> str:
+    """`1, 2, 3 and 4 more`."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(map(str, items[:most])) + more
 
 
 def ros2_type_name(name: str) -> str:

@@ -15,6 +15,7 @@ from quadlog.positioning.heading.heading import (
     ODOMETRY_DRIFT,
     AlignedHeading,
     CausalHeading,
+    TagsYaw,
     align_gyro,
     align_gyro_causally,
     align_yaw,
@@ -31,6 +32,8 @@ UNCERTAIN_HEADING_RAD = np.radians(5.0)
 DISAGREEMENT_STD, DISAGREEMENT_SHARE = 3.0, 0.1
 ASKEW_SHARE = 0.1
 SILENT_S = 1.0
+SIDEWAYS_STD_RAD = np.radians(10.0)
+"""By how much carriers move beside the direction in which they look, which the std of a course does not hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +46,32 @@ class _YawSensor:
     drift: SensorDrift
 
 
-def find_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple[Float, Float]:
-    """Yaw (T,) of base at the track's instants, and its std (T,): a sensor's turned onto the course, or the course."""
+def find_heading(
+    walk: ReplayContext, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None = None
+) -> tuple[Float, Float]:
+    """Yaw (T,) of base at the track's instants, and its std (T,): a sensor's turned onto the course, or the course.
+
+    by_tags, of several tags on the robot, takes the place of the course unless it is known worse than that.
+    """
     if not walk.config.uwb.smooth:
-        return _causal_heading(walk, track, tag_ahead_m)
-    aligned = {sensor.role: _align(track, sensor, tag_ahead_m) for sensor in _orientations(walk)}
+        return _causal_heading(walk, track, tag_ahead_m, by_tags)
+    course, course_std = course_heading(track), course_heading_std(track)
+    if by_tags is not None and np.median(by_tags.std_rad) > np.hypot(np.median(course_std), SIDEWAYS_STD_RAD):
+        tags_deg = _median_deg(by_tags.std_rad)
+        walk.note(
+            f"the lever arms of the tags show the heading to {tags_deg:.1f} degrees only, and are not used for it"
+        )
+        by_tags = None
+    aligned = {sensor.role: _align(track, sensor, tag_ahead_m, by_tags) for sensor in _orientations(walk)}
     rate_only = _rate_only(walk)
     if rate_only is not None:
-        gyro = align_gyro(track, rate_only.t_ns, rate_only.angular_radps[:, 2], tag_ahead_m)
+        gyro = align_gyro(track, rate_only.t_ns, rate_only.angular_radps[:, 2], tag_ahead_m, by_tags)
         aligned["imu"] = gyro.heading
         if gyro.upside_down and gyro.heading.told:
             walk.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     told = {role: each for role, each in aligned.items() if each.told}
-    course, course_std = course_heading(track), course_heading_std(track)
+    if by_tags is not None:
+        return _best_with_tags(walk, by_tags, told)
     if not told:
         _tell_course(walk, _why_course(aligned), course_std)
         return course, course_std
@@ -70,24 +86,59 @@ def find_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple
     return told[best].yaw_rad, told[best].yaw_std_rad
 
 
-def _causal_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tuple[Float, Float]:
+def _best_with_tags(walk: ReplayContext, by_tags: TagsYaw, told: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
+    """The yaw of the tags, or that of the sensor that is known best once it is turned onto it."""
+    tags_std = float(np.median(by_tags.std_rad))
+    best = min(told, key=lambda role: np.median(told[role].yaw_std_rad), default=None)
+    if best is None or np.median(told[best].yaw_std_rad) >= tags_std:
+        others = "" if best is None else f", better than {best} ({_median_deg(told[best].yaw_std_rad):.1f} degrees)"
+        walk.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
+        _warn_if_uncertain(walk, tags_std)
+        return by_tags.yaw_rad, by_tags.std_rad
+    walk.use(best)
+    _tell_choice(walk, best, told)
+    own = told[best]
+    walk.note(
+        f"heading from {best}, turned by {np.degrees(own.offset_rad):.1f} degrees onto the yaw of the tags: known to "
+        f"{_median_deg(own.yaw_std_rad):.1f} degrees, the tags' own to {np.degrees(tags_std):.1f} degrees"
+    )
+    _warn_if_uncertain(walk, float(np.median(own.yaw_std_rad)))
+    return own.yaw_rad, own.yaw_std_rad
+
+
+def _median_deg(std_rad: Float) -> float:
+    return float(np.degrees(np.median(std_rad)))
+
+
+def _causal_heading(
+    walk: ReplayContext, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None
+) -> tuple[Float, Float]:
     """Heading that the robot could have had at each instant: of the first sensor, in a fixed order, that is aligned.
 
-    Before any is aligned it is the course. The best sensor is known from the whole log only, and is not used here.
+    Before any is aligned it is that of the tags, or the course. The best sensor is known from the whole log only, and
+    is not used here.
     """
     aligned: dict[str, CausalHeading] = {}
     for sensor in _orientations(walk):
-        aligned[sensor.role] = align_yaw_causally(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift)
+        aligned[sensor.role] = align_yaw_causally(
+            track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift, by_tags=by_tags
+        )
     rate_only = _rate_only(walk)
     if rate_only is not None:
         rate_radps = rate_only.angular_radps[:, 2]
-        aligned["imu"] = align_gyro_causally(track, rate_only.t_ns, rate_radps, tag_ahead_m)
+        aligned["imu"] = align_gyro_causally(track, rate_only.t_ns, rate_radps, tag_ahead_m, by_tags)
     # The first course lies in the future of a causal track.
     yaw_rad = course_heading(track, before_motion_rad=0.0)
     std_rad = course_heading_std(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
+    if by_tags is not None:
+        yaw_rad, std_rad = by_tags.yaw_rad, by_tags.std_rad
     used = [role for role, heading in aligned.items() if heading.told.any()]
     if not used:
-        _tell_course(walk, _why_course(aligned), std_rad)
+        if by_tags is None:
+            _tell_course(walk, _why_course(aligned), std_rad)
+        else:
+            walk.note(f"heading from the lever arms of the tags, known to {_median_deg(std_rad):.1f} degrees")
+            _warn_if_uncertain(walk, float(np.median(std_rad)))
         return yaw_rad, std_rad
     for role in reversed(used):
         walk.use(role)
@@ -95,8 +146,9 @@ def _causal_heading(walk: ReplayContext, track: Track, tag_ahead_m: float) -> tu
         yaw_rad = np.where(told, aligned[role].yaw_rad, yaw_rad)
         std_rad = np.where(told, aligned[role].yaw_std_rad, std_rad)
     end_rad = float(std_rad[-1])
+    told_by = "the course" if by_tags is None else "the tags"
     walk.note(
-        f"heading from {used[0]}, turned at each instant by what the course had told until then; at the end known to "
+        f"heading from {used[0]}, turned at each instant by what {told_by} had told until then; at the end known to "
         f"{np.degrees(end_rad):.1f} degrees: an obstacle 10 m away is off by {10 * end_rad:.2f} m"
     )
     _warn_if_uncertain(walk, end_rad)
@@ -132,8 +184,8 @@ def frozen(imu: ImuSeries) -> bool:
     return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
 
 
-def _align(track: Track, sensor: _YawSensor, tag_ahead_m: float) -> AlignedHeading:
-    return align_yaw(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift)
+def _align(track: Track, sensor: _YawSensor, tag_ahead_m: float, by_tags: TagsYaw | None) -> AlignedHeading:
+    return align_yaw(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift, by_tags=by_tags)
 
 
 def _why_course(aligned: Mapping[str, AlignedHeading | CausalHeading]) -> str:

@@ -85,9 +85,13 @@ def _why_not(walk: ReplayContext, source: str) -> str:
 def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | None:
     if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
         return None
-    track = uwb.robot.track
-    x_m, y_m = lever_of(walk.config, uwb.robot.tag)
-    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m)
+    if uwb.body is None:
+        track = uwb.robot.track
+        x_m, y_m = lever_of(walk.config, uwb.robot.tag)
+    else:
+        track = uwb.body.track
+        x_m, y_m = uwb.body.middle_m.tolist()
+    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m, None if uwb.body is None else uwb.body.yaw)
     return RobotTrack(
         track.t_ns,
         tag_to_base(track.position_m, yaw_rad, x_m, y_m),

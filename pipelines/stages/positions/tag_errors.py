@@ -25,6 +25,18 @@ def roles_of(config: Config, tags: list[int]) -> dict[str, int]:
     return dict(zip(("robot", "person"), sorted(tags), strict=False))
 
 
+def body_tags_of(config: Config, tags: list[int]) -> list[int]:
+    """The tags among these that the robot carries, in the table's order; several are one body."""
+    if config.uwb.tags:
+        return [tag.id for tag in config.uwb.tags if tag.role == "robot" and tag.id in tags]
+    return sorted(tags)[:1]
+
+
+def has_body_of_tags(config: Config) -> bool:
+    """Whether the table gives the robot several tags, which are solved together where they range."""
+    return sum(tag.role == "robot" for tag in config.uwb.tags) > 1
+
+
 def lever_of(config: Config, tag: int) -> tuple[float, float]:
     """Where a tag sits in base, x_m and y_m; at its origin unless the table says otherwise."""
     row = next((each for each in config.uwb.tags if each.id == tag), None)
@@ -38,7 +50,8 @@ def levers_on_robot(config: Config, robot_tag: int | None) -> dict[int, tuple[fl
     """Tag -> where it sits in base, x_m and y_m: the robot's, and further tags whose table gives them such a place."""
     levers = {} if robot_tag is None else {robot_tag: (0.0, 0.0)}
     for tag in config.uwb.tags:
-        if tag.id == robot_tag or (tag.role == "none" and (tag.x_m, tag.y_m) != (0.0, 0.0)):
+        on_robot = tag.role == "robot" and robot_tag is not None
+        if on_robot or (tag.role == "none" and (tag.x_m, tag.y_m) != (0.0, 0.0)):
             levers[tag.id] = (tag.x_m, tag.y_m)
     return levers
 

@@ -13,20 +13,24 @@ from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages.positions.body import solve_body, tell_roles
 from quadlog.pipelines.stages.positions.tag_errors import (
     TagErrors,
+    body_tags_of,
     dilution_of,
     errors_of_tags,
     levers_on_robot,
     roles_of,
 )
 from quadlog.positioning.anchor_bias import AnchorBias
+from quadlog.positioning.body.locate_body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
+from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.results.run.maps import DilutionGrid, write_dilution
@@ -84,6 +88,7 @@ def _write_errors(run: Path, errors: dict[int, TagErrors]) -> None:
                 table.append({"t_ns": part.t_ns, "tag": tag, "source": source} | columns)
 
 
+MOST_DESCRIBED = 10
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
 
@@ -107,7 +112,20 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
             'uwb.method = "huber" needs calibrated ranges: where all are too long by a bias it trusts the wrong ones; '
             "set uwb.calibrate = true, or take another method"
         )
-    return texts + [text for result in located.tags for text in _tag_warnings(result, config, first_ns)]
+    described = _described(located, config)
+    texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
+    if len(described) < len(located.tags):
+        texts.append(
+            f"{len(located.tags)} tags are located; what is said of single tags is left out for "
+            f"{len(located.tags) - len(described)} of them: see links.parquet and ranges.parquet"
+        )
+    return texts
+
+
+def _described(located: Located, config: Config) -> list[TagResult]:
+    """The tags of which single lines are said: those with a role first, at most MOST_DESCRIBED."""
+    with_role = set(roles_of(config, [result.tag for result in located.tags]).values())
+    return sorted(located.tags, key=lambda result: result.tag not in with_role)[:MOST_DESCRIBED]
 
 
 def _located_notes(located: Located, config: Config) -> list[str]:
@@ -119,7 +137,7 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
             f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well"
         )
-    for result in located.tags:
+    for result in _described(located, config):
         if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
             texts.append(
                 f"tag {result.tag}: single ranges within {result.epoch_s:.2f} s make one fix, a round of its anchors "
@@ -190,7 +208,7 @@ def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
 
 def _range_warnings(counts: RangeCounts) -> list[str]:
     def words(pairs: tuple[tuple[int, int], ...]) -> str:
-        return ", ".join(f"{number} ({count} ranges)" for number, count in pairs)
+        return listed([f"{number} ({count} ranges)" for number, count in pairs])
 
     causes = {
         "that are no numbers": counts.not_finite,
@@ -204,21 +222,25 @@ def _range_warnings(counts: RangeCounts) -> list[str]:
     if counts.other_tags:
         texts.append(f"tags seen, but not in [[uwb.tags]]: {words(counts.other_tags)}")
     if counts.silent_anchors:
-        texts.append(f"anchors configured, but silent: {', '.join(map(str, counts.silent_anchors))}")
+        texts.append(f"anchors configured, but silent: {listed(counts.silent_anchors)}")
     return texts
 
 
 @dataclass(frozen=True, slots=True)
 class UwbPositions:
-    """All tags located, and which of them are the robot's and the person's."""
+    """All tags located, and which of them are the robot's (the first, where it has several) and the person's.
+
+    body: the track of all tags of the robot together, None where it has one.
+    """
 
     located: Located
     robot: TagResult | None
     person: TagResult | None
+    body: LocatedBody | None = None
 
 
 def locate_tags(walk: ReplayContext) -> UwbPositions | None:
-    """Every tag in the recording located on its own; None when UWB is not used, which is said."""
+    """Every tag of the recording located, those of the robot together; None when UWB is not used, which is said."""
     config, ranges, places = walk.config, walk.streams.ranges, walk.streams.anchor_places
     if not config.uwb.anchors:
         known = f" and its messages place {len(places)} of the {FEWEST_ANCHORS} that a fix needs" if places else ""
@@ -234,15 +256,19 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
         return None
     _tell_places(walk)
     tags = tags_of(config, ranges)
-    robot = roles_of(config, list(tags)).get("robot", -1)
-    if robot in tags and config.uwb.odometry:
-        tags[robot] = replace(tags[robot], body_motion=_body_motion(walk))
-    located = locate(ranges, anchors_of(config), list(tags.values()), settings_of(config))
+    robot, motion = body_tags_of(config, list(tags)), _body_motion(walk) if config.uwb.odometry else None
+    if len(robot) == 1 and motion is not None:
+        tags[robot[0]] = replace(tags[robot[0]], body_motion=motion)
+    anchors, settings = anchors_of(config), settings_of(config)
+    located, body = locate(ranges, anchors, list(tags.values()), settings), None
+    if len(robot) > 1:
+        located, body = solve_body(walk, located, robot, anchors, settings, motion)
+    tell_roles(walk, list(tags))
     tell_located(walk, located)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))
     walk.use("uwb")
-    return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)))
+    return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)), body)
 
 
 def _tell_places(walk: ReplayContext) -> None:

@@ -145,12 +145,25 @@ class CausalHeading:
         return np.isfinite(self.spread_rad)
 
 
+@dataclass(frozen=True, slots=True)
+class TagsYaw:
+    """Yaw (T,) of base at a track's instants from the lever arms of several tags, and its std (T,).
+
+    constant_std_rad: the part of the std that is the same error all along.
+    """
+
+    yaw_rad: Float
+    std_rad: Float
+    constant_std_rad: float
+
+
 def align_yaw(
     track: Track,
     yaw_t_ns: Int,
     yaw_rad: Float,
     tag_ahead_m: float = 0.0,
     drift: SensorDrift = NO_DRIFT,
+    by_tags: TagsYaw | None = None,
 ) -> AlignedHeading:
     """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the offset that fits the track's course best.
 
@@ -158,11 +171,15 @@ def align_yaw(
     minus yaw over moving instants where the sensor was on, weighted with one over the course's variance. A tag that
     sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken
     out. Where nothing moved, or course and yaw have nothing in common, the offset is zero and its std infinite.
+    by_tags: takes the place of the course, also at rest.
     """
     if len(yaw_t_ns) == 0:
         return AlignedHeading(np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD))
     sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, np.zeros(len(track)))
+    if by_tags is None:
+        differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, np.zeros(len(track)))
+    else:
+        differences, _ = _tag_differences(track, yaw_t_ns, yaw_rad, by_tags)
     if len(differences.t_s) == 0:
         return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD))
     fit = fit_offset(differences, drift)
@@ -171,11 +188,12 @@ def align_yaw(
         return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD), moving_s=moving_s)
     t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
     offset_std, drift_std = np.sqrt(np.diag(fit.covariance))
+    constant_std = 0.0 if by_tags is None else by_tags.constant_std_rad
     return AlignedHeading(
         yaw_rad=wrap_angle(sensor + fit.at(t_s)),
-        yaw_std_rad=_with_silence(fit.std_at(t_s), track.t_ns, yaw_t_ns),
+        yaw_std_rad=_with_silence(np.hypot(fit.std_at(t_s), constant_std), track.t_ns, yaw_t_ns),
         offset_rad=fit.offset_rad,
-        std_rad=float(offset_std),
+        std_rad=float(np.hypot(offset_std, constant_std)),
         drift_radps=fit.drift_radps,
         drift_std_radps=float(drift_std),
         moving_s=moving_s,
@@ -190,6 +208,7 @@ def align_yaw_causally(
     yaw_rad: Float,
     tag_ahead_m: float = 0.0,
     drift: SensorDrift = NO_DRIFT,
+    by_tags: TagsYaw | None = None,
 ) -> CausalHeading:
     """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
 
@@ -200,7 +219,11 @@ def align_yaw_causally(
     spread = np.full(len(track), np.inf)
     if len(yaw_t_ns) == 0 or len(track) == 0:
         return CausalHeading(told, std, spread)
-    differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, filter_lag_s(track))
+    if by_tags is None:
+        differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, filter_lag_s(track))
+    else:
+        differences, over_ns = _tag_differences(track, yaw_t_ns, yaw_rad, by_tags)
+    constant_std = 0.0 if by_tags is None else by_tags.constant_std_rad
     t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
     counts = _refits(len(over_ns))
     begins = np.append(np.searchsorted(track.t_ns, over_ns[np.array(counts, dtype=np.int64) - 1]), len(track))
@@ -208,7 +231,7 @@ def align_yaw_causally(
         fit = fit_offset(differences.until(count), drift)
         told[begin:end] = fit.at(t_s[begin:end])
         if fit.told:
-            std[begin:end], spread[begin:end] = fit.std_at(t_s[begin:end]), fit.spread_rad
+            std[begin:end], spread[begin:end] = np.hypot(fit.std_at(t_s[begin:end]), constant_std), fit.spread_rad
     sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
     return CausalHeading(wrap_angle(sensor + told), _with_silence(std, track.t_ns, yaw_t_ns), spread)
 
@@ -238,8 +261,20 @@ def _differences(
     ahead_ns = np.where(lag_s[use] > 0, np.minimum(t_ns - seen_ns, RATE_NS), RATE_NS)
     swing = tag_ahead_m * _yaw_rate(seen_ns, ahead_ns, yaw_t_ns, yaw_rad) / speed[use]
     course = np.arctan2(track.velocity_mps[use, 1], track.velocity_mps[use, 0]) - np.arcsin(swing.clip(-1, 1))
-    difference = course - interpolate_angle(seen_ns, yaw_t_ns, yaw_rad)
+    return _group(track, t_ns, course - interpolate_angle(seen_ns, yaw_t_ns, yaw_rad), weight)
 
+
+def _tag_differences(track: Track, yaw_t_ns: Int, yaw_rad: Float, by_tags: TagsYaw) -> tuple[CourseDifferences, Int]:
+    """The yaw of the tags minus the sensor's, in groups, and when (N,) each is over."""
+    use = (by_tags.std_rad <= 1 / TOLD_BY_STD) & (track.t_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
+    if not use.any():
+        return CourseDifferences(np.empty(0), np.empty(0), np.empty(0)), np.empty(0, dtype=np.int64)
+    difference = by_tags.yaw_rad[use] - interpolate_angle(track.t_ns[use], yaw_t_ns, yaw_rad)
+    return _group(track, track.t_ns[use], difference, np.maximum(by_tags.std_rad[use], MIN_COURSE_STD_RAD) ** -2)
+
+
+def _group(track: Track, t_ns: Int, difference: Float, weight: Float) -> tuple[CourseDifferences, Int]:
+    """Differences (M,) with their weights at t_ns (M,), in N groups, and when (N,) each is over."""
     cell, group = np.unique((t_ns - track.t_ns[0]) // GROUP_NS, return_inverse=True)
     count = np.bincount(group)
     east, north = (np.bincount(group, weight * each(difference)) for each in (np.cos, np.sin))
@@ -283,21 +318,27 @@ def integrate_yaw_rate(t_ns: Int, rate_radps: Float) -> Float:
     return np.concatenate([np.zeros(min(len(t_ns), 1)), np.cumsum(steps)])
 
 
-def align_gyro(track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0) -> GyroHeading:
+def align_gyro(
+    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, by_tags: TagsYaw | None = None
+) -> GyroHeading:
     """align_yaw for the rate (M,) about the IMU's z axis, which may point up or down: offset, bias and sign are fitted.
 
     The std grows away from the motion as that of the bias says.
     """
     yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (align_yaw(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT) for sign in (1.0, -1.0))
+    up, down = (align_yaw(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT, by_tags) for sign in (1.0, -1.0))
     turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
     return GyroHeading(down if turned else up, turned)
 
 
-def align_gyro_causally(track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0) -> CausalHeading:
+def align_gyro_causally(
+    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, by_tags: TagsYaw | None = None
+) -> CausalHeading:
     """align_gyro as it was known at each instant, the sign too."""
     yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (align_yaw_causally(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT) for sign in (1.0, -1.0))
+    up, down = (
+        align_yaw_causally(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT, by_tags) for sign in (1.0, -1.0)
+    )
     turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
     return CausalHeading(
         np.where(turned, down.yaw_rad, up.yaw_rad),

@@ -98,12 +98,19 @@ def smooth_states(t_s: Float, velocity_mps: Float, velocity_variance: Float, fil
 def smooth_covariances(t_s: Float, filtered: Float, motion: MotionModel) -> Float:
     """(T, 5, 5) covariances given all ranges, from what filter_ranges wrote: C + G (C' - F C F^T - Q) G^T."""
     covariances = filtered[:, COVARIANCE].reshape(-1, 5, 5)
-    moved, ahead = _predict_covariances(covariances[:-1], np.diff(t_s), motion)
+    return smooth_backwards(covariances, *_predict_covariances(covariances[:-1], np.diff(t_s), motion))
+
+
+def smooth_backwards(covariances: Float, moved: Float, ahead: Float) -> Float:
+    """(T, S, S) given all measurements, from filtered ones C (T, S, S) and the predictions of all but the last.
+
+    moved, ahead: (T - 1, S, S) F C and F C F^T + Q.
+    """
     gain = np.linalg.solve(ahead, moved).transpose(0, 2, 1)
     rest = covariances[:-1] - gain @ ahead @ gain.transpose(0, 2, 1)
     rest = (rest + rest.transpose(0, 2, 1)) / 2
     smoothed = covariances.copy()
-    for k in range(len(t_s) - 2, -1, -1):
+    for k in range(len(covariances) - 2, -1, -1):
         smoothed[k] = rest[k] + gain[k] @ smoothed[k + 1] @ gain[k].T
     return (smoothed + smoothed.transpose(0, 2, 1)) / 2
 

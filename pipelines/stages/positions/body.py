@@ -1,0 +1,63 @@
+"""Several tags on the robot: solved as one body, and what is said of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of
+from quadlog.positioning.body.locate_body import LocatedBody, locate_body
+from quadlog.positioning.heading.odometry_velocity import BodyMotion
+from quadlog.positioning.locate import Anchors, Located, LocateSettings
+from quadlog.recordings.formatting import listed
+
+
+def solve_body(
+    walk: ReplayContext,
+    located: Located,
+    robot: list[int],
+    anchors: Anchors,
+    settings: LocateSettings,
+    motion: BodyMotion | None,
+) -> tuple[Located, LocatedBody]:
+    """The robot's tags together: their results with the body's track at the place of each, and that track."""
+    by_id = {result.tag: result for result in located.tags}
+    levers_m = np.array([lever_of(walk.config, tag) for tag in robot])
+    body = locate_body([by_id[tag] for tag in robot], levers_m, anchors, settings, motion)
+    by_id |= {result.tag: result for result in body.tags}
+    _tell_body(walk, body)
+    return replace(located, tags=tuple(by_id[result.tag] for result in located.tags)), body
+
+
+def _tell_body(walk: ReplayContext, body: LocatedBody) -> None:
+    names = listed([result.tag for result in body.tags])
+    walk.note(f"tags {names} are one body: one track from the ranges of all of them")
+    if body.yaw is None:
+        walk.warn(
+            f"tags {names} have the same lever arm (x_m and y_m in [[uwb.tags]]), so they show no yaw; if they sit "
+            "apart, set their lever arms"
+        )
+    if body.velocity is not None and body.velocity.series is None:
+        walk.note(f"odometry does not steady the track of the body: {body.velocity.reason}")
+    elif body.velocity is not None:
+        walk.note(f"odometry steadies the track of the body, known to {body.velocity.std_mps:.2f} m/s from the log")
+    for each in body.misplaced:
+        walk.warn(
+            f"tag {each.tag}: its ranges place it at x_m = {each.found_m[0]:.2f}, y_m = {each.found_m[1]:.2f} in base, "
+            f"{each.distance_m:.2f} m from its lever arm ({each.given_m[0]:.2f}, {each.given_m[1]:.2f}); position and "
+            f"yaw are wrong if the lever arms of tags {names} are: check order, signs and x against y in [[uwb.tags]]"
+        )
+
+
+def tell_roles(walk: ReplayContext, tags: list[int]) -> None:
+    """Tags of the table that never range, and tags of the recording that have no role."""
+    table = walk.config.uwb.tags
+    silent = [tag.id for tag in table if tag.role != "none" and tag.id not in tags]
+    if silent:
+        walk.warn(f"tags with a role in [[uwb.tags]] that never range: {listed(silent)}")
+    roles = roles_of(walk.config, tags).values()
+    idle = sorted(tag for tag in tags if tag not in roles)
+    if idle and not table:
+        walk.note(f"tags without a role: {listed(idle)}; not used for robot or target: add [[uwb.tags]]")

@@ -1,0 +1,1 @@
+"""Several tags on one rigid body: its place and its yaw."""
