@@ -133,14 +133,14 @@ def strides(body: BodySeries) -> Strides:
 
 
 class TorqueRow(NamedTuple):
-    """One joint in one phase over n rows with a known torque; unknown: rows of the phase without one."""
+    """One joint in one phase over n rows with a known torque; n_unknown: rows of the phase without one."""
 
     joint: str
     phase: Phase
-    rms_nm: float
-    peak_nm: float
+    torque_rms_nm: float
+    torque_peak_nm: float
     n: int
-    unknown: int
+    n_unknown: int
 
 
 def torque_rows(body: BodySeries, weight: Float | None = None) -> list[TorqueRow]:
