@@ -18,6 +18,7 @@ MAX_AZIMUTH_STEPS = 4000
     epilog=examples(
         "quadlog synthesize follow -o walk.mcap --config-output walk.toml",
         "quadlog synthesize forest -o forest.bag --duration 60 --seed 7",
+        "quadlog synthesize follow -o walk.mcap --body --config-output walk.toml",
     ),
 )
 @click.argument("scenario", type=click.Choice(list(SCENARIOS)))
@@ -43,6 +44,11 @@ MAX_AZIMUTH_STEPS = 4000
     default=1875,
     help="Azimuths per lidar sweep, 16 rays each.",
 )
+@click.option(
+    "--body",
+    is_flag=True,
+    help="Let a simulated quadruped walk the robot's way; adds its joints, torques and foot forces, /joint_states.",
+)
 @click.option("--config-output", type=LOCAL_PATH, help="Also write the quadlog.toml for replaying it.")
 @FORCE
 def command(
@@ -52,6 +58,7 @@ def command(
     duration_s: float,
     seed: int,
     azimuth_steps: int,
+    body: bool,
     config_output: Path | None,
     force: bool,
 ) -> None:
@@ -69,7 +76,7 @@ def command(
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 
-    recording = make_recording(scenario, seed, duration_s, azimuth_steps)
+    recording = make_recording(scenario, seed, duration_s, azimuth_steps, body)
     with open_progress() as progress:
         counts = synthesize(recording, output, container, config_output, force, progress)
     click.echo(f"{output}: {sum(counts.values())} messages, {duration_s:g} s")

@@ -373,6 +373,14 @@ class UnusableRobot(QuadlogError):
         super().__init__(f"{path}: quadlog cannot walk this robot; it needs {'; '.join(self.needed)}")
 
 
+class WalkerFell(QuadlogError):
+    """A simulated quadruped that was to be recorded fell, t_s after the start at a place in map."""
+
+    def __init__(self, t_s: float, x_m: float, y_m: float) -> None:
+        self.t_s, self.x_m, self.y_m = t_s, x_m, y_m
+        super().__init__(f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed")
+
+
 class AnchorsCollinear(QuadlogError):
     """UWB anchors on one line: every fix has a mirror image that fits as well."""
 

@@ -9,12 +9,15 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from quadlog.config import plugins
+
+if TYPE_CHECKING:
+    from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 Installer = Callable[..., Path]
 
@@ -155,3 +158,11 @@ def closed_port() -> int:
         taken.bind(("127.0.0.1", 0))
         port: int = taken.getsockname()[1]
     return port
+
+
+@pytest.fixture(scope="session")
+def walked() -> SynthesizedRecording:
+    """Twelve seconds of a robot with a body on flat ground: 8 m and a bend."""
+    from quadlog.simulation.synthetic import follow
+
+    return follow.synthesize(seed=41, duration_s=12.0, azimuth_steps=120).with_body()

@@ -28,14 +28,19 @@ CONFIG_HEADER = (
 )
 
 
-def make_recording(scenario: str, seed: int, duration_s: float, azimuth_steps: int) -> SynthesizedRecording:
-    """A scenario by name, with its truth; nothing is computed or written yet. Raises UnknownName."""
+def make_recording(
+    scenario: str, seed: int, duration_s: float, azimuth_steps: int, body: bool = False
+) -> SynthesizedRecording:
+    """A scenario by name, with its truth; nothing is computed or written yet. Raises UnknownName.
+
+    body: the robot is moved by a simulated quadruped, whose joints are recorded too.
+    """
     if scenario not in SCENARIOS:
         raise UnknownName("scenario", scenario, SCENARIOS)
     made: SynthesizedRecording = importlib.import_module(SCENARIOS[scenario]).synthesize(
         seed=seed, duration_s=duration_s, azimuth_steps=azimuth_steps
     )
-    return made
+    return made.with_body() if body else made
 
 
 def synthesize(

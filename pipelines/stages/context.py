@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from quadlog.recordings.streams import Streams
 from quadlog.results.run.record import InputRecord
 from quadlog.results.run.run_folder import RunFolder
 from quadlog.results.run.tables import has_table, read_table
+
+if TYPE_CHECKING:
+    from quadlog.positioning.leg_odometry import LegTrack
 
 TARGET_GAP_S = 1.0
 """Positions of the target are interpolated over gaps of at most this."""
@@ -140,7 +143,7 @@ class ReplayContext:
 
     start_ns, end_ns: the requested window on the chosen clock, None where it is open. first_ns, last_ns: first and last
     instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. tracker: the
-    robot's track by its clouds, None where it is not made. used: role -> topics
+    robot's track by its clouds, None where it is not made. legs: the body's track by its joints. used: role -> topics
     that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
     stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
     warnings of reused clouds. config: with the anchors that the messages contain where none are configured;
@@ -163,6 +166,7 @@ class ReplayContext:
     last_ns: int
     scanner: Scanner | None = None
     tracker: LidarTracker | None = None
+    legs: LegTrack | None = None
     robot: RobotTrack | None = None
     target: TargetTrack | None = None
     used: dict[str, tuple[str, ...]] = field(default_factory=dict)

@@ -303,8 +303,8 @@ def _topics_to_read(recording: Recording, roles: Roles, config: Config, by_uwb: 
     chosen = position if position in {channel.topic for channel in recording.channels} else None
     # Odometry may be the position (auto) or the heading (UWB).
     needs_odometry = position in ("auto", "uwb", "odometry")
-    # Otherwise the IMU is only used to level scans.
-    upright = _unless_ambiguous(roles, "imu") if config.lidar.level else None
+    # Otherwise the IMU is only used to level scans and to turn the body of legs.
+    upright = _unless_ambiguous(roles, "imu") if config.lidar.level or "joints" in roles.found else None
     return {
         "uwb": roles.topics("uwb") if by_uwb else (),
         "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),

@@ -225,7 +225,7 @@ def _draws_numbers(stage: Stage, config: Config) -> bool:
 def _named_by_config(stage: Stage, config: Config) -> Any:
     """Digests of files and versions of plug-ins that a stage's configuration names."""
     if stage == POSITION:
-        return _file_digest(Path(config.topics.position))
+        return [_file_digest(Path(config.topics.position)), _model_digest(config.robot.model, unreadable="")]
     if stage == PLAN:
         return [each for each in _plugins(PLANNERS) if each[0] == config.planner.name]
     if stage == CONTROL and config.simulation.has_body:
@@ -267,8 +267,11 @@ def _definitions(folder: Path) -> Iterator[Path]:
         yield from sorted(folder.glob(pattern))
 
 
-def _model_digest(model: str) -> str | None:
-    """Digest of a robot's file and its includes; None for the name of one of quadlog's own robots."""
+def _model_digest(model: str, unreadable: str | None = None) -> str | None:
+    """Digest of a robot's file and its includes; None for the name of one of quadlog's own robots.
+
+    unreadable: of a file that cannot be read; None for one that never equals another, where the robot is needed.
+    """
     from quadlog.control.locomotion.robot import ROBOTS
 
     if model in ROBOTS:
@@ -278,7 +281,8 @@ def _model_digest(model: str) -> str | None:
     try:
         return content_digest(Path(model))
     except QuadlogError:
-        return uuid4().hex  # the stage that loads it raises the error
+        # The stage that loads it raises the error.
+        return uuid4().hex if unreadable is None else unreadable
 
 
 def _digest(content: dict[str, Any] | Sequence[Any]) -> str:

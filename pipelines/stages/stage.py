@@ -41,13 +41,16 @@ class Stage:
         return work
 
 
-# lidar.level: whether the IMU is read for the scans, which may change where the recording begins.
+# lidar.level: whether the IMU is read for the scans, which may change where the recording begins. robot.model: the
+# lengths of the legs that may tell the position.
 POSITION = Stage(
     ("position",),
     "positions.position:locate_walk",
     reads=(
         "topics",
         "uwb",
+        "robot.preset",
+        "robot.model",
         "robot.joints",
         "robot.feet",
         *(f"lidar.{key}" for key in ("level", "mount", "deskew", "odometry", "min_range_m")),

@@ -42,8 +42,8 @@ class Topics(Section):
     reference: str = Field("", description="true pose (PoseStamped, mocap)")
     position: str = Field(
         "auto",
-        description="robot position: uwb, tf, odometry, lidar (matched scans), fixed, a pose topic or TUM file; auto: "
-        "the first of these that the recording has",
+        description="robot position: uwb, tf, odometry, legs (joints), lidar (matched scans), fixed, a pose topic or "
+        "TUM file; auto: the first of these that the recording has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from quadlog.messages import Float, Float32, Int
-from quadlog.positioning.heading.odometry_velocity import BodyMotion
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 
 FEWEST_POINTS = 50
 """After thinning; a scan with fewer is no place."""
@@ -145,24 +145,11 @@ class LidarOdometry:
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
-    """Velocities between scans that are matched well, at the middle of both, or at the second one if causal.
-
-    None with fewer than two of them.
-    """
+    """Velocities between successive scans that are both matched well; None with fewer than two."""
     matched = track.match == ScanMatch.MATCHED
-    step_ns = np.diff(track.t_ns)
-    first = np.flatnonzero(matched[1:] & matched[:-1] & (step_ns <= MAX_GAP_NS))
-    if len(first) < 2:
-        return None
-    step_s = step_ns[first] * 1e-9
+    usable = matched[1:] & matched[:-1] & (np.diff(track.t_ns) <= MAX_GAP_NS)
     yaw_rad = np.unwrap(np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0]))
-    yaw_rate_radps = np.diff(yaw_rad)[first] / step_s
-    middle_rad = (yaw_rad[first] + yaw_rad[first + 1]) / 2
-    x_mps, y_mps = (np.diff(track.position_m[:, :2], axis=0)[first] / step_s[:, None]).T
-    cos, sin = np.cos(middle_rad), np.sin(middle_rad)
-    velocity_mps = np.stack([cos * x_mps + sin * y_mps, cos * y_mps - sin * x_mps], axis=1)
-    t_ns = track.t_ns[first + 1] if causal else track.t_ns[first] + step_ns[first] // 2
-    return BodyMotion(t_ns, velocity_mps, yaw_rad[first + 1] if causal else middle_rad, yaw_rate_radps, "lidar")
+    return motion_between(track.t_ns, track.position_m[:, :2], yaw_rad, usable, "lidar", causal=causal)
 
 
 def _middle(offset_ns: Int) -> int:

@@ -222,7 +222,7 @@ def _valid_points(cloud: PointCloud) -> np.ndarray:
 
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "lidar", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "legs", "lidar", "fixed")
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
     "lidar": ((PointCloud,), "a point cloud"),

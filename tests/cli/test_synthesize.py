@@ -20,6 +20,13 @@ def test_writes_a_recording_lists_it_and_never_overwrites(tmp_path, scenario, ok
     ok(*arguments, "--force")
 
 
+def test_with_a_body_the_same_seed_gives_the_same_bytes_and_joints(tmp_path, ok):
+    for name in ("one", "two"):
+        out = ok("synthesize", "follow", "--body", "-o", tmp_path / f"{name}.mcap", *SMALL)
+    assert "/joint_states  100" in out
+    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

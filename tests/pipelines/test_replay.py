@@ -232,7 +232,7 @@ def test_no_wall_is_taken_for_the_ground_and_the_scans_say_how_they_were_seen(wh
     record = json.loads((whole_run.run / "run.json").read_text())
     assert "scans_with_steep_ground" not in record["counts"]
     assert "120 of 120 scans classified by the beams their points name" in record["notes"]
-    assert any(note.startswith("tag 0: odometry steadies its track") for note in record["notes"])
+    assert any(note.startswith("tag 0: velocities by odometry steady its track") for note in record["notes"])
     scans = table(whole_run.run, "scans")
     assert scans["ground_nz"].min() > np.cos(np.radians(5))
 

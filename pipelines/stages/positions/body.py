@@ -9,7 +9,7 @@ import numpy as np
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of
 from quadlog.positioning.body.locate_body import LocatedBody, locate_body
-from quadlog.positioning.heading.odometry_velocity import BodyMotion
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
 from quadlog.recordings.formatting import listed
 
@@ -39,16 +39,21 @@ def _tell_body(walk: ReplayContext, body: LocatedBody) -> None:
             f"tags {names} have the same lever arm (x_m and y_m in [[uwb.tags]]), so they show no yaw; if they sit "
             "apart, set their lever arms"
         )
-    if body.velocity is not None and body.velocity.series is None:
-        walk.note(f"odometry does not steady the track of the body: {body.velocity.reason}")
-    elif body.velocity is not None:
-        walk.note(f"odometry steadies the track of the body, known to {body.velocity.std_mps:.2f} m/s from the log")
+    if body.velocity is not None:
+        walk.note(velocity_words(body.velocity, "the track of the body"))
     for each in body.misplaced:
         walk.warn(
             f"tag {each.tag}: its ranges place it at x_m = {each.found_m[0]:.2f}, y_m = {each.found_m[1]:.2f} in base, "
             f"{each.distance_m:.2f} m from its lever arm ({each.given_m[0]:.2f}, {each.given_m[1]:.2f}); position and "
             f"yaw are wrong if the lever arms of tags {names} are: check order, signs and x against y in [[uwb.tags]]"
         )
+
+
+def velocity_words(velocity: MeasuredVelocity, track: str) -> str:
+    """Whether velocities of another sensor steady a track by UWB, and how well they are known."""
+    if velocity.series is None:
+        return f"velocities by {velocity.source} do not steady {track}: {velocity.reason}"
+    return f"velocities by {velocity.source} steady {track}, known to {velocity.std_mps:.2f} m/s from the log"
 
 
 def tell_roles(walk: ReplayContext, tags: list[int]) -> None:

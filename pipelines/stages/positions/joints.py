@@ -5,7 +5,7 @@ from __future__ import annotations
 from quadlog.messages import Float, Int, JointSeries
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.positioning.foot_order import better_foot_order
-from quadlog.results.run.tables import FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
+from quadlog.results.run.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 BATCH_ROWS = 16384
 
@@ -20,7 +20,9 @@ def write_joints(walk: ReplayContext) -> None:
     _warn_of_swapped_feet(walk, joints)
     with TableWriter(walk.run.path / "joints.parquet", TABLES["joints"]) as table:
         for begin in range(0, len(joints), BATCH_ROWS):
-            table.append(_columns(joints, slice(begin, begin + BATCH_ROWS)))
+            rows = slice(begin, begin + BATCH_ROWS)
+            contacts = {} if walk.legs is None else dict(zip(CONTACTS, walk.legs.contact[rows].T, strict=True))
+            table.append(_columns(joints, rows) | contacts)
 
 
 def _columns(joints: JointSeries, rows: slice) -> dict[str, Float | Int]:

@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.errors import MissingInput
-from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, yaw_from_quat
+from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
 from quadlog.pipelines.stages.positions.heading import find_heading, frozen
 from quadlog.pipelines.stages.positions.joints import write_joints
+from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
 from quadlog.results.run.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
-AUTO_ORDER = ("uwb", "tf", "odometry", "lidar", "fixed")
+AUTO_ORDER = ("uwb", "tf", "odometry", "legs", "lidar", "fixed")
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -31,6 +32,7 @@ def locate_walk(walk: ReplayContext) -> None:
     """
     walk.progress.begin("position", None)
     with walk.clock.stage("position"):
+        walk.legs = track_legs(walk)
         uwb = locate_tags(walk)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
@@ -54,6 +56,7 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
         "uwb": lambda: _from_uwb(walk, uwb),
         "tf": lambda: _from_tf(walk),
         "odometry": lambda: _from_odometry(walk),
+        "legs": lambda: _from_legs(walk),
         "lidar": lambda: _from_lidar(walk),
         "fixed": lambda: _fixed(walk),
     }
@@ -137,6 +140,23 @@ def _from_odometry(walk: ReplayContext) -> RobotTrack | None:
     return _from_poses(walk.streams.odometry, "odometry")
 
 
+def _from_legs(walk: ReplayContext) -> RobotTrack | None:
+    track = walk.legs
+    if track is None:
+        return None
+    walk.use("joints")
+    if walk.streams.imu is not None:
+        walk.use("imu")
+    tell_legs(walk, track)
+    rows = rows_apart(track, STEP_S)
+    yaw_rad = track.rpy_rad[rows, 2] - track.rpy_rad[0, 2]
+    cos, sin = np.cos(track.rpy_rad[0, 2]), np.sin(track.rpy_rad[0, 2])
+    xy_m = track.position_m[rows, :2] @ np.array([[cos, -sin], [sin, cos]])
+    # Height drifts by several times more than the plane: no height rather than a wrong one.
+    tilt_rad = track.rpy_rad[rows, :2]
+    return RobotTrack(track.t_ns[rows], xy_m, wrap_angle(yaw_rad), "legs", LEGS_FRAME, tilt_rad=tilt_rad)
+
+
 def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
     track = None if walk.tracker is None else walk.tracker.track()
     if walk.tracker is None or track is None or len(track.t_ns) == 0:
@@ -172,7 +192,7 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
-    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "lidar")
+    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "legs", "lidar")
     if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
     if topics.target == "uwb":

@@ -13,7 +13,8 @@ from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.positions.body import solve_body, tell_roles
+from quadlog.pipelines.stages.positions.body import solve_body, tell_roles, velocity_words
+from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.tag_errors import (
     TagErrors,
     body_tags_of,
@@ -25,7 +26,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
 from quadlog.positioning.anchor_bias import AnchorBias
 from quadlog.positioning.body.locate_body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
+from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
@@ -147,7 +148,7 @@ def _located_notes(located: Located, config: Config) -> list[str]:
             std_m = np.median(result.track.z_std_m) if len(result.track) else np.nan
             texts.append(f"tag {result.tag}: its height is solved for, to {std_m:.2f} m")
         if result.velocity is not None:
-            texts.append(f"tag {result.tag}: {_velocity_words(result.velocity)}")
+            texts.append(f"tag {result.tag}: {velocity_words(result.velocity, 'its track')}")
         if result.bias is not None and result.bias.n.any():
             texts.append(_bias_words(result.tag, result.bias, config))
         if result.shared_m != 0:
@@ -175,12 +176,6 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
         seconds = ", ".join(f"{(t_ns - first_ns) * 1e-9:.1f} s" for t_ns in result.restart_ns[:5].tolist())
         texts.append(f"tag {result.tag}: its track was lost and started anew {n} times, at {seconds}")
     return texts
-
-
-def _velocity_words(velocity: MeasuredVelocity) -> str:
-    if velocity.series is None:
-        return f"{velocity.source} does not steady its track: {velocity.reason}"
-    return f"{velocity.source} steadies its track, known to {velocity.std_mps:.2f} m/s from the log"
 
 
 def _misfit_warning(result: TagResult, config: Config) -> str | None:
@@ -318,12 +313,15 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
 
 
 def _body_motion(walk: ReplayContext) -> BodyMotion | None:
-    """The robot's own motion by odometry, or by the lidar where odometry gives no velocities; None without both."""
+    """The robot's own motion by odometry, or else its legs or the lidar; None where nothing gives velocities."""
     odometry, streams = walk.streams.odometry, walk.streams
     linear_mps, angular_radps = streams.odometry_linear_mps, streams.odometry_angular_radps
+    causal = not walk.config.uwb.smooth
     if odometry is None or linear_mps is None or angular_radps is None or not linear_mps.any():
+        if walk.legs is not None:
+            return legs_motion(walk.legs, causal=causal)
         track = None if walk.tracker is None else walk.tracker.track()
-        return None if track is None else body_motion(track, causal=not walk.config.uwb.smooth)
+        return None if track is None else body_motion(track, causal=causal)
     return BodyMotion(
         odometry.t_ns,
         linear_mps[:, :2],

@@ -40,6 +40,28 @@ class BodyMotion:
     source: str = "odometry"
 
 
+def motion_between(
+    t_ns: Int, position_m: Float, yaw_rad: Float, usable: np.ndarray, source: str, *, causal: bool
+) -> BodyMotion | None:
+    """Velocities between successive poses, at the middle of both, or at the second one if causal.
+
+    N poses: position_m (N, 2), yaw_rad (N,) without steps of a turn; usable: (N-1,) bool. None with fewer than two.
+    """
+    first = np.flatnonzero(usable)
+    if len(first) < 2:
+        return None
+    step_ns = np.diff(t_ns)[first]
+    step_s = step_ns * 1e-9
+    middle_rad = (yaw_rad[first] + yaw_rad[first + 1]) / 2
+    x_mps, y_mps = (np.diff(position_m, axis=0)[first] / step_s[:, None]).T
+    cos, sin = np.cos(middle_rad), np.sin(middle_rad)
+    velocity_mps = np.stack([cos * x_mps + sin * y_mps, cos * y_mps - sin * x_mps], axis=1)
+    yaw_rate_radps = np.diff(yaw_rad)[first] / step_s
+    if causal:
+        return BodyMotion(t_ns[first + 1], velocity_mps, yaw_rad[first + 1], yaw_rate_radps, source)
+    return BodyMotion(t_ns[first] + step_ns // 2, velocity_mps, middle_rad, yaw_rate_radps, source)
+
+
 @dataclass(frozen=True, slots=True)
 class MeasuredVelocity:
     """What odometry tells of a tag: the series for track_ranges, or None and the reason why not.
@@ -64,14 +86,14 @@ def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *
     """
     own_mps = _tag_velocity(motion, x_m, y_m)
     if len(motion.t_ns) < 2 or len(track) < 2:
-        return MeasuredVelocity(None, f"{motion.source} or track is too short", np.inf, motion.source)
+        return MeasuredVelocity(None, "it or the track is too short", np.inf, motion.source)
     offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
     cos, sin = np.cos(offset_rad), np.sin(offset_rad)
     map_mps = np.stack([cos * own_mps[:, 0] - sin * own_mps[:, 1], sin * own_mps[:, 0] + cos * own_mps[:, 1]], axis=1)
     missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
     compared = np.isfinite(missed_m)
     if not compared.any():
-        reason = f"{motion.source} and track never overlap for {LEG_S:.0f} s"
+        reason = f"it and the track never overlap for {LEG_S:.0f} s"
         return MeasuredVelocity(None, reason, np.inf, motion.source)
     per_leg = missed_m**2 / (2 * LEG_S)
     std = _std_so_far(motion.t_ns, per_leg) if causal else np.full(len(missed_m), _typical_std(per_leg[compared]))
@@ -79,7 +101,7 @@ def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
-        reason = f"{motion.source} misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
+        reason = f"it misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
         return MeasuredVelocity(None, reason, typical, motion.source)
     std = np.where(compared & (per_leg > (SLIP_STD * std) ** 2), np.sqrt(per_leg), std)
     speed = np.hypot(own_mps[:, 0], own_mps[:, 1])

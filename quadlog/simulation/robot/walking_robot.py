@@ -64,6 +64,11 @@ class WalkingRobot:
         return self._quadruped.data.qpos.copy()
 
     @property
+    def state(self) -> WholeBodyState:
+        """True position, velocities and rotation; overwritten by the next tick."""
+        return self._state
+
+    @property
     def t_s(self) -> float:
         """Since the start."""
         return self.ticks * self.tick_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,21 +38,36 @@ class OdometryErrors:
     yaw_rate_std_radps: float = 0.01
 
 
+@runtime_checkable
+class InertialWalk(Protocol):
+    """A walk that knows what an ideal IMU measures."""
+
+    def inertial(self, t_s: Float) -> tuple[Float, Float]:
+        """Angular rates (N, 3) and specific force (N, 3) along base's axes at t_s (N,)."""
+        ...
+
+
 def imu_messages(errors: ImuErrors, walk: Walk, start_ns: int, t_ns: Int, rng: np.random.Generator) -> Iterator[Imu]:
-    """Readings at t_ns (N,) of an IMU in base; the body's own acceleration up and down is left out."""
+    """Readings at t_ns (N,) of an IMU in base."""
     t_s = seconds_since(t_ns, start_ns)
     motion = walk.at(t_s)
     yaw_rad = motion.yaw_rad + errors.yaw_offset_rad + errors.yaw_drift_radps * t_s
     yaw_rad = yaw_rad + rng.normal(0.0, errors.yaw_std_rad, len(t_s))
     quat_xyzw = quat_from_euler(yaw_rad, motion.pitch_rad, motion.roll_rad)
-    true_radps = _body_rates(motion, walk.at(t_s - _TILT_STEP_S), walk.at(t_s + _TILT_STEP_S))
-    true_radps[:, 2] += errors.gyro_bias_radps
-    angular_radps = rng.normal(0.0, errors.gyro_std_radps, (len(t_s), 3)) + true_radps
-    sideways_mps2 = motion.speed_mps * motion.yaw_rate_radps
-    force_mps2 = np.column_stack([motion.acceleration_mps2, sideways_mps2, np.full(len(t_s), GRAVITY_MPS2)])
-    linear_mps2 = rng.normal(0.0, errors.acceleration_std_mps2, (len(t_s), 3)) + turned_from_level(motion, force_mps2)
+    true_radps, true_mps2 = walk.inertial(t_s) if isinstance(walk, InertialWalk) else _inertial(walk, motion, t_s)
+    biased_radps = true_radps + np.array([0.0, 0.0, errors.gyro_bias_radps])
+    angular_radps = rng.normal(0.0, errors.gyro_std_radps, (len(t_s), 3)) + biased_radps
+    linear_mps2 = rng.normal(0.0, errors.acceleration_std_mps2, (len(t_s), 3)) + true_mps2
     for index, stamp_ns in enumerate(t_ns):
         yield Imu(int(stamp_ns), "base", quat_xyzw[index], angular_radps[index], linear_mps2[index])
+
+
+def _inertial(walk: Walk, motion: Motion, t_s: Float) -> tuple[Float, Float]:
+    """See InertialWalk.inertial, of a motion that says nothing of accelerations up and down."""
+    true_radps = _body_rates(motion, walk.at(t_s - _TILT_STEP_S), walk.at(t_s + _TILT_STEP_S))
+    sideways_mps2 = motion.speed_mps * motion.yaw_rate_radps
+    force_mps2 = np.column_stack([motion.acceleration_mps2, sideways_mps2, np.full(len(t_s), GRAVITY_MPS2)])
+    return true_radps, turned_from_level(motion, force_mps2)
 
 
 def _body_rates(motion: Motion, before: Motion, after: Motion) -> Float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, T
 from quadlog.simulation.sensors.scene import FLAT, Obstacle, RayCaster, Terrain
 from quadlog.simulation.sensors.trajectory import Walk
 from quadlog.simulation.sensors.uwb import CarriedTag, TagRanges, UwbErrors, measure_ranges
+from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 
 START_NS = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: every synthesized recording starts here, so that the same seed gives the same bytes."""
@@ -26,6 +27,7 @@ LIDAR_TOPIC = "/lidar/points"
 UWB_TOPIC = "/nlink_linktrack_tagframe0"
 IMU_TOPIC = "/imu/data"
 ODOMETRY_TOPIC = "/odom"
+JOINT_TOPIC = "/joint_states"
 TF_STATIC_TOPIC = "/tf_static"
 ROBOT_TRUTH_TOPIC = "/truth/robot/pose"
 PERSON_TRUTH_TOPIC = "/truth/person/pose"
@@ -34,7 +36,7 @@ ROBOT_TAG, PERSON_TAG = 0, 1
 
 _MS = 1_000_000
 _IMU_PERIOD_NS, _ODOMETRY_PERIOD_NS, _TRUTH_PERIOD_NS = 10 * _MS, 20 * _MS, 20 * _MS
-_IMU_LATENCY_NS, _ODOMETRY_LATENCY_NS, _LIDAR_LATENCY_NS = 1 * _MS, 3 * _MS, 5 * _MS
+_IMU_LATENCY_NS, _ODOMETRY_LATENCY_NS, _LIDAR_LATENCY_NS, _JOINT_LATENCY_NS = 1 * _MS, 3 * _MS, 5 * _MS, 1 * _MS
 # The two tags share the air: the person's speaks half a period after the robot's.
 _TAG_SLOT_NS = 10 * _MS
 _BIAS_RANGE_M = (0.05, 0.3)
@@ -80,6 +82,11 @@ class SynthesizedRecording:
     duration_s: float
     lidar: Lidar = field(default_factory=Lidar)
     uwb: UwbErrors = field(default_factory=UwbErrors)
+
+    def with_body(self) -> SynthesizedRecording:
+        """The same recording of a robot that a simulated quadruped moves, with its joints."""
+        walk = LeggedWalk(self.site.robot, self.duration_s, self.site.terrain)
+        return replace(self, site=replace(self.site, robot=walk))
 
     @cached_property
     def bias_m(self) -> Float:
@@ -152,6 +159,10 @@ class SynthesizedRecording:
             _logged(ODOMETRY_TOPIC, odometry, _ODOMETRY_LATENCY_NS),
             _logged(LIDAR_TOPIC, self.scans(), self.lidar.sweep_ns + _LIDAR_LATENCY_NS),
         ]
+        if isinstance(self.site.robot, LeggedWalk):
+            streams.append(
+                _logged(JOINT_TOPIC, self.site.robot.joint_messages(START_NS, self._end_ns), _JOINT_LATENCY_NS)
+            )
         return heapq.merge(*streams, key=attrgetter("log_time_ns"))
 
     def _generator(self, sensor: str) -> np.random.Generator:

@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from quadlog.messages import Float, Imu, Message, Odometry, Pose, Transforms, UwbRanges
+from quadlog.messages import Float, Imu, JointStates, Message, Odometry, Pose, Transforms, UwbRanges
 from quadlog.recordings.decoders.ros_messages import BUNDLED, HEADER_FIELD
 from quadlog.simulation.sensors.lidar import SimulatedScan
 
@@ -24,6 +24,7 @@ TYPE_NAMES: dict[type, str] = {
     Odometry: "nav_msgs/msg/Odometry",
     Pose: "geometry_msgs/msg/PoseStamped",
     Transforms: "tf2_msgs/msg/TFMessage",
+    JointStates: "sensor_msgs/msg/JointState",
 }
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")])
@@ -182,6 +183,24 @@ def _transforms(transforms: Transforms, sequence: int) -> Fields:
     }
 
 
+_LEGS = ("FL", "FR", "RL", "RR")
+_JOINT_NAMES = [
+    *(f"{leg}_{joint}_joint" for leg in _LEGS for joint in ("hip", "thigh", "calf")),
+    *(f"{leg}_foot" for leg in _LEGS),
+]
+"""As in Unitree's robot descriptions; the effort of a foot is its force, as some drivers have it."""
+
+
+def _joint_states(joints: JointStates, sequence: int) -> Fields:
+    return {
+        "header": _header(joints.stamp_ns, "", sequence),
+        "name": _JOINT_NAMES,
+        "position": np.concatenate([joints.position_rad, np.zeros(4)]),
+        "velocity": np.concatenate([joints.velocity_radps, np.zeros(4)]),
+        "effort": np.concatenate([joints.torque_nm, joints.foot_force_n]),
+    }
+
+
 _FIELDS: dict[type, Callable[[Any, int], Fields]] = {
     SimulatedScan: _scan,
     UwbRanges: _uwb_ranges,
@@ -189,4 +208,5 @@ _FIELDS: dict[type, Callable[[Any, int], Fields]] = {
     Odometry: _odometry,
     Pose: _pose,
     Transforms: _transforms,
+    JointStates: _joint_states,
 }

@@ -97,7 +97,7 @@ def test_lidar_and_uwb_are_compared_where_both_are_tracked(tmp_path, walk, overr
     saved = [set(read_table(tmp_path / "run", name, ["source"])["source"]) for name in ("poses", "other_poses")]
     assert saved == [{source}, {other}]
     assert outcome.metrics["lidar_uwb_rmse_m"]["value"] < 0.15
-    assert any("lidar steadies its track" in note for note in read_run_json(tmp_path / "run")["notes"])
+    assert any("velocities by lidar steady its track" in note for note in read_run_json(tmp_path / "run")["notes"])
 
 
 def test_a_lidar_that_is_not_there_cannot_be_chosen(tmp_path, walk):

@@ -96,7 +96,7 @@ def test_another_value_of_any_key_starts_at_the_stage_that_reads_it(name):
 
 @pytest.mark.parametrize("name", ["grid.dilation_m", "robot.model", "results.cloud_samples", "lidar.mount.x_m"])
 def test_some_of_them_by_hand(name):
-    first = {"grid.dilation_m": 2, "robot.model": 3, "results.cloud_samples": 1, "lidar.mount.x_m": 0}
+    first = {"grid.dilation_m": 2, "robot.model": 0, "results.cloud_samples": 1, "lidar.mount.x_m": 0}
     changed = load_config(settings={name: other_value(name, LEAVES[name])}, environ={})
     assert unchanged(keys(), keys(changed)) == first[name]
 
@@ -162,7 +162,7 @@ def test_a_users_robot_counts_by_all_that_its_file_includes(tmp_path):
     one = keys(config)
     assert keys(config) == one
     included.write_text(ROBOT.format(name="b"))
-    assert unchanged(one, keys(config)) == 3
+    assert unchanged(one, keys(config)) == 0  # legs of its lengths may tell the position
     included.unlink()  # what cannot be read is never the same
     assert unchanged(keys(config), keys(config)) == 3
     # Nobody walks with it where no body walks.

@@ -5,7 +5,8 @@ import pytest
 from mcap_ros1._vendor.genpy.dynamic import generate_dynamic as ros1_types
 from mcap_ros2._dynamic import generate_dynamic as ros2_types
 
-from quadlog.messages import UwbRanges
+from quadlog.messages import JointStates, UwbRanges
+from quadlog.simulation.synthetic.recording import START_NS
 from quadlog.simulation.synthetic.ros_encoding import LINKTRACK, POINT, TYPE_NAMES, RosEncoder
 
 
@@ -83,6 +84,17 @@ def test_every_other_message_keeps_its_numbers(encoder, short):
             assert (transform.header.frame_id, transform.child_frame_id) == ("base", "lidar")
             assert transform.transform.translation.z == pytest.approx(0.45)
     assert seen == {"Imu", "Odometry", "Pose", "Transforms"}
+
+
+def test_joints_have_the_names_of_unitrees_robots_and_feet_a_force_for_an_effort(encoder):
+    values = np.arange(40.0)
+    decoded = decode(encoder, JointStates(START_NS, values[:12], values[12:24], values[24:36], values[36:]))
+    assert decoded.name[:4] == ["FL_hip_joint", "FL_thigh_joint", "FL_calf_joint", "FR_hip_joint"]
+    assert decoded.name[12:] == ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]
+    assert stamp_ns(decoded.header) == START_NS
+    assert list(decoded.position) == [*values[:12], 0, 0, 0, 0]
+    assert list(decoded.velocity) == [*values[12:24], 0, 0, 0, 0]
+    assert list(decoded.effort) == list(values[24:])
 
 
 def test_ros1_headers_are_numbered():

@@ -1,0 +1,96 @@
+"""The robot's track by its legs: their geometry from [robot], and what is said about how well they tell it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
+
+if TYPE_CHECKING:
+    from quadlog.control.locomotion.robot import Robot
+    from quadlog.pipelines.stages.context import ReplayContext
+    from quadlog.positioning.leg_odometry import LegTrack
+
+LEGS_FRAME = "legs_start"
+"""The name of map when legs tell positions: base, upright, where the first joints were read."""
+STEP_S = 0.01
+"""Poses are written no more often; joints are read at up to 1 kHz."""
+VELOCITY_STEP_S = 0.04
+MOST_SLIPPING, MOST_SLIPPING_BY_FORCE = 0.5, 0.2
+"""Shares of the time. In simulated walks .1 with foot forces and .4 without; .25 where legs are taken for half as long
+again."""
+
+
+def track_legs(walk: ReplayContext) -> LegTrack | None:
+    """The track of the body by its joints, None where no angle is known. Raises UnknownName and UnusableRobot."""
+    joints = walk.streams.joints
+    if joints is None or not np.isfinite(joints.position_rad).any():
+        return None
+    from quadlog.positioning.leg_odometry import LegGeometry, leg_track
+
+    robot = _robot_of(walk.config)
+    return leg_track(joints, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m), walk.streams.imu)
+
+
+def _robot_of(config: Config) -> Robot:
+    from quadlog.control.locomotion.robot import ROBOTS
+
+    if config.robot.model in ROBOTS:
+        return ROBOTS[config.robot.model]
+    from quadlog.pipelines.simulation.walk import robot_model
+    from quadlog.simulation.robot.height_field import flat
+
+    return robot_model(config, flat()).robot
+
+
+def tell_legs(walk: ReplayContext, track: LegTrack) -> None:
+    """Which robot was assumed, and a warning for everything that leaves the drift without a bound."""
+    from quadlog.positioning.leg_odometry import HOLD_S, MAX_GAP_S, AttitudeSource, ContactSource
+
+    robot = walk.config.robot
+    if not robot.model_fields_set & {"model", "preset"}:
+        walk.warn(
+            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances are as wrong as "
+            "they are; set robot.preset or robot.model"
+        )
+    else:
+        walk.note(f"legs: lengths and hips are those of {robot.model!r}")
+    if track.attitude is AttitudeSource.GYRO:
+        walk.warn("legs: no IMU gives an orientation; yaw is summed up from its rates, bias included")
+    if track.attitude is AttitudeSource.FEET:
+        walk.warn("legs: there is no IMU; yaw comes from the feet alone, and the ground is taken to be level")
+    if ContactSource.HEIGHT in track.contact_sources:
+        walk.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
+    if track.unheld_s > HOLD_S:
+        walk.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
+    if track.gap_s > MAX_GAP_S:
+        walk.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile the last speed is taken")
+    by_force = set(track.contact_sources) == {ContactSource.FORCE}
+    if track.slipping_share > (MOST_SLIPPING_BY_FORCE if by_force else MOST_SLIPPING):
+        walk.warn(
+            f"legs: feet that carry move against the ground in {track.slipping_share:.0%} of the time: they slip, or "
+            "robot.model or robot.joints is wrong"
+        )
+    assert walk.streams.joints is not None
+    unknown = float(np.isnan(walk.streams.joints.position_rad).any(axis=1).mean())
+    if unknown:
+        walk.warn(f"legs: {unknown:.1%} of the joint states lack angles; those legs are left out there")
+
+
+def legs_motion(track: LegTrack, *, causal: bool) -> BodyMotion | None:
+    """The body's velocity and yaw by the legs, between instants VELOCITY_STEP_S apart; None of a shorter track."""
+    rows = rows_apart(track, VELOCITY_STEP_S)
+    usable = np.ones(max(len(rows) - 1, 0), dtype=bool)
+    position_m, yaw_rad = track.position_m[rows, :2], track.rpy_rad[rows, 2]
+    return motion_between(track.t_ns[rows], position_m, yaw_rad, usable, "legs", causal=causal)
+
+
+def rows_apart(track: LegTrack, step_s: float) -> np.ndarray:
+    """Rows of the track no closer than about step_s, the first and the last among them."""
+    if len(track) < 2:
+        return np.arange(len(track))
+    every = max(round(step_s * 1e9 / float(np.median(np.diff(track.t_ns)))), 1)
+    return np.unique(np.append(np.arange(0, len(track), every), len(track) - 1))

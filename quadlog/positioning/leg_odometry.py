@@ -1,0 +1,362 @@
+"""Leg odometry: where a body went by its own joints, because a foot that stands does not slip.
+
+Each foot that stands tells the body's motion. Feet are weighted, never switched: by how sure it is that a foot carries
+(its force, or what its joints' torques push with) and by how still it stands under the motion that all feet tell
+together (the idea of [OCELOT]). A ball-shaped foot rolls over its point of contact, which is taken into account: with a
+radius of 2 cm it would cost 5 % of the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from quadlog.geometry import rotation_from_quat, seconds_since, yaw_from_quat
+from quadlog.messages import Float, ImuSeries, Int, JointSeries
+
+MAX_GAP_S = 0.1
+"""Joints that are silent for longer say nothing of the motion meanwhile."""
+HOLD_S = 0.3
+"""So long without a foot on the ground the body is taken to go on at its speed; a leap of a trot is shorter."""
+FEWEST_CONTACT = 0.2
+"""Of the sum of the feet's weights; below it no foot stands."""
+STILL_MPS = 0.08
+"""A foot that moves as fast against the ground counts half."""
+SMOOTHED_S = 0.08
+CARRIES_SHARE, CARRIES_WIDTH = 0.3, 0.06
+"""Of a foot's usual load: where it counts half, and how steep."""
+LIFTED_M, LIFTED_WIDTH_M = 0.03, 0.008
+"""Without forces: a foot so high above the lowest one counts half."""
+LEVELLING_S = 5.0
+"""Without an attitude: time constant with which integrated tilt returns to level."""
+ROUNDS = 4
+MOST_ROWS = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class LegGeometry:
+    """Legs FL, FR, RL, RR: hips_m (4, 3) of their first axes in the body; lengths_m: aside, thigh, calf."""
+
+    hips_m: Float
+    lengths_m: tuple[float, float, float]
+    foot_radius_m: float
+
+
+class ContactSource(IntEnum):
+    """What tells that a foot carries."""
+
+    FORCE = 0
+    TORQUE = 1
+    HEIGHT = 2  # the lowest feet, on even ground
+
+
+class AttitudeSource(IntEnum):
+    """What tells how the body is turned."""
+
+    IMU = 0
+    GYRO = 1
+    FEET = 2  # yaw alone, from two standing feet at a time
+
+
+@dataclass(frozen=True, slots=True)
+class LegTrack:
+    """Poses of the body: t_ns (N,); position_m (N, 3) from the first one on; rpy_rad (N, 3), z is up.
+
+    velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) weights in 0..1 of the feet. attitude:
+    what turned the body; contact_sources (4,) a ContactSource of each foot, the one that told most of the time.
+    unheld_s: the longest time without a foot on the ground; gap_s: the longest between two joints' instants.
+    slipping_share: of the time in which feet carry, how much they move against the ground.
+    """
+
+    t_ns: Int
+    position_m: Float
+    rpy_rad: Float
+    velocity_mps: Float
+    contact: Float
+    attitude: AttitudeSource
+    contact_sources: tuple[ContactSource, ...]
+    unheld_s: float
+    gap_s: float
+    slipping_share: float
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> LegTrack:
+    """The track of the body that these joints moved; imu: in the body's axes, None where there is none.
+
+    An attitude is used as it is given; rates alone are integrated, tilt returning to level; without either yaw comes
+    from the feet and the body is taken to be level. Rows with NaN angles say nothing of their leg.
+    """
+    rpy_rad, attitude = _attitude(joints.t_ns, imu)
+    carries, sources = _carrying(joints, geometry, rpy_rad)
+    n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
+    step_s = np.diff(t_s)
+    steps = _Steps.empty(max(n - 1, 0))
+    window = max(round(SMOOTHED_S / float(np.median(step_s))), 1) if n > 1 else 1
+    beyond = ROUNDS * window
+    for first in range(0, n - 1, MOST_ROWS):
+        last = min(first + MOST_ROWS, n - 1)
+        low, high = max(first - beyond, 0), min(last + beyond, n - 1)
+        rows = slice(low, high + 1)
+        part = _steps(joints.position_rad[rows], geometry, rpy_rad[rows], carries[rows], step_s[low:high], attitude)
+        steps.put(first, last, part, first - low)
+    return _summed(joints.t_ns, step_s, steps, rpy_rad, carries, attitude, sources)
+
+
+def foot_contacts(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> Float:
+    """(N, 4) weights in 0..1 with which each foot stands still on the ground; see leg_track."""
+    return leg_track(joints, geometry, imu).contact
+
+
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """Between two instants each, in the heading of the first: move_m (M, 3), turn_rad (M,); weight, still (M, 4)."""
+
+    move_m: Float
+    turn_rad: Float
+    weight: Float
+    still: Float
+
+    @classmethod
+    def empty(cls, m: int) -> _Steps:
+        return cls(np.empty((m, 3)), np.empty(m), np.empty((m, 4)), np.empty((m, 4)))
+
+    def put(self, first: int, last: int, part: _Steps, skipped: int) -> None:
+        for name in self.__slots__:
+            getattr(self, name)[first:last] = getattr(part, name)[skipped : skipped + last - first]
+
+
+def feet_in_body(position_rad: Float, geometry: LegGeometry) -> Float:
+    """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them."""
+    hip, thigh, calf = _angles(position_rad)
+    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
+    down = upper * np.cos(thigh) + lower * np.cos(thigh + calf)
+    x_m = -upper * np.sin(thigh) - lower * np.sin(thigh + calf)
+    cos, sin = np.cos(hip), np.sin(hip)
+    return np.stack([x_m, aside * cos + down * sin, aside * sin - down * cos], axis=-1) + geometry.hips_m
+
+
+def _foot_jacobians(position_rad: Float, geometry: LegGeometry) -> Float:
+    """(N, 4, 3, 3) d foot / d joint."""
+    hip, thigh, calf = _angles(position_rad)
+    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
+    cos, sin, both = np.cos(hip), np.sin(hip), thigh + calf
+    lower_x, lower_down = -lower * np.sin(both), lower * np.cos(both)
+    x_m, down = lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
+    columns: list[list[Float]] = [
+        [np.zeros_like(hip), down * cos - aside * sin, aside * cos + down * sin],
+        [-down, x_m * sin, -x_m * cos],
+        [-lower_down, lower_x * sin, -lower_x * cos],
+    ]
+    return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
+
+
+def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
+    legs = position_rad.astype(np.float64).reshape(-1, 4, 3)
+    return legs[..., 0], legs[..., 1], legs[..., 2]
+
+
+def _aside(geometry: LegGeometry) -> Float:
+    return np.array([1.0, -1.0, 1.0, -1.0]) * geometry.lengths_m[0]
+
+
+def _levelled(vectors: Float, rpy_rad: Float) -> Float:
+    """Vectors (N, 4, 3) in the body, along its heading, to its left and up."""
+    (roll, pitch), (x, y, z) = rpy_rad.T[:2, :, None], np.moveaxis(vectors, -1, 0)
+    y, z = np.cos(roll) * y - np.sin(roll) * z, np.sin(roll) * y + np.cos(roll) * z
+    return np.stack([np.cos(pitch) * x + np.sin(pitch) * z, y, np.cos(pitch) * z - np.sin(pitch) * x], axis=-1)
+
+
+def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
+    """(N, 3) roll, pitch and unwrapped yaw at instants (N,), and what tells them."""
+    if imu is None or len(imu) < 2 or len(t_ns) == 0:
+        return np.zeros((len(t_ns), 3)), AttitudeSource.FEET
+    start_ns = int(imu.t_ns[0])
+    imu_s, t_s = seconds_since(imu.t_ns, start_ns), seconds_since(t_ns, start_ns)
+    given = imu.quat_xyzw
+    if given is not None and (np.abs(given).max(axis=1) > 0).all() and np.ptp(given, axis=0).any():
+        rotation = rotation_from_quat(given)
+        roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
+        pitch = np.arcsin(np.clip(-rotation[:, 2, 0], -1.0, 1.0))
+        rpy = np.column_stack([roll, pitch, np.unwrap(yaw_from_quat(given))])
+        source = AttitudeSource.IMU
+    else:
+        turned = np.nan_to_num(imu.angular_radps) * np.diff(imu_s, prepend=imu_s[0])[:, None]
+        keeps = float(np.exp(-np.median(np.diff(imu_s)) / LEVELLING_S))
+        rpy = np.column_stack([lfilter([1.0], [1.0, -keeps], turned[:, :2], axis=0), np.cumsum(turned[:, 2])])
+        source = AttitudeSource.GYRO
+    return np.column_stack([np.interp(t_s, imu_s, each) for each in rpy.T]), source
+
+
+def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
+    """(N, 4) in 0..1 how sure it is that a foot carries, and what tells it of each foot."""
+    carries = np.empty((len(joints), 4))
+    source = np.empty((len(joints), 4), dtype=np.int8)
+    load_n = np.empty((len(joints), 4))
+    for first in range(0, len(joints), MOST_ROWS):
+        rows = slice(first, first + MOST_ROWS)
+        feet_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])
+        load_n[rows] = _loads(joints.position_rad[rows], joints.torque_nm[rows], geometry, rpy_rad[rows])
+        lifted_m = feet_m[..., 2] - np.fmin.reduce(feet_m[..., 2], axis=1, keepdims=True)
+        carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
+    source[:] = ContactSource.HEIGHT
+    for kind, told in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
+        share = _share_of_usual(told)
+        known: NDArray[np.bool_] = np.isfinite(share)
+        carries[known] = _logistic((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
+        source[known] = kind
+    carries[~np.isfinite(joints.position_rad).reshape(-1, 4, 3).all(axis=2) | ~np.isfinite(carries)] = 0.0
+    most = [int(np.bincount(column).argmax()) if len(column) else ContactSource.HEIGHT for column in source.T]
+    return carries, tuple(ContactSource(each) for each in most)
+
+
+def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
+    """(N, 4) what the feet push down with, in N, of legs without mass: tau = J^T f."""
+    jacobian = _foot_jacobians(position_rad, geometry)
+    summed = jacobian.sum(axis=(2, 3)) + torque_nm.reshape(-1, 4, 3).sum(axis=2)
+    known: NDArray[np.bool_] = np.isfinite(summed)
+    jacobian = np.where(known[..., None, None], jacobian, np.eye(3))
+    torques = np.where(known[..., None], torque_nm.reshape(-1, 4, 3), np.nan)
+    # A stretched leg pushes with any force along itself; 1 mm keeps what is told finite.
+    damped = jacobian @ np.swapaxes(jacobian, 2, 3) + 1e-6 * np.eye(3)
+    force_n = np.linalg.solve(damped, jacobian @ torques[..., None])[..., 0]
+    return -_levelled(force_n, rpy_rad)[..., 2]
+
+
+def _share_of_usual(load: Float) -> Float:
+    """Loads (N, 4) of any unit as shares of each foot's own usual ones, NaN where they say nothing."""
+    share = np.full(load.shape, np.nan)
+    for foot, column in enumerate(load.T):
+        known = np.isfinite(column)
+        if not known.any():
+            continue
+        low, high = np.percentile(column[known], [5.0, 95.0])
+        # A foot that stands all the time is never without load: then its sensor's zero is taken to be right.
+        low = low if low < high / 2 else 0.0
+        if high > low and high > 0:
+            share[:, foot] = (column - low) / (high - low)
+    return share
+
+
+def _logistic(value: Float) -> Float:
+    return 0.5 * (1.0 + np.tanh(0.5 * value))
+
+
+def _steps(
+    position_rad: Float, geometry: LegGeometry, rpy_rad: Float, carries: Float, step_s: Float, attitude: AttitudeSource
+) -> _Steps:
+    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it."""
+    feet_m = _levelled(feet_in_body(position_rad, geometry), rpy_rad)
+    rolled_m = _rolled(position_rad, geometry.foot_radius_m, rpy_rad)
+    known = np.isfinite(feet_m[1:] + feet_m[:-1]).all(axis=2) & (step_s <= MAX_GAP_S)[:, None]
+    before, after = (np.where(known[..., None], each, 0.0) for each in (feet_m[:-1], feet_m[1:]))
+    rolled_m = np.where(known[..., None], rolled_m, 0.0)
+    firm = np.where(known, np.minimum(carries[1:], carries[:-1]), 0.0)
+    weight, turn_rad = firm, np.diff(rpy_rad[:, 2])
+    still = np.ones_like(firm)
+    for turn in range(ROUNDS):
+        if attitude is AttitudeSource.FEET:
+            turn_rad = _turn_of_feet(before + rolled_m, after, weight)
+        moves_m = before + rolled_m - _turned(after, turn_rad)
+        if turn < ROUNDS - 1:
+            still = _stillness(moves_m, weight, step_s)
+            weight = firm * still
+    total = weight.sum(axis=1)
+    move_m = (weight[..., None] * moves_m).sum(axis=1) / np.maximum(total, 1e-9)[:, None]
+    return _Steps(move_m, turn_rad, weight, still)
+
+
+def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
+    """(M, 4) in 0..1: how well the motion that each foot tells (M, 4, 3) fits that of all of them, over a while."""
+    window = max(round(SMOOTHED_S / float(np.median(step_s))), 1)
+    way_m = uniform_filter1d((weight[..., None] * moves_m).sum(axis=1), window, axis=0, mode="nearest")
+    lasted_s = uniform_filter1d(weight.sum(axis=1) * step_s, window, mode="nearest")
+    velocity_mps = way_m / np.maximum(lasted_s, 1e-9)[:, None]
+    off_m = moves_m - velocity_mps[:, None] * step_s[:, None, None]
+    short = max(window // 4, 1)
+    off_mps = (
+        uniform_filter1d(off_m, short, axis=0, mode="nearest")
+        / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
+    )
+    return 1.0 / (1.0 + np.einsum("ijk,ijk->ij", off_mps, off_mps) / STILL_MPS**2)
+
+
+def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
+    """(M, 4, 3) how far the centre of each foot rolls on the ground between instants (M + 1,): rotation x radius."""
+    hip, thigh, calf = _angles(position_rad)
+    roll, pitch = rpy_rad[:, :1], rpy_rad[:, 1:2]
+    about = _middle(roll + hip)
+    forward, turned = np.diff(pitch, axis=0), np.diff(thigh + calf, axis=0)
+    about_y = forward + turned * np.cos(about)
+    about_x = np.diff(roll + hip, axis=0) * np.cos(_middle(pitch)) + turned * np.sin(_middle(pitch)) * np.sin(about)
+    return radius_m * np.stack([about_y, -about_x, np.zeros_like(about_x)], axis=-1)
+
+
+def _middle(values: Float) -> Float:
+    middle: Float = (values[1:] + values[:-1]) / 2
+    return middle
+
+
+def _turned(vectors: Float, angle_rad: Float) -> Float:
+    """Vectors (M, 4, 3) or (M, 3) turned about z by angles (M,)."""
+    angle_rad = angle_rad.reshape(-1, *[1] * (vectors.ndim - 2))
+    cos, sin, (x, y, z) = np.cos(angle_rad), np.sin(angle_rad), np.moveaxis(vectors, -1, 0)
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
+
+
+def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
+    """(M,) yaw that turns the feet after a step (M, 4, 3) onto those before it, by least squares [Umeyama]."""
+    total = np.maximum(weight.sum(axis=1), 1e-9)[:, None]
+    x0, y0, x1, y1 = (
+        each - (weight * each).sum(axis=1, keepdims=True) / total
+        for each in (before[..., 0], before[..., 1], after[..., 0], after[..., 1])
+    )
+    turn: Float = np.arctan2((weight * (x1 * y0 - y1 * x0)).sum(axis=1), (weight * (x1 * x0 + y1 * y0)).sum(axis=1))
+    return turn
+
+
+def _summed(
+    t_ns: Int,
+    step_s: Float,
+    steps: _Steps,
+    rpy_rad: Float,
+    carries: Float,
+    attitude: AttitudeSource,
+    sources: tuple[ContactSource, ...],
+) -> LegTrack:
+    """The track that the steps add up to; while no foot stands the body goes on as before, for HOLD_S at most."""
+    if len(step_s) == 0:
+        still = np.zeros((len(t_ns), 3))
+        return LegTrack(t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
+    stands = steps.weight.sum(axis=1) >= FEWEST_CONTACT
+    velocity_mps = steps.move_m / step_s[:, None]
+    ends_s = np.cumsum(step_s)
+    last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
+    unheld_s = np.where(stands, 0.0, ends_s - np.where(last >= 0, ends_s[last], 0.0))
+    velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
+    move_m = np.where(stands[:, None], steps.move_m, velocity_mps * step_s[:, None])
+    yaw_rad = rpy_rad[:, 2]
+    if attitude is AttitudeSource.FEET:
+        yaw_rad = np.concatenate([[0.0], np.cumsum(np.where(stands, steps.turn_rad, 0.0))])
+    position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)])
+    firm = np.minimum(carries[1:], carries[:-1]) > 0.5
+    slipping = float(((steps.still < 0.5) & firm).sum() / max(int(firm.sum()), 1))
+    return LegTrack(
+        t_ns=t_ns,
+        position_m=position_m,
+        rpy_rad=np.column_stack([rpy_rad[:, :2], yaw_rad]),
+        velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
+        contact=np.concatenate([steps.weight, steps.weight[-1:]]),
+        attitude=attitude,
+        contact_sources=sources,
+        unheld_s=float(unheld_s.max()),
+        gap_s=float(step_s.max()),
+        slipping_share=slipping,
+    )

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadlog.control.locomotion.kinematics import foot_positions, joints_for
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.geometry import quat_from_euler, seconds_since
+from quadlog.messages import ImuSeries, JointSeries
+from quadlog.positioning.leg_odometry import (
+    AttitudeSource,
+    ContactSource,
+    LegGeometry,
+    feet_in_body,
+    foot_contacts,
+    leg_track,
+)
+from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS
+
+ROBOT = ROBOTS["tracking"]
+GEOMETRY = LegGeometry(ROBOT.hips_m, ROBOT.lengths_m, ROBOT.foot_radius_m)
+SIGNS = np.tile([1.0, -1.0, -1.0], 4)
+
+
+@pytest.fixture(scope="module")
+def joints(walked):
+    states = list(walked.site.robot.joint_messages(START_NS, START_NS + round(walked.duration_s * 1e9)))
+    columns = ("position_rad", "velocity_radps", "torque_nm", "foot_force_n")
+    t_ns = np.array([each.stamp_ns for each in states])
+    return JointSeries(t_ns, *(np.array([getattr(each, name) for each in states]) for name in columns))
+
+
+@pytest.fixture(scope="module")
+def imu(walked):
+    messages = [message for topic, _, message in walked.messages() if topic == IMU_TOPIC]
+    columns = [np.array([getattr(each, name) for each in messages]) for name in ("angular_radps", "quat_xyzw")]
+    return ImuSeries(np.array([each.stamp_ns for each in messages]), *columns)
+
+
+def drift(track, walked):
+    """Error at the end as a share of the way, its start and its course over the first metre laid on the true ones."""
+    motion = walked.site.robot.at(seconds_since(track.t_ns, START_NS))
+    true_m, own_m = motion.position_m - motion.position_m[0], track.position_m[:, :2]
+    way_m = np.hypot(*np.diff(true_m[::50], axis=0).T).sum()
+    first = np.flatnonzero(np.hypot(*true_m.T) > 1.0)[0]
+    to, own = (complex(*each[first]) for each in (true_m, own_m))
+    turned = own_m @ np.array([1, 1j]) * (to / own) / abs(to / own)
+    return abs(turned[-1] - complex(*true_m[-1])) / way_m
+
+
+@pytest.mark.parametrize(
+    ("without", "source", "limit"),
+    [
+        ((), ContactSource.FORCE, 0.01),
+        (("foot_force_n",), ContactSource.TORQUE, 0.015),
+        (("foot_force_n", "torque_nm", "velocity_radps"), ContactSource.HEIGHT, 0.02),
+    ],
+    ids=["forces", "torques", "angles"],
+)
+def test_the_way_of_a_simulated_walker_is_found(walked, joints, imu, without, source, limit):
+    track = leg_track(replace(joints, **{name: getattr(joints, name) * np.nan for name in without}), GEOMETRY, imu)
+    assert drift(track, walked) < limit
+    assert track.contact_sources == (source,) * 4
+    assert track.attitude is AttitudeSource.IMU
+    assert track.unheld_s < 0.1
+
+
+def test_without_an_attitude_rates_tell_the_turns_and_without_an_imu_the_feet_do(walked, joints, imu):
+    rates = leg_track(joints, GEOMETRY, replace(imu, quat_xyzw=None))
+    feet = leg_track(joints, GEOMETRY)
+    assert (rates.attitude, feet.attitude) == (AttitudeSource.GYRO, AttitudeSource.FEET)
+    assert drift(rates, walked) < 0.03
+    assert drift(feet, walked) < 0.03
+    true_rad = np.unwrap(walked.site.robot.at(seconds_since(joints.t_ns, START_NS)).yaw_rad)
+    for track in (rates, feet):
+        turned = track.rpy_rad[:, 2] - track.rpy_rad[0, 2] - (true_rad - true_rad[0])
+        assert np.abs(turned).max() < np.radians(4.0)
+
+
+def test_contacts_are_those_of_the_simulation(joints, imu):
+    torques = replace(joints, foot_force_n=joints.foot_force_n * np.nan)
+    carries = joints.foot_force_n > 25.0
+    for known in (joints, torques):
+        weight = foot_contacts(known, GEOMETRY, imu)
+        assert weight.shape == (len(joints), 4)
+        assert weight.min() >= 0.0
+        assert weight.max() <= 1.0
+        assert np.mean((weight > 0.5) == carries) > 0.85
+        assert weight[carries].mean() > 3 * weight[joints.foot_force_n == 0].mean()
+
+
+def test_a_leg_without_forces_has_its_torques_and_nan_torques_are_no_contact_of_their_own(walked, joints, imu):
+    force_n, torque_nm = joints.foot_force_n.copy(), joints.torque_nm.copy()
+    force_n[:, 2] = np.nan
+    torque_nm[::3] = np.nan
+    track = leg_track(replace(joints, foot_force_n=force_n, torque_nm=torque_nm), GEOMETRY, imu)
+    assert track.contact_sources[2] is ContactSource.TORQUE
+    assert track.contact_sources[0] is ContactSource.FORCE
+    assert np.isfinite(track.position_m).all()
+    assert np.isfinite(track.contact).all()
+    assert drift(track, walked) < 0.015
+
+
+def test_nan_angles_take_their_leg_out_and_all_of_them_hold_the_speed_for_a_while(walked, joints, imu):
+    position_rad = joints.position_rad.copy()
+    position_rad[1000:2000, :3] = np.nan
+    one = leg_track(replace(joints, position_rad=position_rad), GEOMETRY, imu)
+    assert not one.contact[1000:1999, 0].any()
+    assert drift(one, walked) < 0.02
+    position_rad[3000:3500] = np.nan
+    none = leg_track(replace(joints, position_rad=position_rad), GEOMETRY, imu)
+    assert none.unheld_s == pytest.approx(1.0, abs=0.02)
+    held_m = np.hypot(*(none.position_m[3499] - none.position_m[3000])[:2])
+    assert held_m == pytest.approx(0.3 * 0.7, abs=0.06)
+
+
+def test_a_gap_is_bridged_by_the_last_speed_and_told(walked, joints, imu):
+    kept = np.ones(len(joints), bool)
+    kept[3000:3100] = False
+    cut = JointSeries(*(getattr(joints, name)[kept] for name in joints.__slots__))
+    track = leg_track(cut, GEOMETRY, imu)
+    assert track.gap_s == pytest.approx(0.202, abs=1e-6)
+    assert drift(track, walked) < 0.03
+
+
+def test_an_empty_series_is_an_empty_track():
+    empty = JointSeries(np.empty(0, np.int64), *(np.empty((0, width)) for width in (12, 12, 12, 4)))
+    assert len(leg_track(empty, GEOMETRY)) == 0
+    one = JointSeries(np.zeros(1, np.int64), np.zeros((1, 12)), *(np.full((1, width), np.nan) for width in (12, 12, 4)))
+    np.testing.assert_array_equal(leg_track(one, GEOMETRY).position_m, np.zeros((1, 3)))
+
+
+waves = st.tuples(*(st.floats(-1, 1) for _ in range(12)))
+
+
+@settings(max_examples=10, deadline=None)
+@given(waves)
+def test_feet_fixed_in_the_world_give_back_any_motion_of_the_body_exactly(wave):
+    t_s = np.arange(0.0, 1.0, 0.005)
+    amplitude = np.array([0.05, 0.04, 0.03, 0.1, 0.1, 0.2])
+    shares, phases = np.array(wave[:6]), np.pi * np.array(wave[6:])
+    x, y, z, roll, pitch, yaw = amplitude[:, None] * shares[:, None] * np.sin(3.0 * t_s + phases[:, None])
+    turns = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    place_m = np.column_stack([x, y, z])
+    angles = np.empty((len(t_s), 12))
+    for k, (turn, at_m) in enumerate(zip(turns, place_m, strict=True)):
+        reached = joints_for(turn.inv().apply(ROBOT.standing_feet_m - at_m), ROBOT.hips_m, ROBOT.lengths, angles[k])
+        assert reached
+    t_ns = np.rint(t_s * 1e9).astype(np.int64)
+    unknown = np.full((len(t_s), 12), np.nan)
+    joints = JointSeries(t_ns, angles * SIGNS, unknown, unknown, np.full((len(t_s), 4), 30.0))
+    imu = ImuSeries(t_ns, np.zeros((len(t_s), 3)), quat_from_euler(yaw, pitch, roll) + 0.0)
+    if np.ptp(imu.quat_xyzw, axis=0).any():  # one that never changes is a driver's default
+        track = leg_track(joints, replace(GEOMETRY, foot_radius_m=0.0), imu)
+        np.testing.assert_allclose(track.position_m, place_m - place_m[0], atol=1e-9)
+        assert track.contact.min() > 0.95
+
+
+@given(st.lists(st.floats(-1.2, 1.2), min_size=12, max_size=12))
+def test_feet_are_where_the_controllers_kinematics_have_them(angles):
+    feet_m = np.empty((4, 3))
+    foot_positions(np.array(angles) * SIGNS, ROBOT.hips_m, ROBOT.lengths, feet_m)
+    np.testing.assert_allclose(feet_in_body(np.array([angles]), GEOMETRY)[0], feet_m, atol=1e-12)
