@@ -33,8 +33,8 @@ from quadlog.results.run.tables import (
 )
 
 if TYPE_CHECKING:
-    from quadlog.simulation.robot.height_field import HeightField
     from quadlog.positioning.leg_odometry import LegGeometry
+    from quadlog.simulation.robot.height_field import HeightField
 
 _RATES, _TORQUES = JOINT_COLUMNS[1], JOINT_COLUMNS[2]
 
@@ -51,6 +51,7 @@ def known_body(config: Config) -> KnownBody | None:
     """None where no robot is configured: its mass and legs would be a guess. Raises UnknownName and UnusableRobot."""
     if not config.robot.model_fields_set & {"model", "preset"}:
         return None
+    from quadlog.pipelines.stages.positions.legs import robot_of
     from quadlog.positioning.leg_odometry import LegGeometry
 
     robot = robot_of(config)
@@ -125,7 +126,7 @@ def _height(run: Path, geometry: LegGeometry, stance: Float, roll_rad: Float, pi
 
 
 def compare_bodies(run: Path, geometry: LegGeometry | None, ground: HeightField | None) -> dict[str, BodySeries]:
-    """logged and, where there is one with joints, resimulated. Raises NotARun."""
+    """Logged and, where there is one with joints, resimulated. Raises NotARun."""
     bodies = {"logged": logged_body(run, geometry)}
     resimulated = resimulated_body(run, ground) if has_table(run, "control") else None
     return bodies if resimulated is None else bodies | {"resimulated": resimulated}

@@ -42,8 +42,8 @@ MAX_GAP_S = 0.1
 class BodySeries:
     """A walk of N rows: t_ns (N,) rising; what is unknown is NaN.
 
-    speed_mps (N,) over ground; torque_nm (N, 12); stance (N, 4) 1 or 0; power_w (N,) sum of |torque x joint speed| of all
-    joints; height_m (N,) of the trunk above its feet or the ground; pitch_rad (N,) nose down.
+    speed_mps (N,) over ground; torque_nm (N, 12); stance (N, 4) 1 or 0; power_w (N,) sum of |torque x joint speed| of
+    all joints; height_m (N,) of the trunk above its feet or the ground; pitch_rad (N,) nose down.
     """
 
     t_ns: Int
@@ -86,9 +86,9 @@ def stance_by_weight(t_ns: Int, weight: Float) -> Float:
 
 def stance_by_force(t_ns: Int, force_n: Float) -> Float:
     """(N, 4) 1 where a foot stands, of its forces (N, 4): as much as leg odometry takes for carrying."""
-    known = np.isfinite(force_n)
-    usual_n = [np.percentile(column[known[:, leg]], 95.0) if known[:, leg].any() else 0.0 for leg, column in enumerate(force_n.T)]
-    return _without_noise(t_ns, force_n, (force_n >= CARRIES_SHARE * np.array(usual_n)) & (force_n > 0))
+    known = [column[np.isfinite(column)] for column in force_n.T]
+    usual_n = np.array([np.percentile(column, 95.0) if len(column) else 0.0 for column in known])
+    return _without_noise(t_ns, force_n, (force_n >= CARRIES_SHARE * usual_n) & (force_n > 0))
 
 
 def _without_noise(t_ns: Int, measured: Float, stands: Bool) -> Float:
@@ -150,7 +150,7 @@ def torque_rows(body: BodySeries, weight: Float | None = None) -> list[TorqueRow
     for joint, name in enumerate(JOINTS):
         torque_nm, stance = body.torque_nm[:, joint].astype(np.float64), body.stance[:, joint // 3]
         known = np.isfinite(torque_nm)
-        for phase, within in (("stance", stance == 1), ("swing", stance == 0), ("all", np.ones(len(stance), bool))):
+        for phase, within in zip(PHASES, (stance == 1, stance == 0, np.ones(len(stance), bool)), strict=True):
             inside = within & (counts > 0)
             used = inside & known
             if used.any():

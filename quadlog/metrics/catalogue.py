@@ -124,7 +124,7 @@ _ENTRIES = (
         *("max |tau_ij|", _OURS, "instants with a known torque"),
     ),
     MetricEntry(
-        *("logged_cost_of_transport", "", "cost_of_transport of the logged body, with the mass of the configured robot"),
+        *("logged_cost_of_transport", "", "cost_of_transport of the logged body, by the configured robot's mass"),
         *("mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants at 0.1 m/s or faster"),
     ),
     MetricEntry(

@@ -37,8 +37,7 @@ _TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
 JOINT_COLUMNS = tuple(tuple(name.format(joint) for joint in range(12)) for name in _JOINT_NAMES)
 """Names of a body's angles, rates and torques, by joint."""
 CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
-FOOTDUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
-_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
+FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
 DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 _PLANS = table_schema(
