@@ -33,7 +33,7 @@ def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> 
 
 
 COMMANDS = (
-    *("info", "init", "replay", "sweep", "compare-planners", "simulate"),
+    *("info", "init", "replay", "sweep", "survey", "compare-planners", "simulate"),
     *("metrics", "report", "export", "diff", "check", "synthesize", "tables"),
 )
 

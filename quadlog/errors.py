@@ -311,6 +311,14 @@ class CannotWrite(FileError):
     template = "{path}: cannot be written: {reason}"
 
 
+class MissingProgram(QuadlogError):
+    """A program of others that is not on PATH, and what can be had without it."""
+
+    def __init__(self, program: str, needed_by: str, remedy: str) -> None:
+        self.program, self.needed_by, self.remedy = program, needed_by, remedy
+        super().__init__(f"{needed_by} needs {program}, which is not on PATH: install it, or use {remedy}")
+
+
 class WorkerDied(QuadlogError):
     """A worker process ended during a task; exit_code as in multiprocessing, -9 for SIGKILL."""
 
@@ -393,6 +401,14 @@ class AnchorsCollinear(QuadlogError):
             f"from the first anchor to the last with  "
             f"{set_flag('uwb.mirror', ['left'])}  or  {set_flag('uwb.mirror', ['right'])}"
         )
+
+
+class AnchorsNotObserved(QuadlogError):
+    """A walk that does not show where the anchors stand; what to walk instead."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"survey: {reason}; {remedy}")
 
 
 class EmptyWindow(QuadlogError):

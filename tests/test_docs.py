@@ -140,6 +140,7 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
     "quadlog metrics runs/yesterday --explain eta_m": words("eta_m", "worst"),
     "quadlog metrics runs/yesterday --reference truth.tum": words("ate_rmse_m", "rpe_rmse_m"),
     "quadlog export runs/yesterday --to csv": all_tables,
+    "quadlog export runs/yesterday --to gif": lambda _: Path("yesterday-walk.gif").read_bytes().startswith(b"GIF89a"),
     "quadlog simulate line --terrain 3cm --seeds 2 -o walks": walks,
     "quadlog synthesize follow -o truth.mcap --duration 20": truth,
     "quadlog metrics runs/yesterday --fail-if 'success_rate<0.9'": lambda _: (
@@ -311,7 +312,7 @@ def test_the_tour_is_long_enough_to_mean_something():
              for line, _ in shell_lines(block)]  # fmt: skip
     told = {shlex.split(line)[1] for line in lines if line.startswith("quadlog ")}
     assert len(lines) > 30
-    assert {"report", "tables"} >= set(COMMANDS) - told, "these are run by tests of their own"
+    assert {"report", "survey", "tables"} >= set(COMMANDS) - told, "these are run by tests of their own"
 
 
 def test_every_comment_beside_a_command_is_checked():

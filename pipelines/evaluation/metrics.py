@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import Condition
@@ -20,7 +18,7 @@ from quadlog.metrics.summary import (
     Spread,
     spread,
     summarise,
-    worst_instants,
+    worst_of,
 )
 from quadlog.pipelines.evaluation.reference import (
     REFERENCE_METRICS,
@@ -99,10 +97,9 @@ def _samples(name: str, run: Path, reference: Reference | None) -> Samples | Non
 
 def _instants(name: str, samples: Samples, first_ns: int) -> list[WorstInstant]:
     values = samples.values
-    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
     return [
         WorstInstant(int(samples.t_ns[i]), (int(samples.t_ns[i]) - first_ns) / _NS, float(values[i]))
-        for i in worst_instants(samples.t_ns, badness)
+        for i in worst_of(name, samples)
     ]
 
 

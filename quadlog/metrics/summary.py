@@ -231,3 +231,10 @@ def worst_instants(t_ns: Int, badness: Float, most: int = 3) -> list[int]:
         chosen.append(worst)
         open_ &= np.abs(t_ns - t_ns[worst]) >= APART_NS
     return chosen
+
+
+def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
+    """As worst_instants, of the samples of the metric `name`: the largest in size, or the lowest where low is bad."""
+    values = samples.values
+    badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
+    return worst_instants(samples.t_ns, badness, most)

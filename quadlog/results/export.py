@@ -10,29 +10,34 @@ from typing import NamedTuple
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName, csv_cell
 from quadlog.storage.atomic_write import whole_file
 
+Note = Callable[[str], None]
+
 
 class Exporter(NamedTuple):
-    """write(run, output, force) gives the files it wrote; suffix: end of the output's name where none is given."""
+    """write(run, output, force, note) gives the files it wrote, and calls note with what was left out, in a line.
 
-    write: Callable[[Path, Path, bool], list[Path]]
+    suffix: end of the output's name where none is given.
+    """
+
+    write: Callable[[Path, Path, bool, Note], list[Path]]
     suffix: str
 
 
-def export_run(run: Path, to: str, output: Path, force: bool = False) -> list[Path]:
-    """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap) or those in it.
+def export_run(run: Path, to: str, output: Path, force: bool = False, note: Note = lambda _words: None) -> list[Path]:
+    """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
 
-    Raises UnknownName for an unknown format, NotARun when the run is unfinished or
-    lacks the result, AlreadyExists unless `force`, CannotWrite.
+    note: called with a line on what was thinned. Raises UnknownName for an unknown format, NotARun when the run is
+    unfinished or lacks the result, AlreadyExists unless `force`, MissingProgram, CannotWrite.
     """
     from quadlog.results.run.run_folder import read_run_json
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
     read_run_json(run)  # raises for a run that is not finished
-    return EXPORTERS[to].write(run, output, force)
+    return EXPORTERS[to].write(run, output, force, note)
 
 
-def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
+def export_tum(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
     import numpy as np
 
@@ -48,7 +53,7 @@ def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
     return [output]
 
 
-def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
+def export_csv(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     """Every table as `output/NAME.csv`, numbers in full precision, an empty field where there is no value."""
     import pandas as pd
 
@@ -68,12 +73,12 @@ def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
     return written
 
 
-def export_rosmap(run: Path, output: Path, force: bool) -> list[Path]:
+def export_rosmap(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     """`output/map.pgm` and `output/map.yaml`, as the run saved them."""
     return _copy(run, ["map.pgm", "map.yaml"], [output / "map.pgm", output / "map.yaml"], force)
 
 
-def export_mcap(run: Path, output: Path, force: bool) -> list[Path]:
+def export_mcap(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     """`derived.mcap`, written again from the saved results."""
     from quadlog.results.foxglove.derived_mcap import write_derived
 
@@ -82,9 +87,31 @@ def export_mcap(run: Path, output: Path, force: bool) -> list[Path]:
     return [write_derived(run, output)]
 
 
+def export_gif(run: Path, output: Path, force: bool, note: Note) -> list[Path]:
+    """The run from above as an animated GIF."""
+    from quadlog.results.player.film import write_gif
+
+    _prepare([output], force)
+    with whole_file(output) as part:
+        write_gif(run, part, note)
+    return [output]
+
+
+def export_mp4(run: Path, output: Path, force: bool, note: Note) -> list[Path]:
+    """The run from above as MP4; needs ffmpeg."""
+    from quadlog.results.player.film import write_mp4
+
+    _prepare([output], force)
+    with whole_file(output) as part:
+        write_mp4(run, part, note)
+    return [output]
+
+
 EXPORTERS = {
     "csv": Exporter(export_csv, "csv"),
+    "gif": Exporter(export_gif, "walk.gif"),
     "mcap": Exporter(export_mcap, "derived.mcap"),
+    "mp4": Exporter(export_mp4, "walk.mp4"),
     "rosmap": Exporter(export_rosmap, "rosmap"),
     "tum": Exporter(export_tum, "trajectory.tum"),
 }

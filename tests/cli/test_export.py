@@ -37,7 +37,10 @@ def test_evo_ape_reads_the_trajectory_and_finds_the_same_error(follow, tmp_path,
     assert theirs["rmse"] > 0
 
 
-@pytest.mark.parametrize("to", EXPORTERS)
+FORMATS = [to for to in EXPORTERS if to != "mp4" or shutil.which("ffmpeg")]
+
+
+@pytest.mark.parametrize("to", FORMATS)
 def test_without_an_output_the_result_is_named_after_the_run(follow, tmp_path, monkeypatch, ok, refused, to):
     monkeypatch.chdir(tmp_path)
     ok("export", follow, "--to", to)

@@ -246,3 +246,8 @@ def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_ra
     for name, row, column in (("cov_xx_m2", 0, 0), ("cov_xy_m2", 0, 1), ("cov_yy_m2", 1, 1)):
         columns[name] = covariance_m2[:, row, column]
     write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
+
+
+def robot_track(walk: ReplayContext) -> RobotTrack:
+    """The robot's track from the configured source other than UWB. Raises MissingInput."""
+    return _robot(walk, None)

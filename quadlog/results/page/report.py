@@ -20,6 +20,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
+from quadlog.results.page.player import player_of
 from quadlog.results.plots.figures import PLOTS, SharedDrawing, render_plots
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.record import RunRecord
@@ -53,6 +54,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _MAX_CONTACTS = 100
 _SIMULATED_STAGES = ("control", "report")
 _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
+_PLAYER_SCRIPTS = ("player_scene.js", "player_view.js", "player.js")
 _CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
@@ -63,10 +65,10 @@ def write_report(run: Path, helper: Executor | None = None) -> Path:
     """
     data = RunData(run)
     drawing = SharedDrawing(data, helper)
-    charts = run_charts(data)
+    charts, player = run_charts(data), player_of(data)
     pictures = drawing.finish()
     _write_plots(run / "plots", pictures)
-    return _write_page(data, pictures, charts)
+    return _write_page(data, pictures, charts, player)
 
 
 def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
@@ -83,12 +85,15 @@ def write_plots(run: Path, record: RunRecord | None = None) -> dict[str, bytes]:
 def write_page(run: Path, pictures: Mapping[str, bytes], record: RunRecord | None = None) -> Path:
     """report.html around the pictures of write_plots; record as there. Raises NotARun, CannotWrite."""
     data = RunData(run, record)
-    return _write_page(data, pictures, run_charts(data))
+    return _write_page(data, pictures, run_charts(data), player_of(data))
 
 
-def _write_page(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> Path:
+def _write_page(
+    data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any], player: Mapping[str, Any] | None
+) -> Path:
     report = data.path / "report.html"
-    write_whole(report, _render(data, pictures, {name: charts[name] for name in pictures if name in charts}))
+    shown = {name: charts[name] for name in pictures if name in charts}
+    write_whole(report, _render(data, pictures, shown, player))
     return report
 
 
@@ -106,13 +111,18 @@ def _write_plots(folder: Path, pictures: Mapping[str, bytes]) -> None:
         write_whole(folder / f"{name}.png", png)
 
 
-def _render(data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any]) -> bytes:
+def _render(
+    data: RunData, pictures: Mapping[str, bytes], charts: Mapping[str, Any], player: Mapping[str, Any] | None
+) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
+    scripts = (*(_CHART_SCRIPTS if charts or player else ()), *(_PLAYER_SCRIPTS if player else ()))
     return render_page(
         "report.html.jinja",
-        scripts=_CHART_SCRIPTS if charts else (),
-        styles=_CHART_STYLES if charts else (),
+        scripts=scripts,
+        styles=_CHART_STYLES if scripts else (),
+        player=player,
+        player_data=Markup(to_script_json(player)),  # noqa: S704
         charts=charts,
         chart_data=Markup(to_script_json(charts)),  # noqa: S704
         title=_title(data),

@@ -54,7 +54,7 @@ def test_csv_keeps_every_digit(tiny_run: Path, tmp_path: Path) -> None:
     assert b"\r" not in (tmp_path / "csv" / "poses.csv").read_bytes()
 
 
-@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
+@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap", "gif"])
 def test_nothing_is_overwritten_without_force(tiny_run: Path, tmp_path: Path, to: str) -> None:
     written = export_run(tiny_run, to, tmp_path / "out")
     written[-1].write_bytes(b"precious")
@@ -65,7 +65,7 @@ def test_nothing_is_overwritten_without_force(tiny_run: Path, tmp_path: Path, to
     assert written[-1].read_bytes() != b"precious"
 
 
-@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap"])
+@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap", "gif"])
 def test_a_run_without_the_result_says_so(tmp_path: Path, to: str) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(NotARun, match="has no"):

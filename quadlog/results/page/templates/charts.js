@@ -4,6 +4,8 @@ const chartData = JSON.parse(document.getElementById("chart-data").textContent);
 const pageStyle = getComputedStyle(document.documentElement);
 const redraws = []; // of every chart, for when light and dark change places
 const instants = []; // who wants to know at which instant the reader points: called with seconds, or null
+const playheads = []; // of the charts over time: called with the player's seconds, and whether numbers are to follow
+const seekers = []; // called with the seconds at which the reader clicked in a chart
 
 // A canvas needs the colour itself, and the one of this moment; elements follow a variable on their own.
 const painted = (name) => () => pageStyle.getPropertyValue(`--${name}`).trim();

@@ -13,11 +13,53 @@
   const charts = [];
   let shown = whole;
 
+  // Where the player is: a line in every chart, and, in those that are in sight, the cursor with its values.
+  const heads = new Map();
+  let played = null;
+  const placeHeads = () => {
+    if (played === null) return;
+    for (const [chart, head] of heads) {
+      head.hidden = played < shown[0] || played > shown[1];
+      if (!head.hidden) head.style.transform = `translateX(${chart.valToPos(played, "x")}px)`;
+    }
+  };
+  const readOff = (chart) => {
+    if (played === null || heads.get(chart).hidden) return;
+    chart.setCursor({ left: chart.valToPos(played, "x"), top: chart.bbox.height / devicePixelRatio / 2 }, false, false);
+  };
+  const comesIntoSight = new IntersectionObserver((entries) => {
+    const charted = new Map([...heads.keys()].map((chart) => [chart.root, chart]));
+    for (const { target, isIntersecting } of entries) if (isIntersecting) readOff(charted.get(target));
+  });
+  playheads.push((seconds, numbers) => {
+    played = seconds;
+    placeHeads();
+    if (!numbers) return;
+    for (const chart of heads.keys()) {
+      const { top, bottom } = chart.root.getBoundingClientRect();
+      if (bottom > 0 && top < innerHeight) readOff(chart);
+    }
+  });
+  const addHead = (chart) => {
+    const head = element("div", "playhead");
+    head.hidden = true;
+    chart.over.append(head);
+    heads.set(chart, head);
+    comesIntoSight.observe(chart.root);
+    let pressed = null;
+    chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
+    chart.over.addEventListener("click", (event) => {
+      const left = event.clientX - chart.over.getBoundingClientRect().left;
+      if (pressed === event.clientX) for (const seek of seekers) seek(chart.posToVal(left, "x"));
+    });
+  };
+
   const show = (from, to) => {
     const width = Math.min(Math.max(to - from, NARROWEST * (whole[1] - whole[0])), whole[1] - whole[0]);
     const first = Math.min(Math.max(from, whole[0]), whole[1] - width);
     shown = [first, first + width];
     for (const chart of charts) chart.setScale("x", { min: shown[0], max: shown[1] });
+    placeHeads();
   };
   const zoom = (factor) => {
     const middle = (shown[0] + shown[1]) / 2;
@@ -114,6 +156,7 @@
       area.append(element("p", "what", panel.what));
       const chart = new uPlot(options(panel, area.clientWidth), [panel.seconds, ...panel.values], area);
       charts.push(chart);
+      addHead(chart);
       return chart;
     });
     const said = element("output", "unseen");
@@ -128,7 +171,10 @@
       ["", "", ["ArrowLeft"], () => step(-1)],
       ["", "", ["ArrowRight"], () => step(1)],
     ]);
-    onWidth(area, (width) => mine.forEach((chart) => chart.setSize({ width, height: HEIGHT })));
+    onWidth(area, (width) => {
+      mine.forEach((chart) => chart.setSize({ width, height: HEIGHT }));
+      placeHeads();
+    });
   }
   redraws.push(() => charts.forEach((chart) => chart.redraw(false, true)));
 }

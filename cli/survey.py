@@ -1,0 +1,121 @@
+"""`quadlog survey`: positions of UWB anchors from ranges and odometry."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from quadlog.cli.terminal.parameters import (
+    AS_JSON,
+    CONFIG,
+    FORCE,
+    LOCAL_PATH,
+    MSG_PATH,
+    PATH_OR_URL,
+    examples,
+    set_option,
+)
+from quadlog.errors import AlreadyExists, ExitCode, UsageError
+
+COLUMNS = ("anchor", "x m", "+-", "y m", "+-", "z m", "+-", "bias m", "+-", "NLOS", "ranges", "")
+
+
+@click.command(
+    name="survey",
+    short_help="Find the positions of UWB anchors from ranges and odometry.",
+    epilog=examples(
+        "quadlog survey walk.mcap -o anchors.toml",
+        "quadlog survey walk.mcap -c quadlog.toml --set topics.position=lidar --json",
+        "quadlog survey walk.mcap --anchor-height 2.1 --anchor-height 4=1.6 -o anchors.toml",
+    ),
+)
+@click.argument("recording", type=PATH_OR_URL)
+@CONFIG
+@set_option("topics.position=/mocap/pose")
+@click.option("-o", "--output", type=LOCAL_PATH, help="Config to write, for  quadlog replay -c.")
+@click.option(
+    "--anchor-height",
+    "heights",
+    multiple=True,
+    metavar="[ID=]M",
+    help="Known height above the floor of one anchor or of all others, m; repeatable.",
+)
+@click.option(
+    "--stamp",
+    type=click.Choice(["header", "log"]),
+    default="header",
+    help="Timestamps to use: message header or log time.",
+)
+@MSG_PATH
+@AS_JSON
+@FORCE
+def command(
+    recording: Path,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    output: Path | None,
+    heights: tuple[str, ...],
+    stamp: Literal["header", "log"],
+    msg_path: tuple[Path, ...],
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Estimate the position and range bias of every UWB anchor, with 95 % bounds.
+
+    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the lidar's scans, or what
+    topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two or more anchors.
+    Without known heights anchors are taken to hang above the tag. A walk that does not determine the positions is
+    refused with exit code 1: walk a loop of 10 m or more, several metres each way.
+    """
+    given = _heights(heights)
+    if output is not None and output.exists() and not force:
+        raise AlreadyExists(output)  # before the recording is read, which may take a while
+
+    from quadlog.cli.terminal.progress_bars import open_progress
+    from quadlog.config.file import load_config
+    from quadlog.pipelines.init import write_new
+    from quadlog.pipelines.request import ReplayOptions
+    from quadlog.pipelines.survey import survey_json, survey_recording, survey_toml
+
+    config = load_config(config_path, overrides)
+    with open_progress() as progress:
+        outcome = survey_recording(recording, config, ReplayOptions(stamp=stamp, msg_path=msg_path), given, progress)
+    if output is not None:
+        write_new(output, survey_toml(outcome), force=force)
+    found = survey_json(outcome)
+    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else "\n".join(table_lines(found)))
+    return ExitCode.WITH_LOSS if outcome.losses else ExitCode.DONE
+
+
+def _heights(texts: tuple[str, ...]) -> dict[int | None, float]:
+    """Anchor id, or None for all others -> height. Raises UsageError."""
+    given: dict[int | None, float] = {}
+    for text in texts:
+        name, equals, value = text.rpartition("=")
+        try:
+            key, height_m = int(name) if equals else None, float(value)
+        except ValueError:
+            raise UsageError(f"--anchor-height {text}: write M or ID=M, as in 2.1 or 4=1.6") from None
+        if not abs(height_m) <= 1000:
+            raise UsageError(f"--anchor-height {text}: a height lies within 1000 m")
+        given[key] = height_m
+    return given
+
+
+def table_lines(found: dict[str, Any]) -> list[str]:
+    """The object of `survey --json` as an aligned table."""
+    from quadlog.results.text.markup import aligned
+
+    rows = [_cells(each) for each in found["anchors"]]
+    return list(aligned([COLUMNS, *rows], left=(len(COLUMNS) - 1,)))
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    values = [row[f"{name}_{what}"] for name in "xyz" for what in ("m", "bound_m")]
+    values += [row["bias_m"], row["bias_bound_m"]]
+    share = "" if row["nlos_share"] is None else f"{100 * row['nlos_share']:.0f} %"
+    note = row["why_not"] or ("known" if row["known"] else "" if row["z_observed"] else "z is a guess")
+    return [str(row["id"]), *("" if each is None else f"{each:.3f}" for each in values), share, str(row["n"]), note]

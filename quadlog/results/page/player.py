@@ -1,0 +1,143 @@
+"""The player of a page: a run's scene as JSON, with its numbers and maps as one deflated block."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+from quadlog.results.player.moments import moments_of
+from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Scene, Windows, scene_of
+from quadlog.results.plots.run_data import RunData
+from quadlog.results.text.numbers import short
+
+UNIT_M, UNIT_S, UNIT_RAD = 1e-3, 1e-3, 1e-4
+"""What 1 stands for in the packed columns."""
+NO_YAW = 100_000
+"""A yaw that is not known; known ones are within -31416 and 31416."""
+_LEVEL = 6
+_WORD = 4
+
+
+def player_of(run: RunData) -> dict[str, Any] | None:
+    """All that player.js and player.html.jinja need, as plain JSON; None for a run in which nothing moves.
+
+    packed: base64 of deflated bytes: the columns one after the other, then the maps. lengths: of each column, in
+    order. A column is the differences of its integers, zigzag-coded in 32 bits, lowest bytes of all first, then the
+    next higher ones: small steps make long runs of zeros. A map is the exclusive or with the map before it, packed by
+    numpy.packbits along x; column and row of a cell are taken modulo the window's, so that what stays in a sliding
+    window stays at its place. Raises NotARun for damaged files.
+    """
+    scene = scene_of(run)
+    if scene is None:
+        return None
+    packing = _Packing()
+    tracks = [
+        {"key": each.key, "label": each.label, "color": each.color, "body": each.body,
+         "t": packing.add(each.seconds, UNIT_S), "x": packing.add(each.x_m, UNIT_M), "y": packing.add(each.y_m, UNIT_M),
+         "yaw": packing.add_integers(_yaws(each.yaw_rad)), "feet": packing.add_integers(each.feet),
+         "lookahead": packing.add_integers(_or(each.lookahead_m / UNIT_M, NOT_KNOWN))}
+        for each in scene.tracks
+    ]  # fmt: skip
+    paths = [
+        {"label": each.label, "color": each.color, "walker": each.walker, "t": packing.add(each.seconds, UNIT_S),
+         "first": packing.add_integers(each.first), "x": packing.add(each.x_m, UNIT_M),
+         "y": packing.add(each.y_m, UNIT_M)}
+        for each in scene.paths
+    ]  # fmt: skip
+    clouds = [
+        {"t": each.seconds, "x": packing.add(each.x_m, UNIT_M), "y": packing.add(each.y_m, UNIT_M)}
+        for each in scene.clouds
+    ]
+    windows = None if scene.windows is None else _windows(scene.windows, packing)
+    return {
+        "from": scene.from_s,
+        "until": scene.until_s,
+        "hold": {"track": HOLD_S, "cloud": CLOUD_S},
+        "tracks": tracks,
+        "paths": paths,
+        "clouds": clouds,
+        "windows": windows,
+        "contacts": [
+            {"seconds": each.seconds, "until": each.until_s, "x": each.x_m, "y": each.y_m, "collision": each.collision}
+            for each in scene.contacts
+        ],
+        "anchors": [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in run.anchors()],
+        "body": scene.body_m,
+        "extent": scene.extent_m(),
+        "moments": [asdict(each) | {"value": _value(each.value, each.unit)} for each in moments_of(run, scene)],
+        "feet": any(len(each.feet) for each in scene.tracks),
+        "lookahead": any(bool(np.isfinite(each.lookahead_m).any()) for each in scene.tracks),
+        "note": _note(scene),
+        "lengths": packing.lengths,
+        "packed": packing.finish(),
+    }
+
+
+class _Packing:
+    """Columns of integers on their way into the page."""
+
+    def __init__(self) -> None:
+        self.lengths: list[int] = []
+        self._parts: list[bytes] = []
+
+    def add(self, values: Float, unit: float) -> int:
+        """The number of a column with values (N,), finite, in whole units."""
+        return self.add_integers(np.rint(values / unit))
+
+    def add_integers(self, values: Float | Int) -> int:
+        """The number of a column with whole numbers (N,) of less than 2^30."""
+        whole = values.astype(np.int64)
+        steps = whole - np.concatenate([[0], whole[:-1]])
+        zigzag = ((steps << 1) ^ (steps >> 63)).astype("<u4")
+        self._parts.append(zigzag.view(np.uint8).reshape(-1, _WORD).T.tobytes())
+        self.lengths.append(len(values))
+        return len(self.lengths) - 1
+
+    def add_bytes(self, content: bytes) -> None:
+        """What follows the columns."""
+        self._parts.append(content)
+
+    def finish(self) -> str:
+        """Everything, deflated, in base64."""
+        return base64.b64encode(zlib.compress(b"".join(self._parts), _LEVEL)).decode()
+
+
+def _yaws(yaw_rad: Float) -> Int:
+    wrapped = (yaw_rad + np.pi) % (2 * np.pi) - np.pi
+    return _or(wrapped / UNIT_RAD, NO_YAW)
+
+
+def _or(values: Float, otherwise: int) -> Int:
+    """Whole numbers (N,), `otherwise` for those that do not exist or do not fit."""
+    fits = np.abs(values) < 2**30
+    return np.where(fits, np.rint(np.where(fits, values, 0)), otherwise).astype(np.int64)
+
+
+def _windows(windows: Windows, packing: _Packing) -> dict[str, Any]:
+    maps, (rows, columns) = windows.maps, windows.maps.shape
+    placed = {
+        "t": packing.add(windows.seconds, UNIT_S),
+        "column": packing.add_integers(windows.cell[:, 0]),
+        "row": packing.add_integers(windows.cell[:, 1]),
+    }
+    before = np.zeros((rows, (columns + 7) // 8), np.uint8)
+    for index, (column, row) in zip(windows.index.tolist(), windows.cell.tolist(), strict=True):
+        bits = np.packbits(np.roll(maps.occupied(index), (row % rows, column % columns), axis=(0, 1)), axis=1)
+        packing.add_bytes((bits ^ before).tobytes())
+        before = bits
+    origin_m = windows.origin_m.tolist()
+    return placed | {"rows": rows, "columns": columns, "cell": maps.cell_m, "x": origin_m[0], "y": origin_m[1]}
+
+
+def _value(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{short(value)} {unit}".strip().replace("-", "\N{MINUS SIGN}")
+
+
+def _note(scene: Scene) -> str:
+    """What was thinned, as one sentence; empty where nothing was."""
+    return f"Thinned for this page: {'; '.join(scene.thinned)}." if scene.thinned else ""
