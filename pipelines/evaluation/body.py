@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.messages import Float
+from quadlog.messages import Float, Int
 from quadlog.metrics.body import (
     BodySeries,
     Gait,
@@ -25,6 +25,7 @@ from quadlog.metrics.metric import Metric, Metrics
 from quadlog.results.run.tables import (
     CONTACTS,
     DUTY_FACTORS,
+    FOOT_FORCES,
     JOINT_COLUMNS,
     TABLES,
     TableWriter,
@@ -36,7 +37,9 @@ if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegGeometry
     from quadlog.simulation.robot.height_field import HeightField
 
-_RATES, _TORQUES = JOINT_COLUMNS[1], JOINT_COLUMNS[2]
+_ANGLES, _RATES, _TORQUES = JOINT_COLUMNS
+_ROWS = 1 << 16
+"""Heights are computed of so many rows at a time: at 1 kHz the feet of an hour would be 1 GB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,7 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
     """From joints.parquet and poses.parquet; geometry: of the legs, for the height. Raises NotARun."""
     poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "roll_rad", "pitch_rad"])
     t_ns = read_table(run, "joints", ["t_ns"])["t_ns"]
-    # Leg by leg: at 1 kHz a whole table of an hour would be 1 GB.
+    # Leg by leg, as the whole table of an hour at 1 kHz would be 1 GB.
     torque_nm, power_w = np.empty((len(t_ns), 12), np.float32), np.zeros(len(t_ns))
     for leg in range(4):
         joints = slice(3 * leg, 3 * leg + 3)
@@ -73,9 +76,8 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
         )
         torque_nm[:, joints] = leg_torque_nm
         power_w += np.abs(leg_torque_nm * rates_radps).sum(axis=1)
-    weights = np.column_stack(list(read_table(run, "joints", CONTACTS).values()))
     tilt_rad = [np.interp(t_ns, poses["t_ns"], poses[name], np.nan, np.nan) for name in ("roll_rad", "pitch_rad")]
-    stance = stance_by_weight(t_ns, weights)
+    stance = _logged_stance(run, t_ns)
     return BodySeries(
         t_ns=t_ns,
         speed_mps=ground_speed(t_ns, poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]])),
@@ -85,6 +87,41 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
         height_m=np.full(len(t_ns), np.nan) if geometry is None else _height(run, geometry, stance, *tilt_rad),
         pitch_rad=tilt_rad[1],
     )
+
+
+def _logged_stance(run: Path, t_ns: Int) -> Float:
+    """(N, 4) of the contacts that leg odometry estimated; of the forces of feet that have none."""
+    weights = np.column_stack(list(read_table(run, "joints", CONTACTS).values()))
+    stance, unknown = stance_by_weight(t_ns, weights), np.isnan(weights).all(axis=0)
+    if unknown.any():
+        forces = np.column_stack(list(read_table(run, "joints", FOOT_FORCES).values()))
+        stance[:, unknown] = stance_by_force(t_ns, forces[:, unknown])
+    return stance
+
+
+def _height(run: Path, geometry: LegGeometry, stance: Float, roll_rad: Float, pitch_rad: Float) -> Float:
+    """(N,) of the body's origin above the soles of its standing feet; an unknown tilt is level, no foot is NaN."""
+    angles = list(read_table(run, "joints", _ANGLES).values())
+    height_m = np.empty(len(stance))
+    for first in range(0, len(stance), _ROWS):
+        rows = slice(first, first + _ROWS)
+        tilt_rad = np.nan_to_num(roll_rad[rows]), np.nan_to_num(pitch_rad[rows])
+        below_m = _feet_below(np.column_stack([each[rows] for each in angles]), geometry, *tilt_rad)
+        stands = (stance[rows] == 1) & np.isfinite(below_m)
+        count = stands.sum(axis=1)
+        summed_m = np.where(stands, below_m, 0.0).sum(axis=1)
+        height_m[rows] = np.where(count > 0, summed_m / np.maximum(count, 1), np.nan)
+    return height_m
+
+
+def _feet_below(position_rad: Float, geometry: LegGeometry, roll_rad: Float, pitch_rad: Float) -> Float:
+    """(N, 4) how far each sole is below the body's origin, of joints (N, 12), roll and pitch (N,)."""
+    from quadlog.positioning.leg_odometry import feet_in_body
+
+    x_m, y_m, z_m = np.moveaxis(feet_in_body(position_rad, geometry), -1, 0)
+    roll, pitch = roll_rad[:, None], pitch_rad[:, None]
+    across_m = np.sin(roll) * y_m + np.cos(roll) * z_m
+    return geometry.foot_radius_m + np.sin(pitch) * x_m - np.cos(pitch) * across_m
 
 
 def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries | None:
@@ -109,20 +146,6 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
         height_m=np.full(len(t_ns), np.nan) if ground is None else table["z_m"] - ground.height_at(xy_m),
         pitch_rad=table["pitch_rad"],
     )
-
-
-def _height(run: Path, geometry: LegGeometry, stance: Float, roll_rad: Float, pitch_rad: Float) -> Float:
-    """(N,) of the body's origin above the soles of its standing feet; an unknown tilt is level, no foot is NaN."""
-    from quadlog.positioning.leg_odometry import feet_in_body
-
-    angles = read_table(run, "joints", JOINT_COLUMNS[0])
-    feet_m = feet_in_body(np.column_stack(list(angles.values())), geometry)
-    roll, pitch = (np.nan_to_num(each)[:, None] for each in (roll_rad, pitch_rad))
-    across_m = np.sin(roll) * feet_m[..., 1] + np.cos(roll) * feet_m[..., 2]
-    below_m = geometry.foot_radius_m + np.sin(pitch) * feet_m[..., 0] - np.cos(pitch) * across_m
-    stands = (stance == 1) & np.isfinite(below_m)
-    count = stands.sum(axis=1)
-    return np.where(count > 0, np.where(stands, below_m, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
 def compare_bodies(run: Path, geometry: LegGeometry | None, ground: HeightField | None) -> dict[str, BodySeries]:

@@ -95,7 +95,7 @@ def _of_bodies(walk: ReplayContext) -> Metrics:
     known = known_body(config)
     if known is None:
         walk.note("no logged_cost_of_transport and no height of the body: set robot.preset or robot.model")
-    ground = walkable_ground(run, config.simulation.friction)[0] if (run / "ground.npz").is_file() else None
+    ground = None if body is None else walkable_ground(run, config.simulation.friction)[0]
     bodies = compare_bodies(run, None if known is None else known.geometry, ground)
     cost = {} if body is None else effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
     resimulated_cost = cost["cost_of_transport"].value if "cost_of_transport" in cost else math.nan

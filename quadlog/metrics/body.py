@@ -105,7 +105,10 @@ def _without_noise(t_ns: Int, measured: Float, stands: Bool) -> Float:
 
 
 class Strides(NamedTuple):
-    """S strides, each from one touch-down of a foot to its next: t_ns (S,) of the first rising, frequency_hz (S,)."""
+    """S strides, each from one touch-down of a foot to its next.
+
+    t_ns, row (S,): instant and row of the first touch-down, rising; frequency_hz (S,).
+    """
 
     t_ns: Int
     row: Int
@@ -164,9 +167,8 @@ def torque_rows(body: BodySeries, weight: Float | None = None) -> list[TorqueRow
 class Gait:
     """How a body walked over n rows; NaN where nothing tells.
 
-    speed_mps: mean. duty_factor: (4,) share of the moving time in which each foot stands. cost_of_transport: see
-    effort_metrics. Height and pitch: mean and standard
-    deviation over the moving rows.
+    speed_mps: mean. duty_factor: (4,) share of the moving rows in which each foot stands. cost_of_transport: see the
+    function. Height and pitch: mean and standard deviation over the moving rows.
     """
 
     n: int
@@ -200,7 +202,10 @@ def gait(body: BodySeries, mass_kg: float, weight: Float | None = None) -> Gait:
 
 
 def cost_of_transport(body: BodySeries, mass_kg: float, weight: Float | None = None) -> float:
-    """Mean power over weight and mean speed, rows with both known; what is slower than MOVING_MPS is no way."""
+    """Mean power over weight and mean speed, of rows with both known; speeds below MOVING_MPS count as 0.
+
+    mass_kg: NaN where it is not known; the result is NaN then, and for a body that does not move.
+    """
     counts = np.ones(len(body.t_ns)) if weight is None else weight
     known = np.isfinite(body.power_w) & np.isfinite(body.speed_mps)
     way = float((counts * np.where(body.moves, body.speed_mps, 0.0))[known].sum())
@@ -250,17 +255,16 @@ def _step_s(body: BodySeries) -> float:
 
 def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:
     """The samples of torque_rms_nm, torque_max_nm, duty_factor and stride_frequency_hz, by names with a prefix."""
-    known = np.isfinite(body.torque_nm)
-    count = known.sum(axis=1)
+    count = np.isfinite(body.torque_nm).sum(axis=1)
     some = count > 0
-    torque_nm = np.where(known, body.torque_nm, 0.0)[some].astype(np.float64)
-    row_rms_nm = np.sqrt((torque_nm**2).sum(axis=1) / count[some])
+    torque_nm = np.nan_to_num(body.torque_nm[some])
+    row_rms_nm = np.sqrt(np.square(torque_nm, dtype=np.float64).sum(axis=1) / count[some])
     found = strides(body)
     standing = np.where(body.moves, body.stance.mean(axis=1), np.nan)
     samples = {
         "torque_rms_nm": Samples(body.t_ns[some], row_rms_nm, "rms", weights=count[some]),
         "duty_factor": finite_samples(body.t_ns, standing, "mean"),
         "stride_frequency_hz": Samples(found.t_ns, found.frequency_hz, "mean"),
-        "torque_max_nm": Samples(body.t_ns[some], np.abs(torque_nm).max(axis=1), "max"),
+        "torque_max_nm": Samples(body.t_ns[some], np.abs(torque_nm).max(axis=1).astype(np.float64), "max"),
     }
     return {prefix + name: each for name, each in samples.items()}

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from quadlog.errors import CannotWrite
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
+from quadlog.results.page.body import body_tables
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
 from quadlog.results.page.player import player_of
@@ -134,6 +135,7 @@ def _render(
         metrics=_metrics(data),
         links=_links(data),
         **_contacts(data),
+        body=body_tables(data),
         plots=[
             *_frames(data.path),
             *(
