@@ -17,8 +17,7 @@ from quadlog.metrics.body import (
     gait,
     ground_speed,
     same_speed,
-    stance_by_force,
-    stance_by_weight,
+    stance_where,
     torque_rows,
 )
 from quadlog.metrics.metric import Metric, Metrics
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from quadlog.simulation.robot.height_field import HeightField
 
 _ANGLES, _RATES, _TORQUES = JOINT_COLUMNS
+_CONTACT = 0.5
 _ROWS = 1 << 16
 """Heights are computed of so many rows at a time: at 1 kHz the feet of an hour would be 1 GB."""
 
@@ -90,12 +90,17 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
 
 
 def _logged_stance(run: Path, t_ns: Int) -> Float:
-    """(N, 4) of the contacts that leg odometry estimated; of the forces of feet that have none."""
-    weights = np.column_stack(list(read_table(run, "joints", CONTACTS).values()))
-    stance, unknown = stance_by_weight(t_ns, weights), np.isnan(weights).all(axis=0)
+    """(N, 4) of the forces of feet, as in a simulation; of estimated contacts where a foot has no sensor.
+
+    These are 0 also for feet that carry and slip, or are about to leave the ground.
+    """
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
+
+    share = share_of_usual(np.column_stack(list(read_table(run, "joints", FOOT_FORCES).values())))
+    stance, unknown = stance_where(t_ns, share, CARRIES_SHARE), np.isnan(share).all(axis=0)
     if unknown.any():
-        forces = np.column_stack(list(read_table(run, "joints", FOOT_FORCES).values()))
-        stance[:, unknown] = stance_by_force(t_ns, forces[:, unknown])
+        weights = np.column_stack(list(read_table(run, "joints", CONTACTS).values()))
+        stance[:, unknown] = stance_where(t_ns, weights[:, unknown], _CONTACT)
     return stance
 
 
@@ -129,6 +134,8 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
 
     Its torques are those at its control's ticks; joint speeds are not saved, and its power is unknown.
     """
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
+
     forces, torques = [f"fz_{leg}_n" for leg in range(4)], list(_TORQUES)
     table = read_table(run, "control", ["t_ns", "x_m", "y_m", "z_m", "pitch_rad", "fallen", *torques, *forces])
     standing = ~table["fallen"]
@@ -141,7 +148,7 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
         t_ns=t_ns,
         speed_mps=ground_speed(t_ns, t_ns, xy_m),
         torque_nm=torque_nm,
-        stance=stance_by_force(t_ns, np.column_stack([table[name] for name in forces])),
+        stance=stance_where(t_ns, share_of_usual(np.column_stack([table[name] for name in forces])), CARRIES_SHARE),
         power_w=np.full(len(t_ns), np.nan),
         height_m=np.full(len(t_ns), np.nan) if ground is None else table["z_m"] - ground.height_at(xy_m),
         pitch_rad=table["pitch_rad"],

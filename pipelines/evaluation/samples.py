@@ -85,7 +85,7 @@ def read_samples(
         except QuadlogError as error:
             errors.append(error)
         else:
-            samples |= {name: each for name, each in found.items() if name in names}
+            samples |= {name: found[name] for name in source.metrics if name in names and name in found}
     return samples, errors
 
 

@@ -29,11 +29,10 @@ MOVING_MPS = 0.1
 SPEED_BIN_MPS = 0.1
 SHARED_S = 1.0
 """Two walks share a speed where both were walked so long in its bin."""
-CARRIES_SHARE = 0.3
-"""Of a foot's usual load, the 95th percentile of its own: a foot stands from there on."""
 SHORTEST_PHASE_S = 0.05
 """What is shorter is no stance and no swing, but noise of its estimate."""
 LONGEST_STRIDE_S = 2.0
+MAX_SPEED_MPS = 100.0
 MAX_GAP_S = 0.1
 """Strides over a longer gap between rows are not counted."""
 
@@ -79,29 +78,19 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
     return np.where(unknown | (t_s < 0) | (t_s > places_s[-1]), np.nan, speed_mps)
 
 
-def stance_by_weight(t_ns: Int, weight: Float) -> Float:
-    """(N, 4) 1 where a foot stands, of contact weights (N, 4) in 0..1; NaN where they are."""
-    return _without_noise(t_ns, weight, weight >= 0.5)
+def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
+    """(N, 4) 1 where what each foot carries (N, 4) is `least` or more, else 0; NaN where it is not known.
 
-
-def stance_by_force(t_ns: Int, force_n: Float) -> Float:
-    """(N, 4) 1 where a foot stands, of its forces (N, 4): as much as leg odometry takes for carrying."""
-    known = [column[np.isfinite(column)] for column in force_n.T]
-    usual_n = np.array([np.percentile(column, 95.0) if len(column) else 0.0 for column in known])
-    return _without_noise(t_ns, force_n, (force_n >= CARRIES_SHARE * usual_n) & (force_n > 0))
-
-
-def _without_noise(t_ns: Int, measured: Float, stands: Bool) -> Float:
-    """The majority of each SHORTEST_PHASE_S."""
+    The majority of each SHORTEST_PHASE_S counts.
+    """
     rows = len(t_ns)
     half = 0
     if rows > 1:
-        half = round(SHORTEST_PHASE_S / float(np.median(np.diff(t_ns)) * 1e-9 + 1e-12)) // 2
-    half = min(half, rows)
-    summed = np.concatenate([np.zeros((1, stands.shape[1])), np.cumsum(stands, axis=0)])
+        half = min(round(SHORTEST_PHASE_S / float(np.median(np.diff(t_ns)) * 1e-9 + 1e-12)) // 2, rows)
+    summed = np.concatenate([np.zeros((1, carried.shape[1])), np.cumsum(carried >= least, axis=0)])
     low, high = np.maximum(np.arange(rows) - half, 0), np.minimum(np.arange(rows) + half + 1, rows)
     share = (summed[high] - summed[low]) / (high - low)[:, None]
-    return np.where(np.isnan(measured), np.nan, share > 0.5)
+    return np.where(np.isnan(carried), np.nan, share > 0.5)
 
 
 class Strides(NamedTuple):
@@ -226,8 +215,8 @@ def _mean_and_std(values: Float, weight: Float) -> tuple[float, float]:
 def same_speed(one: BodySeries, other: BodySeries) -> tuple[Float, Float] | None:
     """Weights (N,) and (M,) of the rows of two walks with which both have the same distribution over speeds.
 
-    Speeds in bins of SPEED_BIN_MPS from MOVING_MPS on; a bin counts as much as the shorter of its two times, and not
-    at all where that is below SHARED_S. None where no speed is shared.
+    Speeds in bins of SPEED_BIN_MPS; a bin counts as much as the shorter of its two times, and not at all where that is
+    below SHARED_S. None where no speed is shared.
     """
     bins = [_bins(each) for each in (one, other)]
     most = max(int(each.max(initial=-1)) for each in bins) + 1
@@ -240,13 +229,17 @@ def same_speed(one: BodySeries, other: BodySeries) -> tuple[Float, Float] | None
     return np.where(bins[0] >= 0, one_s[bins[0]], 0.0), np.where(bins[1] >= 0, other_s[bins[1]], 0.0)
 
 
-MAX_SPEED_MPS = 100.0
-
-
 def _bins(body: BodySeries) -> Int:
-    """(N,) the bin of each row's speed, -1 where it does not move, or faster than any robot."""
-    known = body.moves & (body.speed_mps < MAX_SPEED_MPS)
-    return np.where(known, np.where(known, body.speed_mps, 0.0) / SPEED_BIN_MPS, -1.0).astype(np.int64)
+    """(N,) the bin of each row's speed, -1 where the body does not move, or faster than any robot.
+
+    That of the mean over whole stretches of SPEED_OVER_S: speed sways within a stride, and rows chosen by it would
+    be those of some phases of the gait. Bins are centred on multiples of their width, where wanted speeds are.
+    """
+    known = np.isfinite(body.speed_mps) & (body.speed_mps < MAX_SPEED_MPS)
+    _, stretch = np.unique(body.t_ns // round(SPEED_OVER_S * 1e9), return_inverse=True)
+    summed_mps = np.bincount(stretch, np.where(known, body.speed_mps, 0.0))
+    mean_mps = (summed_mps / np.maximum(np.bincount(stretch, known), 1.0))[stretch]
+    return np.where(known & (mean_mps >= MOVING_MPS), np.rint(mean_mps / SPEED_BIN_MPS), -1.0).astype(np.int64)
 
 
 def _step_s(body: BodySeries) -> float:
