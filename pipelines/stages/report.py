@@ -90,6 +90,8 @@ def _metrics(walk: ReplayContext) -> Metrics:
 def _of_bodies(walk: ReplayContext) -> Metrics:
     """body.parquet, gait.parquet and the metrics of bodies that no samples give; nothing without a logged body."""
     run, config, body = walk.run.path, walk.config, walk.body
+    for name in ("body", "gait"):
+        (run / f"{name}.parquet").unlink(missing_ok=True)  # of an earlier replay
     if not (has_table(run, "joints") and has_table(run, "poses")):
         return {}
     known = known_body(config)

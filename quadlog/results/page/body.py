@@ -17,9 +17,9 @@ _GAIT = (
     *((f"duty factor {leg}", name) for leg, name in zip(LEGS, DUTY_FACTORS, strict=True)),
     ("cost of transport", "cost_of_transport"),
     ("height, mean (m)", "height_mean_m"),
-    ("height, standard deviation (m)", "height_std_m"),
+    ("height, std (m)", "height_std_m"),
     ("pitch, mean (rad)", "pitch_mean_rad"),
-    ("pitch, standard deviation (rad)", "pitch_std_rad"),
+    ("pitch, std (rad)", "pitch_std_rad"),
 )
 _PHASES = ("stance", "swing")
 
@@ -34,7 +34,8 @@ def body_tables(data: RunData) -> dict[str, Any]:
 
 
 def _gait(gait: Table) -> dict[str, Any]:
-    heads = [BODIES[body] + _SPEEDS[speeds] for body, speeds in zip(gait["body"], gait["speeds"], strict=True)]
+    keys = zip(gait["body"], gait["speeds"], strict=True)
+    heads = [BODIES.get(body, body) + _SPEEDS.get(speeds, f", {speeds}") for body, speeds in keys]
     return {"heads": heads, "rows": [(words, [_known(value) for value in gait[name]]) for words, name in _GAIT]}
 
 

@@ -32,10 +32,11 @@ def draw_body_torques(run: RunData) -> Figure | None:
     if saved is None:
         return None
     torques = at_same_speeds(saved)
+    known_joint = np.isin(torques["joint"], JOINTS)
     figure, grid = style.new_stack(len(PHASES), 1.9, above_in=0.3)
     for panel, phase in zip(grid[:, 0], PHASES, strict=True):
         for place, body in enumerate(BODIES):
-            of_body = (torques["body"] == body) & (torques["phase"] == phase)
+            of_body = known_joint & (torques["body"] == body) & (torques["phase"] == phase)
             joint = np.array([JOINTS.index(name) for name in torques["joint"][of_body]])
             if not len(joint):
                 continue
@@ -43,12 +44,13 @@ def draw_body_torques(run: RunData) -> Figure | None:
                 joint + _BAR * (place - 0.5),
                 *(torques[name][of_body] for name in ("torque_rms_nm", "torque_peak_nm")),
             )
-            panel.bar(x, rms_nm, _BAR, color=_COLORS[body], label=f"{BODIES[body]}: rms")
-            panel.plot(x, peak_nm, "_", color=_COLORS[body], markersize=11, markeredgewidth=2, label="peak")
+            panel.bar(x, rms_nm, _BAR, color=_COLORS[body], label=f"{BODIES[body]}: rms, and its peak")
+            panel.plot(x, peak_nm, "_", color=_COLORS[body], markersize=11, markeredgewidth=2)
             panel.vlines(x, rms_nm, peak_nm, color=_COLORS[body], linewidth=0.8)
         panel.set_ylabel(f"{phase}: τ (N·m)")
         panel.set_ylim(bottom=0)
         panel.grid(visible=False, axis="x")
     style.legend_above(grid[0, 0])
-    grid[-1, 0].set_xticks(range(len(JOINTS)), [name.replace(" ", "\n") for name in JOINTS])
+    grid[-1, 0].set_xticks(range(len(JOINTS)), JOINTS, fontsize=8)
+    grid[-1, 0].set_xlabel("joint (FL: front left … RR: rear right)")
     return figure
