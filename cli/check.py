@@ -40,8 +40,8 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     metric; {} removes it. A check fails if the run lacks the metric, or if no bounds apply to the run.
 
     --write bounds each metric on the worse side, 10 % beyond the worst run of that name (0.01 for shares, 0 for
-    counts), and leaves out realtime_factor. An existing file is changed only with --force; its comments and other
-    bounds are kept.
+    counts), and leaves out realtime_factor. A bound that accepts a contact or a fall is named on stderr and has a
+    comment. An existing file is changed only with --force; its comments and other bounds are kept.
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click reads \b as: keep the lines of this paragraph
@@ -55,7 +55,8 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
         raise UsageError("--write proposes bounds and checks none: leave out --junit and --json")
     with runs_here(runs, RECORDS) as found:
         if write:
-            for name, count in propose_bounds(found, expect, force).items():
+            said = propose_bounds(found, expect, force, lambda text: click.echo(printable(text), err=True))
+            for name, count in said.items():
                 click.echo(f"{printable(expect)}: {count} bounds for {printable(name)}")
             return ExitCode.DONE
         checks = check_runs(found, expect, junit, force, lambda text: click.echo(printable(text), err=True))

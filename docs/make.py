@@ -56,6 +56,15 @@ QUADLOG_GRID__CELL_M=0.2 quadlog replay yesterday.bag -c quadlog.toml -o runs/co
 - `config.toml` in a run folder holds what was in force: `-c` on it gives the same run.
 """
 
+METRIC_KEYS = """Keys are the names of [metrics.md](metrics.md), values are tables with `min`, `max` or both.
+
+```toml
+[expect]
+collisions = { max = 0 }
+success_rate = { min = 0.99 }
+following_distance_mean_m = { min = 1.5, max = 2.5 }
+```"""
+
 METRICS = """# Metrics
 
 Every metric of `metrics.json` and `quadlog metrics`. `make docs` writes this page from `quadlog/metrics/catalogue.py`;
@@ -110,7 +119,7 @@ def _section(name: str, property_schema: dict[str, Any], models: dict[str, Any],
         rows.append((_code(key), _default(each, required), _unit(key), _allowed(each), each["description"]))
     half = len(brackets) // 2
     title = f"## `{brackets[:half]}{name}{brackets[half:]}`"
-    table = _table(("key", "default", "unit", "allowed", "meaning"), rows)
+    table = _table(("key", "default", "unit", "allowed", "meaning"), rows) if rows else f"{METRIC_KEYS}\n"
     return "\n".join([title, "", " ".join(model["description"].split()), "", table, *inner])
 
 

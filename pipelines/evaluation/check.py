@@ -11,6 +11,7 @@ from quadlog.results.compare.expectations import Expectations, read_expectations
 from quadlog.results.compare.run_check import (
     HEADER,
     RunCheck,
+    accepted_events,
     bound_names,
     check_run,
     merge_bounds,
@@ -45,8 +46,10 @@ def check_runs(
     return checks
 
 
-def propose_bounds(paths: Sequence[Path], expect: Path, force: bool) -> dict[str, int]:
+def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callable[[str], None]) -> dict[str, int]:
     """Write bounds made from the runs into the file; returns how many for each name.
+
+    Bounds that accept a contact or a fall have a comment in the file, and are said.
 
     An existing file needs `force`: it keeps its comments and all bounds but
     those proposed. Raises NotARun, AlreadyExists, CannotWrite, and for an
@@ -60,6 +63,8 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool) -> dict[str
         text = read_text(expect)
     bounds = propose(runs)
     _write(expect, merge_bounds(text, bounds, expect).encode())
+    for name, accepted in accepted_events(bounds).items():
+        say(f"warning: the bounds for {name} accept {'; '.join(accepted)}")
     return {name: len(each) for name, each in bounds.items()}
 
 

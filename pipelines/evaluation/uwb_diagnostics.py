@@ -19,7 +19,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
     levers_on_robot,
     roles_of,
 )
-from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, settings_of, tags_of
+from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
 from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
@@ -45,15 +45,18 @@ def uwb_diagnostics(
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
     try:
-        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference)
+        odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
+        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference, odometry=odometry)
         if streams.ranges is None:
             return empty, ["anchors are configured, but the recording has no UWB ranges"]
         tags = tags_of(config, streams.ranges)
+        body = body_tags_of(config, list(tags))
+        if len(body) == 1 and config.uwb.odometry:  # as in a replay, so that both have the same residuals
+            tags[body[0]] = replace(tags[body[0]], body_motion=odometry_motion(streams))
         anchors, settings = anchors_of(config), settings_of(config)
         located = locate(streams.ranges, anchors, list(tags.values()), settings)
     except QuadlogError as error:
         return empty, [f"UWB: {error}"]
-    body = body_tags_of(config, list(tags))
     role_of = {tag: role for role, tag in roles_of(config, list(tags)).items()} | dict.fromkeys(body, "robot")
     robot = body[0] if body else None
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)

@@ -13,7 +13,7 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.messages import Float, Int
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.metric import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, Remarks
@@ -73,7 +73,7 @@ def _fill(
     record: Callable[[], RunRecord],
 ) -> SavedMetrics:
     """Write config, metrics and results, then plots and the page on them; `run.json` last."""
-    saved = {name: asdict(metric) for name, metric in metrics.items()}
+    saved = saved_metrics(metrics)
     with clock.stage("report"):
         folder.write_config(config.model_dump(exclude_none=True))
         folder.write_metrics(saved)

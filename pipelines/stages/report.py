@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.metric import Metric, Metrics, saved_metrics
 from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import metrics_of
@@ -43,7 +43,7 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
     with walk.clock.stage("report"):
         walk.begin_folder()
         metrics = _metrics(walk)
-        walk.run.write_metrics(_plain(metrics))
+        walk.run.write_metrics(saved_metrics(metrics))
         if walk.robot is not None:
             write_derived(run, record=_record(walk, request, startup_s))
             write_layout(run)
@@ -51,18 +51,14 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := _realtime_factor(walk, request)) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")
-    walk.run.write_metrics(_plain(metrics))
+    walk.run.write_metrics(saved_metrics(metrics))
     record = _record(walk, request, startup_s)
     if request.draws:
         write_page(run, pictures, record)
     walk.check_left()
     walk.run.write_run_json(record)
     walk.say_what_is_new()
-    return _plain(metrics)
-
-
-def _plain(metrics: Metrics) -> dict[str, dict[str, Any]]:
-    return {name: asdict(metric) for name, metric in metrics.items()}
+    return saved_metrics(metrics)
 
 
 def _realtime_factor(walk: ReplayContext, request: ReplayRequest) -> float | None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from quadlog.config.schema import Config
+from quadlog.config.schema import UNKNOWN_METRIC, Config, ExpectedRange
 from quadlog.errors import (
     InvalidConfigValue,
     QuadlogError,
@@ -24,6 +24,7 @@ from quadlog.errors import (
     UnreadableConfig,
     UsageError,
 )
+from quadlog.metrics.catalogue import CATALOGUE
 
 ENVIRONMENT_PREFIX = "QUADLOG_"
 MAX_FILE_BYTES = 1 << 20
@@ -153,6 +154,9 @@ def _section_lines(name: str, section: BaseModel, notes: Mapping[str, Sequence[s
             # On one line, so that one # makes a comment of it; TOML forbids line breaks within strings.
             line = " ".join(part.strip() for part in tomli_w.dumps({key: value}).split("\n")).strip()
             yield line if key in section.model_fields_set else f"# {line}"
+    for key, bounds in (section.model_extra or {}).items():
+        sides = ", ".join(f"{side} = {value}" for side, value in bounds.model_dump(exclude_none=True).items())
+        yield f"{key} = {{ {sides} }}"
     yield ""
     for key, rows in lists:
         for row in rows:
@@ -268,8 +272,14 @@ def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
     source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
     if first["type"] == "extra_forbidden":
         position = next((part for part in loc if part.isdigit()), "0")
-        matches = difflib.get_close_matches(key, sorted(_keys_of(Config, "", position)), n=1, cutoff=0.0)
+        sides = [f"{'.'.join(loc[:-1])}.{side}" for side in ExpectedRange.model_fields if loc[0] == "expect"]
+        keys = sides or sorted(_keys_of(Config, "", position))
+        matches = difflib.get_close_matches(key, keys, n=1, cutoff=0.0)
         return UnknownConfigKey(key, matches[0] if matches else None, source)
+    if first["type"] == UNKNOWN_METRIC:
+        name = str(first["ctx"]["metric"])
+        near = difflib.get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
+        return UnknownConfigKey(f"{key}.{name}", f"{key}.{near[0]}" if near else None, source)
     reason = first["msg"].removeprefix("Value error, ")
     given = first.get("input")
     if isinstance(given, str | int | float | bool):

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation, Wbc
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, plugin_names
 from quadlog.config.robots import with_robot_preset
 from quadlog.config.section import Metres, Section, in_order
+from quadlog.metrics.catalogue import CATALOGUE
 
 
 def _as_list(value: object) -> object:
@@ -282,6 +284,36 @@ class Results(Section):
     frames: int = Field(6, ge=0, le=24, description="pictures of a simulated robot, side by side; 0: none")
 
 
+class ExpectedRange(Section):
+    """Bounds of a metric, both ends included; at least one."""
+
+    min: float | None = None
+    max: float | None = None
+
+    @model_validator(mode="after")
+    def _bounds_something(self) -> ExpectedRange:
+        if self.min is None and self.max is None:
+            raise ValueError("needs min, max or both")
+        return self if self.min is None or self.max is None else in_order(self, "min", "max", may_be_equal=True)
+
+
+UNKNOWN_METRIC = "unknown_metric"
+
+
+class Expect(Section):
+    """Bounds on metrics by name, as in eta_m = { max = 0.3 }; the report colours a metric only if it has a bound."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ExpectedRange]
+
+    @model_validator(mode="after")
+    def _metrics_exist(self) -> Expect:
+        for name in self.model_extra or {}:
+            if name not in CATALOGUE:
+                raise PydanticCustomError(UNKNOWN_METRIC, "there is no such metric", {"metric": name})
+        return self
+
+
 class Config(Section):
     """The whole file."""
 
@@ -298,6 +330,7 @@ class Config(Section):
     wbc: Wbc = Wbc()
     simulation: Simulation = Simulation()
     results: Results = Results()
+    expect: Expect = Expect()
 
     @model_validator(mode="before")
     @classmethod

@@ -224,10 +224,8 @@ _ENTRIES = (
         better="",
     ),
     MetricEntry(
-        "ate_rmse_m",
-        "m",
-        "absolute trajectory error against a reference, translation, in 3-D where both have heights, else in 2-D; "
-        "equal to evo_ape's rmse, in 2-D with --project_to_plane xy",
+        *("ate_rmse_m", "m"),
+        "absolute trajectory error, in 3-D where heights are known; evo_ape's rmse (2-D: --project_to_plane xy)",
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(

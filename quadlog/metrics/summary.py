@@ -48,9 +48,11 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
 
 
 def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
-    """The values of samples by the metric's name; none of too few samples."""
+    """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
-    return {name: Metric(_value(each), each.count, CATALOGUE[name].unit) for name, each in known.items()}
+    return {
+        name: Metric(_value(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +118,11 @@ def _interval(samples: Samples) -> Interval | None:
     """Of the value, from the interval of the mean that it is a function of; an extreme is none."""
     x, weights = samples.values, samples.weights
     match samples.statistic:
-        case "mean" | "length of mean":
+        case "mean":
             return _possible(mean_interval_in_time(x), x)
+        case "length of mean":
+            of_mean = mean_interval_in_time(x)
+            return None if of_mean is None else (max(of_mean[0], 0.0), of_mean[1])
         case "std":
             return _root(mean_interval_in_time((x - np.mean(x)) ** 2))
         case "rms" if weights is not None:

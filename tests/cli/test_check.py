@@ -119,3 +119,16 @@ def test_a_recording_without_a_run_is_no_success(bounds, tmp_path, quadlog, ok):
     done = quadlog("metrics", runs)
     assert (done.code, "broken: was not replayed: " in done.err) == (3, True)
     assert quadlog("metrics", runs, "--fail-if", "uwb_rmse_m>1e9").code == 4
+
+
+def test_bounds_that_accept_a_fall_or_contact_are_named_and_commented(follow, tmp_path, quadlog):
+    copy, path = shutil.copytree(follow, tmp_path / "follow"), tmp_path / "bounds.toml"
+    for value, events in ((0, 0), (2, 2)):
+        metrics = {name: {"value": value, "n": 9, "unit": ""} for name in ("fallen", "collisions", "eta_m")}
+        (copy / "metrics.json").write_text(json.dumps(metrics))
+        done = quadlog("check", copy, "--expect", path, "--write", "--force")
+        assert (done.code, done.out) == (0, f"{path}: 3 bounds for follow\n")
+        assert done.err.startswith("warning: the bounds for follow accept ") is (events > 0)
+        assert ("a fall (fallen)" in done.err, "(collisions)" in done.err) == (events > 0, events > 0)
+        assert path.read_text().count(" # accepts ") == events
+        assert quadlog("check", copy, "--expect", path).code == 0

@@ -34,6 +34,7 @@ from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlac
 from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams
 from quadlog.results.run.maps import DilutionGrid, write_dilution
 from quadlog.results.run.tables import TABLES, TableWriter
 
@@ -312,22 +313,27 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
     return config.model_copy(update={"uwb": config.uwb.model_copy(update={"anchors": anchors})})
 
 
-def _body_motion(walk: ReplayContext) -> BodyMotion | None:
-    """The robot's own motion by odometry, or else its legs or the lidar; None where nothing gives velocities."""
-    odometry, streams = walk.streams.odometry, walk.streams
-    linear_mps, angular_radps = streams.odometry_linear_mps, streams.odometry_angular_radps
-    causal = not walk.config.uwb.smooth
+def odometry_motion(streams: Streams) -> BodyMotion | None:
+    """The robot's own motion by its odometry; None without one that gives velocities."""
+    odometry, linear_mps, angular_radps = streams.odometry, streams.odometry_linear_mps, streams.odometry_angular_radps
     if odometry is None or linear_mps is None or angular_radps is None or not linear_mps.any():
-        if walk.legs is not None:
-            return legs_motion(walk.legs, causal=causal)
-        track = None if walk.tracker is None else walk.tracker.track()
-        return None if track is None else body_motion(track, causal=causal)
+        return None
     return BodyMotion(
         odometry.t_ns,
         linear_mps[:, :2],
         yaw_from_quat(odometry.quat_xyzw),
         angular_radps[:, 2],
     )
+
+
+def _body_motion(walk: ReplayContext) -> BodyMotion | None:
+    """The robot's own motion by odometry, or else its legs or the lidar; None where nothing gives velocities."""
+    causal = not walk.config.uwb.smooth
+    motion = odometry_motion(walk.streams)
+    if motion is None and walk.legs is not None:
+        return legs_motion(walk.legs, causal=causal)
+    track = None if motion is not None or walk.tracker is None else walk.tracker.track()
+    return motion if track is None else body_motion(track, causal=causal)
 
 
 def wants_uwb(config: Config) -> bool:

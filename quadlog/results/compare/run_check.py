@@ -89,7 +89,7 @@ _DIGITS = 3
 _LEAST_MARGIN = Decimal("0.0001")  # allows for rounding errors on another machine
 _SHARE_MARGIN = Decimal("0.01")
 
-_COUNTS = frozenset({"fallen", "collisions"})
+_EVENTS = {"fallen": "a fall", "collisions": "contact with obstacles"}
 _SHARES = frozenset({"success_rate", "fallback_share", "torque_saturation_share", "suboptimality_mean"})
 _LARGER_IS_BETTER = frozenset({"success_rate", "clearance_min_m", "ratio_to_astar"})
 _NEITHER_IS_BETTER = frozenset({"following_distance_mean_m", "lateral_drift_m", "yaw_rate_degps", "forward_m"})
@@ -109,6 +109,24 @@ def propose(runs: Sequence[Run]) -> dict[str, tuple[Bound, ...]]:
     return {name: _propose_for(each) for name, each in by_name.items()}
 
 
+def accepted_events(bounds: Mapping[str, Sequence[Bound]]) -> dict[str, list[str]]:
+    """By name, what the proposed bounds accept that should not happen at all: contacts and falls, in words."""
+    words = {
+        name: [f"{_accepts(bound)} ({bound.metric})" for bound in each if _accepts(bound)]
+        for name, each in bounds.items()
+    }
+    return {name: each for name, each in words.items() if each}
+
+
+def _accepts(bound: Bound) -> str:
+    """What a bound on a count of events, or on the clearance, accepts; empty if nothing."""
+    if bound.metric in _EVENTS and (bound.most or 0) > 0:
+        return _EVENTS[bound.metric]
+    if bound.metric == "clearance_min_m" and bound.least is not None and bound.least <= 0:
+        return "the body in an obstacle"
+    return ""
+
+
 def merge_bounds(text: str, bounds: Mapping[str, Sequence[Bound]], path: Path) -> str:
     """The TOML `text` of the file `path` with these bounds set; comments and all else are kept.
 
@@ -125,6 +143,8 @@ def merge_bounds(text: str, bounds: Mapping[str, Sequence[Bound]], path: Path) -
             for bound in each:
                 inline = tomlkit.inline_table()
                 inline.update(bound.sides())
+                if accepted := _accepts(bound):
+                    inline.comment(f"accepts {accepted}; edit it unless that is meant")
                 section[bound.metric] = inline
         merged = tomlkit.dumps(document)
         if tomllib.loads(merged.encode().decode()) == expected:
@@ -148,7 +168,7 @@ def _bound(metric: str, values: Sequence[float]) -> Bound:
 
 
 def _outwards(metric: str, value: float, sign: int) -> float:
-    if metric in _COUNTS:
+    if metric in _EVENTS:
         return value
     exact = Decimal(repr(value))
     margin = _SHARE_MARGIN if metric in _SHARES else max(_MARGIN * abs(exact), _LEAST_MARGIN)

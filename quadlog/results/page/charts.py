@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float
-from quadlog.results.plots.control import COMMANDS, JOINTS, LEGS, LOOKAHEAD, POSTURE, Columns
+from quadlog.results.plots.control import COMMANDS, JOINT_NAMES, JOINTS, LEG_NAMES, LEGS, LOOKAHEAD, POSTURE, Columns
 from quadlog.results.plots.run_data import RunData, Table, seen_around
-from quadlog.results.plots.style import COLORS, thin_line, thin_points
+from quadlog.results.plots.style import COLORS, error_classes, thin_line, thin_points
+from quadlog.results.plots.trajectory import is_ahead, some_plans
+from quadlog.storage.formats.tum import read_tum
 
 PANEL_POINTS = 800
 """Points per line: about two per pixel of a phone, extremes included."""
@@ -99,9 +101,10 @@ MAX_RUNS = 20_000
 
 
 def trajectory_chart(run: RunData) -> dict[str, Any] | None:
-    """Paths of robot, target, re-simulated or simulated walk with their times; anchors; walls. None without paths.
+    """Paths of robot, target, re-simulated or simulated walk and reference with their times; None without paths.
 
-    around: further points that must be in view.
+    Beside them anchors, walls, fixes (points), plans (lines); around: further points that must be in view. The robot's
+    walk has the class of its error at each point, whose labels are `errors`, where there is a reference.
     """
     walked = "simulated walk" if run.simulated else "re-simulated walk"
     wanted = [("course", "paths", "note")] if run.simulated else []
@@ -109,17 +112,56 @@ def trajectory_chart(run: RunData) -> dict[str, Any] | None:
     tables = [(label, run.table(name), color) for label, name, color in wanted]
     walks = [_walk(run, label, table, color) for label, table, color in tables if table is not None]
     walks = [walk for walk in walks if walk["x"]]
+    if is_ahead(run.table("target")):  # it would hide the colours of the robot's line
+        walks = [walk | {"hidden": True} if walk["label"] == "target" else walk for walk in walks]
     if not walks:
         return None
     anchors = [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in run.anchors()]
     walked_m = np.array([[x_m, y_m] for walk in walks for x_m, y_m in zip(walk["x"], walk["y"], strict=True)])
     around = [{"x": x_m, "y": y_m} for x_m, y_m in seen_around(walked_m, run.occupancy).tolist()]
-    return {"walks": walks, "anchors": anchors, "around": around, "walls": _walls(run)}
+    beside = {"fixes": _fixes(run), "plans": _plans(run)}
+    return {"walks": walks, "anchors": anchors, "around": around, "walls": _walls(run), **beside, **_errors(run, walks)}
+
+
+def _errors(run: RunData, walks: list[dict[str, Any]]) -> dict[str, Any]:
+    """The labels of the classes of the robot's error, each point's class put into its walk; the reference as a walk."""
+    poses, error_m = run.table("poses"), run.pose_error_m
+    if poses is None or error_m is None or not walks or walks[0]["label"] != "robot":
+        return {"errors": []}
+    kept = error_m[_kept(poses)]
+    of, labels = error_classes(kept)
+    walks[0]["classes"] = of.tolist()
+    truth = read_tum(run.path / "reference.tum")
+    columns = {"t_ns": truth.t_ns, "x_m": truth.position_m[:, 0], "y_m": truth.position_m[:, 1]}
+    walks.append(_walk(run, "reference", columns, "text") | {"dashed": True})
+    return {"errors": labels}
+
+
+def _fixes(run: RunData) -> dict[str, Any] | None:
+    """The fixes that are tracked, as points; None without any."""
+    fixes = run.table("fixes")
+    if fixes is None:
+        return None
+    good = np.flatnonzero(np.isfinite(fixes["x_m"]) & np.isfinite(fixes["y_m"]) & ~fixes["outlier"])
+    keep = good[thin_points(len(good), POINTS)]
+    return {"x": rounded(fixes["x_m"][keep]), "y": rounded(fixes["y_m"][keep])} if len(keep) else None
+
+
+def _plans(run: RunData) -> list[dict[str, Any]]:
+    """Some of the plans of a logged walk, the same as in the picture."""
+    if run.simulated:
+        return []
+    return [{"x": rounded(x), "y": rounded(y)} for x, y in some_plans(run.table("paths"))]
+
+
+def _kept(table: Table) -> NDArray[np.int64]:
+    """The rows of a walk that are drawn."""
+    finite = np.flatnonzero(np.isfinite(table["x_m"]) & np.isfinite(table["y_m"]))
+    return finite[thin_points(len(finite), POINTS)]
 
 
 def _walk(run: RunData, label: str, table: Table, color: str) -> dict[str, Any]:
-    finite = np.flatnonzero(np.isfinite(table["x_m"]) & np.isfinite(table["y_m"]))
-    keep = finite[thin_points(len(finite), POINTS)]
+    keep = _kept(table)
     seconds = [round(value, 3) for value in run.seconds(table["t_ns"])[keep].tolist()]
     return {
         "label": label,
@@ -165,9 +207,9 @@ _ERRORS: tuple[Columns, ...] = (
 )
 _TORQUES: tuple[Columns, ...] = tuple(
     (
-        f"torque of leg {leg} (N·m)",
+        f"torque of leg {LEG_NAMES[leg]} (N·m)",
         [
-            (f"tau_{joint:02d}_nm", f"τ{joint:02d}", tuple(COLORS)[joint % JOINTS])
+            (f"tau_{joint:02d}_nm", JOINT_NAMES[joint], tuple(COLORS)[joint % JOINTS])
             for joint in range(first, first + JOINTS)
         ],
     )
@@ -219,8 +261,13 @@ def _expanded(run: RunData) -> dict[str, Any] | None:
     lines = [("generated", "generated", "note"), ("expanded", "expanded", "robot")]
     panels = []
     for name, walk in (("plans", "logged walk"), ("resim_plans", "re-simulated walk")):
-        if (plans := run.table(name)) is not None:
-            panels.append(_panel(run, plans, (f"cells per replan (count), {walk}", lines)))
+        if (plans := run.table(name)) is None:
+            continue
+        seconds = run.seconds(plans["t_ns"])
+        drawn = [Line(label, color, seconds, plans[column].astype(np.float64)) for column, label, color in lines]
+        scratch = np.where(plans["from_scratch"], plans["expanded"], np.nan)
+        drawn.append(Line("from scratch", "target", seconds, scratch, points=True))
+        panels.append(panel(f"cells per replan (count), {walk}", drawn))
     return _over_time(panels)
 
 
@@ -239,11 +286,31 @@ def _residuals(run: RunData) -> dict[str, Any] | None:
     seconds = run.seconds(ranges["t_ns"])
     panels = []
     for tag in np.unique(ranges["tag"])[:MAX_TAGS]:
-        lines = []
+        measured, lines = [], []
         for color, anchor in zip(COLORS, np.unique(ranges["anchor"]), strict=False):
             mine = (ranges["tag"] == tag) & (ranges["anchor"] == anchor)
+            measured.append(Line(f"anchor {anchor}", color, seconds[mine], ranges["range_m"][mine], points=True))
             lines.append(Line(f"anchor {anchor}", color, seconds[mine], residual_m[mine], points=True))
-        panels.append(panel(f"residual of tag {tag} (m)", lines))
+        of_tag = seconds[ranges["tag"] == tag][[0, -1]]
+        lines.append(Line("NLOS above", "text", of_tag, np.full(2, run.late_beyond_m())))
+        panels += [panel(f"range of tag {tag} (m)", measured), panel(f"residual of tag {tag} (m)", lines)]
+    return _over_time(panels)
+
+
+def _tracking_error(run: RunData) -> dict[str, Any] | None:
+    """The errors of place and yaw, and the saved means of the distances."""
+    control = run.table("control")
+    if control is None:
+        return None
+    panels = []
+    seconds = run.seconds(control["t_ns"])
+    for what, columns in _ERRORS:
+        lines = [Line(label, color, seconds, control[name]) for name, label, color in columns]
+        for name, metric in (("time_error_m", "eta_time_m"), ("error_m", "eta_m")):
+            color = next((color for column, _, color in columns if column == name), None)
+            if color is not None and (mean_m := run.metric(metric)) is not None:
+                lines.append(Line(f"mean {metric}", color, seconds, np.full(len(seconds), mean_m)))
+        panels.append(panel(what, lines))
     return _over_time(panels)
 
 
@@ -260,6 +327,8 @@ def _uwb_error(run: RunData) -> dict[str, Any] | None:
         for source, color in (("fixes", "note"), ("track", "robot")):
             mine = (errors["tag"] == tag) & (errors["source"] == source)
             lines.append(Line(source, color, seconds[mine], error_m[mine], points=source == "fixes"))
+            if source == "track":
+                lines.append(Line("95 % bound of track", "text", seconds[mine], errors["bound_m"][mine]))
         panels.append(panel(f"error of tag {tag} (m)", lines))
     return _over_time(panels)
 
@@ -270,7 +339,7 @@ _CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {
     "uwb_error": _uwb_error,
     "scans": _scans,
     "expanded": _expanded,
-    "tracking_error": _of_table("control", _ERRORS),
+    "tracking_error": _tracking_error,
     "displacement": _of_table("control", _DISPLACEMENT),
     "euler_angles": _of_table("control", _ANGLES),
     "lookahead": _of_table("control", LOOKAHEAD),

@@ -11,12 +11,13 @@ from urllib.parse import quote
 
 import numpy as np
 
-from quadlog.errors import QuadlogError
+from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.messages import Float
 from quadlog.results.page.html import render_page
 from quadlog.results.plots.style import thin_line, thin_points
+from quadlog.results.run.find_runs import find_runs
 from quadlog.results.run.names import run_name
-from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.run.run_folder import read_metrics, read_run_json
 from quadlog.results.run.tables import COST_NAMES, METRIC_NAMES, has_table, read_table
 from quadlog.storage.atomic_write import write_whole
 
@@ -82,7 +83,7 @@ def thumbnails(folder: Path, recordings: Sequence[str]) -> list[Thumbnail]:
     """
     walks = []
     for recording in recordings:
-        if recording == run_name(recording) and (found := _walks(folder / recording)):
+        if _is_inside(recording) and (found := _walks(folder / recording)):
             walks.append((recording, found))
         if len(walks) == MAX_THUMBNAILS:
             break
@@ -158,13 +159,14 @@ _STATES = {
 
 
 def write_folder_report(folder: Path) -> Path:
-    """A page with a sortable row per recording of summary.parquet, linked to the run's report.
+    """A page with a sortable row per recording of summary.parquet and per further run inside, linked to its page.
 
-    `recording` is the name of the run's folder. If all are simulated walks, the page has mean and sample deviation.
+    `recording` is the name of the run's folder; of a run in an inner folder the way to it. If all are simulated walks,
+    the page has mean and sample deviation.
 
     Raises NotARun without a readable summary.parquet, CannotWrite.
     """
-    summary = read_table(folder, "summary")
+    summary = _with_inner_runs(folder, read_table(folder, "summary"))
     shown = [name for name in METRIC_NAMES if np.isfinite(summary[name]).any()]
     costs = [name for name in COST_NAMES if np.isfinite(summary[name]).any()]
     rows = [_row(folder, summary, [*shown, *costs], index) for index in range(len(summary["recording"]))]
@@ -196,9 +198,42 @@ def write_folder_report(folder: Path) -> Path:
     return report
 
 
+def _with_inner_runs(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
+    """The summary with a row for each run that `find_runs` finds in the folder and the summary does not have."""
+    try:
+        runs = [run.relative_to(folder).as_posix() for run in find_runs([folder])]
+    except NotARun:
+        return summary
+    rows = [_row_of_run(folder, run) for run in runs if run not in set(summary["recording"]) and _is_inside(run)]
+    if not rows:
+        return summary
+    empty = {name: "" if values.dtype == object else np.nan for name, values in summary.items()}
+    return {
+        name: np.concatenate([values, np.array([row.get(name, empty[name]) for row in rows], values.dtype)])
+        for name, values in summary.items()
+    }
+
+
+def _row_of_run(folder: Path, run: str) -> dict[str, Any]:
+    """Outcome and metrics of a run, by its own files; one that cannot be read, or is not finished, has failed."""
+    try:
+        record, metrics = read_run_json(folder / run), read_metrics(folder / run)
+        lost = "; ".join(str(loss["detail"]) for loss in record.get("losses", []))
+    except (QuadlogError, LookupError, TypeError) as error:
+        return {"recording": run, "exit_code": int(ExitCode.FAILED), "reason": str(error)}
+    values = {name: float(each["value"]) for name, each in metrics.items() if name in METRIC_NAMES}
+    code = ExitCode.WITH_LOSS if lost else ExitCode.DONE
+    return {"recording": run, "exit_code": int(code), "reason": lost, **values}
+
+
+def _is_inside(recording: str) -> bool:
+    """Whether it is a plain name of a folder, or the way to an inner one: no name in it leads elsewhere."""
+    return all(part == run_name(part) for part in recording.split("/"))
+
+
 def _is_walk(folder: Path, recording: str) -> bool:
     """Whether a run of the folder is a simulated walk, by its run.json."""
-    if recording != run_name(recording):
+    if not _is_inside(recording):
         return False
     try:
         options = read_run_json(folder / recording).get("options")
@@ -235,6 +270,6 @@ def _row(folder: Path, summary: dict[str, Any], shown: list[str], index: int) ->
 
 def _link(folder: Path, recording: str) -> str | None:
     """Relative URL of the run's report; None if it does not exist or the name is not a plain folder name."""
-    if recording != run_name(recording) or not (folder / recording / "report.html").is_file():
+    if not _is_inside(recording) or not (folder / recording / "report.html").is_file():
         return None
     return f"./{quote(recording)}/report.html"

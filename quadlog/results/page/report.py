@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from quadlog.errors import CannotWrite
-from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.results.page.body import body_tables
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
+from quadlog.results.page.metric_cards import metric_themes
 from quadlog.results.page.player import player_of
+from quadlog.results.page.verdict import verdict
 from quadlog.results.plots.figures import PLOTS, SharedDrawing, render_plots
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.record import RunRecord
 from quadlog.results.run.stages import STAGES
-from quadlog.results.run.tables import METRIC_NAMES
 from quadlog.storage.atomic_write import write_whole
 
 COLUMNS, GAP_PX = 3, 4
@@ -56,6 +56,7 @@ _MAX_CONTACTS = 100
 _SIMULATED_STAGES = ("control", "report")
 _CHART_SCRIPTS = ("vendor/uPlot.iife.min.js", "charts.js", "time_charts.js", "map_chart.js")
 _PLAYER_SCRIPTS = ("player_scene.js", "player_view.js", "player.js")
+_SEARCH_SCRIPTS = ("search.js",)
 _CHART_STYLES = ("vendor/uPlot.min.css",)
 
 
@@ -117,29 +118,32 @@ def _render(
 ) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
-    scripts = (*(_CHART_SCRIPTS if charts or player else ()), *(_PLAYER_SCRIPTS if player else ()))
+    drawn = bool(charts or player)
+    scripts = (*_CHART_SCRIPTS * drawn, *_PLAYER_SCRIPTS * (player is not None), *_SEARCH_SCRIPTS * bool(data.metrics))
     return render_page(
         "report.html.jinja",
         scripts=scripts,
-        styles=_CHART_STYLES if scripts else (),
+        styles=_CHART_STYLES * drawn,
         player=player,
         player_data=Markup(to_script_json(player)),  # noqa: S704
         charts=charts,
         chart_data=Markup(to_script_json(charts)),  # noqa: S704
         title=_title(data),
+        verdict=verdict(data),
+        themes=metric_themes(data),
         record=record,
+        arrived=_arrived(data),
         left_out=data.left_out(),
         simulated=data.simulated,
         stages=[{"name": name, "done": name in done} for name in (_SIMULATED_STAGES if data.simulated else STAGES)],
         total_s=sum(stage.seconds for stage in record.stages),
-        metrics=_metrics(data),
         links=_links(data),
         **_contacts(data),
         body=body_tables(data),
         plots=[
             *_frames(data.path),
             *(
-                _picture(plot.name, plot.title, plot.alt, plot.caption_of(data), pictures[plot.name])
+                _picture(plot.name, plot.title, plot.alt, *plot.captions(data), pictures[plot.name])
                 for plot in PLOTS
                 if plot.name in pictures
             ),
@@ -156,6 +160,13 @@ def _title(data: RunData) -> str:
     return f"{name}, {record.options.get('controller')}, seed {record.seed}" if data.simulated else name
 
 
+def _arrived(data: RunData) -> bool | None:
+    """Whether a simulated robot reached the end of its course; None where there is none to reach."""
+    if not data.simulated or data.metric("eta_m") is None:
+        return None
+    return data.metric("completion_time_s") is not None
+
+
 def _frames(run: Path) -> list[dict[str, Any]]:
     """The pictures of a simulated robot, which were drawn during the simulation and cannot be drawn again."""
     path = run / "plots" / "frames.png"
@@ -165,15 +176,8 @@ def _frames(run: Path) -> list[dict[str, Any]]:
     if not png.startswith(_PNG) or len(png) < 24:
         return []
     alt = "Pictures of the simulated robot at some instants of its walk, side by side."
-    return [_picture("frames", "The walk", alt, "The simulated robot, seconds after its start.", png)]
-
-
-def _metrics(data: RunData) -> list[dict[str, Any]]:
-    """Rows in the order of METRIC_NAMES; other metrics after them, by name."""
-    rank = {name: place for place, name in enumerate(METRIC_NAMES)}
-    names = sorted(data.metrics, key=lambda name: (rank.get(name, len(rank)), name))
-    rows = ((name, data.metrics[name]) for name in names)
-    return [{"name": name, "value": row["value"], "n": row.get("n"), "unit": row.get("unit", "")} for name, row in rows]
+    caption = "The simulated robot, seconds after its start."
+    return [_picture("frames", "The walk", alt, caption, caption, png)]
 
 
 def _links(data: RunData) -> list[dict[str, Any]]:
@@ -184,17 +188,17 @@ def _links(data: RunData) -> list[dict[str, Any]]:
 
 
 def _contacts(data: RunData) -> dict[str, Any]:
-    """The first rows of contacts.parquet, in seconds since the simulated robot's first tick, and how many more."""
-    contacts, control = data.table("contacts"), data.table("control")
-    if contacts is None or control is None:
+    """The first rows of contacts.parquet, in seconds since the start of the run, as in charts, and how many more."""
+    contacts = data.table("contacts")
+    if contacts is None:
         return {"contacts": [], "contacts_left_out": 0}
-    from_s = seconds_since(contacts["t_ns"], int(control["t_ns"][0]))
-    columns = {name: column[:_MAX_CONTACTS].tolist() for name, column in (contacts | {"from_s": from_s}).items()}
+    timed = contacts | {"from_s": data.seconds(contacts["t_ns"])}
+    columns = {name: column[:_MAX_CONTACTS].tolist() for name, column in timed.items()}
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return {"contacts": rows, "contacts_left_out": len(contacts["t_ns"]) - len(rows)}
 
 
-def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[str, Any]:
+def _picture(name: str, title: str, alt: str, caption: str, chart_caption: str, png: bytes) -> dict[str, Any]:
     """Template values of a PNG; its header holds width and height at bytes 16 to 24."""
     width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
     encoded = base64.b64encode(png).decode()
@@ -203,6 +207,7 @@ def _picture(name: str, title: str, alt: str, caption: str, png: bytes) -> dict[
         "title": title,
         "alt": alt,
         "caption": caption,
+        "chart_caption": chart_caption,
         "png": encoded,
         "width": width,
         "height": height,

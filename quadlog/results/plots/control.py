@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+LEG_NAMES = ("FL", "FR", "RL", "RR")
+JOINT_NAMES = tuple(f"{leg} {joint}" for leg in LEG_NAMES for joint in ("hip", "thigh", "calf"))
+"""Of the columns tau_00_nm to tau_11_nm."""
 LEGS, JOINTS = 4, 3
 
 Columns = tuple[str, Sequence[tuple[str, str, str]]]
@@ -65,8 +68,8 @@ def draw_torques(run: RunData) -> Figure | None:
         for name, panel in zip(names[leg], row, strict=True):
             keep = style.thin_line(control[name])
             panel.plot(run.seconds(control["t_ns"])[keep], control[name][keep], color=style.ROBOT, linewidth=0.7)
-            panel.set_title(f"τ{name[4:6]}", pad=3)
-        row[0].set_ylabel(f"leg {leg}: τ (N·m)")
+            panel.set_title(JOINT_NAMES[int(name[4:6])], pad=3)
+        row[0].set_ylabel(f"{LEG_NAMES[leg]}: τ (N·m)")
     for panel in panels[-1]:
         panel.set_xlabel("time (s)")
     return figure

@@ -25,7 +25,7 @@ from quadlog.results.plots.control import (
 from quadlog.results.plots.planning import draw_expanded, draw_grid
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.scans import draw_scan, draw_scans
-from quadlog.results.plots.trajectory import draw_terrain, draw_trajectory
+from quadlog.results.plots.trajectory import describe_trajectory, draw_terrain, draw_trajectory
 from quadlog.results.plots.uwb_position import draw_uwb_error, draw_uwb_geometry
 from quadlog.results.plots.uwb_ranges import draw_ranges, draw_residuals, draw_uwb_links
 
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 class Plot:
     """name: stem of the file; alt: text for readers who cannot see the picture; caption: how to read it.
 
-    simulated: caption for a simulated walk, if it differs.
+    simulated: caption for a simulated walk, if it differs. chart: what the interactive chart shows in place of the
+    picture, if it differs from it. describe: what this run's picture, or its chart, shows, put before the caption.
     """
 
     name: str
@@ -46,10 +47,19 @@ class Plot:
     caption: str
     draw: Callable[[RunData], Figure | None]
     simulated: str = ""
+    chart: str = ""
+    describe: Callable[[RunData, bool], str] | None = None
 
-    def caption_of(self, run: RunData) -> str:
-        """The caption for this run."""
-        return self.simulated if run.simulated and self.simulated else self.caption
+    def captions(self, run: RunData) -> tuple[str, str]:
+        """The captions of this run's picture and of its chart."""
+        picture = self.simulated if run.simulated and self.simulated else self.caption
+        both = picture, self.chart or picture
+        if self.describe is None:
+            return both
+        first, second = (
+            f"{self.describe(run, is_chart)} {text}" for is_chart, text in zip((False, True), both, strict=True)
+        )
+        return first.strip(), second.strip()
 
 
 PLOTS = (
@@ -57,28 +67,30 @@ PLOTS = (
         "trajectory",
         "Trajectory over the map",
         "Paths of robot, target and re-simulated walk drawn over the occupancy map, from above.",
-        "Where robot and target walked (● start, ■ end), with UWB fixes, some of the planned paths and the "
-        "re-simulated walk where the run has them. In the picture, the darker a cell, the more of the maps that "
-        "covered it had it occupied: walls are dark, what moved is pale; a chart has the cells that half of them had.",
+        "",
         draw_trajectory,
-        "The simulated walk (● start, ■ end) along its course, from above [Tracking, Figs 11, 16, 21].",
+        "As in [Tracking, Figs 11, 16, 21].",
+        describe=describe_trajectory,
     ),
     Plot(
         "ranges",
         "UWB ranges",
         "Range to every anchor over time for each tag, and below it the residual of each anchor over time.",
         "Measured ranges, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton trilateration "
-        "[Following]) at the smoothed track. Orange crosses in the picture: late by more than three standard "
-        "deviations, most likely without line of sight.",
+        "[Following]) at the smoothed track. Orange crosses: late by more than three standard deviations, most likely "
+        "without line of sight.",
         draw_ranges,
+        chart="Measured ranges of each tag, and their residuals (range − predicted, d_i − |p − a_i| of Gauss–Newton "
+        "trilateration [Following]) at the smoothed track, a colour for each anchor. Residuals above the line came "
+        "late by more than three standard deviations, most likely without line of sight (NLOS).",
     ),
     Plot(
         "residuals",
         "Range residuals per anchor",
         "Histogram of range residuals for each anchor, with its median, spread and share of late ranges.",
-        "How the residuals of each anchor are spread [Following, Figs 9–10]. A shifted median is a bias that "
-        "calibration did not take out; a tail to the right is NLOS. Spread is the interquartile range / 1.349; "
-        "the outermost bins hold everything beyond them.",
+        "How the residuals of each anchor, over all tags, are spread [Following, Figs 9–10]. The bias that was "
+        "subtracted is already taken out (UWB links has it): a median off zero is what is left of it, a tail to the "
+        "right is NLOS. Spread is the interquartile range / 1.349; the outermost bins hold everything beyond them.",
         draw_residuals,
     ),
     Plot(
@@ -107,6 +119,9 @@ PLOTS = (
         "included. Dashed: how far the claimed 95 % ellipse reaches in the direction of the error, as a running "
         "median. Fewer than 95 % within it means that the claim is too narrow: errors that persist, such as a bias.",
         draw_uwb_error,
+        chart="How far fixes and track of each tag on the robot are from where the reference puts that tag, lever arm "
+        "included, and how far the claimed 95 % ellipse of the track reaches in the direction of the error. More than "
+        "5 % of the track above it means that the claim is too narrow: errors that persist, such as a bias.",
     ),
     Plot(
         "scan",
@@ -123,6 +138,8 @@ PLOTS = (
         "How many points of each scan the filter called what [Following]. Between the coloured area and the black line "
         "lie the points outside the field of view.",
         draw_scans,
+        chart="How many points of each scan the filter called what [Following]. The valid points that are neither "
+        "ground nor obstacle nor outlier lie outside the field of view.",
     ),
     Plot(
         "terrain",
@@ -148,6 +165,8 @@ PLOTS = (
         "What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, generated "
         "cells ever opened. Circles mark replans that could not reuse the last path.",
         draw_expanded,
+        chart="What each replan cost the search, as [Planning, Fig. 18] shows it. Expanded cells were closed, "
+        "generated cells ever opened. Dots mark replans that could not reuse the last path.",
     ),
     Plot(
         "tracking_error",
@@ -155,12 +174,15 @@ PLOTS = (
         "Distance of the re-simulated robot to its plan over time, as nearest, signed and timed distance.",
         "How far the re-simulated robot was from the plan active at each tick: to its nearest point, the same with a "
         "sign, and to where the plan was due at that instant [Tracking, eq. 45]. Dashed: the mean η (eq. 46); grey: "
-        "± σ (eq. 47). In a replay every plan starts at the robot: the error starts anew "
-        "with each, and cannot exceed what is walked between two.",
+        "± σ (eq. 47). A replay's reference is a plan held for as long as walking it takes; the robot follows newer "
+        "ones.",
         draw_tracking_error,
         "How far the simulated robot was from its course at each tick: to the nearest point of it, the same with a "
         "sign, to where it was due at that instant, and in its direction [Tracking, eq. 45, Fig. 12]. Dashed: the mean "
         "η (eq. 46); grey: ± σ (eq. 47).",
+        chart="How far the simulated robot was from its reference path at each tick: to its nearest point, the same "
+        "with a sign, to where it was due at that instant, and in its direction [Tracking, eq. 45]; flat: the means η "
+        "(eq. 46).",
     ),
     Plot(
         "displacement",
@@ -204,7 +226,8 @@ PLOTS = (
         "torques",
         "Joint torques",
         "Joint torques of the four legs over time.",
-        "Torque of every joint [Tracking, eqs 43–44].",
+        "Torque of every joint [Tracking, eqs 43–44]: a row for each leg (FL front left, FR front right, RL rear left, "
+        "RR rear right), with hip, thigh and calf.",
         draw_torques,
     ),
     Plot(

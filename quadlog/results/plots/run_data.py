@@ -93,6 +93,7 @@ def accumulate(maps: MapSequence) -> Occupancy | None:
 Table = dict[str, NDArray[Any]]
 
 LATE_STD = 3.0
+REFERENCE_GAP_NS = 1_000_000_000
 LARGEST_DRAWN = 1e12
 """Larger numbers are not drawn: no quantity of a run comes near."""
 
@@ -169,6 +170,25 @@ class RunData:
         """Ground truth (N, 2) in map from the recording, or None."""
         path = self.path / "reference.tum"
         return read_tum(path).position_m[:, :2] if path.is_file() else None
+
+    @cached_property
+    def pose_error_m(self) -> Float | None:
+        """Distance (N,) of each pose to the reference at its instant, NaN where that has none within a second.
+
+        None where the two were not compared: a reference in another frame would be somewhere else.
+        """
+        path, poses = self.path / "reference.tum", self.table("poses")
+        if poses is None or self.metric("ate_rmse_m") is None or not path.is_file():
+            return None
+        truth = read_tum(path)
+        after = np.clip(np.searchsorted(truth.t_ns, poses["t_ns"]), 1, max(len(truth.t_ns) - 1, 1))
+        if len(truth.t_ns) < 2:
+            return None
+        far = truth.t_ns[after] - truth.t_ns[after - 1] > REFERENCE_GAP_NS
+        outside = (poses["t_ns"] < truth.t_ns[0]) | (poses["t_ns"] > truth.t_ns[-1])
+        seconds, of_truth = seconds_since(poses["t_ns"], self.start_ns), seconds_since(truth.t_ns, self.start_ns)
+        x_m, y_m = (np.interp(seconds, of_truth, truth.position_m[:, axis]) for axis in (0, 1))
+        return np.where(far | outside, np.nan, np.hypot(poses["x_m"] - x_m, poses["y_m"] - y_m))
 
     @property
     def simulated(self) -> bool:

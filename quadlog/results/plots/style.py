@@ -53,6 +53,23 @@ COLORS = {"robot": ROBOT, "target": TARGET, "plan": PLAN, "resim": RESIM, "note"
 COLORS |= {"text": BLACK, "olive": "#8a7a00"}
 """By name; report.css has one of each for light and for dark."""
 SERIES = tuple(COLORS.values())
+ERROR_COLORS = ("#5AA9DC", "#1F6FA8", "#7A3B9A", "#B3003C")
+"""Of classes of an error, from small to large; report.css has one of each for light and for dark."""
+
+
+def error_classes(error_m: Float) -> tuple[NDArray[np.int64], list[str]]:
+    """The class (N,) of each error, 0 to 3, -1 where it is NaN; and the classes' labels.
+
+    The limits are 1, 2 and 3 times a round number, so that about 95 % of the errors lie below the last.
+    """
+    known = error_m[np.isfinite(error_m)]
+    third_m = max(float(np.percentile(known, 95)) / 3 if len(known) else 0.0, 1e-3)
+    power = 10.0 ** np.floor(np.log10(third_m))
+    step_m = power * next(each for each in (1, 2, 3, 5, 10) if each * power >= third_m * (1 - 1e-9))
+    limits_m = step_m * np.arange(1, 4)
+    of = np.where(np.isfinite(error_m), np.searchsorted(limits_m, np.nan_to_num(error_m)), -1)
+    return of.astype(np.int64), [*(f"≤ {limit:.3g} m" for limit in limits_m), f"> {limits_m[-1]:.3g} m"]
+
 
 WIDTH_IN = 8.0
 DPI = 150  # 1200 px wide: sharp on dense screens, and text is still 13 px when shown 800 px wide

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,7 +76,9 @@ def draw_trajectory(run: RunData) -> Figure | None:
     _draw_map(run, axes)
     # A follower walks where its target walked: the later line is thinner, so that the earlier shows beside it.
     _draw_walk(axes, walks["poses"], "robot", style.ROBOT, 3.6)
-    _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
+    _draw_errors(axes, run)
+    if not is_ahead(walks["target"]):
+        _draw_walk(axes, walks["target"], "target", style.TARGET, 1.4)
     # A simulated robot is on its course, within a line's width: the course is drawn broad, and below it.
     label = "simulated walk" if run.simulated else "re-simulated walk"
     if run.simulated:
@@ -134,17 +137,21 @@ def _draw_fixes(axes: Axes, fixes: Table) -> None:
 
 
 def _draw_plans(axes: Axes, paths: Table | None) -> None:
+    label: str | None = "some plans"
+    for x, y in some_plans(paths):
+        axes.plot(x, y, color=style.PLAN, linewidth=1.0, alpha=0.9, label=label)
+        label = None
+
+
+def some_plans(paths: Table | None) -> Iterator[tuple[Float, Float]]:
+    """Yields x and y of SHOWN_PLANS plans, evenly over the run: the smooth curve, or the path where there is none."""
     if paths is None:
         return
     instants = np.unique(paths["t_ns"])
-    label: str | None = "some plans"
     for t_ns in instants[style.thin_points(len(instants), SHOWN_PLANS)]:
         mine = paths["t_ns"] == t_ns
         x, y = paths["smooth_x_m"][mine], paths["smooth_y_m"][mine]
-        if not np.isfinite(x).any():
-            x, y = paths["x_m"][mine], paths["y_m"][mine]
-        axes.plot(x, y, color=style.PLAN, linewidth=1.0, alpha=0.9, label=label)
-        label = None
+        yield (x, y) if np.isfinite(x).any() else (paths["x_m"][mine], paths["y_m"][mine])
 
 
 def _draw_walk(axes: Axes, table: Table | None, label: str, color: str, width: float) -> None:
@@ -157,6 +164,58 @@ def _draw_walk(axes: Axes, table: Table | None, label: str, color: str, width: f
     axes.plot(xy[keep, 0], xy[keep, 1], color=color, linewidth=width, label=label)
     axes.plot(*xy[0], "o", color=color, markersize=7, markeredgecolor="white", markeredgewidth=1.0)
     axes.plot(*xy[-1], "s", color=color, markersize=7, markeredgecolor="white", markeredgewidth=1.0)
+
+
+def _draw_errors(axes: Axes, run: RunData) -> None:
+    """The robot's line again, in the colours of its error, where there is a reference."""
+    poses, error_m = run.table("poses"), run.pose_error_m
+    if poses is None or error_m is None or not np.isfinite(error_m).any():
+        return
+    keep = style.thin_points(len(error_m), 10000)
+    of, labels = style.error_classes(error_m[keep])
+    x_m, y_m = poses["x_m"][keep], poses["y_m"][keep]
+    for index, (color, label) in enumerate(zip(style.ERROR_COLORS, labels, strict=True)):
+        if not (of == index).any():
+            continue
+        mine = of == index
+        mine[1:] |= mine[:-1]  # to the next point, so that the line has no gaps
+        axes.plot(np.where(mine, x_m, np.nan), np.where(mine, y_m, np.nan), color=color, linewidth=3.6, label=label)
+
+
+def describe_trajectory(run: RunData, is_chart: bool) -> str:
+    """What this run's map, or its chart, shows: a caption of what is there alone."""
+    names = [("poses", "the robot"), ("control", "the re-simulated walk")]
+    if not is_ahead(run.table("target")):
+        names.insert(1, ("target", "its target"))
+    if run.simulated:
+        names = [("paths", "the course"), ("control", "the simulated walk")]
+    text = f"{join_words([label for name, label in names if run.table(name) is not None])} from above"
+    text = f"{text[:1].upper()}{text[1:]} (● start, ■ end)"
+    beside = [("fixes", "UWB fixes (dots)"), *([] if run.simulated else [("paths", "some of the plans")])]
+    others = [label for name, label in beside if run.table(name) is not None]
+    truth = run.metric("ate_rmse_m") is not None and run.reference_xy_m is not None
+    others += ["the reference (dashed)"] * truth
+    text += f", with {join_words(others)}." if others else "."
+    if truth and run.pose_error_m is not None:
+        text += " The robot's line has the colour of its distance to the reference at that instant."
+    if run.occupancy is not None:
+        text += (
+            " Grey: cells that were occupied in at least half of the maps that covered them."
+            if is_chart
+            else " The darker a cell, the more of the maps that covered it had it occupied: walls are dark, what "
+            "moved is pale."
+        )
+    return text
+
+
+def is_ahead(target: Table | None) -> bool:
+    """Whether what is followed is the robot's own future, which lies on the robot's line."""
+    return target is not None and set(target["source"]) == {"ahead"}
+
+
+def join_words(words: list[str]) -> str:
+    """a, b and c."""
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
 def _draw_anchors(axes: Axes, anchors: list[tuple[int, float, float]]) -> None:

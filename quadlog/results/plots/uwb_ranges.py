@@ -172,8 +172,8 @@ def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> 
         return
     median_m = float(np.median(both_m))
     spread_m = float(np.subtract(*np.percentile(both_m, [75, 25]))) / 1.349  # a normal's standard deviation
-    panel.axvline(median_m, color=style.BLACK, linewidth=1.0, linestyle="--", label="median (bias)")
-    words = f"bias {median_m:+.3f} m\nspread {spread_m:.3f} m\n".replace("-", "−")
+    panel.axvline(median_m, color=style.BLACK, linewidth=1.0, linestyle="--", label="median")
+    words = f"median {median_m:+.3f} m\nspread {spread_m:.3f} m\n".replace("-", "−")
     panel.annotate(
         f"{words}NLOS {percent(len(nlos_m) / len(both_m))} of {count(len(both_m))}",
         (0, 1),

@@ -101,9 +101,12 @@ class RunFolder:
         write_whole(self.path / "config.toml", (_CONFIG_HEADER + tomli_w.dumps(_without_none(config))).encode())
 
     def write_metrics(self, metrics: Mapping[str, Mapping[str, Any]]) -> None:
-        """`metrics.json`: name: {value, n, unit}. A metric without a finite value does not apply and is left out."""
+        """`metrics.json`: name: {value, n, unit}, and low and high where both are there and finite.
+
+        A metric without a finite value does not apply and is left out.
+        """
         kept = {
-            name: {"value": _plain(metric["value"]), "n": int(metric["n"]), "unit": str(metric["unit"])}
+            name: {"value": _plain(metric["value"]), "n": int(metric["n"]), "unit": str(metric["unit"])} | _ends(metric)
             for name, metric in metrics.items()
             if metric["value"] is not None and math.isfinite(metric["value"])
         }
@@ -200,6 +203,11 @@ def _finite(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{text[:20]} is no finite number")
     return number
+
+
+def _ends(metric: Mapping[str, Any]) -> dict[str, float]:
+    ends = {name: float(metric[name]) for name in ("low", "high") if name in metric}
+    return ends if len(ends) == 2 and all(map(math.isfinite, ends.values())) else {}
 
 
 def _is_sound(metric: Mapping[str, Any]) -> bool:

@@ -170,3 +170,21 @@ def test_an_option_and_a_setting_of_one_key_must_agree(key, value, override, sam
     else:
         with pytest.raises(UsageError, match=rf"--option {value} and --set {re.escape(override)} differ"):
             configure(None, [override], {}, flags=flags)
+
+
+def test_bounds_of_metrics_come_back_from_the_file_and_unknown_metrics_are_refused(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[expect]\neta_m = { max = 0.3 }\nsuccess_rate = { min = 0.99, max = 1 }\n")
+    config = load_config(path, ["expect.collisions.max=0"], {})
+    dumped = config.model_dump(exclude_none=True)["expect"]
+    assert dumped == {"eta_m": {"max": 0.3}, "success_rate": {"min": 0.99, "max": 1.0}, "collisions": {"max": 0.0}}
+    path.write_text(commented_toml(config))
+    assert load_config(path, [], {}) == config
+    for wrong, said in (
+        ("eta={max=1}", "unknown key expect.eta; did you mean expect.eta_m?"),
+        ("eta_m={maxi=1}", "unknown key expect.eta_m.maxi; did you mean expect.eta_m.max?"),
+        ("eta_m={}", "needs min, max or both"),
+        ("eta_m={min=2,max=1}", "min must not be above max"),
+    ):
+        with pytest.raises((UnknownConfigKey, InvalidConfigValue), match=re.escape(said)):
+            load_config(None, [f"expect.{wrong}"], {})

@@ -163,7 +163,7 @@ def test_charts_are_drawn_read_off_and_zoomed(page: Path, browse: Browse) -> Non
     assert float(say["all"][0]) == pytest.approx(0.0, abs=0.02)
     assert re.fullmatch(r"0\.0\d s: l 2", say["said"])
     assert say["swapped"]
-    assert say["walks"] == ["robot", "target", "re-simulated walk"]
+    assert say["walks"] == ["robot", "target", "re-simulated walk", "UWB fixes", "some plans"]
 
 
 def _chart_data(page: Path) -> tuple[str, int, int]:

@@ -1,5 +1,5 @@
 "use strict";
-for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData).filter(([, chart]) => chart.walks)) {
+for (const [name, { walks, anchors, around, walls, fixes, plans, errors }] of Object.entries(chartData).filter(([, chart]) => chart.walks)) {
   // Who walked where, from above: metres are as long across as up, whatever is shown.
   const MARGIN_M = 1;
   const REACH = 40; // pixels from a walk within which it is read off
@@ -111,22 +111,47 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
         ctx.fillRect(x(left), y(bottom + cell), x(left + runs[at + 2] * cell) - x(left), y(bottom) - y(bottom + cell));
       }
     }
+    if (fixes && !fixes.hidden) {
+      ctx.fillStyle = painted("fix")();
+      ctx.globalAlpha = 0.5;
+      const dot = 2 * devicePixelRatio;
+      fixes.x.forEach((value, at) => ctx.fillRect(x(value) - dot / 2, y(fixes.y[at]) - dot / 2, dot, dot));
+      ctx.globalAlpha = 1;
+    }
+    // A line through points; classes: which colour each point's step to the next has, none for -1.
+    const stroke = (line, color, only = null) => {
+      ctx.strokeStyle = painted(color)();
+      ctx.beginPath();
+      let [down, before] = [false, false];
+      line.x.forEach((value, at) => {
+        const mine = value !== null && (only === null || line.classes[at] === only || before);
+        before = only !== null && line.classes[at] === only;
+        if (mine) ctx[down ? "lineTo" : "moveTo"](x(value), y(line.y[at]));
+        down = mine;
+      });
+      ctx.stroke();
+    };
     walks.forEach((walk, index) => {
       if (walk.hidden) return;
-      ctx.strokeStyle = painted(walk.color)();
-      ctx.lineWidth = (index === 0 ? 4 : 2) * devicePixelRatio; // later ones lie on the first
+      ctx.lineWidth = (index === 0 ? 4 : walk.dashed ? 1 : 2) * devicePixelRatio; // later ones lie on the first
       ctx.lineJoin = "round";
-      ctx.beginPath();
-      walk.x.forEach((value, at) => ctx[at ? "lineTo" : "moveTo"](x(value), y(walk.y[at])));
-      ctx.stroke();
+      ctx.setLineDash(walk.dashed ? [5 * devicePixelRatio, 4 * devicePixelRatio] : []);
+      stroke(walk, walk.color);
+      if (walk.classes) errors.forEach((_, level) => stroke(walk, `error-${level}`, level));
+      ctx.setLineDash([]);
+      ctx.fillStyle = painted(walk.color)();
+      if (walk.dashed) return;
       const last = walk.x.length - 1;
       const half = MARK * devicePixelRatio;
-      ctx.fillStyle = ctx.strokeStyle;
       ctx.beginPath();
       ctx.arc(x(walk.x[0]), y(walk.y[0]), half, 0, 2 * Math.PI);
       ctx.rect(x(walk.x[last]) - half, y(walk.y[last]) - half, 2 * half, 2 * half);
       ctx.fill();
     });
+    if (plans.length && !plans.hidden) {
+      ctx.lineWidth = devicePixelRatio;
+      plans.forEach((plan) => stroke(plan, "plan"));
+    }
     ctx.fillStyle = painted("text")();
     ctx.font = `${LABEL_PX * devicePixelRatio}px ${FONT}`;
     for (const anchor of anchors) {
@@ -227,7 +252,7 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
     swatch.style.background = styled(walk.color);
     button.prepend(swatch);
     button.type = "button";
-    button.setAttribute("aria-pressed", "true");
+    button.setAttribute("aria-pressed", String(!walk.hidden));
     button.addEventListener("click", () => {
       walk.hidden = !walk.hidden;
       button.setAttribute("aria-pressed", String(!walk.hidden));
@@ -235,6 +260,33 @@ for (const [name, { walks, anchors, around, walls }] of Object.entries(chartData
     });
     names.append(button);
   });
+  const besides = [
+    [fixes, "UWB fixes", "fix"],
+    [plans.length ? plans : null, "some plans", "plan"],
+  ];
+  for (const [shown, label, color] of besides.filter(([shown]) => shown)) {
+    const button = element("button", "", label);
+    const swatch = element("span", "swatch");
+    swatch.style.background = styled(color);
+    button.prepend(swatch);
+    button.type = "button";
+    button.setAttribute("aria-pressed", "true");
+    button.addEventListener("click", () => {
+      shown.hidden = !shown.hidden;
+      button.setAttribute("aria-pressed", String(!shown.hidden));
+      chart.redraw(false, false);
+    });
+    names.append(button);
+  }
+  if (errors.length) {
+    const key = element("p", "what", "Robot, distance to the reference: ");
+    errors.forEach((label, level) => {
+      const swatch = element("span", "swatch");
+      swatch.style.background = styled(`error-${level}`);
+      key.append(swatch, `${label} \u2002`);
+    });
+    area.prepend(key);
+  }
   area.prepend(names);
   area.append(told);
   instants.push((instant) => {

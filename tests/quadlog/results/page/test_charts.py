@@ -21,18 +21,19 @@ def test_charts_show_what_the_tables_hold(tiny_run: Path) -> None:
     charts = run_charts(RunData(tiny_run))
     control, ranges = read_table(tiny_run, "control"), read_table(tiny_run, "ranges")
     distance = charts["tracking_error"]["panels"][0]
-    assert [line["label"] for line in distance["lines"]] == ["to the timed reference", "to the path"]
+    assert [line["label"] for line in distance["lines"]] == ["to the timed reference", "to the path", "mean eta_m"]
     assert distance["seconds"] == pytest.approx(np.arange(200) * 0.02)
     assert distance["values"][1] == pytest.approx(control["error_m"].tolist(), abs=1e-4)
     assert [panel["what"] for panel in charts["expanded"]["panels"]] == [
         "cells per replan (count), logged walk",
         "cells per replan (count), re-simulated walk",
     ]
-    (residuals,) = charts["ranges"]["panels"]
+    measured, residuals = charts["ranges"]["panels"]
+    assert measured["values"][1] == pytest.approx(ranges["range_m"][ranges["anchor"] == 1].tolist(), abs=1e-3)
     second = ranges["anchor"] == 1
     expected = (ranges["range_m"] - ranges["predicted_m"])[second]
     assert residuals["values"][1] == pytest.approx(expected.tolist(), abs=1e-3)
-    assert all(line["points"] for line in residuals["lines"])
+    assert [line["points"] for line in residuals["lines"]] == [True, True, True, False]  # the last is the NLOS limit
     assert "posture" not in charts  # a robot without a body
     assert "torques" not in charts
 
@@ -55,7 +56,7 @@ def test_torques_have_a_panel_for_each_leg(tiny_run: Path) -> None:
     write_table(tiny_run / "control.parquet", TABLES["control"], control)
     panels = run_charts(RunData(tiny_run))["torques"]["panels"]
     assert [panel["values"][0][0] for panel in panels] == [0.0, 3.0, 6.0, 9.0]
-    assert [[line["label"] for line in panel["lines"]] for panel in panels][3] == ["τ09", "τ10", "τ11"]
+    assert [[line["label"] for line in panel["lines"]] for panel in panels][3] == ["RR hip", "RR thigh", "RR calf"]
 
 
 def test_charts_stand_beside_pictures_and_none_has_numbers_alone(reported: Path) -> None:

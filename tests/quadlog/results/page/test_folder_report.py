@@ -21,6 +21,7 @@ from quadlog.results.page.folder_report import (
     thumbnails,
     write_folder_report,
 )
+from quadlog.results.run.find_runs import find_runs
 from quadlog.results.run.tables import METRIC_NAMES, TABLES, write_table
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -191,3 +192,20 @@ def test_damaged_foreign_and_hostile_folders_have_no_thumbnail(tiny_run: Path) -
     assert thumbnails(tiny_run.parent, names) == []
     assert thumbnails(tiny_run.parent / "runs", ["../walk"]) == []
     assert len(thumbnails(tiny_run.parent, ["walk"] * (MAX_THUMBNAILS + 5))) == MAX_THUMBNAILS
+
+
+def test_runs_of_inner_folders_are_rows_linked_to_their_pages(tiny_original: Path, tmp_path: Path) -> None:
+    _summary(tmp_path, recording=["walk"], exit_code=[0], reason=[""], eta_m=[1.0])
+    for name in ("walk", "line-fpmw/seed-000", "line-fpmw/seed-001"):
+        shutil.copytree(tiny_original, tmp_path / name)
+    (tmp_path / "line-fpmw" / "seed-000" / "report.html").write_text("")
+    (tmp_path / "line-fpmw" / "seed-001" / "run.json").unlink()
+    page = write_folder_report(tmp_path).read_text()
+    assert f"{tmp_path.name}: 3 recordings" in page
+    assert len(find_runs([tmp_path])) == 3
+    _, inner, stopped = _rows(page)
+    assert '<a href="./line-fpmw/seed-000/report.html">line-fpmw/seed-000</a>' in inner
+    assert 'data-value="0.123">0.123<' in inner
+    assert ">3 with loss<" in inner
+    assert ">1 failed<" in stopped
+    assert "no run.json" in stopped

@@ -77,6 +77,7 @@ def test_a_long_run_is_thinned_and_says_so(tiny_run: Path) -> None:
     first_ns = int(poses["t_ns"][0])
     t_ns = first_ns + np.arange(rows, dtype=np.int64) * round(STEP_S * 1e9)
     long: dict[str, Any] = {"t_ns": t_ns, "x_m": np.linspace(0, 400, rows), "y_m": 0.0, "yaw_rad": 0.0, "source": "tf"}
+    long |= dict.fromkeys(("z_m", "roll_rad", "pitch_rad"), np.nan)
     write_table(tiny_run / "poses.parquet", TABLES["poses"], long)
     scene = _scene(tiny_run)
     (robot,) = [track for track in scene.tracks if track.key == "poses"]

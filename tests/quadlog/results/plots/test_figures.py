@@ -121,15 +121,15 @@ def test_the_trajectory_shows_every_path_where_it_was(tiny_original: Path) -> No
     assert axes.get_aspect() == 1.0
 
 
-def test_residual_notes_say_bias_and_nlos_share(tiny_run: Path, change: Any) -> None:
+def test_residual_notes_say_median_and_nlos_share(tiny_run: Path, change: Any) -> None:
     ranges = read_table(tiny_run, "ranges")
     second = ranges["anchor"] == 1
     range_m = np.where(second, ranges["predicted_m"] - 0.25, ranges["predicted_m"])
     range_m = np.where(second & (np.cumsum(second) <= 10), ranges["predicted_m"] + 0.5, range_m)
     change(tiny_run, "ranges", range_m=range_m)
     first, changed, *_ = (axes.texts[0].get_text() for axes in DRAW["residuals"](RunData(tiny_run)).axes)
-    assert re.search(r"bias −0.250 m\n.*\nNLOS 25.0 % of 40", changed)
-    assert re.search(r"bias \+0.000 m\n.*\nNLOS 0.0 %", first)
+    assert re.search(r"median −0.250 m\n.*\nNLOS 25.0 % of 40", changed)
+    assert re.search(r"median \+0.000 m\n.*\nNLOS 0.0 %", first)
 
 
 def test_columns_without_a_single_value_do_not_stop_the_report(tiny_run: Path, change: Any) -> None:
