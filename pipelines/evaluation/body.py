@@ -96,11 +96,12 @@ def _logged_stance(run: Path, t_ns: Int) -> Float:
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 
-    share = share_of_usual(np.column_stack(list(read_table(run, "joints", FOOT_FORCES).values())))
-    stance, unknown = stance_where(t_ns, share, CARRIES_SHARE), np.isnan(share).all(axis=0)
-    if unknown.any():
-        weights = np.column_stack(list(read_table(run, "joints", CONTACTS).values()))
-        stance[:, unknown] = stance_where(t_ns, weights[:, unknown], _CONTACT)
+    stance = np.empty((len(t_ns), len(CONTACTS)))
+    for leg, (force, contact) in enumerate(zip(FOOT_FORCES, CONTACTS, strict=True)):
+        carried, least = share_of_usual(read_table(run, "joints", [force])[force][:, None]), CARRIES_SHARE
+        if np.isnan(carried).all():
+            carried, least = read_table(run, "joints", [contact])[contact][:, None], _CONTACT
+        stance[:, [leg]] = stance_where(t_ns, carried, least)
     return stance
 
 

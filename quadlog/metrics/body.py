@@ -79,7 +79,7 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
 
 
 def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
-    """(N, 4) 1 where what each foot carries (N, 4) is `least` or more, else 0; NaN where it is not known.
+    """(N, F) 1 where what each foot carries (N, F) is `least` or more, else 0; NaN where it is not known.
 
     The majority of each SHORTEST_PHASE_S counts.
     """
@@ -248,16 +248,19 @@ def _step_s(body: BodySeries) -> float:
 
 def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:
     """The samples of torque_rms_nm, torque_max_nm, duty_factor and stride_frequency_hz, by names with a prefix."""
-    count = np.isfinite(body.torque_nm).sum(axis=1)
+    count, (squared, peak_nm) = np.zeros(len(body.t_ns), np.int64), np.zeros((2, len(body.t_ns)))
+    for torque_nm in body.torque_nm.T:  # all at once would take 1 GB for an hour
+        known = np.isfinite(torque_nm)
+        count += known
+        squared[known] += np.square(torque_nm[known], dtype=np.float64)
+        np.fmax(peak_nm, np.abs(torque_nm), out=peak_nm)
     some = count > 0
-    torque_nm = np.nan_to_num(body.torque_nm[some])
-    row_rms_nm = np.sqrt(np.square(torque_nm, dtype=np.float64).sum(axis=1) / count[some])
     found = strides(body)
     standing = np.where(body.moves, body.stance.mean(axis=1), np.nan)
     samples = {
-        "torque_rms_nm": Samples(body.t_ns[some], row_rms_nm, "rms", weights=count[some]),
+        "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / count[some]), "rms", weights=count[some]),
         "duty_factor": finite_samples(body.t_ns, standing, "mean"),
         "stride_frequency_hz": Samples(found.t_ns, found.frequency_hz, "mean"),
-        "torque_max_nm": Samples(body.t_ns[some], np.abs(torque_nm).max(axis=1).astype(np.float64), "max"),
+        "torque_max_nm": Samples(body.t_ns[some], peak_nm[some], "max"),
     }
     return {prefix + name: each for name, each in samples.items()}
