@@ -38,6 +38,7 @@ JOINT_COLUMNS = tuple(tuple(name.format(joint) for joint in range(12)) for name 
 """Names of a body's angles, rates and torques, by joint."""
 CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
 FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
+DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
@@ -78,6 +79,13 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
+    "body": table_schema(
+        "body:text speeds:text joint:text phase:text torque_rms_nm torque_peak_nm n:int n_unknown:int"
+    ),
+    "gait": table_schema(
+        f"body:text speeds:text n:int speed_mps stride_frequency_hz {' '.join(DUTY_FACTORS)} cost_of_transport "
+        "height_mean_m height_std_m pitch_mean_rad pitch_std_rad"
+    ),
     "summary": table_schema(
         f"recording:text exit_code:int reason:text {' '.join((*METRIC_NAMES, *COST_NAMES))} worker:text"
     ),
