@@ -133,12 +133,14 @@ def _feet_below(position_rad: Float, geometry: LegGeometry, roll_rad: Float, pit
 def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries | None:
     """From control.parquet until a fall, None for a robot without joints; ground: that it walked on. Raises NotARun.
 
-    Its torques are those at its control's ticks; joint speeds are not saved, and its power is unknown.
+    Its torques are those at its control's ticks, its power is the mean until the next one.
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 
     forces, torques = [f"fz_{leg}_n" for leg in range(4)], list(_TORQUES)
-    table = read_table(run, "control", ["t_ns", "x_m", "y_m", "z_m", "pitch_rad", "fallen", *torques, *forces])
+    table = read_table(
+        run, "control", ["t_ns", "x_m", "y_m", "z_m", "pitch_rad", "fallen", "energy_j", *torques, *forces]
+    )
     standing = ~table["fallen"]
     table = {name: column[standing] for name, column in table.items()}
     torque_nm = np.column_stack([table[name] for name in torques])
@@ -150,7 +152,7 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
         speed_mps=ground_speed(t_ns, t_ns, xy_m),
         torque_nm=torque_nm,
         stance=stance_where(t_ns, share_of_usual(np.column_stack([table[name] for name in forces])), CARRIES_SHARE),
-        power_w=np.full(len(t_ns), np.nan),
+        power_w=np.append(np.diff(table["energy_j"]) / (np.diff(t_ns) * 1e-9), np.nan)[: len(t_ns)],
         height_m=np.full(len(t_ns), np.nan) if ground is None else table["z_m"] - ground.height_at(xy_m),
         pitch_rad=table["pitch_rad"],
     )
@@ -163,11 +165,13 @@ def compare_bodies(run: Path, geometry: LegGeometry | None, ground: HeightField 
     return bodies if resimulated is None else bodies | {"resimulated": resimulated}
 
 
-def write_bodies(run: Path, bodies: Mapping[str, BodySeries], mass_kg: float, resimulated_cost: float) -> Metrics:
+def write_bodies(
+    run: Path, bodies: Mapping[str, BodySeries], masses_kg: Mapping[str, float], resimulated_cost: float
+) -> Metrics:
     """Writes body.parquet and gait.parquet; the metrics that no other table gives.
 
-    mass_kg: NaN where no robot is configured. resimulated_cost: cost of transport of its whole walk, which its tables
-    do not give.
+    masses_kg: of each body, NaN where it is not known. resimulated_cost: cost of transport of its whole walk, at the
+    rate of the simulation.
     """
     weights: dict[str, dict[str, Float | None]] = {"all": dict.fromkeys(bodies)}
     if len(bodies) == 2:
@@ -183,7 +187,7 @@ def write_bodies(run: Path, bodies: Mapping[str, BodySeries], mass_kg: float, re
                 head = {"body": name, "speeds": speeds}
                 for row in torque_rows(bodies[name], weight):
                     torques.add_row(head | row._asdict())
-                walked = gait(bodies[name], mass_kg, weight)
+                walked = gait(bodies[name], masses_kg[name], weight)
                 if speeds == "all" and name == "resimulated":
                     walked = replace(walked, cost_of_transport=resimulated_cost)
                 gaits.add_row(head | _gait_row(walked))

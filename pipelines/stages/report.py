@@ -97,7 +97,11 @@ def _of_bodies(walk: ReplayContext) -> Metrics:
     bodies = compare_bodies(run, None if known is None else known.geometry, ground)
     cost = {} if body is None else effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
     resimulated_cost = cost["cost_of_transport"].value if "cost_of_transport" in cost else math.nan
-    return write_bodies(run, bodies, math.nan if known is None else known.mass_kg, resimulated_cost)
+    masses_kg = {
+        "logged": math.nan if known is None else known.mass_kg,
+        "resimulated": math.nan if body is None else body.mass_kg,
+    }
+    return write_bodies(run, bodies, masses_kg, resimulated_cost)
 
 
 def _not_applicable(plans: Mapping[str, Any] | None) -> set[str]:

@@ -75,7 +75,7 @@ TABLES: dict[str, pa.Schema] = {
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
         "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
-        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool"
+        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool energy_j"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
@@ -93,7 +93,10 @@ TABLES: dict[str, pa.Schema] = {
 
 # Columns that may be left out when writing, and are then null.
 OPTIONAL = frozenset(
-    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES, "worker"}
+    {
+        *("optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"),
+        *(*_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES),
+    }
 )
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
@@ -102,7 +105,7 @@ UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "c
 # Columns that older tables lack; they are read as NaN or empty text.
 ADDED = {
     "summary": frozenset({*COST_NAMES, "worker"}),
-    "control": frozenset({"plan_error_m"}),
+    "control": frozenset({"plan_error_m", "energy_j"}),
     "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
 }
 
