@@ -241,7 +241,7 @@ def _interval(name: str, saved: Mapping[str, Any]) -> Interval | None:
 def _span(interval: Interval, times: float = 1.0, unit: str = "") -> str:
     """Both ends to two digits, or all before the point."""
     ends = (times * end for end in interval)
-    low, high = ((count(round(end)) if abs(end) >= 100 else short(end, 2)).replace("-", "\u2212") for end in ends)
+    low, high = ((count(round(end)) if abs(end) >= 99.5 else short(end, 2)).replace("-", "\u2212") for end in ends)
     return f"{low} to {high}{unit}"
 
 

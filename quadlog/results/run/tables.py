@@ -104,7 +104,7 @@ UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "c
 
 # Columns that older tables lack; they are read as NaN or empty text.
 ADDED = {
-    "summary": frozenset({*COST_NAMES, "worker"}),
+    "summary": frozenset({*METRIC_NAMES, *COST_NAMES, "worker"}),
     "control": frozenset({"plan_error_m", "energy_j"}),
     "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
 }
