@@ -84,9 +84,9 @@ def print_info(info: dict[str, Any]) -> None:
         _print_table(*link_table(info["uwb"][:MOST_LINKS]))
         _print_lines(_left_out(len(info["uwb"]) - MOST_LINKS, "links"))
     if info["uwb_tags"]:
-        tags = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
-        _print_lines(["", *(line for row in tags[:MOST_TAGS] for line in tag_lines(row))])
-        _print_lines(_left_out(len(tags) - MOST_TAGS, "tags"))
+        rows = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
+        _print_lines(["", *(line for row in rows[:MOST_TAGS] for line in tag_lines(row))])
+        _print_lines(_left_out(len(rows) - MOST_TAGS, "tags"))
         if info["uwb_body"]:
             _print_lines([f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"])
         if info["dilution"] is not None:

@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from quadlog.errors import CannotWrite
 from quadlog.messages import Float
+from quadlog.results.page.body import body_tables
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
 from quadlog.results.page.metric_cards import metric_themes
@@ -131,6 +132,7 @@ def _render(
         total_s=sum(stage.seconds for stage in record.stages),
         links=_links(data),
         **_contacts(data),
+        body=body_tables(data),
         plots=[
             *_frames(data.path),
             *(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from quadlog.errors import WorkerDied
 from quadlog.results.plots import style
+from quadlog.results.plots.body import draw_body_torques
 from quadlog.results.plots.control import (
     draw_commands,
     draw_displacement,
@@ -228,6 +229,15 @@ PLOTS = (
         "Torque of every joint [Tracking, eqs 43–44]: a row for each leg (FL front left, FR front right, RL rear left, "
         "RR rear right), with hip, thigh and calf.",
         draw_torques,
+    ),
+    Plot(
+        "body_torques",
+        "Torques of the logged and the re-simulated body",
+        "Bars of each joint's rms torque, with its peak, while its leg stands, while it swings, and at all times.",
+        "Bars: root mean square of each joint's torque; lines end at its peak. Where both bodies walked at the same "
+        "speeds, over those alone, each speed counted equally in both; else over the whole walk. A leg stands where "
+        "its foot carries weight.",
+        draw_body_torques,
     ),
 )
 
