@@ -12,7 +12,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.results.player.moments import Moment, moments_of
-from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Scene, Windows, scene_of
+from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Contact, Scene, Windows, scene_of
 from quadlog.results.player.two_scenes import two_moments, two_scenes
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.text.numbers import short
@@ -73,11 +73,6 @@ def _player(scene: Scene, anchors: Sequence[tuple[int, float, float]], moments: 
          "y": packing.add(each.y_m, UNIT_M)}
         for each in scene.clouds
     ]  # fmt: skip
-    contacts = [
-        {"seconds": each.seconds, "until": each.until_s, "x": each.x_m, "y": each.y_m, "collision": each.collision,
-         "run": each.run}
-        for each in scene.contacts
-    ]  # fmt: skip
     windows = [_windows(each, packing) for each in scene.windows]
     for each in scene.windows:
         _add_maps(each, packing)
@@ -89,7 +84,7 @@ def _player(scene: Scene, anchors: Sequence[tuple[int, float, float]], moments: 
         "paths": paths,
         "clouds": clouds,
         "windows": windows,
-        "contacts": contacts,
+        "contacts": [_contact(each) for each in scene.contacts],
         "anchors": [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in anchors],
         "body": scene.body_m,
         "extent": scene.extent_m(),
@@ -162,6 +157,11 @@ def _add_maps(windows: Windows, packing: _Packing) -> None:
         bits = np.packbits(np.roll(maps.occupied(index), (row % rows, column % columns), axis=(0, 1)), axis=1)
         packing.add_bytes((bits ^ before).tobytes())
         before = bits
+
+
+def _contact(of: Contact) -> dict[str, Any]:
+    place = {"x": of.x_m, "y": of.y_m, "collision": of.collision, "run": of.run}
+    return {"seconds": of.seconds, "until": of.until_s} | place
 
 
 def _value(value: float | None, unit: str) -> str:
