@@ -21,6 +21,7 @@ from quadlog.pipelines.stages.ingest import OpenLog, open_log, open_walk
 from quadlog.pipelines.stages.positions.position import robot_track
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of
 from quadlog.pipelines.stages.scans import wants_lidar_track
+from quadlog.positioning.lidar_odometry import ScanMatch
 from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
 from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
 from quadlog.positioning.self_survey.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
@@ -35,12 +36,12 @@ MOST_ANCHORS = 256
 POOR_FIT = 1.5
 """Ranges in line of sight that scatter more than this times uwb.range_std_m are warned of."""
 PRIORS = {
-    "odometry": OdometryPrior(0.03, 0.01, (0.02, 0.02)),
-    "legs": OdometryPrior(0.05, 0.01, (0.03, 0.02)),
-    "lidar": OdometryPrior(0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
-    "tf": OdometryPrior(0.01, 0.003, (0.01, 0.01)),
+    "odometry": OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02)),
+    "legs": OdometryPrior(0.05, 0.05, 0.01, (0.03, 0.02)),
+    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
+    "tf": OdometryPrior(0.01, 0.01, 0.003, (0.01, 0.01)),
 }
-LEAST_PRIOR = OdometryPrior(0.002, 0.0003, (0.003, 0.002))
+LEAST_PRIOR = OdometryPrior(0.002, 0.001, 0.0003, (0.003, 0.002))
 """Of a pose topic or file that the configuration names, such as motion capture."""
 SOURCES = ("odometry", "tf", "lidar", "joints")
 """Roles of topics that positions other than UWB come from."""
@@ -118,7 +119,7 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
     measured, anchor_ids = _measured(walk, ranges, tags)
     heights = _height_prior(walk, anchor_ids, tags, given_heights)
     levers = RobotTags(np.array([lever_of(walk.config, tag) for tag in tags]), _tag_heights(walk.config, tags))
-    odometry = OdometryPoses(track.t_ns, track.xy_m, track.yaw_rad)
+    odometry = OdometryPoses(track.t_ns, track.xy_m, track.yaw_rad, _doubtful(walk, track))
     problem, n_far = make_problem(odometry, measured, levers, len(anchor_ids))
     if n_far:
         walk.warn(f"{n_far} of {len(measured.t_ns)} ranges are left out: no pose of {track.source} is near them")
@@ -129,6 +130,14 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, tuple(walk.losses))
     _tell(walk, outcome, track)
     return outcome
+
+
+def _doubtful(walk: ReplayContext, track: RobotTrack) -> np.ndarray | None:
+    """Poses of the lidar whose scans do not tell all of the motion; None of other sources."""
+    if track.source != "lidar" or walk.tracker is None:
+        return None
+    doubtful: np.ndarray = walk.tracker.track().match != ScanMatch.MATCHED
+    return doubtful
 
 
 def _robot_tags(walk: ReplayContext, ranges: RangeSeries) -> tuple[int, ...]:
@@ -241,6 +250,7 @@ def survey_json(outcome: SurveyOutcome) -> dict[str, Any]:
             "source": outcome.source,
             "way_m": survey.way_m,
             "scale": survey.scale,
+            "turn_scale": survey.turn_scale,
             "yaw_drift_radps": survey.yaw_drift_radps,
             "drift_m": survey.drift[0],
             "drift_rad": survey.drift[1],

@@ -22,16 +22,28 @@ MAX_GAP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class OdometryPoses:
-    """Poses of base in the odometry's own frame: t_ns (M,) strictly increasing, xy_m (M, 2), yaw_rad (M,)."""
+    """Poses of base in the odometry's own frame: t_ns (M,) strictly increasing, xy_m (M, 2), yaw_rad (M,).
+
+    doubtful (M,): whether the odometry doubts the pose, None if it doubts none.
+    """
 
     t_ns: Int
     xy_m: Float
     yaw_rad: Float
+    doubtful: np.ndarray | None = None
 
     def at(self, t_ns: Int) -> Float:
         """(N, 3) x_m, y_m, yaw_rad at instants (N,), NaN farther than MAX_GAP_S from any pose."""
         xy_m, yaw_rad, _ = interpolate_poses(t_ns, self.t_ns, self.xy_m, self.yaw_rad, MAX_GAP_S)
         return np.column_stack([xy_m, yaw_rad])
+
+    def doubtful_shares(self, t_ns: Int) -> Float:
+        """(N - 1,) share of doubtful poses between successive instants (N,)."""
+        if self.doubtful is None:
+            return np.zeros(len(t_ns) - 1)
+        row = np.searchsorted(self.t_ns, t_ns, side="right")
+        doubtful = np.concatenate([[0], np.cumsum(self.doubtful)])[row]
+        return np.diff(doubtful) / np.maximum(np.diff(row), 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +73,7 @@ class SurveyProblem:
     """K knots on the way and N ranges between them; poses are relative to the first knot.
 
     knot_s (K,); knots (K, 3) x_m, y_m, yaw_rad by odometry. step (K - 1, 3) from knot to knot, in the axes of the
-    first one; length_m (K - 1,) and step_s (K - 1,) of the steps. Of the ranges: t_s, tag, anchor, range_m (N,);
+    first one; length_m, step_s and doubtful_share (K - 1,) of the steps. Of the ranges: t_s, tag, anchor, range_m (N,);
     knot (N,) the one before, share (N,) of the way to the next; before_m, after_m (N, 2) the tag in the axes of the
     knots before and after; height_m (N,) of the tag. n_anchors: A.
     """
@@ -71,6 +83,7 @@ class SurveyProblem:
     step: Float
     length_m: Float
     step_s: Float
+    doubtful_share: Float
     t_s: Float
     tag: Int
     anchor: Int
@@ -132,6 +145,7 @@ def make_problem(
         step=np.array([_relative(after[None], before)[0] for before, after in pairwise(knots)]),
         length_m=length_m,
         step_s=np.diff(seconds_since(knot_ns, begin_ns)),
+        doubtful_share=odometry.doubtful_shares(knot_ns),
         t_s=seconds_since(kept.t_ns, begin_ns),
         tag=kept.tag,
         anchor=kept.anchor,

@@ -14,7 +14,7 @@ ANCHORS_M = np.array(
     [[-2, -2, 1.6], [6, -3, 2.1], [13, -2, 1.8], [14, 5, 2.0], [12, 11, 1.5], [5, 12, 1.9], [-2, 11, 2.2], [-3, 4, 1.7]]
 )  # fmt: skip
 TAG_HEIGHT_M, STD_M = 0.6, 0.08
-LIDAR = OdometryPrior(0.003, 0.001, (0.01, 0.005))
+LIDAR = OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005))
 
 
 def loop(s_m: np.ndarray) -> np.ndarray:
