@@ -78,7 +78,8 @@ def command(
     from quadlog.config.file import load_config
     from quadlog.pipelines.init import write_new
     from quadlog.pipelines.request import ReplayOptions
-    from quadlog.pipelines.survey import survey_json, survey_recording, survey_toml
+    from quadlog.pipelines.survey.output import survey_json, survey_toml
+    from quadlog.pipelines.survey.survey import survey_recording
 
     config = load_config(config_path, overrides)
     with open_progress() as progress:

@@ -26,7 +26,7 @@ LEAST_DRIFT, MOST_DRIFT = 0.001, 0.3
 """Bounds of the random drift, in m and rad after 1 m of way; it grows with the square root."""
 DRIFT_SPREAD = 0.7
 """Std of the logarithm of the random drift: how well it is known before a log is seen."""
-DOUBTFUL_FACTOR = 3.0
+DOUBTFUL_FACTOR = 4.0
 """By how much a step drifts more where the odometry doubts its own poses."""
 STANDING_M = 0.02
 """Way that a step counts for at least."""

@@ -123,13 +123,14 @@ def make_problem(
 ) -> tuple[SurveyProblem, int]:
     """The problem, and the number of ranges left out because the odometry has no pose near them.
 
-    Of more than MOST_RANGES ranges an even selection is used. The odometry has two poses or more.
+    Of more than MOST_RANGES ranges an even selection of each link's is used. The odometry has two poses or more.
     """
     begin_ns, end_ns = int(odometry.t_ns[0]), int(odometry.t_ns[-1])
     pose = odometry.at(ranges.t_ns)
     used = np.isfinite(pose[:, 0]) & (ranges.t_ns >= begin_ns) & (ranges.t_ns <= end_ns)
     rows = np.flatnonzero(used)
-    rows = rows[:: max(1, -(-len(rows) // MOST_RANGES))]
+    if len(rows) > MOST_RANGES:
+        rows = _even_selection(rows, ranges.tag[rows] * n_anchors + ranges.anchor[rows])
     kept, pose = ranges.rows(rows), pose[rows]
     knot_ns, length_m = _knots(odometry)
     knots = _held(odometry, knot_ns)
@@ -159,6 +160,17 @@ def make_problem(
         n_anchors=n_anchors,
     )
     return problem, int((~used).sum())
+
+
+def _even_selection(rows: Int, link: Int) -> Int:
+    """Of rows (N,) with their links (N,) about MOST_RANGES: as many of every link, evenly spread, all of rare ones."""
+    links, counts = np.unique(link, return_counts=True)
+    limit = MOST_RANGES // len(links)
+    kept = []
+    for each, count in zip(links, counts, strict=True):
+        mine = rows[link == each]
+        kept.append(mine if count <= limit else mine[np.linspace(0, count - 1, limit).astype(np.int64)])
+    return np.sort(np.concatenate(kept))
 
 
 def _knots(odometry: OdometryPoses) -> tuple[Int, Float]:
