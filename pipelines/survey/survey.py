@@ -103,11 +103,11 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
 def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
     """Choices and what is not observed, on stderr."""
     survey, ids = outcome.survey, outcome.anchor_ids
+    drift_m, drift_rad = survey.drift
     walk.note(
         f"odometry from {outcome.source}: {survey.way_m:.1f} m of way; its steps count {survey.scale:.3f} times, its "
         f"turns {survey.turn_scale:.3f} times, its yaw drifts by {np.degrees(survey.yaw_drift_radps) * 60:+.1f} "
-        f"degrees a minute, and at random by {100 * survey.drift[0]:.1f} cm and {np.degrees(survey.drift[1]):.1f} degrees "
-        "after 1 m"
+        f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
     )
     known = len(outcome.configured.keys() & set(ids))
     if survey.aligned_to:

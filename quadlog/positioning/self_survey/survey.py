@@ -35,7 +35,7 @@ CLEAR_COST = 6.0
 """A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
 UNKNOWN_M = 1.0
 """An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
-WIDER = np.array([1.05, 1.05, 1.4])
+WIDER = np.array([1.05, 1.05, 1.25])
 """Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
 
 A height reacts to range errors many times as strongly. Lowered from 1.15 and 1.6,
