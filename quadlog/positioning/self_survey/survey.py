@@ -38,8 +38,7 @@ UNKNOWN_M = 1.0
 WIDER = np.array([1.05, 1.05, 1.25])
 """Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
 
-A height reacts to range errors many times as strongly. Lowered from 1.15 and 1.6,
-with which bounds of x and y held in 97 to 99 % of simulated walks.
+A height reacts to range errors many times as strongly.
 """
 NORMAL_95 = 1.96
 LATE_SHARE, PERSISTENCE, LOOSENESS = 0.4, 2.0, 4.0
@@ -201,7 +200,8 @@ def _check_odometry(solution: SurveySolution) -> None:
         raise AnchorsNotObserved(
             f"the ranges contradict the odometry: they fit only if it drifts by {drift_m:.2f} m and "
             f"{np.degrees(drift_rad):.0f} degrees after 1 m of way",
-            "check its scale, the side to which it turns and its time stamps, or choose another by topics.position",
+            "check its scale, the side to which it turns, its time stamps and x_m, y_m of the tag, or choose another by "
+            "topics.position",
         )
 
 
