@@ -200,8 +200,8 @@ def _check_odometry(solution: SurveySolution) -> None:
         raise AnchorsNotObserved(
             f"the ranges contradict the odometry: they fit only if it drifts by {drift_m:.2f} m and "
             f"{np.degrees(drift_rad):.0f} degrees after 1 m of way",
-            "check its scale, the side to which it turns, its time stamps and x_m, y_m of the tag, or choose another by "
-            "topics.position",
+            "check its scale, the side to which it turns, its time stamps and x_m, y_m of the tag, or choose another "
+            "by topics.position",
         )
 
 
