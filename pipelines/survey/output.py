@@ -55,6 +55,7 @@ def survey_json(outcome: SurveyOutcome) -> dict[str, Any]:
             "scale": survey.scale,
             "turn_scale": survey.turn_scale,
             "yaw_drift_radps": survey.yaw_drift_radps,
+            "delay_s": survey.delay_s,
             "drift_m": survey.drift[0],
             "drift_rad": survey.drift[1],
             "start": {"t_ns": outcome.start_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad},

@@ -33,6 +33,7 @@ from quadlog.positioning.self_survey.survey import survey_anchors
 
 POOR_FIT = 1.5
 """Ranges in line of sight that scatter more than this times uwb.range_std_m are warned of."""
+NOTED_DELAY_S = 0.03
 SOURCES = ("odometry", "tf", "lidar", "joints")
 """Roles of topics that positions other than UWB come from."""
 NO_ODOMETRY = "give it an odometry, tf, a lidar, or a pose topic or TUM file by  --set topics.position=..."
@@ -109,6 +110,8 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
         f"turns {survey.turn_scale:.3f} times, its yaw drifts by {np.degrees(survey.yaw_drift_radps) * 60:+.1f} "
         f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
     )
+    if abs(survey.delay_s) > NOTED_DELAY_S:
+        walk.note(f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's")
     known = len(outcome.configured.keys() & set(ids))
     if survey.aligned_to:
         walk.note(f"frame: map, by {survey.aligned_to} known anchors of [[uwb.anchors]]")

@@ -24,6 +24,8 @@ BIAS_MEAN_M, COMMON_BIAS_STD_M, ANCHOR_BIAS_STD_M, LINK_BIAS_STD_M = 0.15, 0.15,
 """Priors of biases: of all links together, of one anchor's, of one link's. Real sets have 0 to 0.4 m."""
 LEAST_DRIFT, MOST_DRIFT = 0.001, 0.3
 """Bounds of the random drift, in m and rad after 1 m of way; it grows with the square root."""
+DELAY_STD_S = 0.1
+"""How far the clocks of ranges and odometry may be apart."""
 DRIFT_SPREAD = 0.7
 """Std of the logarithm of the random drift: how well it is known before a log is seen."""
 DOUBTFUL_FACTOR = 4.0
@@ -66,7 +68,8 @@ class OdometryPrior:
 @dataclass(frozen=True, slots=True)
 class SurveyState:
     """knots (K, 3) corrected, anchors_m (A, 3), bias_m (T, A); scale and turn_scale, which multiply the odometry's
-    steps and its turns, and yaw_drift_radps, which its yaw lacks; range errors; drift (2,) of the odometry in m and rad
+    steps and its turns, and yaw_drift_radps, which its yaw lacks; delay_s, by which the ranges' stamps are too early by
+    the odometry's clock; range errors; drift (2,) of the odometry in m and rad
     after 1 m; persistence of the range errors.
     """
 
@@ -76,6 +79,7 @@ class SurveyState:
     scale: float
     turn_scale: float
     yaw_drift_radps: float
+    delay_s: float
     errors: RangeErrors
     drift: tuple[float, float]
     persistence: float
@@ -111,9 +115,10 @@ class Batch:
         self._first_anchor = 3 * self._n_knots
         self._first_bias = self._first_anchor + 3 * problem.n_anchors
         self._first_lasting = self._first_bias + self._n_links
-        self._size = self._first_lasting + 3
+        self._size = self._first_lasting + 4
         self._bias_information = _bias_information(problem.n_tags, problem.n_anchors)
-        self._lasting_std = np.array([odometry.scale_std, odometry.turn_scale_std, odometry.yaw_drift_std_radps])
+        scales = odometry.scale_std, odometry.turn_scale_std
+        self._lasting_std = np.array([*scales, odometry.yaw_drift_std_radps, DELAY_STD_S])
 
     def start(self, anchors_m: Float, bias_m: Float, knots: Float, looseness: float = 1.0) -> SurveyState:
         """A state to begin with: anchors (A, 3), biases (A,), knots (K, 3); looseness multiplies the usual drift."""
@@ -121,7 +126,7 @@ class Batch:
         errors = RangeErrors(0.2, DELAY_M, np.full(windows, 0.2))
         bias = np.tile(bias_m, (self.problem.n_tags, 1))
         drift = self._odometry.drift[0] * looseness, self._odometry.drift[1] * looseness
-        return SurveyState(knots.copy(), anchors_m.copy(), bias, 1.0, 1.0, 0.0, errors, drift, 1.0)
+        return SurveyState(knots.copy(), anchors_m.copy(), bias, 1.0, 1.0, 0.0, 0.0, errors, drift, 1.0)
 
     def solve(self, state: SurveyState) -> SurveySolution:
         """Settle a state: in turn the range errors' parameters, the drift and a damped step over all unknowns."""
@@ -195,24 +200,25 @@ class Batch:
         problem, knots = self.problem, state.knots
         n = len(problem.range_m)
         knot, share = problem.knot, problem.share
-        place_m = problem.tag_places(knots)
+        yaw_rad = knots[knot, 2]
+        velocity_mps = _turned(problem.velocity_mps, np.cos(yaw_rad), np.sin(yaw_rad))
+        place_m = problem.tag_places(knots) + state.delay_s * velocity_mps
         offset_m = np.column_stack([place_m, problem.height_m]) - state.anchors_m[problem.anchor]
         distance_m = np.maximum(np.sqrt(np.einsum("ni,ni->n", offset_m, offset_m)), 1e-6)
         unit = offset_m / distance_m[:, None]
-        values = np.empty((n, 10))
-        columns = np.empty((n, 10), dtype=np.int64)
+        values = np.empty((n, 11))
+        columns = np.empty((n, 11), dtype=np.int64)
         for begin, at, seen_m, part in ((0, knot, problem.before_m, 1 - share), (3, knot + 1, problem.after_m, share)):
-            cos, sin = np.cos(knots[at, 2]), np.sin(knots[at, 2])
-            turned = np.column_stack(
-                [-sin * seen_m[:, 0] - cos * seen_m[:, 1], cos * seen_m[:, 0] - sin * seen_m[:, 1]]
-            )
+            turned = _turned(seen_m, -np.sin(knots[at, 2]), np.cos(knots[at, 2]))
             values[:, begin : begin + 2] = part[:, None] * unit[:, :2]
             values[:, begin + 2] = part * np.einsum("ni,ni->n", unit[:, :2], turned)
             columns[:, begin : begin + 3] = 3 * at[:, None] + np.arange(3)
         values[:, 6:9], values[:, 9] = -unit, 1.0
         columns[:, 6:9] = self._first_anchor + 3 * problem.anchor[:, None] + np.arange(3)
         columns[:, 9] = self._first_bias + self._link
-        design = csr_array((values.ravel(), columns.ravel(), np.arange(0, 10 * n + 1, 10)), shape=(n, self._size))
+        values[:, 10] = np.einsum("ni,ni->n", unit[:, :2], velocity_mps)
+        columns[:, 10] = self._first_lasting + 3
+        design = csr_array((values.ravel(), columns.ravel(), np.arange(0, 11 * n + 1, 11)), shape=(n, self._size))
         bias_m = state.bias_m[problem.tag, problem.anchor]
         return problem.range_m - bias_m - distance_m, design
 
@@ -260,7 +266,7 @@ class Batch:
 
     def _add_fixed_priors(self, state: SurveyState, normal: Float, gradient: Float) -> None:
         z = self._first_anchor + 2 + 3 * np.arange(self.problem.n_anchors)
-        biases, lasting = slice(self._first_bias, self._first_lasting), np.arange(3) + self._first_lasting
+        biases, lasting = slice(self._first_bias, self._first_lasting), np.arange(4) + self._first_lasting
         known = self._heights.std_m**-2
         normal[z, z] += known
         gradient[z] -= known * (state.anchors_m[:, 2] - self._heights.mean_m)
@@ -311,7 +317,7 @@ class Batch:
         knots = state.knots + full[: self._first_anchor].reshape(-1, 3)
         anchors_m = state.anchors_m + full[self._first_anchor : self._first_bias].reshape(-1, 3)
         bias_m = state.bias_m + full[self._first_bias : self._first_lasting].reshape(state.bias_m.shape)
-        scale, turn_scale, yaw_drift = full[self._first_lasting :].tolist()
+        scale, turn_scale, yaw_drift, delay_s = full[self._first_lasting :].tolist()
         return replace(
             state,
             knots=knots,
@@ -320,12 +326,19 @@ class Batch:
             scale=state.scale + scale,
             turn_scale=state.turn_scale + turn_scale,
             yaw_drift_radps=state.yaw_drift_radps + yaw_drift,
+            delay_s=state.delay_s + delay_s,
         )
 
 
 def _lasting_off(state: SurveyState) -> Float:
-    """(3,) the odometry's lasting errors: of its scales, and the drift of its yaw."""
-    return np.array([state.scale - 1, state.turn_scale - 1, state.yaw_drift_radps])
+    """(4,) the odometry's lasting errors: of its scales, the drift of its yaw, and the delay of the ranges."""
+    return np.array([state.scale - 1, state.turn_scale - 1, state.yaw_drift_radps, state.delay_s])
+
+
+def _turned(vector: Float, cos: Float, sin: Float) -> Float:
+    """Vectors (N, 2), turned by angles with these cosines and sines (N,)."""
+    x, y = vector.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
 
 def _weighted(design: csr_array, weight: Float) -> Float:

@@ -16,6 +16,8 @@ MOST_KNOTS = 300
 MOST_RANGES = 10_000
 PATH_S = 0.5
 """Interval over which the length of the way is summed, so that noise of single poses is not counted as walked."""
+VELOCITY_S = 0.2
+"""Interval over which a tag's velocity is taken."""
 MAX_GAP_S = 1.0
 """A range farther than this from the odometry's poses is left out."""
 
@@ -75,7 +77,8 @@ class SurveyProblem:
     knot_s (K,); knots (K, 3) x_m, y_m, yaw_rad by odometry. step (K - 1, 3) from knot to knot, in the axes of the
     first one; length_m, step_s and doubtful_share (K - 1,) of the steps. Of the ranges: t_s, tag, anchor, range_m (N,);
     knot (N,) the one before, share (N,) of the way to the next; before_m, after_m (N, 2) the tag in the axes of the
-    knots before and after; height_m (N,) of the tag. n_anchors: A.
+    knots before and after, velocity_mps (N, 2) by odometry in those of the one before; height_m (N,) of the tag.
+    n_anchors: A.
     """
 
     knot_s: Float
@@ -92,6 +95,7 @@ class SurveyProblem:
     share: Float
     before_m: Float
     after_m: Float
+    velocity_mps: Float
     height_m: Float
     n_tags: int
     n_anchors: int
@@ -106,7 +110,7 @@ class SurveyProblem:
         number = np.full(self.n_anchors, -1)
         number[anchors] = np.arange(len(anchors))
         rows = number[self.anchor] >= 0
-        per_range = ("t_s", "tag", "range_m", "knot", "share", "before_m", "after_m", "height_m")
+        per_range = ("t_s", "tag", "range_m", "knot", "share", "before_m", "after_m", "velocity_mps", "height_m")
         kept = {name: getattr(self, name)[rows] for name in per_range}
         return replace(self, anchor=number[self.anchor[rows]], n_anchors=len(anchors), **kept)
 
@@ -136,10 +140,11 @@ def make_problem(
     knots = _held(odometry, knot_ns)
     origin = knots[0].copy()
     knot = np.clip(np.searchsorted(knot_ns, kept.t_ns, side="right") - 1, 0, len(knot_ns) - 2)
-    tag_m = np.empty((len(rows), 2))
-    for index, (x_m, y_m) in enumerate(tags.lever_m.tolist()):
-        mine = kept.tag == index
-        tag_m[mine] = base_to_tag(pose[mine, :2], pose[mine, 2], x_m, y_m)
+    tag_m = _tags_at(pose, tags, kept.tag)
+    apart_ns = np.array([[-1], [1]]) * round(VELOCITY_S / 2 * 1e9)
+    earlier_m, later_m = (
+        _in_axes(knots[knot], _tags_at(_held(odometry, at_ns), tags, kept.tag)) for at_ns in kept.t_ns + apart_ns
+    )
     problem = SurveyProblem(
         knot_s=seconds_since(knot_ns, begin_ns),
         knots=_relative(knots, origin),
@@ -155,11 +160,18 @@ def make_problem(
         share=(kept.t_ns - knot_ns[knot]) / (knot_ns[knot + 1] - knot_ns[knot]),
         before_m=_in_axes(knots[knot], tag_m),
         after_m=_in_axes(knots[knot + 1], tag_m),
+        velocity_mps=(later_m - earlier_m) / VELOCITY_S,
         height_m=tags.height_m[kept.tag],
         n_tags=len(tags.height_m),
         n_anchors=n_anchors,
     )
     return problem, int((~used).sum())
+
+
+def _tags_at(poses: Float, tags: RobotTags, tag: Int) -> Float:
+    """(N, 2) where tags (N,) are at poses (N, 3)."""
+    x_m, y_m = tags.lever_m[tag].T
+    return base_to_tag(poses[:, :2], poses[:, 2], x_m, y_m)
 
 
 def _even_selection(rows: Int, link: Int) -> Int:

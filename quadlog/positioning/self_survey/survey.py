@@ -85,16 +85,17 @@ class SurveyedAnchor:
 class AnchorSurvey:
     """All anchors, and the odometry's errors: scales of way and turns, yaw drift, random drift (m, rad) after 1 m.
 
-    way_m: length of the way. start (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors;
-    aligned_to: how many known anchors give that frame, 0 where the first pose does. misplaced_m: index -> distance
-    of known anchors from their surveyed places, if larger than the bounds allow; mirrored: whether they fit the
-    mirror image of the survey.
+    delay_s: by how much the ranges' stamps are too early by the odometry's clock. way_m: length of the way. start
+    (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors; aligned_to: how many known anchors give
+    that frame, 0 where the first pose does. misplaced_m: index -> distance of known anchors from their surveyed
+    places, if larger than the bounds allow; mirrored: whether they fit the mirror image of the survey.
     """
 
     anchors: tuple[SurveyedAnchor, ...]
     scale: float
     turn_scale: float
     yaw_drift_radps: float
+    delay_s: float
     drift: tuple[float, float]
     range_std_m: float
     way_m: float
@@ -143,6 +144,7 @@ def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: Odometry
         scale=state.scale,
         turn_scale=state.turn_scale,
         yaw_drift_radps=state.yaw_drift_radps,
+        delay_s=state.delay_s,
         drift=state.drift,
         range_std_m=state.errors.std_m,
         way_m=problem.way_m,
