@@ -65,10 +65,11 @@ def command(
 ) -> int:
     """Estimate the position and range bias of every UWB anchor, with 95 % bounds.
 
-    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the lidar's scans, or what
-    topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two or more anchors.
-    Without known heights anchors are taken to hang above the tag. A walk that does not determine the positions is
-    refused with exit code 1: walk a loop of 10 m or more, several metres each way.
+    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the legs' joints, the lidar's scans, or
+    what topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two anchors and
+    more; only three reveal an odometry that turns to the wrong side, which mirrors all positions. Without known heights
+    anchors are taken to hang above the tag. Refused with exit code 1: a walk that does not determine the positions
+    (walk a loop of 10 m or more, several metres each way), an odometry or known anchors that the ranges contradict.
     """
     given = _heights(heights)
     if output is not None and output.exists() and not force:

@@ -1,4 +1,7 @@
-"""Anchors, biases and the corrected walk in one batch: Gauss-Newton over the whole log, with the odometry's drift."""
+"""Anchors, biases and the corrected walk in one batch over the whole log [Nguyen]: Gauss-Newton, robust to late ranges.
+
+What lasts of the odometry's errors is estimated with them; its random drift is the likeliest one.
+"""
 
 from __future__ import annotations
 

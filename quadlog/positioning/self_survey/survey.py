@@ -1,7 +1,7 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
-Anchors enter the batch first where their own ranges single out one place; along the walk that they correct, the others
-follow. Mirror images are solved as well and compared.
+Anchors enter the batch first where their own ranges single out one place (the idea of [Delama]); along the walk that
+they correct, the others follow. Mirror images are solved as well and compared.
 """
 
 from __future__ import annotations
