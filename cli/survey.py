@@ -119,5 +119,6 @@ def _cells(row: dict[str, Any]) -> list[str]:
     values = [row[f"{name}_{what}"] for name in "xyz" for what in ("m", "bound_m")]
     values += [row["bias_m"], row["bias_bound_m"]]
     share = "" if row["nlos_share"] is None else f"{100 * row['nlos_share']:.0f} %"
-    note = row["why_not"] or ("known" if row["known"] else "" if row["z_observed"] else "z is a guess")
+    height = "" if row["z_observed"] else "z is as given" if row["z_given"] else "z is a guess"
+    note = row["why_not"] or ("known" if row["known"] else height)
     return [str(row["id"]), *("" if each is None else f"{each:.3f}" for each in values), share, str(row["n"]), note]

@@ -16,8 +16,7 @@ from quadlog.recordings.containers.container import Loss
 @dataclass(frozen=True, slots=True)
 class SurveyOutcome:
     """The survey of a recording, with ids of anchors by index; source: where the odometry came from; start_ns: its
-    first pose; losses.
-
+    first pose; z_given: ids of the anchors whose heights were given; losses.
     """
 
     survey: AnchorSurvey
@@ -26,6 +25,7 @@ class SurveyOutcome:
     source: str
     start_ns: int
     config: Config
+    z_given: frozenset[int]
     losses: tuple[Loss, ...]
 
     @property
@@ -86,6 +86,7 @@ def _anchor_row(outcome: SurveyOutcome, anchor: SurveyedAnchor) -> dict[str, Any
         "n": anchor.n_ranges,
         "observed": observed,
         "z_observed": observed and anchor.height_observed,
+        "z_given": anchor_id in outcome.z_given,
         "known": anchor_id in outcome.configured,
         "why_not": anchor.why_not,
     }
@@ -107,18 +108,19 @@ def survey_toml(outcome: SurveyOutcome) -> str:
     for each in outcome.survey.anchors:
         anchor_id = outcome.anchor_ids[each.index]
         if anchor_id not in outcome.kept:
-            lines.append(_anchor_table(anchor_id, each))
+            lines.append(_anchor_table(anchor_id, each, anchor_id in outcome.z_given))
     for anchor_id in sorted(outcome.kept):
         lines.append("# known\n" + tomli_w.dumps({"uwb": {"anchors": [configured[anchor_id]]}}))
     return "\n".join(lines)
 
 
-def _anchor_table(anchor_id: int, anchor: SurveyedAnchor) -> str:
+def _anchor_table(anchor_id: int, anchor: SurveyedAnchor, z_given: bool) -> str:
     if anchor.why_not:
         return f"# anchor {anchor_id} is not surveyed: {anchor.why_not}\n"
     lines = ["[[uwb.anchors]]", f"id = {anchor_id}"]
     for axis, value, bound in zip("xyz", anchor.position_m, anchor.bound_m, strict=True):
-        guess = "" if axis != "z" or anchor.height_observed else ", a guess: the walk does not tell it"
+        told = axis != "z" or anchor.height_observed or z_given
+        guess = "" if told else ", a guess: the walk does not tell it"
         lines.append(f"{axis}_m = {value:.4f}  # +- {bound:.3f}{guess}")
     lines.append(f"bias_m = {anchor.bias_m:.4f}  # +- {1.96 * anchor.bias_std_m:.3f}")
     return "\n".join(lines) + "\n"

@@ -19,6 +19,7 @@ from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.scans import wants_lidar_track
 from quadlog.pipelines.survey.inputs import (
     ABOVE_TAG_M,
+    HEIGHT_STD_M,
     height_prior,
     listed,
     odometry_poses,
@@ -96,7 +97,8 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
     if survey.misplaced_m:
         misplaced_m = {ids[index]: off_m for index, off_m in survey.misplaced_m.items()}
         raise KnownAnchorsContradict(misplaced_m, survey.mirrored)
-    outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, tuple(walk.losses))
+    z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
+    outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, z_given, tuple(walk.losses))
     _tell(walk, outcome)
     return outcome
 
@@ -125,7 +127,8 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
             f"ranges miss the survey by {survey.range_std_m:.2f} m, and uwb.range_std_m is "
             f"{walk.config.uwb.range_std_m:g}: the odometry or the ranges are worse than the bounds allow for"
         )
-    blind = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
+    unseen = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
+    blind = [anchor for anchor in unseen if anchor not in outcome.z_given]
     if blind:
         walk.warn(
             f"the walk does not tell the height of anchors {listed(blind)}: z is the guess of {ABOVE_TAG_M:g} m above "

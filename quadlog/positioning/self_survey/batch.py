@@ -38,7 +38,7 @@ STANDING_M = 0.02
 FEWEST_ROUNDS, MOST_ROUNDS = 9, 40
 SETTLED_M = 1e-3
 REFITS = 5
-BLOCKS_S = (1.0, 3.0, 10.0)
+BLOCKS_S = (1.0, 3.0, 10.0, 30.0)
 FEWEST_BLOCKS = 4
 LEAST_LEFT = 0.1
 """Share of the ranges' information that a fit leaves at least, for the sake of short logs."""

@@ -82,6 +82,7 @@ def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[
 
 
 def radius_95(covariance_m2: Float) -> float:
+    """How far the 95 % ellipse of x and y reaches; covariance_m2 (2, 2) or (3, 3)."""
     return float(np.sqrt(CHI2_95 * np.linalg.eigvalsh(covariance_m2[:2, :2])[-1]))
 
 

@@ -35,11 +35,11 @@ def line(s_m: np.ndarray) -> np.ndarray:
 
 
 def survey(
-    seed: int, path=loop, known: tuple[int, ...] = (), turns: float = 1.0, late_s: float = 0.0
+    seed: int, path=loop, known: tuple[int, ...] = (), turns: float = 1.0, late_s: float = 0.0, doubtful: bool = False
 ) -> tuple[AnchorSurvey, np.ndarray]:
     """The survey of a walk of 40 m at 0.7 m/s, and the true anchors in the frame of its first pose.
 
-    turns multiplies what the odometry says of them; its stamps are late_s too early.
+    turns multiplies what the odometry says of them; its stamps are late_s too early. doubtful: it doubts every pose.
     """
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, 40 / 0.7, 0.1)
@@ -51,7 +51,7 @@ def survey(
     drifted = np.concatenate([[0], np.cumsum(turns * np.diff(yaw) + 0.003 * root_m * rng.standard_normal(len(step_m)))])
     place = np.concatenate([[0], np.cumsum(step_m * np.exp(1j * drifted[:-1]))])
     t_ns = np.rint(t_s * 1e9).astype(np.int64)
-    odometry = OdometryPoses(t_ns, np.column_stack([place.real, place.imag]), drifted)
+    odometry = OdometryPoses(t_ns, np.column_stack([place.real, place.imag]), drifted, np.full(len(t_ns), doubtful))
 
     bias_m = rng.uniform(0.05, 0.3, len(ANCHORS_M))
     tag_m = np.column_stack([xy_m, np.full(len(xy_m), TAG_HEIGHT_M)])
@@ -109,6 +109,19 @@ def test_turns_that_the_odometry_overstates_are_scaled_back():
     assert result.turn_scale == pytest.approx(1 / 1.2, abs=0.03)
     place_m = np.array([each.position_m for each in result.anchors])
     assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.15
+
+
+def test_stamps_that_are_apart_are_brought_together():
+    result, truth_m = survey(6001, late_s=0.2)
+    assert result.delay_s == pytest.approx(-0.2, abs=0.03)
+    place_m = np.array([each.position_m for each in result.anchors])
+    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.10
+
+
+def test_where_the_odometry_doubts_its_poses_bounds_are_wider():
+    sure, doubtful = (survey(6002, doubtful=doubts)[0] for doubts in (False, True))
+    ratio = [after.radius_m / before.radius_m for before, after in zip(sure.anchors, doubtful.anchors, strict=True)]
+    assert np.median(ratio) > 1.3
 
 
 def test_stamps_two_seconds_apart_are_refused():
