@@ -21,7 +21,7 @@ far below the tag fits as well."""
 MOST_LISTED = 20
 HEIGHT_STD_M = 0.05
 """How well heights that are given are known."""
-MOST_ANCHORS = 256
+MOST_ANCHORS, MOST_LINKS = 256, 1024
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 PRIORS = {
     "odometry": OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02)),
@@ -71,7 +71,7 @@ def tag_heights(config: Config, tags: Iterable[int]) -> Float:
 
 
 def usable_ranges(walk: ReplayContext, ranges: RangeSeries, tags: tuple[int, ...]) -> tuple[MeasuredRanges, Int]:
-    """The ranges of the robot's tags within the configured limits, and the ids (A,) of the anchors."""
+    """The ranges of the robot's tags within the configured limits, and the ids (A,) of the anchors. Raises TooLarge."""
     uwb = walk.config.uwb
     own = np.isin(ranges.tag, tags)
     with np.errstate(invalid="ignore"):
@@ -84,6 +84,8 @@ def usable_ranges(walk: ReplayContext, ranges: RangeSeries, tags: tuple[int, ...
     anchor_ids, anchor = np.unique(ranges.anchor[usable], return_inverse=True)
     if len(anchor_ids) > MOST_ANCHORS:
         raise TooLarge("survey: anchors", len(anchor_ids), MOST_ANCHORS)
+    if len(tags) * len(anchor_ids) > MOST_LINKS:
+        raise TooLarge("survey: links between the robot's tags and anchors", len(tags) * len(anchor_ids), MOST_LINKS)
     tag = np.argsort(tags)[np.searchsorted(np.sort(tags), ranges.tag[usable])]
     anchor = np.asarray(anchor, dtype=np.int64)
     return MeasuredRanges(ranges.t_ns[usable], tag, anchor, ranges.range_m[usable]), anchor_ids

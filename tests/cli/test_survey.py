@@ -122,6 +122,12 @@ def test_of_200_tags_one_is_the_robots_and_the_rest_are_counted(circle, quadlog)
     assert "tag 0 is taken to be the robot's, 199 other tags are not used" in done.err
 
 
+def test_200_tags_on_the_robot_are_too_many(tmp_path, circle, refused):
+    (tmp_path / "c.toml").write_text("".join(TABLE.format(tag, 0.0, 0.0) for tag in range(200)))
+    recording = circle(np.vstack([ANCHORS_M, ANCHORS_M + 1]), tags=range(200))
+    assert "1600 exceeds the limit of 1024" in refused(1, "survey", recording, "-c", tmp_path / "c.toml")
+
+
 def test_a_straight_line_is_refused(circle, refused):
     assert "straight line" in refused(1, "survey", circle(radius_m=0))
 
