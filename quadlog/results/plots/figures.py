@@ -247,7 +247,7 @@ def render_plots(run: RunData, names: Collection[str] | None = None) -> dict[str
     """The PNG of every figure whose data is there: name -> bytes, in the order of PLOTS. names: of these alone."""
     wanted = [plot.name for plot in PLOTS if names is None or plot.name in names]
     with _figures_collected():
-        return {name: png for each in wanted for name, png in _draw(run, each).items()}
+        return {name: png for each in wanted for name, png in draw_plot(run, each).items()}
 
 
 @contextmanager
@@ -261,7 +261,7 @@ def _figures_collected() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _draw(run: RunData, name: str) -> dict[str, bytes]:
+def draw_plot(run: RunData, name: str) -> dict[str, bytes]:
     """The figure's PNG by its name; empty where the run lacks its data."""
     (plot,) = (each for each in PLOTS if each.name == name)
     png = style.render_png(partial(plot.draw, run))
@@ -289,7 +289,7 @@ class SharedDrawing:
             for name in reversed(self._asked):
                 if not self._asked[name].cancel():
                     break  # the helper has started this one
-                drawn |= _draw(self._run, name)
+                drawn |= draw_plot(self._run, name)
         for name, future in self._asked.items():
             if not future.cancelled():
                 drawn |= self._drawn_by_helper(name, future)
@@ -310,4 +310,4 @@ def _run_at(path: Path) -> RunData:
 
 
 def _draw_one(path: Path, name: str) -> dict[str, bytes]:
-    return _draw(_run_at(path), name)
+    return draw_plot(_run_at(path), name)
