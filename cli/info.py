@@ -81,9 +81,12 @@ def print_info(info: dict[str, Any]) -> None:
     _print_lines(anchor_lines(info["anchors"]))
     if info["uwb"]:
         click.echo("")
-        _print_table(*link_table(info["uwb"]))
+        _print_table(*link_table(info["uwb"][:MOST_LINKS]))
+        _print_lines(_left_out(len(info["uwb"]) - MOST_LINKS, "links"))
     if info["uwb_tags"]:
-        _print_lines(["", *(line for row in info["uwb_tags"] for line in tag_lines(row))])
+        rows = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
+        _print_lines(["", *(line for row in rows[:MOST_TAGS] for line in tag_lines(row))])
+        _print_lines(_left_out(len(rows) - MOST_TAGS, "tags"))
         if info["uwb_body"]:
             _print_lines([f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"])
         if info["dilution"] is not None:
@@ -142,7 +145,7 @@ def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     Console().print(table)
 
 
-MOST_LINKS = 40  # lines of links that are printed
+MOST_LINKS, MOST_TAGS = 40, 10  # that are printed
 CELL = 6  # characters of a number of the HDOP map, with the space before it
 
 
@@ -159,8 +162,12 @@ def reach_lines(links: Sequence[dict[str, Any]]) -> Iterator[str]:
         ends = f"  {link['topic']}  tag {link['tag']}  anchor {link['anchor']}  {link['n']} ranges"
         known = link["range_min_m"] is not None
         yield ends + (f"  {link['range_min_m']:.2f}..{link['range_max_m']:.2f} m" if known else "  no finite range")
-    if len(links) > MOST_LINKS:
-        yield f"  and {len(links) - MOST_LINKS} more links, all of them in --json"
+    yield from _left_out(len(links) - MOST_LINKS, "links")
+
+
+def _left_out(count: int, what: str) -> Iterator[str]:
+    if count > 0:
+        yield f"  and {count} more {what}, all of them in --json"
 
 
 def link_table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

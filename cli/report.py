@@ -15,14 +15,33 @@ from quadlog.cli.terminal.parameters import LOCAL_PATH, examples, report_skipped
     epilog=examples(
         "quadlog report runs/walk",
         "quadlog report runs",
+        "quadlog report runs/before runs/after --side-by-side -o compare.html",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=LOCAL_PATH)
-@click.option("--force", is_flag=True, expose_value=False, help="Accepted, but not needed: pages are always replaced.")
-def command(runs: tuple[Path, ...]) -> int:
-    """Draw plots/ and report.html of run folders, or the page of a folder of runs, from saved results."""
-    from quadlog.pipelines.report import rebuild_reports
+@click.option("--side-by-side", is_flag=True, help="Show two runs in one page, FILE.")
+@click.option("-o", "--output", metavar="FILE", type=LOCAL_PATH, help="Page of --side-by-side, as in compare.html.")
+@click.option("--force", is_flag=True, help="Replace FILE. Pages of runs and folders are always replaced.")
+def command(runs: tuple[Path, ...], side_by_side: bool, output: Path | None, force: bool) -> int:
+    """Draw plots/ and report.html of run folders, or the page of a folder of runs, from saved results.
 
+    With --side-by-side, one page has both runs: a player with both on a common clock, charts laid over each other,
+    settings that differ, the first instant at which saved results differ, and differences of metrics. Runs of the same
+    recording are paired instant by instant, and differences have 95 % intervals. Of other runs the page says what
+    cannot be compared.
+    """
+    from quadlog.errors import UsageError
+    from quadlog.pipelines.report import rebuild_reports, write_side_by_side
+
+    if side_by_side:
+        if len(runs) != 2:
+            raise UsageError(f"--side-by-side takes two runs, not {len(runs)}")
+        if output is None:
+            raise UsageError("--side-by-side needs -o FILE.html")
+        click.echo(write_side_by_side(*runs, output, force))
+        return 0
+    if output is not None:
+        raise UsageError("-o is the page of --side-by-side; without it each run's page lies in its folder")
     report_skipped(runs)
     for report in rebuild_reports(runs):
         click.echo(report)

@@ -65,10 +65,11 @@ def command(
 ) -> int:
     """Estimate the position and range bias of every UWB anchor, with 95 % bounds.
 
-    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the lidar's scans, or what
-    topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two or more anchors.
-    Without known heights anchors are taken to hang above the tag. A walk that does not determine the positions is
-    refused with exit code 1: walk a loop of 10 m or more, several metres each way.
+    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the legs' joints, the lidar's scans, or
+    what topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two anchors and
+    more; only three reveal an odometry that turns to the wrong side, which mirrors all positions. Without known heights
+    anchors are taken to hang above the tag. Refused with exit code 1: a walk that does not determine the positions
+    (walk a loop of 10 m or more, several metres each way), an odometry or known anchors that the ranges contradict.
     """
     given = _heights(heights)
     if output is not None and output.exists() and not force:
@@ -78,7 +79,8 @@ def command(
     from quadlog.config.file import load_config
     from quadlog.pipelines.init import write_new
     from quadlog.pipelines.request import ReplayOptions
-    from quadlog.pipelines.survey import survey_json, survey_recording, survey_toml
+    from quadlog.pipelines.survey.output import survey_json, survey_toml
+    from quadlog.pipelines.survey.survey import survey_recording
 
     config = load_config(config_path, overrides)
     with open_progress() as progress:
@@ -117,5 +119,6 @@ def _cells(row: dict[str, Any]) -> list[str]:
     values = [row[f"{name}_{what}"] for name in "xyz" for what in ("m", "bound_m")]
     values += [row["bias_m"], row["bias_bound_m"]]
     share = "" if row["nlos_share"] is None else f"{100 * row['nlos_share']:.0f} %"
-    note = row["why_not"] or ("known" if row["known"] else "" if row["z_observed"] else "z is a guess")
+    height = "" if row["z_observed"] else "z is as given" if row["z_given"] else "z is a guess"
+    note = row["why_not"] or ("known" if row["known"] else height)
     return [str(row["id"]), *("" if each is None else f"{each:.3f}" for each in values), share, str(row["n"]), note]

@@ -9,9 +9,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from quadlog.errors import AlreadyExists, UsageError
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
+from quadlog.results.run.names import OWN_FILES
+
+if TYPE_CHECKING:
+    from quadlog.results.page.side_by_side import RunPair
 
 _LOADED = ("quadlog.results.page.report", "matplotlib.backends.backend_agg", "matplotlib.figure", "matplotlib.style")
 
@@ -39,6 +45,49 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
                 yield write_report(run, helper)
             else:
                 yield write_sweep_page(run) if (run / TABLE).is_file() else rebuild_summary(run)
+
+
+def write_side_by_side(a: Path, b: Path, output: Path, force: bool) -> Path:
+    """Write a page with two finished runs, and return its path. force: replace an existing one.
+
+    Raises AlreadyExists, UsageError for an output that is a file of one of the runs, CannotWrite, and what reading the
+    runs raises: NotARun, TooLarge, UnreadableFile.
+    """
+    from quadlog.results.page.side_by_side import side_by_side_page
+    from quadlog.storage.atomic_write import new_folder, write_whole
+
+    if output.resolve().parent in (a.resolve(), b.resolve()) and output.name in OWN_FILES:
+        raise UsageError(f"-o {output} would replace a file of the run")
+    if output.exists() and not force:
+        raise AlreadyExists(output)
+    page = side_by_side_page(_compare(a, b))
+    with new_folder(output.parent):
+        write_whole(output, page)
+    return output
+
+
+def _compare(a: Path, b: Path) -> RunPair:
+    """Both runs, and what differs between them."""
+    from quadlog.metrics.paired import paired_differences
+    from quadlog.pipelines.evaluation.samples import read_samples
+    from quadlog.results.compare.common_clock import open_runs
+    from quadlog.results.compare.differences import EXACT
+    from quadlog.results.compare.run_diff import compare_origins, diff_runs
+    from quadlog.results.page.side_by_side import RunPair
+    from quadlog.results.run.find_runs import run_labels
+
+    run_a, run_b, clock = open_runs((a, b))
+    diff, samples, problems = None, [], []
+    if clock.is_shared:
+        diff = diff_runs(a, b, EXACT)
+        for run in (a, b):
+            found, errors = read_samples(run, run_a.metrics.keys() & run_b.metrics.keys(), may_lack=True)
+            samples.append(found)
+            problems += [str(error) for error in errors]
+    origins = compare_origins(run_a.record.to_dict(), run_b.record.to_dict()) if diff is None else diff.origins
+    differences = paired_differences(*samples) if samples else {}
+    name_a, name_b = run_labels((a, b))
+    return RunPair(run_a, run_b, (name_a, name_b), clock, origins, diff, differences, problems)
 
 
 def load_drawing() -> None:

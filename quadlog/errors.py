@@ -11,7 +11,7 @@ import csv
 import io
 import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -409,6 +409,24 @@ class AnchorsNotObserved(QuadlogError):
     def __init__(self, reason: str, remedy: str) -> None:
         self.reason, self.remedy = reason, remedy
         super().__init__(f"survey: {reason}; {remedy}")
+
+
+class KnownAnchorsContradict(QuadlogError):
+    """Known anchors that cannot stand where the configuration has them, by the ranges of a survey; id -> m apart.
+
+    mirrored: whether they fit a walk that turns to the other side.
+    """
+
+    def __init__(self, off_m: Mapping[int, float], mirrored: bool) -> None:
+        self.off_m, self.mirrored = dict(off_m), mirrored
+        worst = sorted(off_m, key=lambda anchor: -off_m[anchor])
+        listed = ", ".join(f"{anchor} by {off_m[anchor]:.2f} m" for anchor in worst[:8])
+        remedy = (
+            "mirrored they fit: the odometry turns to the wrong side, or y_m of [[uwb.anchors]] has the wrong sign"
+            if mirrored
+            else "correct [[uwb.anchors]], or leave out the anchors that are wrong"
+        )
+        super().__init__(f"survey: known anchors contradict the ranges: {listed}; {remedy}")
 
 
 class EmptyWindow(QuadlogError):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shlex
 from pathlib import Path
@@ -33,22 +35,50 @@ def test_the_example_from_python_is_short():
     assert len(example.strip().splitlines()) <= 8
 
 
-def test_make_demo_is_what_the_readme_says(tmp_path, monkeypatch, capsys):
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The run that `make demo` leaves, and what it prints."""
     recipe = (ROOT / "Makefile").read_text().split("\ndemo:")[1].split("\n\n")[0].splitlines()
     words = shlex.split(next(line for line in recipe if "quadlog replay" in line).strip().lstrip("@"))
     assert words[0].endswith("/quadlog")
-    monkeypatch.chdir(ROOT)
-    words[words.index("runs")] = str(tmp_path / "runs")
-    assert run(words[1:]) == 0
-    printed = capsys.readouterr().out
-    assert "eta_m" in printed
-    assert printed.splitlines()[-1].endswith("report.html")
+    runs = tmp_path_factory.mktemp("demo") / "runs"
+    words[words.index("runs")] = str(runs)
+    return runs / "follow", printed(words[1:])
+
+
+def printed(words: list[str]) -> str:
+    """What a command prints, typed in the checkout."""
+    out = io.StringIO()
+    with contextlib.chdir(ROOT), contextlib.redirect_stdout(out):
+        assert run(words) == 0
+    return out.getvalue()
+
+
+def test_make_demo_is_what_the_readme_says(demo):
+    folder, said = demo
+    assert "eta_m" in said
+    assert said.splitlines()[-1].endswith("report.html")
     # The robot follows the person round the end of a wall, and touches nothing.
-    metrics = {name: each["value"] for name, each in read_metrics(tmp_path / "runs" / "follow").items()}
+    metrics = {name: each["value"] for name, each in read_metrics(folder).items()}
     assert metrics["fallen"] == metrics["collisions"] == 0
     assert metrics["clearance_min_m"] >= 0.05
     assert metrics["heading_rmse_rad"] <= 0.3
     assert metrics["plan_error_m"] < metrics["eta_m"] < 0.2
+
+
+def test_the_sample_outputs_are_what_is_printed_of_the_fixture(demo):
+    info, metrics = (block.splitlines() for block in re.findall(r"```text\n(.*?)```", README, re.DOTALL))
+    rows = printed(["info", "fixtures/follow.mcap", "-c", "fixtures/follow.toml"]).splitlines()
+    assert [line for line in info if line] == [row for row in rows if row and row in info]
+    rows = {row.split()[0]: row for row in printed(["metrics", str(demo[0])]).splitlines() if row}
+    for line in metrics:
+        told, measured = (each.split() for each in (line, rows[line.split()[0]]))
+        assert len(told) == len(measured)
+        for one, other in zip(told, measured, strict=True):
+            if re.fullmatch(r"[\d.]+", one):  # another processor rounds otherwise, and a walk adds that up
+                assert float(one) == pytest.approx(float(other), rel=0.1, abs=0.02)
+            else:
+                assert one == other
 
 
 @pytest.mark.parametrize("key", ["title", "authors", "version", "license", "message", "cff-version"])

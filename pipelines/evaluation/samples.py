@@ -12,11 +12,13 @@ import numpy as np
 from quadlog.errors import QuadlogError
 from quadlog.geometry import interpolate_poses
 from quadlog.metrics.alignment import track_difference_samples
+from quadlog.metrics.body import body_samples
 from quadlog.metrics.planning import Replans, search_samples
 from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
+from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
 from quadlog.pipelines.evaluation.reference import (
     OnTime,
     Reference,
@@ -29,6 +31,9 @@ from quadlog.results.run.tables import read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
 _COMPARED_GAP_S = 0.5
+# torque_max_nm of a simulated body is that of all its ticks, which are not saved.
+OF_BODIES = ("torque_max_nm", "torque_rms_nm", "duty_factor", "stride_frequency_hz")
+LOGGED = "logged_"
 
 
 class _Run:
@@ -80,7 +85,7 @@ def read_samples(
         except QuadlogError as error:
             errors.append(error)
         else:
-            samples |= {name: each for name, each in found.items() if name in names}
+            samples |= {name: found[name] for name in source.metrics if name in names and name in found}
     return samples, errors
 
 
@@ -140,6 +145,15 @@ def _clearances(run: _Run) -> dict[str, Samples]:
     return clearance_samples(**read_table(run.path, "clearances"))
 
 
+def _logged_body(run: _Run) -> dict[str, Samples]:
+    return body_samples(logged_body(run.path), LOGGED)
+
+
+def _resimulated_body(run: _Run) -> dict[str, Samples]:
+    body = resimulated_body(run.path)
+    return {} if body is None else body_samples(body)
+
+
 _SOURCES = (
     _Source(("fixes.parquet", "reference.tum"), ("uwb_rmse_m", "uwb_bias_m"), _own_fixes),
     _Source(("fixes.parquet",), ("uwb_residual_m",), _residuals),
@@ -166,6 +180,9 @@ _SOURCES = (
     _Source(
         ("clearances.parquet",), ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
     ),
+    _Source(("joints.parquet", "poses.parquet"), tuple(LOGGED + name for name in OF_BODIES), _logged_body, newer=True),
+    # Without a logged body there is nothing to compare it with.
+    _Source(("joints.parquet", "control.parquet"), OF_BODIES[1:], _resimulated_body, newer=True),
 )
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""

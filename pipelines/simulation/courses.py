@@ -82,6 +82,17 @@ def seen_ground(run: Path) -> SeenGround | None:
     return SeenGround(run, from_height_map(height_m, seen.cell_m, seen.origin_m), seen_m)
 
 
+def walkable_ground(run: Path, friction: float) -> tuple[HeightField, str]:
+    """The ground that a run saw, or a plane and why: it saw none, or none that feet can stand on. As seen_ground."""
+    seen = seen_ground(run)
+    if seen is None:
+        return grounds.flat(), "no ground was seen: the re-simulated robot walks on a plane"
+    too_steep = seen.ground.too_steep_for(friction)
+    if too_steep is not None:
+        return grounds.flat(), f"the re-simulated robot walks on a plane: {too_steep}"
+    return seen.ground, ""
+
+
 def _places_along(path_m: Float, step_m: float) -> tuple[Float, float]:
     """(N, 2) middles of equal pieces of a path, about step_m long, and how long they are."""
     arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])

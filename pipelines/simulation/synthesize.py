@@ -8,10 +8,12 @@ from pathlib import Path
 
 import tomli_w
 
+from quadlog.config.control import RobotConfig
 from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
 from quadlog.errors import AlreadyExists, CannotWrite, UnknownName, UsageError
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.recording import (
     PERSON_TAG,
     ROBOT_TRUTH_TOPIC,
@@ -67,7 +69,7 @@ def synthesize(
 
 
 def recording_config(recording: SynthesizedRecording) -> str:
-    """The quadlog.toml of a recording: anchors, tags, the lidar's place and the topic of the truth."""
+    """The quadlog.toml of a recording: anchors, tags, the lidar's place, the topic of the truth, the walker's model."""
     anchors = [
         Anchor(id=index, x_m=x, y_m=y, z_m=z) for index, (x, y, z) in enumerate(recording.site.anchors_m.tolist())
     ]
@@ -82,11 +84,14 @@ def recording_config(recording: SynthesizedRecording) -> str:
         for tag in recording.tags
     ]
     x, y, z = recording.transform_lidar_to_base[:3, 3].tolist()
+    walk = recording.site.robot
     config = Config(
         topics=Topics(reference=ROBOT_TRUTH_TOPIC),
         uwb=UwbConfig(anchors=anchors, tags=tags),
         lidar=LidarConfig(mount=Mount(x_m=x, y_m=y, z_m=z)),
     )
+    if isinstance(walk, LeggedWalk):
+        config = config.model_copy(update={"robot": RobotConfig(model=walk.robot.name)})
     return CONFIG_HEADER + tomli_w.dumps(config.model_dump(exclude_unset=True))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.mapping.grid import crop, window_at
 from quadlog.messages import Float
-from quadlog.pipelines.simulation.courses import seen_ground
+from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.simulation.walk import (
     check_rate,
     disturbance_settings,
@@ -28,7 +28,7 @@ from quadlog.results.run.tables import TABLES, write_table
 from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
-from quadlog.simulation.robot.height_field import HeightField, flat
+from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -102,15 +102,10 @@ def _robot(walk: ReplayContext, start_pose: Float) -> WalkingRobot | UnicycleRob
 
 def _ground(walk: ReplayContext) -> HeightField:
     """The run's own height map where it has one that feet can stand on, else a plane, which is said."""
-    seen = seen_ground(walk.run.path)
-    if seen is None:
-        walk.warn("no ground was seen: the re-simulated robot walks on a plane")
-        return flat()
-    too_steep = seen.ground.too_steep_for(walk.config.simulation.friction)
-    if too_steep is not None:
-        walk.warn(f"the re-simulated robot walks on a plane: {too_steep}")
-        return flat()
-    return seen.ground
+    ground, why_plane = walkable_ground(walk.run.path, walk.config.simulation.friction)
+    if why_plane:
+        walk.warn(why_plane)
+    return ground
 
 
 def _settings(walk: ReplayContext) -> PursuitSettings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,10 @@ from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import metrics_of
 from quadlog.metrics.walking import effort_metrics
+from quadlog.pipelines.evaluation.body import compare_bodies, known_body, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
@@ -74,10 +77,31 @@ def _metrics(walk: ReplayContext) -> Metrics:
     samples, errors = read_samples(run, wanted, may_lack=True, robot=robot)
     if errors:
         raise errors[0]
-    metrics = metrics_of(samples) | _trajectory_metrics(walk)
+    metrics = metrics_of(samples) | _trajectory_metrics(walk) | _of_bodies(walk)
     if plans is not None:
         metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])
     return metrics if body is None else metrics | effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
+
+
+def _of_bodies(walk: ReplayContext) -> Metrics:
+    """body.parquet, gait.parquet and the metrics of bodies that no samples give; nothing without a logged body."""
+    run, config, body = walk.run.path, walk.config, walk.body
+    for name in ("body", "gait"):
+        (run / f"{name}.parquet").unlink(missing_ok=True)  # of an earlier replay
+    if not (has_table(run, "joints") and has_table(run, "poses")):
+        return {}
+    known = known_body(config)
+    if known is None:
+        walk.note("no logged_cost_of_transport and no height of the body: set robot.preset or robot.model")
+    ground = None if body is None else walkable_ground(run, config.simulation.friction)[0]
+    bodies = compare_bodies(run, None if known is None else known.geometry, ground)
+    cost = {} if body is None else effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
+    resimulated_cost = cost["cost_of_transport"].value if "cost_of_transport" in cost else math.nan
+    masses_kg = {
+        "logged": math.nan if known is None else known.mass_kg,
+        "resimulated": math.nan if body is None else body.mass_kg,
+    }
+    return write_bodies(run, bodies, masses_kg, resimulated_cost)
 
 
 def _not_applicable(plans: Mapping[str, Any] | None) -> set[str]:

@@ -42,7 +42,7 @@ class Stage:
 
 
 # lidar.level: whether the IMU is read for the scans, which may change where the recording begins. robot.model: the
-# lengths of the legs that may tell the position.
+# lengths of the legs that may tell the position; whether a log has joints is not known before it is read.
 POSITION = Stage(
     ("position",),
     "positions.position:locate_walk",

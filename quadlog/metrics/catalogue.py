@@ -35,6 +35,19 @@ _BODY = "ticks of the simulation"
 _JOINTS = "joint torques, 12 at each tick of the simulation"
 _REPLANS = "replans"
 
+_BODIES = (
+    ("torque_rms_nm", "N·m", "root mean square of the joint torques", "√( 1/N Σ tau_ij² )", "known joint torques"),
+    (
+        *("duty_factor", "", "share of the time in which a foot stands, mean over the feet,"),
+        *("1/N Σ stance_i, of instants at 0.1 m/s or faster", "instants of the walk with known contacts"),
+    ),
+    (
+        *("stride_frequency_hz", "Hz", "mean frequency of the strides, from touch-down to touch-down of a foot,"),
+        *("1/N Σ 1/T_i", "strides of all feet"),
+    ),
+)
+"""Name, unit, meaning, formula and what is counted, of metrics that a logged and a re-simulated body both have."""
+
 _ENTRIES = (
     MetricEntry(
         *("eta_m", "m", "mean distance from the robot to the nearest point of its reference path"),
@@ -100,6 +113,19 @@ _ENTRIES = (
     MetricEntry(
         *("cost_of_transport", "", "energy of the joints per weight and distance; braking costs as driving does"),
         *("Σ |tau_ij ω_ij| Δt / (m g d)", _OURS, _BODY),
+    ),
+    *(
+        MetricEntry(prefix + name, unit, f"{meaning} of {whose}", formula, _OURS, counted, better="")
+        for prefix, whose in (("", "the re-simulated body, where the log has joints"), ("logged_", "the logged body"))
+        for name, unit, meaning, formula, counted in _BODIES
+    ),
+    MetricEntry(
+        *("logged_torque_max_nm", "N·m", "largest joint torque of the logged body"),
+        *("max |tau_ij|", _OURS, "instants with a known torque"),
+    ),
+    MetricEntry(
+        *("logged_cost_of_transport", "", "cost_of_transport of the logged body, by the configured robot's mass"),
+        *("mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants at 0.1 m/s or faster"),
     ),
     MetricEntry(
         *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),
@@ -198,10 +224,8 @@ _ENTRIES = (
         better="",
     ),
     MetricEntry(
-        "ate_rmse_m",
-        "m",
-        "absolute trajectory error against a reference, translation, in 3-D where both have heights, else in 2-D; "
-        "equal to evo_ape's rmse, in 2-D with --project_to_plane xy",
+        *("ate_rmse_m", "m"),
+        "absolute trajectory error, in 3-D where heights are known; evo_ape's rmse (2-D: --project_to_plane xy)",
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from quadlog.messages import Float
 
@@ -24,7 +23,7 @@ SAFE_IN_TIME = 100
 _MAX_DRAWN = 4_000_000  # values at a time, 32 MB
 
 Interval = tuple[float, float]
-Z_95 = float(ndtri(0.975))
+Z_95 = 1.959963984540054
 """Two-sided 95 % quantile of a normal."""
 
 
@@ -33,8 +32,14 @@ def student_interval(values: Float, confidence: float = 0.95) -> Interval | None
     if len(values) < 2:
         return None
     mean, half = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    half *= float(stdtrit(len(values) - 1, (1 + confidence) / 2))
+    half *= _student_quantile(len(values) - 1, confidence)
     return (mean - half, mean + half)
+
+
+def _student_quantile(freedom: float, confidence: float) -> float:
+    from scipy.special import stdtrit  # a quarter of a second to import
+
+    return float(stdtrit(freedom, (1 + confidence) / 2))
 
 
 def wilson_interval(count: int, total: int) -> Interval:
@@ -178,8 +183,8 @@ _BLOCKS = 40
 _FEWEST_INDEPENDENT = 6
 
 
-def mean_interval_in_time(values: Float) -> Interval | None:
-    """95 % interval of the mean of a stationary series (N,), by Student's t with its effective number of values.
+def mean_interval_in_time(values: Float, confidence: float = 0.95) -> Interval | None:
+    """Interval of the mean of a stationary series (N,), by Student's t with its effective number of values.
 
     None below SAFE_IN_TIME values, for values all alike, and for a series that is worth fewer than
     _FEWEST_INDEPENDENT independent values: none of them tells how it could have been otherwise.
@@ -196,7 +201,7 @@ def mean_interval_in_time(values: Float) -> Interval | None:
     variance, independent = _variance_of_mean(blocks)
     if independent < _FEWEST_INDEPENDENT:
         return None
-    mean, half = float(np.mean(values)), float(stdtrit(independent - 1, 0.975)) * math.sqrt(variance)
+    mean, half = float(np.mean(values)), _student_quantile(independent - 1, confidence) * math.sqrt(variance)
     return (mean - half, mean + half)
 
 

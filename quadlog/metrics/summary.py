@@ -39,6 +39,12 @@ class Samples:
         """What the value rests on: the samples, each as often as it counts."""
         return len(self.values) if self.weights is None else int(self.weights.sum())
 
+    def rows(self, index: Int) -> Samples:
+        """The samples with these indices (M,)."""
+        weights = None if self.weights is None else self.weights[index]
+        vectors = None if self.vectors is None else self.vectors[index]
+        return Samples(self.t_ns[index], self.values[index], self.statistic, weights, vectors)
+
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
     """The samples (N,) that exist: NaN and infinity mean that there was nothing to measure."""
@@ -51,7 +57,7 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
     return {
-        name: Metric(_value(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()
+        name: Metric(value_of(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()
     }
 
 
@@ -82,7 +88,7 @@ def summarise(samples: Samples) -> SampleSummary | None:
         return None
     p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
     return SampleSummary(
-        value=_value(samples),
+        value=value_of(samples),
         n=samples.count,
         mean=float(np.mean(x)),
         std=float(np.std(x, ddof=1)) if len(x) > 1 else None,
@@ -92,7 +98,8 @@ def summarise(samples: Samples) -> SampleSummary | None:
     )
 
 
-def _value(samples: Samples) -> float:
+def value_of(samples: Samples) -> float:
+    """The value that N >= 1 samples make; NaN for the deviation of one."""
     x, weights = samples.values, samples.weights
     match samples.statistic:
         case "mean":

@@ -208,7 +208,7 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
         carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
     source[:] = ContactSource.HEIGHT
     for kind, told in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
-        share = _share_of_usual(told)
+        share = share_of_usual(told)
         known: NDArray[np.bool_] = np.isfinite(share)
         carries[known] = _logistic((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
         source[known] = kind
@@ -230,7 +230,7 @@ def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad
     return -_levelled(force_n, rpy_rad)[..., 2]
 
 
-def _share_of_usual(load: Float) -> Float:
+def share_of_usual(load: Float) -> Float:
     """Loads (N, 4) of any unit as shares of each foot's own usual ones, NaN where they say nothing."""
     share = np.full(load.shape, np.nan)
     for foot, column in enumerate(load.T):

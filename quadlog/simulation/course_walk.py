@@ -92,12 +92,14 @@ TICK_COLUMNS = (
     *("lookahead_m", "k_v", "k_w", "cmd_v_mps", "cmd_yaw_rate_radps"),
     *(f"tau_{joint:02d}_nm" for joint in range(12)),
     *(f"fz_{leg}_n" for leg in range(4)),
-    "fallen",
+    *("fallen", "energy_j"),
 )
 """Columns of control.parquet without the times, in this order."""
-POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN = (
+POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY = (
     TICK_COLUMNS.index(name)
-    for name in ("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen")
+    for name in (
+        *("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen", "energy_j"),
+    )
 )
 
 
@@ -137,6 +139,8 @@ def steer(
     # A robot without a body has the commanded speed at once.
     row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
     row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
+    if robot.effort is not None:
+        row[ENERGY] = robot.effort.energy_j
     return command
 
 

@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 from quadlog.config.file import load_config
+from quadlog.geometry import quat_from_yaw
+from quadlog.messages import Odometry, UwbRanges
+from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
 from quadlog.pipelines.tables.real.recordings import LIAS_ANCHORS_M, LIAS_LEVERS_M, LIAS_TAG_HEIGHT_M
+from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
 from quadlog.storage.formats.tum import read_tum
 
 TABLE = '[[uwb.tags]]\nid = {}\nrole = "robot"\nx_m = {}\ny_m = {}\n'
@@ -63,3 +67,81 @@ def test_without_ranges_or_odometry_it_says_what_is_missing(lias, refused):
 @pytest.mark.parametrize("height", ["high", "=2", "a=2", "nan", "0=inf"])
 def test_wrong_heights_are_usage(tmp_path, refused, height):
     assert "--anchor-height" in refused(2, "survey", tmp_path / "walk.mcap", "--anchor-height", height)
+
+
+ANCHORS_M = np.array([[-3.0, -2.0, 1.6], [9.0, -1.0, 1.8], [8.0, 8.0, 1.5], [-2.0, 7.0, 1.7]])
+CIRCLE_M = 3.0
+
+
+@pytest.fixture
+def circle(tmp_path):
+    """A function that writes 30 s of a walk in a circle with good odometry: ids of its tags, heard in turn."""
+
+    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M) -> Path:
+        rng, messages = np.random.default_rng(0), []
+        for step in range(600):
+            t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / 500
+            place_m = np.array([radius_m * np.sin(angle), radius_m * (1 - np.cos(angle)), 0.0])
+            if radius_m == 0:
+                place_m = np.array([0.02 * step, 0.0, 0.0])
+            yaw_rad = angle if radius_m else 0.0
+            pose = Odometry(t_ns, "odom", "base", place_m, quat_from_yaw(np.array(yaw_rad)), np.zeros(3), np.zeros(3))
+            range_m = np.linalg.norm(anchors_m - place_m - [0, 0, 0.6], axis=1) + rng.normal(0.1, 0.05, len(anchors_m))
+            if spoiled is not None and step % 10 == 0:
+                range_m[0] = spoiled
+            ranges = UwbRanges(t_ns, tags[step % len(tags)], np.arange(len(anchors_m)), range_m)
+            messages += [
+                SynthesizedMessage("/odom", t_ns, pose),
+                SynthesizedMessage("/nlink_linktrack_tagframe0", t_ns, ranges),
+            ]
+        write_recording(WRITERS["mcap"](tmp_path / "circle.mcap"), iter(messages))
+        return tmp_path / "circle.mcap"
+
+    return write
+
+
+KNOWN = "[[uwb.anchors]]\nid = {}\nx_m = {}\ny_m = {}\nz_m = {}\n"
+
+
+def test_two_anchors_are_surveyed_and_are_not_enough(circle, quadlog):
+    done = quadlog("survey", circle(ANCHORS_M[:2]), "--json")
+    rows = json.loads(done.out)["anchors"]
+    assert (done.code, [row["observed"] for row in rows]) == (0, [True, True])
+    assert "fewer than three anchors are surveyed: that is not enough for positions" in done.err
+    np.testing.assert_allclose([[row["x_m"], row["y_m"]] for row in rows], ANCHORS_M[:2, :2], atol=0.3)
+
+
+def test_ranges_that_are_no_numbers_are_counted(circle, quadlog):
+    done = quadlog("survey", circle(spoiled=np.nan), "--json")
+    assert done.code == 0
+    assert "60 ranges that are no numbers" in done.err
+
+
+def test_of_200_tags_one_is_the_robots_and_the_rest_are_counted(circle, quadlog):
+    done = quadlog("survey", circle(tags=(0, *[0] * 200, *range(1, 200))), "--json")
+    assert "tag 0 is taken to be the robot's, 199 other tags are not used" in done.err
+
+
+def test_200_tags_on_the_robot_are_too_many(tmp_path, circle, refused):
+    (tmp_path / "c.toml").write_text("".join(TABLE.format(tag, 0.0, 0.0) for tag in range(200)))
+    recording = circle(np.vstack([ANCHORS_M, ANCHORS_M + 1]), tags=range(200))
+    assert "1600 exceeds the limit of 1024" in refused(1, "survey", recording, "-c", tmp_path / "c.toml")
+
+
+def test_a_straight_line_is_refused(circle, refused):
+    assert "straight line" in refused(1, "survey", circle(radius_m=0))
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [([1, 1, 1], ""), ([1, -1, 1], "the odometry turns to the wrong side"), ([1.5, 1, 1], "correct [[uwb.anchors]]")],
+)
+def test_known_anchors_that_contradict_the_ranges_are_refused(tmp_path, circle, quadlog, changed, why):
+    known_m = ANCHORS_M * changed
+    (tmp_path / "c.toml").write_text("".join(KNOWN.format(index, *known_m[index]) for index in range(3)))
+    done = quadlog("survey", circle(), "-c", tmp_path / "c.toml", "-o", tmp_path / "anchors.toml")
+    assert done.code == (1 if why else 0), done.err
+    assert (tmp_path / "anchors.toml").exists() is not bool(why)
+    if why:
+        assert "survey: known anchors contradict the ranges: " in done.err
+        assert why in done.err

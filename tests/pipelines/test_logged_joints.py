@@ -99,8 +99,14 @@ def test_a_go2_log_gives_joints_imu_and_odometry(tmp_path: Path, replay_command:
     for joint in range(12):
         np.testing.assert_allclose(joints[f"q_{joint:02d}_rad"], position_rad[:, joint], atol=1e-6)
     np.testing.assert_array_equal(joints["foot_force_0_n"], force_n[:, 0])
-    assert np.isnan(joints["contact_0"]).all()
+    pressed = force_n[:, 0] > 0.5 * force_n[:, 0].max()
+    assert joints["contact_0"][pressed].mean() > 0.9 > 0.1 > joints["contact_0"][~pressed].mean()
     assert "foot forces" not in result.err
+    gait = result.table("gait")
+    assert gait["body"].tolist() == ["logged"]
+    assert gait["stride_frequency_hz"][0] == pytest.approx(2.0, rel=0.01)
+    assert gait["duty_factor_2"][0] == pytest.approx(0.5, abs=0.03)
+    assert np.isnan(gait["cost_of_transport"][0])  # of a robot whose mass nobody configured
 
 
 def test_swapped_feet_are_warned_of_with_the_order_that_fits(

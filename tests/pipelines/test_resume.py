@@ -16,7 +16,8 @@ from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages import position, report
+from quadlog.pipelines.stages import report
+from quadlog.pipelines.stages.positions import position
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.compare.differences import Tolerance
 from quadlog.results.compare.run_diff import diff_runs, first_difference
@@ -240,7 +241,7 @@ def test_marks_of_a_stranger_are_worth_nothing(ask, fresh, tmp_path):
     replay(ask(tmp_path / "run", until="map"), Silent())
     marks = tmp_path / "run" / "stages.json"
     own = json.loads(marks.read_text())
-    marks.write_bytes((fresh(until="map", seed=1) / "stages.json").read_bytes())
+    marks.write_bytes((fresh("uwb.range_std_m=0.2", until="map") / "stages.json").read_bytes())
     assert reusable_stages(ask(tmp_path / "run")) == ()
     for change in ({"counts": {"scans": "many"}}, {"first_ns": 1.5}, {"robot": {"source": 1}}, {"more": 1}):
         damaged = json.loads(json.dumps(own))
@@ -252,12 +253,12 @@ def test_marks_of_a_stranger_are_worth_nothing(ask, fresh, tmp_path):
 
 
 def test_a_stage_that_fails_leaves_the_marks_of_those_before_it(ask, fresh, saved, tmp_path):
-    walks = "simulation.controller=fpmw"
-    with pytest.raises(QuadlogError, match=r"gone\.xml: no such file"):
-        replay(ask(tmp_path / "run", walks, "robot.model=gone.xml"), Silent())
-    outcome, reused = resumed(ask(tmp_path / "run", walks))
-    assert reused == ALL[:4]
-    assert saved(outcome.run) == saved(fresh(walks))
+    walks, model = "simulation.controller=fpmw", tmp_path / "broken.xml"
+    model.write_text("<mujoco>")
+    with pytest.raises(QuadlogError, match=r"broken\.xml"):
+        replay(ask(tmp_path / "run", walks, f"robot.model={model}"), Silent())
+    assert reusable_stages(ask(tmp_path / "run", walks, f"robot.model={model}")) == ALL[:4]
+    assert saved(resumed(ask(tmp_path / "run", walks))[0].run) == saved(fresh(walks))
     # What the body took is in no table: a report that is made again still has it.
     outcome, reused = resumed(ask(tmp_path / "run", walks, "results.frames=3"))
     assert reused == ALL

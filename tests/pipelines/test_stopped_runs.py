@@ -116,8 +116,8 @@ def full_disk(most_bytes: int) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("work", "most_bytes", "file", "count"),
     [
-        ("position:locate_walk", 5000, "ranges.parquet", 0),
-        ("position:locate_walk", 50_000, "dilution.npz", 0),
+        ("positions.position:locate_walk", 5000, "ranges.parquet", 0),
+        ("positions.position:locate_walk", 50_000, "dilution.npz", 0),
         ("perceive:filter_and_map", 2000, "scans.parquet", 1),
         ("perceive:filter_and_map", 20_000, "cloud_samples.npz", 1),
         ("plan:replan_walk", 2000, "paths.parquet", 3),

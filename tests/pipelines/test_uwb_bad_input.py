@@ -440,3 +440,20 @@ def test_info_prints_every_link(tmp_path, capsys):
     out = capsys.readouterr().out
     for anchor in range(4):
         assert f"/uwb  tag 7  anchor {anchor}  100 ranges" in out
+
+
+def test_of_many_tags_all_are_located_and_ten_described(tmp_path, replayed, capsys):
+    t_ns, range_m = measure()
+    log = write_frames(
+        tmp_path / "walk.mcap",
+        [frame for tag in range(30) for frame in frames_of(t_ns[:20] + 1000 * tag, range_m[:20], tag)],
+    )
+    result = replayed(log, anchor_table())
+    assert result.code == 0
+    assert set(result.table("fixes")["tag"]) == set(range(30))
+    assert "30 tags are located; what is said of single tags is left out for 20 of them" in result.err
+    capsys.readouterr()
+    assert run_cli(["info", str(log), "-c", str(tmp_path / "quadlog.toml")]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert "  and 20 more tags, all of them in --json" in printed
+    assert len(printed) < 150

@@ -31,11 +31,12 @@ def track_legs(walk: ReplayContext) -> LegTrack | None:
         return None
     from quadlog.positioning.leg_odometry import LegGeometry, leg_track
 
-    robot = _robot_of(walk.config)
+    robot = robot_of(walk.config)
     return leg_track(joints, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m), walk.streams.imu)
 
 
-def _robot_of(config: Config) -> Robot:
+def robot_of(config: Config) -> Robot:
+    """The robot of [robot] model. Raises UnknownName, and what loading a user's file raises."""
     from quadlog.control.locomotion.robot import ROBOTS
 
     if config.robot.model in ROBOTS:

@@ -250,4 +250,5 @@ def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_ra
 
 def robot_track(walk: ReplayContext) -> RobotTrack:
     """The robot's track from the configured source other than UWB. Raises MissingInput."""
+    walk.legs = track_legs(walk)
     return _robot(walk, None)

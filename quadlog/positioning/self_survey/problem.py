@@ -16,22 +16,36 @@ MOST_KNOTS = 300
 MOST_RANGES = 10_000
 PATH_S = 0.5
 """Interval over which the length of the way is summed, so that noise of single poses is not counted as walked."""
+VELOCITY_S = 0.2
+"""Interval over which a tag's velocity is taken."""
 MAX_GAP_S = 1.0
 """A range farther than this from the odometry's poses is left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryPoses:
-    """Poses of base in the odometry's own frame: t_ns (M,) strictly increasing, xy_m (M, 2), yaw_rad (M,)."""
+    """Poses of base in the odometry's own frame: t_ns (M,) strictly increasing, xy_m (M, 2), yaw_rad (M,).
+
+    doubtful (M,): whether the odometry doubts the pose, None if it doubts none.
+    """
 
     t_ns: Int
     xy_m: Float
     yaw_rad: Float
+    doubtful: np.ndarray | None = None
 
     def at(self, t_ns: Int) -> Float:
         """(N, 3) x_m, y_m, yaw_rad at instants (N,), NaN farther than MAX_GAP_S from any pose."""
         xy_m, yaw_rad, _ = interpolate_poses(t_ns, self.t_ns, self.xy_m, self.yaw_rad, MAX_GAP_S)
         return np.column_stack([xy_m, yaw_rad])
+
+    def doubtful_shares(self, t_ns: Int) -> Float:
+        """(N - 1,) share of doubtful poses between successive instants (N,)."""
+        if self.doubtful is None:
+            return np.zeros(len(t_ns) - 1)
+        row = np.searchsorted(self.t_ns, t_ns, side="right")
+        doubtful = np.concatenate([[0], np.cumsum(self.doubtful)])[row]
+        return np.diff(doubtful) / np.maximum(np.diff(row), 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +75,10 @@ class SurveyProblem:
     """K knots on the way and N ranges between them; poses are relative to the first knot.
 
     knot_s (K,); knots (K, 3) x_m, y_m, yaw_rad by odometry. step (K - 1, 3) from knot to knot, in the axes of the
-    first one; length_m (K - 1,) and step_s (K - 1,) of the steps. Of the ranges: t_s, tag, anchor, range_m (N,);
+    first one; length_m, step_s and doubtful_share (K - 1,) of the steps. Of the ranges: t_s, tag, anchor, range_m (N,);
     knot (N,) the one before, share (N,) of the way to the next; before_m, after_m (N, 2) the tag in the axes of the
-    knots before and after; height_m (N,) of the tag. n_anchors: A.
+    knots before and after, velocity_mps (N, 2) by odometry in those of the one before; height_m (N,) of the tag.
+    n_anchors: A.
     """
 
     knot_s: Float
@@ -71,6 +86,7 @@ class SurveyProblem:
     step: Float
     length_m: Float
     step_s: Float
+    doubtful_share: Float
     t_s: Float
     tag: Int
     anchor: Int
@@ -79,6 +95,7 @@ class SurveyProblem:
     share: Float
     before_m: Float
     after_m: Float
+    velocity_mps: Float
     height_m: Float
     n_tags: int
     n_anchors: int
@@ -93,7 +110,7 @@ class SurveyProblem:
         number = np.full(self.n_anchors, -1)
         number[anchors] = np.arange(len(anchors))
         rows = number[self.anchor] >= 0
-        per_range = ("t_s", "tag", "range_m", "knot", "share", "before_m", "after_m", "height_m")
+        per_range = ("t_s", "tag", "range_m", "knot", "share", "before_m", "after_m", "velocity_mps", "height_m")
         kept = {name: getattr(self, name)[rows] for name in per_range}
         return replace(self, anchor=number[self.anchor[rows]], n_anchors=len(anchors), **kept)
 
@@ -110,28 +127,31 @@ def make_problem(
 ) -> tuple[SurveyProblem, int]:
     """The problem, and the number of ranges left out because the odometry has no pose near them.
 
-    Of more than MOST_RANGES ranges an even selection is used. The odometry has two poses or more.
+    Of more than MOST_RANGES ranges an even selection of each link's is used. The odometry has two poses or more.
     """
     begin_ns, end_ns = int(odometry.t_ns[0]), int(odometry.t_ns[-1])
     pose = odometry.at(ranges.t_ns)
     used = np.isfinite(pose[:, 0]) & (ranges.t_ns >= begin_ns) & (ranges.t_ns <= end_ns)
     rows = np.flatnonzero(used)
-    rows = rows[:: max(1, -(-len(rows) // MOST_RANGES))]
+    if len(rows) > MOST_RANGES:
+        rows = _even_selection(rows, ranges.tag[rows] * n_anchors + ranges.anchor[rows])
     kept, pose = ranges.rows(rows), pose[rows]
     knot_ns, length_m = _knots(odometry)
     knots = _held(odometry, knot_ns)
     origin = knots[0].copy()
     knot = np.clip(np.searchsorted(knot_ns, kept.t_ns, side="right") - 1, 0, len(knot_ns) - 2)
-    tag_m = np.empty((len(rows), 2))
-    for index, (x_m, y_m) in enumerate(tags.lever_m.tolist()):
-        mine = kept.tag == index
-        tag_m[mine] = base_to_tag(pose[mine, :2], pose[mine, 2], x_m, y_m)
+    tag_m = _tags_at(pose, tags, kept.tag)
+    apart_ns = np.array([[-1], [1]]) * round(VELOCITY_S / 2 * 1e9)
+    earlier_m, later_m = (
+        _in_axes(knots[knot], _tags_at(_held(odometry, at_ns), tags, kept.tag)) for at_ns in kept.t_ns + apart_ns
+    )
     problem = SurveyProblem(
         knot_s=seconds_since(knot_ns, begin_ns),
         knots=_relative(knots, origin),
         step=np.array([_relative(after[None], before)[0] for before, after in pairwise(knots)]),
         length_m=length_m,
         step_s=np.diff(seconds_since(knot_ns, begin_ns)),
+        doubtful_share=odometry.doubtful_shares(knot_ns),
         t_s=seconds_since(kept.t_ns, begin_ns),
         tag=kept.tag,
         anchor=kept.anchor,
@@ -140,11 +160,29 @@ def make_problem(
         share=(kept.t_ns - knot_ns[knot]) / (knot_ns[knot + 1] - knot_ns[knot]),
         before_m=_in_axes(knots[knot], tag_m),
         after_m=_in_axes(knots[knot + 1], tag_m),
+        velocity_mps=(later_m - earlier_m) / VELOCITY_S,
         height_m=tags.height_m[kept.tag],
         n_tags=len(tags.height_m),
         n_anchors=n_anchors,
     )
     return problem, int((~used).sum())
+
+
+def _tags_at(poses: Float, tags: RobotTags, tag: Int) -> Float:
+    """(N, 2) where tags (N,) are at poses (N, 3)."""
+    x_m, y_m = tags.lever_m[tag].T
+    return base_to_tag(poses[:, :2], poses[:, 2], x_m, y_m)
+
+
+def _even_selection(rows: Int, link: Int) -> Int:
+    """Of rows (N,) with their links (N,) about MOST_RANGES: as many of every link, evenly spread, all of rare ones."""
+    links, counts = np.unique(link, return_counts=True)
+    limit = MOST_RANGES // len(links)
+    kept = []
+    for each, count in zip(links, counts, strict=True):
+        mine = rows[link == each]
+        kept.append(mine if count <= limit else mine[np.linspace(0, count - 1, limit).astype(np.int64)])
+    return np.sort(np.concatenate(kept))
 
 
 def _knots(odometry: OdometryPoses) -> tuple[Int, Float]:

@@ -1,7 +1,7 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
-Anchors enter the batch first where their own ranges single out one place; along the walk that they correct, the others
-follow. Mirror images are solved as well and compared.
+Anchors enter the batch first where their own ranges single out one place (the idea of [Delama]); along the walk that
+they correct, the others follow. Mirror images are solved as well and compared.
 """
 
 from __future__ import annotations
@@ -13,6 +13,13 @@ import numpy as np
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
 from quadlog.positioning.self_survey.batch import Batch, HeightPrior, OdometryPrior, SurveySolution
+from quadlog.positioning.self_survey.frame import (
+    FramedAnchors,
+    misplaced,
+    place_in_frame,
+    radius_95,
+    relative_covariance,
+)
 from quadlog.positioning.self_survey.initial import anchor_candidates
 from quadlog.positioning.self_survey.problem import SurveyProblem
 
@@ -28,13 +35,18 @@ CLEAR_COST = 6.0
 """A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
 UNKNOWN_M = 1.0
 """An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
-WIDER = np.array([1.05, 1.05, 1.4])
+WIDER = np.array([1.05, 1.05, 1.25])
 """Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
 
-A height reacts to range errors many times as strongly. Lowered from 1.15 and 1.6,
-with which bounds of x and y held in 97 to 99 % of simulated walks.
+A height reacts to range errors many times as strongly.
 """
-CHI2_95, NORMAL_95 = 5.991, 1.96
+NORMAL_95 = 1.96
+LATE_SHARE, PERSISTENCE, LOOSENESS = 0.4, 2.0, 4.0
+"""Ranges that are late more often or err for longer than this may be those of a worse odometry: it is tried as well."""
+MOST_DRIFT_M, MOST_DRIFT_RAD = 0.1, 0.1
+"""With more random drift after 1 m of way the ranges contradict the odometry."""
+FREER_GAIN = 0.5
+"""The odometry is doubted if each range is likelier by exp(FREER_GAIN) where it drifts more than that."""
 BLIND_SHARE = 0.8
 """A height is unobserved if its bound is still this share of the prior's."""
 
@@ -66,25 +78,31 @@ class SurveyedAnchor:
     @property
     def radius_m(self) -> float:
         """How far the 95 % ellipse of x and y reaches."""
-        return _radius_95(self.covariance_m2)
+        return radius_95(self.covariance_m2)
 
 
 @dataclass(frozen=True, slots=True)
 class AnchorSurvey:
-    """All anchors, and the odometry's errors: scale, yaw drift, random drift (m, rad) after 1 m, length of the way.
+    """All anchors, and the odometry's errors: scales of way and turns, yaw drift, random drift (m, rad) after 1 m.
 
-    start (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors; aligned_to: how many known anchors give
-    that frame, 0 where the first pose does.
+    delay_s: by how much the ranges' stamps are too early by the odometry's clock. way_m: length of the way. start
+    (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors; aligned_to: how many known anchors give
+    that frame, 0 where the first pose does. misplaced_m: index -> distance of known anchors from their surveyed
+    places, if larger than the bounds allow; mirrored: whether they fit the mirror image of the survey.
     """
 
     anchors: tuple[SurveyedAnchor, ...]
     scale: float
+    turn_scale: float
     yaw_drift_radps: float
+    delay_s: float
     drift: tuple[float, float]
     range_std_m: float
     way_m: float
     start: Float
     aligned_to: int
+    misplaced_m: dict[int, float]
+    mirrored: bool
 
 
 def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior, known_m: Float) -> AnchorSurvey:
@@ -102,14 +120,16 @@ def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: Odometry
         )
     part, part_heights = problem.of_anchors(heard), _heights_of(heights, heard)
     batch = Batch(part, part_heights, drift)
-    solution, clear_share = _solve(part, part_heights, drift)
-    if clear_share < 0.5 and _mirrored_cost(batch, solution) - solution.cost < CLEAR_COST:
+    solution, clear_share = _likeliest(part, part_heights, drift)
+    _check_odometry(solution)
+    if clear_share < 0.5 and _mirrored(batch, solution).cost_above(solution) < CLEAR_COST:
         raise AnchorsNotObserved(
             "the walk and its mirror image fit the ranges equally well",
             "walk a loop or an L that turns by 90 degrees, several metres each way",
         )
     solution, ambiguous = _check_mirrors(batch, part_heights, solution)
-    framed = _in_frame(part, solution, drift, known_m[heard])
+    _check_odometry(solution)
+    framed = place_in_frame(solution, drift, known_m[heard])
     anchors = _anchors(part, part_heights, solution, framed, heard, ambiguous)
     if not any(each.why_not == "" for each in anchors):
         raise AnchorsNotObserved(
@@ -117,21 +137,22 @@ def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: Odometry
             "walk a longer loop, nearer to the anchors and around them",
         )
     state = solution.state
+    misplaced_m, mirrored = misplaced(solution.state.anchors_m, framed, known_m[heard])
     silent = tuple(_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES))
     return AnchorSurvey(
         anchors=tuple(sorted((*anchors, *silent), key=lambda each: each.index)),
         scale=state.scale,
+        turn_scale=state.turn_scale,
         yaw_drift_radps=state.yaw_drift_radps,
+        delay_s=state.delay_s,
         drift=state.drift,
         range_std_m=state.errors.std_m,
         way_m=problem.way_m,
         start=framed.start,
         aligned_to=framed.aligned_to,
+        misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
+        mirrored=mirrored,
     )
-
-
-def _radius_95(covariance_m2: Float) -> float:
-    return float(np.sqrt(CHI2_95 * np.linalg.eigvalsh(covariance_m2[:2, :2])[-1]))
 
 
 def _check_walk(problem: SurveyProblem) -> None:
@@ -161,7 +182,34 @@ def _candidates(problem: SurveyProblem, heights: HeightPrior, knots: Float) -> l
     return found
 
 
-def _solve(problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior) -> tuple[SurveySolution, float]:
+def _likeliest(problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior) -> tuple[SurveySolution, float]:
+    """What `_solve` finds; from a looser odometry where the usual one makes the ranges bad, if that is likelier."""
+    found = _solve(problem, heights, drift)
+    solution = found[0]
+    if solution.late.mean() > LATE_SHARE or solution.state.persistence > PERSISTENCE:
+        looser = _solve(problem, heights, drift, LOOSENESS)
+        if solution.range_cost - looser[0].range_cost > FREER_GAIN * len(problem.range_m):
+            _check_odometry(looser[0])
+        if looser[0].cost_above(solution) < 0:
+            return looser
+    return found
+
+
+def _check_odometry(solution: SurveySolution) -> None:
+    """Raises AnchorsNotObserved for ranges that fit the walk only if nearly any other fits as well."""
+    drift_m, drift_rad = solution.state.drift
+    if drift_m > MOST_DRIFT_M or drift_rad > MOST_DRIFT_RAD:
+        raise AnchorsNotObserved(
+            f"the ranges contradict the odometry: they fit only if it drifts by {drift_m:.2f} m and "
+            f"{np.degrees(drift_rad):.0f} degrees after 1 m of way",
+            "check its scale, the side to which it turns, its time stamps and x_m, y_m of the tag, or choose another "
+            "by topics.position",
+        )
+
+
+def _solve(
+    problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior, looseness: float = 1.0
+) -> tuple[SurveySolution, float]:
     """The batch of all anchors, and the share of those with one clear place, which come first and correct the walk."""
     found = _candidates(problem, heights, problem.knots)
     clear = np.array([len(misfit) == 1 or misfit[1] > CLEAR_RATIO * misfit[0] for _, misfit in found])
@@ -170,15 +218,15 @@ def _solve(problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior) -
         first = np.flatnonzero(clear)
         batch = Batch(problem.of_anchors(first), _heights_of(heights, first), drift)
         places = np.array([found[index][0][0] for index in first])
-        knots = batch.solve(batch.start(places[:, :3], places[:, 3], knots)).state.knots
+        knots = batch.solve(batch.start(places[:, :3], places[:, 3], knots, looseness)).state.knots
         found = _candidates(problem, heights, knots)
     places = np.array([candidates[0] for candidates, _ in found])
     batch = Batch(problem, heights, drift)
-    return batch.solve(batch.start(places[:, :3], places[:, 3], knots)), float(clear.mean())
+    return batch.solve(batch.start(places[:, :3], places[:, 3], knots, looseness)), float(clear.mean())
 
 
-def _mirrored_cost(batch: Batch, solution: SurveySolution) -> float:
-    """Cost of the batch that starts with all anchors reflected at the main axis of the walk."""
+def _mirrored(batch: Batch, solution: SurveySolution) -> SurveySolution:
+    """The batch that starts with all anchors reflected at the main axis of the walk."""
     state = solution.state
     centre_m = state.knots[:, :2].mean(axis=0)
     _, _, axes = np.linalg.svd(state.knots[:, :2] - centre_m)
@@ -186,7 +234,7 @@ def _mirrored_cost(batch: Batch, solution: SurveySolution) -> float:
     off_m = anchors_m[:, :2] - centre_m
     anchors_m[:, :2] -= 2 * (off_m @ axes[1])[:, None] * axes[1]
     start = replace(state, anchors_m=anchors_m, knots=batch.problem.knots)
-    return batch.solve(start).cost
+    return batch.solve(start)
 
 
 def _check_mirrors(
@@ -202,9 +250,10 @@ def _check_mirrors(
             start = replace(solution.state, anchors_m=_with_row(solution.state.anchors_m, anchor, place[:3]))
             rival = batch.solve(start)
             apart_m = np.hypot(*(rival.state.anchors_m[anchor, :2] - now_m))
-            if apart_m < UNKNOWN_M / 2 or rival.cost - solution.cost > CLEAR_COST:
+            above = rival.cost_above(solution)
+            if apart_m < UNKNOWN_M / 2 or above > CLEAR_COST:
                 continue
-            if solution.cost - rival.cost > CLEAR_COST:
+            if above < -CLEAR_COST:
                 solution = rival
             else:
                 ambiguous[anchor] = f"a place {apart_m:.1f} m away fits its ranges as well"
@@ -217,55 +266,18 @@ def _with_row(anchors_m: Float, anchor: int, place_m: Float) -> Float:
     return changed
 
 
-@dataclass(frozen=True, slots=True)
-class _Framed:
-    """Anchors (A, 3) in the frame of the result, the covariance as a solution has it, and the first pose there."""
-
-    anchors_m: Float
-    covariance: Float
-    start: Float
-    aligned_to: int
-
-
-def _in_frame(problem: SurveyProblem, solution: SurveySolution, drift: OdometryPrior, known_m: Float) -> _Framed:
-    """The solution in the frame of two or more known anchors (A, 2), else in that of the first pose.
-
-    What turns and shifts all anchors alike is certain in the first case as far as it moves the known ones; in the
-    second case the error of the first pose alone is added, that of 1 m of way and more.
-    """
-    anchors_m, n = solution.state.anchors_m, problem.n_anchors
-    known = np.flatnonzero(np.isfinite(known_m[:, 0]))
-    if len(known) < 2:
-        gauge = np.zeros((len(solution.covariance), 3))
-        gauge[: 3 * n] = _gauge(anchors_m)
-        off_m, off_rad = np.hypot(solution.state.drift, drift.first_pose_std)
-        variance = np.square([off_m, off_m, off_rad])
-        return _Framed(anchors_m, solution.covariance + (gauge * variance) @ gauge.T, np.zeros(3), 0)
-    centre_m, true_centre_m = anchors_m[known, :2].mean(axis=0), known_m[known].mean(axis=0)
-    off, true_off = (anchors_m[known, :2] - centre_m) @ [1, 1j], (known_m[known] - true_centre_m) @ [1, 1j]
-    turn_rad = float(np.angle((off.conj() * true_off).sum()))
-    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    shift_m = true_centre_m - rotation[:2, :2] @ centre_m
-    moved_m = anchors_m @ rotation.T + np.append(shift_m, 0.0)
-    turned = np.eye(len(solution.covariance))
-    turned[: 3 * n, : 3 * n] = np.kron(np.eye(n), rotation)
-    covariance = _relative_covariance(turned @ solution.covariance @ turned.T, moved_m, known)
-    return _Framed(moved_m, covariance, np.append(shift_m, turn_rad), len(known))
-
-
 def _anchors(
     problem: SurveyProblem,
     heights: HeightPrior,
     solution: SurveySolution,
-    framed: _Framed,
+    framed: FramedAnchors,
     index: Int,
     ambiguous: dict[int, str],
 ) -> list[SurveyedAnchor]:
     state, n = solution.state, problem.n_anchors
     wider = np.concatenate([np.tile(WIDER, n), np.full(len(framed.covariance) - 3 * n, WIDER[0])])
     covariance = wider[:, None] * framed.covariance * wider
-    among = _relative_covariance(covariance, framed.anchors_m, np.arange(n))
+    among = relative_covariance(covariance, framed.anchors_m, np.arange(n))
     counts = np.bincount(problem.anchor, minlength=n)
     late = np.bincount(problem.anchor, solution.late, minlength=n) / np.maximum(counts, 1)
     anchors = []
@@ -284,30 +296,11 @@ def _anchors(
             bool(np.sqrt(block[2, 2]) < BLIND_SHARE * heights.std_m[anchor]),
             ambiguous.get(anchor, ""),
         )
-        reach_m = _radius_95(among[rows, rows])
+        reach_m = radius_95(among[rows, rows])
         if surveyed.why_not == "" and reach_m > UNKNOWN_M:
             surveyed = replace(surveyed, why_not=f"its place among the others is known to {reach_m:.1f} m only")
         anchors.append(surveyed)
     return anchors
-
-
-def _relative_covariance(covariance: Float, anchors_m: Float, given: Int) -> Float:
-    """The covariance in the frame in which the given anchors, by index, fit their places best."""
-    gauge = np.zeros((len(covariance), 3))
-    gauge[: 3 * len(anchors_m)] = _gauge(anchors_m)
-    rows = (3 * given[:, None] + np.arange(2)).ravel()
-    change = np.eye(len(covariance))
-    change[:, rows] -= gauge @ np.linalg.pinv(gauge[rows])
-    relative: Float = change @ covariance @ change.T
-    return relative
-
-
-def _gauge(anchors_m: Float) -> Float:
-    """(3A, 3) how x, y, z of anchors (A, 3) move with a shift in x, in y, and a turn about the origin."""
-    motion = np.zeros((len(anchors_m), 3, 3))
-    motion[:, 0, 0] = motion[:, 1, 1] = 1.0
-    motion[:, 0, 2], motion[:, 1, 2] = -anchors_m[:, 1], anchors_m[:, 0]
-    return motion.reshape(-1, 3)
 
 
 def _silent(index: int, n_ranges: int) -> SurveyedAnchor:

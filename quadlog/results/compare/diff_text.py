@@ -57,7 +57,7 @@ def _lines(runs: RunDifference) -> Iterator[str]:
     yield f"A  {runs.a}"
     yield f"B  {runs.b}"
     first = first_difference(runs)
-    yield "results: the same" if first is None else f"results: differ, first in {_first_line(first, runs.start_ns)}"
+    yield "results: the same" if first is None else f"results: differ, first in {first_line(first, runs.start_ns)}"
     for name, found in runs.origins.items():
         yield f"{name}: {'differs' if found else 'the same'}"
         yield from _value_lines("    ", found)
@@ -68,8 +68,9 @@ def _lines(runs: RunDifference) -> Iterator[str]:
             yield from _result_lines(result, runs.start_ns)
 
 
-def _first_line(first: FirstDifference, start_ns: int) -> str:
-    at = f" {_place(first.place, start_ns)}" if first.place is not None else ""
+def first_line(first: FirstDifference, start_ns: int, with_stamp: bool = True) -> str:
+    """Stage, result, column and instant of a first difference, and both values."""
+    at = f" {_place(first.place, start_ns, with_stamp)}" if first.place is not None else ""
     if first.column is None:
         return f"stage {first.stage}: {first.result}{at} is only in {first.only_in}"
     return f"stage {first.stage}: {first.result}, {first.column}{at}: {_both(first.a, first.b, first.apart)}"
@@ -103,19 +104,20 @@ def _rows(count: int) -> str:
     return f"{count} row{'s' if count != 1 else ''}"
 
 
-def _place(place: RowLocation, start_ns: int) -> str:
-    keys = ", ".join(f"{name} {value}" for name, value in place.keys)
+def _place(place: RowLocation, start_ns: int, with_stamp: bool = True) -> str:
+    keys = [f"{name} {value}" for name, value in place.keys]
     if place.t_ns is None:
-        return f"at {keys}"
-    return f"at {(place.t_ns - start_ns) / _NS:.3f} s (t_ns {place.t_ns}{', ' if keys else ''}{keys})"
+        return f"at {', '.join(keys)}"
+    inside = ", ".join([f"t_ns {place.t_ns}"] * with_stamp + keys)
+    return f"at {(place.t_ns - start_ns) / _NS:.3f} s{f' ({inside})' if inside else ''}"
 
 
 def _both(a: Any, b: Any, apart: float | None) -> str:
     by = f" (by {short(apart)})" if apart is not None else ""
-    return f"{_value(a)} | {_value(b)}{by}"
+    return f"{value_text(a)} | {value_text(b)}{by}"
 
 
-def _value(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value, shortened to fit a line."""
     if value is None:
         return "none"

@@ -175,6 +175,8 @@ KEYS: dict[str, tuple[str, ...]] = {
     "links": ("tag", "anchor"),
     "uwb_errors": ("t_ns", "tag", "source"),
     "paths": ("t_ns", "i"),
+    "body": ("body", "speeds", "joint", "phase"),
+    "gait": ("body", "speeds"),
     "resim_paths": ("t_ns", "i"),
 }
 """Key columns of tables whose key is not t_ns."""

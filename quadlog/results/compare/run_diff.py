@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from quadlog.results.compare.differences import (
     ResultDifference,
     RunDifference,
     Tolerance,
+    ValueDifference,
     compare_values,
     flatten,
 )
@@ -31,25 +32,29 @@ def diff_runs(a: Path, b: Path, tolerance: Tolerance) -> RunDifference:
     return RunDifference(
         a=str(a),
         b=str(b),
-        origins={
-            name: compare_values(flatten(made), flatten(_origins(other)[name])) for name, made in _origins(one).items()
-        },
+        origins=compare_origins(one, other),
         stages=stages,
         start_ns=min(starts, default=0),
     )
 
 
-def first_difference(runs: RunDifference) -> FirstDifference | None:
-    """The first difference of two runs, None if there is none.
+def compare_origins(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[ValueDifference, ...]]:
+    """How two runs were made, from their run.json: the differences by kind (config, input, seed, options, versions)."""
+    return {name: compare_values(flatten(made), flatten(_origins(b)[name])) for name, made in _origins(a).items()}
 
-    Within the first stage that differs, missing results come first, then the earliest time stamp, then values without
-    a time stamp.
+
+def first_difference(runs: RunDifference) -> FirstDifference | None:
+    """The first difference of two runs, None if there is none: that of the first stage that differs."""
+    return next((first for each in runs.stages.items() if (first := first_of_results(*each)) is not None), None)
+
+
+def first_of_results(stage: str, results: Iterable[ResultDifference]) -> FirstDifference | None:
+    """The first difference in some results of a stage, None if there is none.
+
+    Missing results come first, then the earliest time stamp, then values without a time stamp.
     """
-    for stage, results in runs.stages.items():
-        candidates = [each for result in results for each in _candidates(stage, result)]
-        if candidates:
-            return min(candidates, key=lambda each: each[0])[1]
-    return None
+    candidates = [each for result in results for each in _candidates(stage, result)]
+    return min(candidates, key=lambda each: each[0])[1] if candidates else None
 
 
 def _compare_stage(files: tuple[str, ...], a: Path, b: Path, tolerance: Tolerance) -> Iterator[ResultDifference]:

@@ -37,13 +37,27 @@ class Line:
     points: bool = False
 
 
-def panel(what: str, lines: Sequence[Line]) -> dict[str, Any] | None:
-    """One panel, or None if no line has a value.
+@dataclass(frozen=True, slots=True)
+class ChartPanel:
+    """One panel of a chart over time. what: quantity and unit."""
 
-    what: quantity and unit. Lines may have different time stamps: a line has no value (None) at the time stamps of
+    what: str
+    lines: Sequence[Line]
+
+
+def over_time(panels: Sequence[ChartPanel]) -> dict[str, Any] | None:
+    """A chart with those panels that have a value, as plain JSON; None without any."""
+    drawn = [each for each in map(panel_json, panels) if each is not None]
+    return {"panels": drawn} if drawn else None
+
+
+def panel_json(panel: ChartPanel) -> dict[str, Any] | None:
+    """One panel as plain JSON, or None if no line has a value.
+
+    Lines may have different time stamps: a line has no value (None) at the time stamps of
     another; the page connects its neighbouring values, but not across a gap of the line itself.
     """
-    lines = [line for line in lines if np.isfinite(line.values).any()]
+    lines = [line for line in panel.lines if np.isfinite(line.values).any()]
     if not lines:
         return None
     if all(line.seconds is lines[0].seconds for line in lines):
@@ -54,7 +68,7 @@ def panel(what: str, lines: Sequence[Line]) -> dict[str, Any] | None:
         times, columns = _merged(lines)
         joined = True
     return {
-        "what": what,
+        "what": panel.what,
         "joined": joined,
         "lines": [{"label": line.label, "color": line.color, "points": line.points} for line in lines],
         "seconds": [round(value, _TIME_DIGITS) for value in times.tolist()],
@@ -172,20 +186,16 @@ def _walk(run: RunData, label: str, table: Table, color: str) -> dict[str, Any]:
     }
 
 
-def _walls(run: RunData) -> dict[str, Any] | None:
-    """Occupied cells as runs along x: flat triples of row, first column and length."""
+def _walls(run: RunData) -> list[dict[str, Any]]:
+    """Occupied cells as runs along x: flat triples of row, first column and length; none without a map."""
     occupancy = run.occupancy
     if occupancy is None:
-        return None
+        return []
     runs = row_runs(np.nan_to_num(occupancy.share) >= WALL_SHARE)
     if len(runs) > MAX_RUNS:  # only the PNG shows them
-        return None
-    return {
-        "cell_m": occupancy.cell_m,
-        "x": float(occupancy.origin_m[0]),
-        "y": float(occupancy.origin_m[1]),
-        "runs": runs.ravel().tolist(),
-    }
+        return []
+    x_m, y_m = occupancy.origin_m.tolist()
+    return [{"cell_m": occupancy.cell_m, "x": x_m, "y": y_m, "runs": runs.ravel().tolist()}]
 
 
 def row_runs(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -197,8 +207,6 @@ def row_runs(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 MAX_TAGS, MAX_ANCHORS = 4, len(COLORS)
-
-Panel = dict[str, Any] | None
 
 _ERRORS: tuple[Columns, ...] = (
     ("distance (m)", [("time_error_m", "to the timed reference", "target"), ("error_m", "to the path", "robot")]),
@@ -230,33 +238,36 @@ _ANGLES: tuple[Columns, ...] = (
 
 def run_charts(run: RunData) -> dict[str, Any]:
     """Charts by name of the figure, as plain JSON. Raises NotARun for damaged tables."""
-    charts = {name: chart_of(run) for name, chart_of in _CHARTS.items()}
+    charts = {"trajectory": trajectory_chart(run)}
+    charts |= {name: over_time(panels) for name, panels in run_panels(run).items()}
     return {name: chart for name, chart in charts.items() if chart is not None}
 
 
-def _over_time(panels: Sequence[Panel]) -> dict[str, Any] | None:
-    present = [each for each in panels if each is not None]
-    return {"panels": present} if present else None
+def run_panels(run: RunData) -> dict[str, list[ChartPanel]]:
+    """The panels of every chart over time, by name of the figure; no panels of what the run does not have."""
+    return {name: panels_of(run) for name, panels_of in _PANELS.items()}
 
 
-def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], dict[str, Any] | None]:
-    """A function that draws columns of one table over time."""
+def _of_table(name: str, layout: Sequence[Columns]) -> Callable[[RunData], list[ChartPanel]]:
+    """A function that gives columns of one table over time."""
 
-    def chart(run: RunData) -> dict[str, Any] | None:
+    def panels(run: RunData) -> list[ChartPanel]:
         table = run.table(name)
-        return None if table is None else _over_time([_panel(run, table, columns) for columns in layout])
+        return [] if table is None else [_panel(run, table, columns) for columns in layout]
 
-    return chart
+    return panels
 
 
-def _panel(run: RunData, table: Table, columns: Columns) -> Panel:
+def _panel(run: RunData, table: Table, columns: Columns) -> ChartPanel:
     what, lines = columns
     seconds = run.seconds(table["t_ns"])
     present = [line for line in lines if line[0] in table]
-    return panel(what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present])
+    return ChartPanel(
+        what, [Line(label, color, seconds, table[name].astype(np.float64)) for name, label, color in present]
+    )
 
 
-def _expanded(run: RunData) -> dict[str, Any] | None:
+def _expanded(run: RunData) -> list[ChartPanel]:
     """Cells per replan of the logged and of the re-simulated walk."""
     lines = [("generated", "generated", "note"), ("expanded", "expanded", "robot")]
     panels = []
@@ -267,21 +278,21 @@ def _expanded(run: RunData) -> dict[str, Any] | None:
         drawn = [Line(label, color, seconds, plans[column].astype(np.float64)) for column, label, color in lines]
         scratch = np.where(plans["from_scratch"], plans["expanded"], np.nan)
         drawn.append(Line("from scratch", "target", seconds, scratch, points=True))
-        panels.append(panel(f"cells per replan (count), {walk}", drawn))
-    return _over_time(panels)
+        panels.append(ChartPanel(f"cells per replan (count), {walk}", drawn))
+    return panels
 
 
-def _scans(run: RunData) -> dict[str, Any] | None:
+def _scans(run: RunData) -> list[ChartPanel]:
     lines = [("n_valid", "valid", "text"), ("n_ground", "ground", "fix"), ("n_obstacle", "obstacle", "target")]
     lines += [("n_outlier", "outlier", "note")]
     return _of_table("scans", [("points per scan (count)", lines)])(run)
 
 
-def _residuals(run: RunData) -> dict[str, Any] | None:
+def _residuals(run: RunData) -> list[ChartPanel]:
     """Residuals of each tag's ranges, a colour for each anchor."""
     ranges = run.table("ranges")
     if ranges is None:
-        return None
+        return []
     residual_m = ranges["range_m"] - ranges["predicted_m"]
     seconds = run.seconds(ranges["t_ns"])
     panels = []
@@ -293,15 +304,15 @@ def _residuals(run: RunData) -> dict[str, Any] | None:
             lines.append(Line(f"anchor {anchor}", color, seconds[mine], residual_m[mine], points=True))
         of_tag = seconds[ranges["tag"] == tag][[0, -1]]
         lines.append(Line("NLOS above", "text", of_tag, np.full(2, run.late_beyond_m())))
-        panels += [panel(f"range of tag {tag} (m)", measured), panel(f"residual of tag {tag} (m)", lines)]
-    return _over_time(panels)
+        panels += [ChartPanel(f"range of tag {tag} (m)", measured), ChartPanel(f"residual of tag {tag} (m)", lines)]
+    return panels
 
 
-def _tracking_error(run: RunData) -> dict[str, Any] | None:
+def _tracking_error(run: RunData) -> list[ChartPanel]:
     """The errors of place and yaw, and the saved means of the distances."""
     control = run.table("control")
     if control is None:
-        return None
+        return []
     panels = []
     seconds = run.seconds(control["t_ns"])
     for what, columns in _ERRORS:
@@ -310,15 +321,15 @@ def _tracking_error(run: RunData) -> dict[str, Any] | None:
             color = next((color for column, _, color in columns if column == name), None)
             if color is not None and (mean_m := run.metric(metric)) is not None:
                 lines.append(Line(f"mean {metric}", color, seconds, np.full(len(seconds), mean_m)))
-        panels.append(panel(what, lines))
-    return _over_time(panels)
+        panels.append(ChartPanel(what, lines))
+    return panels
 
 
-def _uwb_error(run: RunData) -> dict[str, Any] | None:
+def _uwb_error(run: RunData) -> list[ChartPanel]:
     """Distance of fixes and track from the truth, for each tag."""
     errors = run.table("uwb_errors")
     if errors is None:
-        return None
+        return []
     error_m = np.hypot(errors["error_x_m"], errors["error_y_m"])
     seconds = run.seconds(errors["t_ns"])
     panels = []
@@ -329,12 +340,11 @@ def _uwb_error(run: RunData) -> dict[str, Any] | None:
             lines.append(Line(source, color, seconds[mine], error_m[mine], points=source == "fixes"))
             if source == "track":
                 lines.append(Line("95 % bound of track", "text", seconds[mine], errors["bound_m"][mine]))
-        panels.append(panel(f"error of tag {tag} (m)", lines))
-    return _over_time(panels)
+        panels.append(ChartPanel(f"error of tag {tag} (m)", lines))
+    return panels
 
 
-_CHARTS: dict[str, Callable[[RunData], dict[str, Any] | None]] = {
-    "trajectory": trajectory_chart,
+_PANELS: dict[str, Callable[[RunData], list[ChartPanel]]] = {
     "ranges": _residuals,
     "uwb_error": _uwb_error,
     "scans": _scans,

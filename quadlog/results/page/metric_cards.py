@@ -94,6 +94,13 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
         "height_rms_m": ("bobbing", "How much the body moves up and down."),
         "torque_max_nm": ("largest joint torque", "The hardest that any joint had to push."),
         "torque_saturation_share": ("torques at the limit", "How often a joint was asked for more than it can do."),
+        "torque_rms_nm": ("joint torque, typical", "How hard the joints of the simulated robot pushed."),
+        "duty_factor": ("time on the ground", "How much of the time a foot of the simulated robot stands."),
+        "stride_frequency_hz": ("strides", "How often each foot of the simulated robot steps."),
+        "logged_torque_rms_nm": ("joint torque, typical, as logged", "How hard the joints of the real robot pushed."),
+        "logged_torque_max_nm": ("largest joint torque, as logged", "The hardest that any joint really pushed."),
+        "logged_duty_factor": ("time on the ground, as logged", "How much of the time a foot really stood."),
+        "logged_stride_frequency_hz": ("strides, as logged", "How often each foot really stepped."),
     },
     "Cost": {
         "realtime_factor": (
@@ -104,10 +111,15 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
             "energy to walk",
             "Energy of the joints for each newton of weight and metre of way.",
         ),
+        "logged_cost_of_transport": (
+            "energy to walk, as logged",
+            "The same of the logged robot, from its joints' torques and speeds.",
+        ),
     },
 }
 _SHARES = frozenset({
     *("uwb_coverage_95", "success_rate", "suboptimality_mean", "fallback_share", "torque_saturation_share"),
+    *("duty_factor", "logged_duty_factor"),
 })  # fmt: skip
 _EVENTS = frozenset({"collisions", "fallen"})
 """Counts of single events, for which the interval of a mean says nothing."""
@@ -207,11 +219,11 @@ def _row(run: RunData, bounds: Mapping[str, Bound], name: str, label: str, words
         label,
         words or (CATALOGUE[name].meaning if name in CATALOGUE else ""),
         in_words(name, value, unit),
-        "" if interval is None else _span(interval, *((100.0, " %") if name in _SHARES else ())),
+        "" if interval is None else interval_text(interval, *((100.0, " %") if name in _SHARES else ())),
         _bound_words(bounds[name], unit) if name in bounds else "",
         _state(bounds.get(name), value, interval),
     )
-    return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else _span(interval))
+    return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else interval_text(interval))
 
 
 def _absent(bound: Bound, label: str, words: str) -> ShownMetric:
@@ -226,10 +238,10 @@ def _interval(name: str, saved: Mapping[str, Any]) -> Interval | None:
     return float(ends[0]), float(ends[1])  # type: ignore[arg-type]
 
 
-def _span(interval: Interval, times: float = 1.0, unit: str = "") -> str:
-    """Both ends to two digits, or all before the point."""
+def interval_text(interval: Interval, times: float = 1.0, unit: str = "") -> str:
+    """An interval: both ends to two digits, or all before the point."""
     ends = (times * end for end in interval)
-    low, high = ((count(round(end)) if abs(end) >= 100 else short(end, 2)).replace("-", "\u2212") for end in ends)
+    low, high = ((count(round(end)) if abs(end) >= 99.5 else short(end, 2)).replace("-", "\u2212") for end in ends)
     return f"{low} to {high}{unit}"
 
 

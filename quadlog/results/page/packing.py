@@ -38,7 +38,7 @@ class Packing:
         return len(self.lengths) - 1
 
     def add_bytes(self, content: bytes) -> None:
-        """What follows the columns."""
+        """What follows the columns, and is added after all of them."""
         self._parts.append(content)
 
     def finish(self) -> str:

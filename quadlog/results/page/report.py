@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from quadlog.errors import CannotWrite
 from quadlog.messages import Float
+from quadlog.results.page.body import body_tables
 from quadlog.results.page.charts import run_charts, to_script_json
 from quadlog.results.page.html import render_page
 from quadlog.results.page.metric_cards import metric_themes
@@ -117,17 +118,10 @@ def _render(
 ) -> bytes:
     record = data.record
     done = {stage.name for stage in record.stages} | {"report"}
-    drawn = bool(charts or player)
-    scripts = (*_CHART_SCRIPTS * drawn, *_PLAYER_SCRIPTS * (player is not None), *_SEARCH_SCRIPTS * bool(data.metrics))
     return render_page(
         "report.html.jinja",
-        scripts=scripts,
-        styles=_CHART_STYLES * drawn,
-        player=player,
-        player_data=Markup(to_script_json(player)),  # noqa: S704
-        charts=charts,
-        chart_data=Markup(to_script_json(charts)),  # noqa: S704
-        title=_title(data),
+        **moving_parts(charts, player, bool(data.metrics)),
+        title=run_title(data),
         verdict=verdict(data),
         themes=metric_themes(data),
         record=record,
@@ -138,6 +132,7 @@ def _render(
         total_s=sum(stage.seconds for stage in record.stages),
         links=_links(data),
         **_contacts(data),
+        body=body_tables(data),
         plots=[
             *_frames(data.path),
             *(
@@ -151,7 +146,20 @@ def _render(
     )
 
 
-def _title(data: RunData) -> str:
+def moving_parts(charts: Mapping[str, Any], player: Mapping[str, Any] | None, searches: bool) -> dict[str, Any]:
+    """Scripts, styles and data of a page with charts, a player, and a table of metrics to search in."""
+    drawn = bool(charts or player)
+    return {
+        "scripts": (*_CHART_SCRIPTS * drawn, *_PLAYER_SCRIPTS * (player is not None), *_SEARCH_SCRIPTS * searches),
+        "styles": _CHART_STYLES * drawn,
+        "player": player,
+        "player_data": Markup(to_script_json(player)),  # noqa: S704
+        "charts": charts,
+        "chart_data": Markup(to_script_json(charts)),  # noqa: S704
+    }
+
+
+def run_title(data: RunData) -> str:
     """Name of the recording, from a path of any system; of a simulated walk: course, controller and seed."""
     record = data.record
     name = record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or data.path.name

@@ -88,7 +88,7 @@ def _replayed(run: RunData) -> Iterator[Sentence]:
     elif set(poses["source"]) == {"fixed"}:
         yield Sentence("The recording does not tell where the robot was; it is taken to have stood still.")
     elif all(_width(poses[name]) < STANDS_M for name in _XY):
-        yield Sentence(f"The robot moved less than {STANDS_M:g} m in {_lasted_s(poses):.0f} s.")
+        yield Sentence(f"The robot moved less than {STANDS_M:g} m in {short(_lasted_s(poses), 2)} s.")
     else:
         yield Sentence(f"The robot {_what_it_did(run)} {_way(poses)}.")
     if plans is not None:

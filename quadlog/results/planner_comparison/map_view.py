@@ -157,7 +157,7 @@ def _block(
     packing = Packing()
     looks = (("goal", "target", "target"), ("start", "start", "text"))
     tracks = [
-        {"key": key, "label": name, "color": color, "body": False,
+        {"key": key, "run": "", "label": name, "color": color, "body": False,
          "t": packing.add((places + 1.0), UNIT_S), "x": packing.add(ends[name][:, 0], UNIT_M),
          "y": packing.add(ends[name][:, 1], UNIT_M), "yaw": packing.add_integers(np.full(len(places), NO_YAW)),
          "feet": packing.add_integers(np.empty(0, np.int64)), "lookahead": packing.add_integers(np.empty(0, np.int64))}
@@ -176,13 +176,14 @@ def _block(
         "cell": shown.cell * shown.step,
         "x": float(origin[0]),
         "y": float(origin[1]),
+        "color": "text",
     }
     before = np.zeros(len(layers[0]), np.uint8)
     for layer in layers:
         bits = np.frombuffer(layer, np.uint8)
         packing.add_bytes((bits ^ before).tobytes())
         before = bits
-    content = {"tracks": tracks, "windows": windows, "lengths": packing.lengths, "packed": packing.finish()}
+    content = {"tracks": tracks, "windows": [windows], "lengths": packing.lengths, "packed": packing.finish()}
     return content if ends else content | {"paths": [], "clouds": [], "hold": {"track": 0, "cloud": 0}}
 
 

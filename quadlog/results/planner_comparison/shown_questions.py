@@ -197,7 +197,7 @@ class QuestionSample:
 
     def _on_lattice(self, window: Window, cells: Cells | Int) -> Cells:
         """(K, 2) cells of the window, on the lattice; upside down where the map's row 0 is the upper one."""
-        lattice = np.asarray(cells, dtype=np.int64).reshape(-1, 2) + (window.col0, window.row0)
+        lattice = np.asarray(cells, dtype=np.int64).reshape(-1, 2) + np.array([window.col0, window.row0])
         if self._flipped:
             lattice[:, 1] = window.shape[0] - 1 - lattice[:, 1]
         return lattice.astype(np.int32)

@@ -176,14 +176,14 @@ class Film:
     def _draw_cells(self, picture: Image.Image, draw: ImageDraw.ImageDraw, instant_s: float) -> None:
         if self._walls is not None:
             self._paste(picture, *self._walls, _PALE)
-        windows = self._scene.windows
-        row = -1 if windows is None else row_at(windows.seconds, instant_s)
-        if windows is None or row < 0:
-            return
-        x_m, y_m = (windows.origin_m + windows.cell[row] * windows.maps.cell_m).tolist()
-        mask = Image.fromarray(windows.maps.occupied(int(windows.index[row]))[::-1]).convert("1")
-        box = self._paste(picture, mask, (x_m, y_m), windows.maps.cell_m, style.BLACK)
-        draw.rectangle(box, outline=_EDGE, width=SHARP)
+        for windows in self._scene.windows:
+            row = row_at(windows.seconds, instant_s)
+            if row < 0:
+                continue
+            x_m, y_m = (windows.origin_m + windows.cell[row] * windows.maps.cell_m).tolist()
+            mask = Image.fromarray(windows.maps.occupied(int(windows.index[row]))[::-1]).convert("1")
+            box = self._paste(picture, mask, (x_m, y_m), windows.maps.cell_m, style.BLACK)
+            draw.rectangle(box, outline=_EDGE, width=SHARP)
 
     def _paste(
         self, picture: Image.Image, mask: Image.Image, corner_m: Point, cell_m: float, color: str

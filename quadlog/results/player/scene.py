@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,9 @@ _SPACE_M = 0.02
 class Track:
     """Poses over time: seconds (N,) rising, x_m, y_m (N,) in map, yaw_rad (N,) NaN where unknown.
 
-    body: drawn as a footprint. feet: (N,) which feet stand, a bit for each leg in the order FL, FR, RL, RR, or
-    NOT_KNOWN; lookahead_m: (N,), NaN where there is none. Both are empty where the table has none.
+    key: name of the table. run: A or B where two runs are in one scene, else empty. body: drawn as a footprint. feet:
+    (N,) which feet stand, a bit for each leg in the order FL, FR, RL, RR, or NOT_KNOWN; lookahead_m: (N,), NaN where
+    there is none. Both are empty where the table has none.
     """
 
     key: str
@@ -58,13 +59,14 @@ class Track:
     body: bool
     feet: Int = field(default_factory=lambda: np.empty(0, np.int64))
     lookahead_m: Float = field(default_factory=lambda: np.empty(0))
+    run: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Paths:
     """Planned paths: path k, made at seconds[k], is rows first[k] to first[k + 1] of x_m, y_m.
 
-    walker: key of the Track that was to walk it.
+    walker: key of the Track that was to walk it, of the same run. main: the ones that were followed.
     """
 
     label: str
@@ -74,13 +76,15 @@ class Paths:
     first: Int
     x_m: Float
     y_m: Float
+    main: bool = False
+    run: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
     """Some of the run's maps: index (W,) into maps, seconds (W,), cell (W, 2) column and row of each lower-left corner.
 
-    Columns and rows are counted from origin_m (2,) in map, in cells of the maps.
+    Columns and rows are counted from origin_m (2,) in map, in cells of the maps. color: of occupied cells.
     """
 
     maps: MapSequence
@@ -88,6 +92,7 @@ class Windows:
     seconds: Float
     cell: Int
     origin_m: Float
+    color: str = "text"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,7 @@ class Cloud:
     seconds: float
     x_m: Float
     y_m: Float
+    color: str = "target"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,17 +116,21 @@ class Contact:
     clearance_m: float
     cause: str
     collision: bool
+    run: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A run over seconds since its start, from_s to until_s; thinned: what was left out, in words."""
+    """A run, or two, over seconds since the start, from_s to until_s.
+
+    windows: the maps of the run, of two runs those of both. thinned: what was left out, in words.
+    """
 
     from_s: float
     until_s: float
     tracks: Sequence[Track]
     paths: Sequence[Paths]
-    windows: Windows | None
+    windows: Sequence[Windows]
     clouds: Sequence[Cloud]
     contacts: Sequence[Contact]
     body_m: tuple[float, float] | None
@@ -144,11 +154,12 @@ def scene_of(run: RunData) -> Scene | None:
     until_s = max(float(track.seconds[-1]) for track in tracks)
     if not 0 < until_s - from_s <= LONGEST_S:
         return None
+    paths = [each for each in (_paths(run, *of, thinned) for of in _plans(run)) if each is not None]
     return Scene(
         from_s=from_s,
         until_s=until_s,
         tracks=tracks,
-        paths=[each for each in (_paths(run, *of, thinned) for of in _plans(run)) if each is not None],
+        paths=[*paths[:-1], *(replace(last, main=True) for last in paths[-1:])],
         windows=_windows(run, thinned),
         clouds=_clouds(run, thinned),
         contacts=_contacts(run, thinned),
@@ -242,20 +253,20 @@ def _paths(run: RunData, name: str, label: str, color: str, walker: str, thinned
     return Paths(label, color, walker, run.seconds(table["t_ns"])[starts[chosen]], first, x_m, y_m)
 
 
-def _windows(run: RunData, thinned: list[str]) -> Windows | None:
+def _windows(run: RunData, thinned: list[str]) -> list[Windows]:
     maps = run.maps
     if maps is None:
-        return None
+        return []
     sane = np.flatnonzero((np.abs(maps.origin_m) < MAX_COORDINATE_CELLS * maps.cell_m).all(axis=1))
     each_bytes = maps.shape[0] * ((maps.shape[1] + 7) // 8)
     chosen = sane[thin_points(len(sane), min(MAX_MAPS, MAX_MAP_BYTES // each_bytes))]
     if not len(chosen):
-        return None
+        return []
     if len(chosen) < len(sane):
         thinned.append(f"{count(len(chosen))} of {count(len(sane))} maps")
     origin_m = maps.origin_m[chosen].min(axis=0)
     cell = np.rint((maps.origin_m[chosen] - origin_m) / maps.cell_m).astype(np.int64)
-    return Windows(maps, chosen, run.seconds(maps.t_ns[chosen]), cell, origin_m)
+    return [Windows(maps, chosen, run.seconds(maps.t_ns[chosen]), cell, origin_m)]
 
 
 def _clouds(run: RunData, thinned: list[str]) -> list[Cloud]:

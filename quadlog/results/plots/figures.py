@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from quadlog.errors import WorkerDied
 from quadlog.results.plots import style
+from quadlog.results.plots.body import draw_body_torques
 from quadlog.results.plots.control import (
     draw_commands,
     draw_displacement,
@@ -229,19 +231,41 @@ PLOTS = (
         "RR rear right), with hip, thigh and calf.",
         draw_torques,
     ),
+    Plot(
+        "body_torques",
+        "Torques of the logged and the re-simulated body",
+        "Bars of each joint's rms torque, with its peak, while its leg stands, while it swings, and at all times.",
+        "Bars: root mean square of each joint's torque; lines end at its peak. Where both bodies walked at the same "
+        "speeds, over those alone, each speed counted equally in both; else over the whole walk. A leg stands where "
+        "its foot carries weight.",
+        draw_body_torques,
+    ),
 )
 
 
 def render_plots(run: RunData, names: Collection[str] | None = None) -> dict[str, bytes]:
     """The PNG of every figure whose data is there: name -> bytes, in the order of PLOTS. names: of these alone."""
-    gc.freeze()  # figures leave cycles; searching all loaded objects for them takes 10 % of the time
+    wanted = [plot.name for plot in PLOTS if names is None or plot.name in names]
+    with _figures_collected():
+        return {name: png for each in wanted for name, png in draw_plot(run, each).items()}
+
+
+@contextmanager
+def _figures_collected() -> Iterator[None]:
+    """Frees the memory of figures, 5 MB each, which leave cycles, without searching what was loaded before for them."""
+    gc.freeze()
     try:
-        wanted = [plot for plot in PLOTS if names is None or plot.name in names]
-        rendered = {plot.name: style.render_png(partial(plot.draw, run)) for plot in wanted}
+        yield
     finally:
-        gc.collect()  # only the figures, 5 MB each, which would wait for a full collection
+        gc.collect()
         gc.unfreeze()
-    return {name: png for name, png in rendered.items() if png is not None}
+
+
+def draw_plot(run: RunData, name: str) -> dict[str, bytes]:
+    """The figure's PNG by its name; empty where the run lacks its data."""
+    (plot,) = (each for each in PLOTS if each.name == name)
+    png = style.render_png(partial(plot.draw, run))
+    return {} if png is None else {name: png}
 
 
 class SharedDrawing:
@@ -261,10 +285,11 @@ class SharedDrawing:
         if not self._asked:
             return render_plots(self._run)
         drawn: dict[str, bytes] = {}
-        for name in reversed(self._asked):
-            if not self._asked[name].cancel():
-                break  # the helper has started this one
-            drawn |= render_plots(self._run, [name])
+        with _figures_collected():
+            for name in reversed(self._asked):
+                if not self._asked[name].cancel():
+                    break  # the helper has started this one
+                drawn |= draw_plot(self._run, name)
         for name, future in self._asked.items():
             if not future.cancelled():
                 drawn |= self._drawn_by_helper(name, future)
@@ -280,8 +305,9 @@ class SharedDrawing:
 @lru_cache(maxsize=1)
 def _run_at(path: Path) -> RunData:
     """The run, read once by the helper for all its figures."""
+    gc.freeze()  # what is loaded by now stays: figures are found among fewer objects
     return RunData(path)
 
 
 def _draw_one(path: Path, name: str) -> dict[str, bytes]:
-    return render_plots(_run_at(path), [name])
+    return draw_plot(_run_at(path), name)

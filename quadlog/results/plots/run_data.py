@@ -80,12 +80,14 @@ def accumulate(maps: MapSequence) -> Occupancy | None:
     size = (-(-rows // coarse), -(-columns // coarse))
     occupied, covered = np.zeros(size, np.int64), np.zeros(size, np.int64)
     for index, (column, row) in zip(chosen, corner, strict=True):
-        at_row, at_column = np.nonzero(maps.occupied(int(index)))
-        cells = (at_row + row) // coarse * size[1] + (at_column + column) // coarse
-        cells = np.unique(cells) if coarse > 1 else cells
-        occupied.flat[cells] += 1
         last_row, last_column = (row + maps.shape[0] - 1) // coarse, (column + maps.shape[1] - 1) // coarse
-        covered[row // coarse : last_row + 1, column // coarse : last_column + 1] += 1
+        window = slice(row // coarse, last_row + 1), slice(column // coarse, last_column + 1)
+        covered[window] += 1
+        if coarse == 1:
+            occupied[window] += maps.occupied(int(index))
+        else:
+            at_row, at_column = np.nonzero(maps.occupied(int(index)))
+            occupied.flat[np.unique((at_row + row) // coarse * size[1] + (at_column + column) // coarse)] += 1
     share = np.where(covered > 0, occupied / np.maximum(covered, 1), np.nan)
     return Occupancy(share, origin_m, maps.cell_m * coarse)
 

@@ -17,7 +17,7 @@ STAGE_FILES: dict[str, tuple[str, ...]] = {
     "control": (
         *("resim_plans.parquet", "resim_paths.parquet", "control.parquet", "clearances.parquet", "contacts.parquet"),
     ),
-    "report": ("metrics.json", "trajectory.tum"),
+    "report": ("metrics.json", "trajectory.tum", "body.parquet", "gait.parquet"),
 }
 """The stages in order, and the files that each writes into the run folder."""
 

@@ -38,6 +38,7 @@ JOINT_COLUMNS = tuple(tuple(name.format(joint) for joint in range(12)) for name 
 """Names of a body's angles, rates and torques, by joint."""
 CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
 FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
+DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
 _FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
@@ -74,10 +75,17 @@ TABLES: dict[str, pa.Schema] = {
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
         "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
-        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool"
+        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool energy_j"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
+    "body": table_schema(
+        "body:text speeds:text joint:text phase:text torque_rms_nm torque_peak_nm n:int n_unknown:int"
+    ),
+    "gait": table_schema(
+        f"body:text speeds:text n:int speed_mps stride_frequency_hz {' '.join(DUTY_FACTORS)} cost_of_transport "
+        "height_mean_m height_std_m pitch_mean_rad pitch_std_rad"
+    ),
     "summary": table_schema(
         f"recording:text exit_code:int reason:text {' '.join((*METRIC_NAMES, *COST_NAMES))} worker:text"
     ),
@@ -85,7 +93,10 @@ TABLES: dict[str, pa.Schema] = {
 
 # Columns that may be left out when writing, and are then null.
 OPTIONAL = frozenset(
-    {"optimal_cost", "k_v", "k_w", "plan_error_m", *_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES, "worker"}
+    {
+        *("optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"),
+        *(*_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES),
+    }
 )
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
@@ -93,8 +104,8 @@ UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "c
 
 # Columns that older tables lack; they are read as NaN or empty text.
 ADDED = {
-    "summary": frozenset({*COST_NAMES, "worker"}),
-    "control": frozenset({"plan_error_m"}),
+    "summary": frozenset({*METRIC_NAMES, *COST_NAMES, "worker"}),
+    "control": frozenset({"plan_error_m", "energy_j"}),
     "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
 }
 

@@ -16,6 +16,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, recording_config, write_recording
+from quadlog.pipelines.survey.survey import survey_recording
 from quadlog.results.run.run_folder import read_run_json
 from quadlog.results.run.tables import read_table
 from quadlog.simulation.synthetic.recording import (
@@ -139,3 +140,20 @@ def test_a_gap_and_a_missing_imu_are_told(tmp_path, messages):
     outcome = replayed(tmp_path, list(without(messages, 4.0, 4.5)), {JOINT_TOPIC}, MODEL)
     assert "joints are silent for up to 0.5 s" in said(outcome)
     assert "there is no IMU; yaw comes from the feet alone" in said(outcome)
+
+
+def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walked, messages):
+    """Twelve seconds show little: the bounds have to say so, and hold."""
+    recording = tmp_path / "walk.mcap"
+    topics = {JOINT_TOPIC, IMU_TOPIC, UWB_TOPIC}
+    write_recording(WRITERS["mcap"](recording), (each for each in messages if each.topic in topics))
+    (tmp_path / "c.toml").write_text('[[uwb.tags]]\nid = 0\nrole = "robot"\nx_m = -0.2\ny_m = 0.0\nheight_m = 0.6\n')
+    config = load_config(tmp_path / "c.toml", [MODEL], {})
+    found = survey_recording(recording, config, ReplayOptions(), {None: 1.2}, Silent())
+    assert found.source == "legs"
+    start = walked.site.robot.at(np.array([(found.start_ns - START_NS) * 1e-9]))
+    off = (walked.site.anchors_m[:, :2] - start.position_m[0]) @ [1, 1j] * np.exp(-1j * start.yaw_rad[0])
+    assert [each.why_not for each in found.survey.anchors] == [""] * 4
+    error_m = [each.position_m[:2] - [off[each.index].real, off[each.index].imag] for each in found.survey.anchors]
+    assert (np.abs(error_m) <= [each.bound_m[:2] for each in found.survey.anchors]).all()
+    assert np.hypot(*np.transpose(error_m)).max() <= 0.6

@@ -13,8 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.pipelines.survey.inputs import PRIORS
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
+from quadlog.positioning.self_survey.batch import HeightPrior
+from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
+from quadlog.positioning.self_survey.survey import AnchorSurvey, survey_anchors
 
 
 @dataclass(frozen=True)
@@ -85,3 +90,43 @@ def test_biases_without_the_truth_are_those_that_the_truth_shows(labyrinth):
     excess_m = labyrinth.ranges.range_m - np.linalg.norm(offset_m, axis=1)
     true_m = [np.median(excess_m[place == k]) for k in range(4)]
     np.testing.assert_allclose(bias.bias_m, true_m, atol=0.05)
+
+
+def surveyed(labyrinth: Labyrinth, turns: float = 1.0, known: bool = False) -> AnchorSurvey:
+    """The anchors by 9 m of wheel odometry, whose turns are multiplied.
+
+    The file names the wheels' sides the other way round, and gives half their distance.
+    """
+    rows = read_rows(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_labyrinth" / "Indoor_UWB_Input.txt", "odom2diff")
+    t_s, left_mps, right_mps, half_m = rows[:, 0], rows[1:, 1], rows[1:, 2], rows[0, 4]
+    step_s = np.diff(t_s)
+    yaw = turns * np.concatenate([[0.0], np.cumsum((right_mps - left_mps) / (2 * half_m) * step_s)])
+    place = np.concatenate([[0], np.cumsum((left_mps + right_mps) / 2 * step_s * np.exp(0.5j * (yaw[1:] + yaw[:-1])))])
+    odometry = OdometryPoses(np.rint(t_s * 1e9).astype(np.int64), np.column_stack([place.real, place.imag]), yaw)
+    ranges, anchors = labyrinth.ranges, labyrinth.anchors
+    anchor = np.searchsorted(anchors.ids, ranges.anchor)
+    measured = MeasuredRanges(ranges.t_ns, ranges.tag, anchor, ranges.range_m)
+    problem, _ = make_problem(odometry, measured, RobotTags(np.zeros((1, 2)), np.zeros(1)), 4)
+    known_m = np.where(known, anchors.position_m[:, :2], np.nan)
+    return survey_anchors(problem, HeightPrior(np.zeros(4), np.full(4, 0.05)), PRIORS["odometry"], known_m)
+
+
+def test_the_anchors_are_surveyed_by_the_wheels(labyrinth):
+    """Measured 0.10 to 0.19 m off, most of it alike; the wheels turn too far or too little by up to a fifth, too."""
+    for turns in (0.8, 1.0, 1.2):
+        result = surveyed(labyrinth, turns, known=True)
+        off_m = np.array([each.position_m for each in result.anchors])[:, :2] - labyrinth.anchors.position_m[:, :2]
+        assert np.hypot(*off_m.T).max() <= 0.25
+        assert np.mean(np.abs(off_m) <= [each.bound_m[:2] for each in result.anchors]) >= 0.75
+        assert result.misplaced_m == {}
+
+
+def test_wheels_that_turn_to_the_other_side_contradict_the_known_anchors(labyrinth):
+    result = surveyed(labyrinth, turns=-1.0, known=True)
+    assert min(result.misplaced_m.values()) > 1.0
+    assert result.mirrored
+
+
+def test_wheels_that_turn_twice_as_far_are_refused(labyrinth):
+    with pytest.raises(AnchorsNotObserved, match=r"contradict the odometry: they fit only if it drifts by .* scale"):
+        surveyed(labyrinth, turns=2.0)

@@ -7,14 +7,21 @@ import pytest
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
-from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
+from quadlog.positioning.self_survey.problem import (
+    MOST_RANGES,
+    MeasuredRanges,
+    OdometryPoses,
+    RobotTags,
+    make_problem,
+)
 from quadlog.positioning.self_survey.survey import AnchorSurvey, survey_anchors
 
 ANCHORS_M = np.array(
     [[-2, -2, 1.6], [6, -3, 2.1], [13, -2, 1.8], [14, 5, 2.0], [12, 11, 1.5], [5, 12, 1.9], [-2, 11, 2.2], [-3, 4, 1.7]]
 )  # fmt: skip
 TAG_HEIGHT_M, STD_M = 0.6, 0.08
-LIDAR = OdometryPrior(0.003, 0.001, (0.01, 0.005))
+LIDAR = OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005))
+WHEELS = OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02))
 
 
 def loop(s_m: np.ndarray) -> np.ndarray:
@@ -27,8 +34,13 @@ def line(s_m: np.ndarray) -> np.ndarray:
     return np.column_stack([s_m / 4, np.full(len(s_m), 4.0)])
 
 
-def survey(seed: int, path=loop, known: tuple[int, ...] = (), heights_m=None) -> tuple[AnchorSurvey, np.ndarray]:
-    """The survey of a walk of 40 m at 0.7 m/s, and the true anchors in the frame of its first pose."""
+def survey(
+    seed: int, path=loop, known: tuple[int, ...] = (), turns: float = 1.0, late_s: float = 0.0, doubtful: bool = False
+) -> tuple[AnchorSurvey, np.ndarray]:
+    """The survey of a walk of 40 m at 0.7 m/s, and the true anchors in the frame of its first pose.
+
+    turns multiplies what the odometry says of them; its stamps are late_s too early. doubtful: it doubts every pose.
+    """
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, 40 / 0.7, 0.1)
     xy_m = path(0.7 * t_s)
@@ -36,10 +48,10 @@ def survey(seed: int, path=loop, known: tuple[int, ...] = (), heights_m=None) ->
     step_m = np.diff(xy_m, axis=0) @ [1, 1j] * np.exp(-1j * yaw[:-1])
     root_m = np.sqrt(np.abs(step_m))
     step_m = step_m + 0.006 * root_m * (rng.standard_normal((len(step_m), 2)) @ [1, 1j])
-    drifted = np.concatenate([[0], np.cumsum(np.diff(yaw) + 0.003 * root_m * rng.standard_normal(len(step_m)))])
+    drifted = np.concatenate([[0], np.cumsum(turns * np.diff(yaw) + 0.003 * root_m * rng.standard_normal(len(step_m)))])
     place = np.concatenate([[0], np.cumsum(step_m * np.exp(1j * drifted[:-1]))])
     t_ns = np.rint(t_s * 1e9).astype(np.int64)
-    odometry = OdometryPoses(t_ns, np.column_stack([place.real, place.imag]), drifted)
+    odometry = OdometryPoses(t_ns, np.column_stack([place.real, place.imag]), drifted, np.full(len(t_ns), doubtful))
 
     bias_m = rng.uniform(0.05, 0.3, len(ANCHORS_M))
     tag_m = np.column_stack([xy_m, np.full(len(xy_m), TAG_HEIGHT_M)])
@@ -48,15 +60,18 @@ def survey(seed: int, path=loop, known: tuple[int, ...] = (), heights_m=None) ->
     range_m += blocked * rng.exponential(0.4, range_m.shape)
     n, a = range_m.shape
     ranges = MeasuredRanges(
-        np.repeat(t_ns, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.ravel()
+        np.repeat(t_ns + round(late_s * 1e9), a),
+        np.zeros(n * a, dtype=np.int64),
+        np.tile(np.arange(a), n),
+        range_m.ravel(),
     )
     problem, _ = make_problem(odometry, ranges, RobotTags(np.zeros((1, 2)), np.array([TAG_HEIGHT_M])), a)
-    heights = HeightPrior(np.full(a, 1.6), np.full(a, 0.8)) if heights_m is None else heights_m
+    heights = HeightPrior(np.full(a, 1.6), np.full(a, 0.8))
     known_m = np.full((a, 2), np.nan)
     known_m[list(known)] = ANCHORS_M[list(known), :2]
     turned = (ANCHORS_M[:, :2] - xy_m[0]) @ [1, 1j] * np.exp(-1j * yaw[0])
     truth_m = np.column_stack([turned.real, turned.imag, ANCHORS_M[:, 2]])
-    return survey_anchors(problem, heights, LIDAR, known_m), truth_m
+    return survey_anchors(problem, heights, LIDAR if turns == 1 else WHEELS, known_m), truth_m
 
 
 def test_places_and_bounds_over_seeds():
@@ -87,3 +102,43 @@ def test_a_straight_walk_is_refused():
 def test_a_robot_that_stands_is_refused():
     with pytest.raises(AnchorsNotObserved, match=r"walks 0\.0 m only"):
         survey(0, lambda s_m: np.column_stack([np.linspace(0, 1e-3, len(s_m)), np.zeros(len(s_m))]))
+
+
+def test_turns_that_the_odometry_overstates_are_scaled_back():
+    result, truth_m = survey(6001, turns=1.2)
+    assert result.turn_scale == pytest.approx(1 / 1.2, abs=0.03)
+    place_m = np.array([each.position_m for each in result.anchors])
+    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.15
+
+
+def test_stamps_that_are_apart_are_brought_together():
+    result, truth_m = survey(6001, late_s=0.2)
+    assert result.delay_s == pytest.approx(-0.2, abs=0.03)
+    place_m = np.array([each.position_m for each in result.anchors])
+    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.10
+
+
+def test_where_the_odometry_doubts_its_poses_bounds_are_wider():
+    sure, doubtful = (survey(6002, doubtful=doubts)[0] for doubts in (False, True))
+    ratio = [after.radius_m / before.radius_m for before, after in zip(sure.anchors, doubtful.anchors, strict=True)]
+    assert np.median(ratio) > 1.3
+
+
+def test_stamps_two_seconds_apart_are_refused():
+    with pytest.raises(AnchorsNotObserved, match=r"ranges contradict the odometry.* time stamps"):
+        survey(6001, late_s=2.0)
+
+
+def test_every_link_keeps_its_share_of_many_ranges():
+    """Eight anchors in turn: every eighth range is one anchor's alone. A ninth is rare."""
+    n, rare = 80_000, 40
+    t_ns = np.arange(n + rare, dtype=np.int64) * 1_000_000
+    anchor = np.concatenate([np.tile(np.arange(8), n // 8), np.full(rare, 8)])
+    odometry = OdometryPoses(t_ns, np.column_stack([t_ns * 1e-9, np.zeros(n + rare)]), np.zeros(n + rare))
+    ranges = MeasuredRanges(t_ns, np.zeros(n + rare, dtype=np.int64), anchor, np.ones(n + rare))
+    problem, n_far = make_problem(odometry, ranges, RobotTags(np.zeros((1, 2)), np.zeros(1)), 9)
+    counts = np.bincount(problem.anchor)
+    assert n_far == 0
+    assert counts[8] == rare
+    assert len(set(counts[:8])) == 1
+    assert 0.8 * MOST_RANGES <= counts.sum() <= MOST_RANGES

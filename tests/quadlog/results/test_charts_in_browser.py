@@ -185,7 +185,7 @@ def _with_map(page: Path, **changed: Any) -> None:
 def test_the_map_shows_everything_at_any_width(page: Path, browse: Browse, walled: bool) -> None:
     runs = [number for run in ROOM for number in run] if walled else []
     anchors = [{"label": "a long label", "x": 20.0, "y": 1.2}, {"label": "0", "x": 1.0, "y": 16.0}]
-    _with_map(page, anchors=anchors, walls={"cell_m": 0.1, "x": -3.0, "y": -1.0, "runs": runs})
+    _with_map(page, anchors=anchors, walls=[{"cell_m": 0.1, "x": -3.0, "y": -1.0, "runs": runs}])
     say, complaints = _ask(page, browse, MAP_PROBE, 1300, MAP_NOTES)
     assert complaints == []
     zoomed = say.pop("zoomed")

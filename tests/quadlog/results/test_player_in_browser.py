@@ -90,11 +90,12 @@ const ask = async () => {
   say.inks = inks();
   const data = JSON.parse(document.getElementById("player-data").textContent);
   const scene = await openScene(data);
-  const image = new ImageData(data.windows.columns, data.windows.rows);
-  say.windows = [...data.windows.t].map((when, index) => {
-    scene.paint(scene.window(when / 1000), image);
+  const [windows] = data.windows;
+  const image = new ImageData(windows.columns, windows.rows);
+  say.windows = [...windows.t].map((when, index) => {
+    scene.paint(windows, scene.window(windows, when / 1000), image);
     const cells = [...new Uint32Array(image.data.buffer)].flatMap((cell, place) => (cell ? [place] : []));
-    return { x: data.windows.x + data.windows.column[index] * data.windows.cell, cells };
+    return { x: windows.x + windows.column[index] * windows.cell, cells };
   });
   say.poses = data.tracks.map((track) => scene.pose(track, 2.0));
   document.title = JSON.stringify(say);

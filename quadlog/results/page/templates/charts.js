@@ -88,4 +88,7 @@ const onWidth = (area, fit) => {
   }).observe(ruler);
 };
 
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+// On paper colours are those of light pages.
+for (const change of ["(prefers-color-scheme: dark)", "print"]) {
+  matchMedia(change).addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+}

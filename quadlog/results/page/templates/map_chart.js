@@ -31,15 +31,15 @@ for (const [name, { walks, anchors, around, walls, fixes, plans, errors }] of Ob
   const box = (key) => span(items.flatMap((item) => item[key].ends));
   const padded = ([low, high]) => ({ ends: [low - MARGIN_M, high + MARGIN_M], before: 0, after: 0 });
   items.push({ x: padded(box("x")), y: padded(box("y")) });
-  if (walls && walls.runs.length) {
-    const { cell_m: cell, runs } = walls;
+  for (const each of walls.filter(({ runs }) => runs.length)) {
+    const { cell_m: cell, runs } = each;
     const every = (first, value) => runs.filter((_, at) => at % 3 === first).map(value);
     const [left, right] = [every(1, (start) => start), every(2, (long, at) => runs[3 * at + 1] + long)];
     const rows = every(0, (row) => row);
     const metres = (from, cells) => ({ ends: span(cells).map((at) => from + at * cell), before: 2, after: 2 });
     items.push({
-      x: metres(walls.x, [span(left)[0], span(right)[1]]),
-      y: metres(walls.y, [span(rows)[0], span(rows)[1] + 1]),
+      x: metres(each.x, [span(left)[0], span(right)[1]]),
+      y: metres(each.y, [span(rows)[0], span(rows)[1] + 1]),
     });
   }
   const whole = { x: box("x"), y: box("y") };
@@ -102,12 +102,11 @@ for (const [name, { walks, anchors, around, walls, fixes, plans, errors }] of Ob
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
-    if (walls) {
-      ctx.fillStyle = painted("wall")();
-      const { cell_m: cell, runs } = walls;
+    ctx.fillStyle = painted("wall")();
+    for (const { x: fromX, y: fromY, cell_m: cell, runs } of walls) {
       for (let at = 0; at < runs.length; at += 3) {
-        const left = walls.x + runs[at + 1] * cell;
-        const bottom = walls.y + runs[at] * cell;
+        const left = fromX + runs[at + 1] * cell;
+        const bottom = fromY + runs[at] * cell;
         ctx.fillRect(x(left), y(bottom + cell), x(left + runs[at + 2] * cell) - x(left), y(bottom) - y(bottom + cell));
       }
     }

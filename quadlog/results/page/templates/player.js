@@ -131,9 +131,4 @@
     view.recolor();
     show(true);
   });
-  // On paper colours are those of light pages.
-  matchMedia("print").addEventListener("change", () => {
-    view.recolor();
-    view.draw(now);
-  });
 })();

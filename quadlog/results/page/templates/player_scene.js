@@ -69,13 +69,14 @@ const openScene = async (data) => {
   for (const track of data.tracks) taken(["t", "x", "y", "yaw", "feet", "lookahead"], track);
   for (const paths of data.paths) taken(["t", "first", "x", "y"], paths);
   for (const cloud of data.clouds) taken(["x", "y"], cloud);
-  const { windows } = data;
-  if (windows) {
+  let start = 0;
+  for (const windows of data.windows) {
     taken(["t", "column", "row"], windows);
     windows.stride = Math.ceil(windows.columns / 8);
     windows.size = windows.rows * windows.stride;
-    windows.bits = bits;
-    for (let at = windows.size; at < bits.length; at++) bits[at] ^= bits[at - windows.size];
+    const own = bits.subarray(start, (start += windows.size * windows.t.length));
+    for (let at = windows.size; at < own.length; at++) own[at] ^= own[at - windows.size];
+    windows.bits = own;
   }
   const path = (paths, seconds) => {
     const made = rowAt(paths.t, seconds);
@@ -85,10 +86,10 @@ const openScene = async (data) => {
   return {
     pose: (track, seconds) => poseAt(track, seconds, data.hold.track),
     path,
-    window: (seconds) => (windows ? rowAt(windows.t, seconds) : -1),
-    cloud: (seconds) => data.clouds.find(({ t }) => t <= seconds + 1e-3 && seconds < t + data.hold.cloud),
+    window: (windows, seconds) => rowAt(windows.t, seconds),
+    clouds: (seconds) => data.clouds.filter(({ t }) => t <= seconds + 1e-3 && seconds < t + data.hold.cloud),
     // The cells of a window as opaque pixels, upper row first.
-    paint: (at, image) => {
+    paint: (windows, at, image) => {
       const pixels = new Uint32Array(image.data.buffer);
       pixels.fill(0);
       const { rows, columns: wide, stride, size } = windows;

@@ -30,22 +30,23 @@ const openView = (data, scene, canvas, extra = {}) => {
     brush.fillRect(0, 0, picture.width, picture.height);
     brush.globalCompositeOperation = "source-over";
   };
-  // The window's grid, painted again only when another map begins.
-  const grid = data.windows && layer(data.windows.columns, data.windows.rows);
-  const image = grid && grid.getContext("2d").createImageData(grid.width, grid.height);
-  let painted_ = -1;
-  const paintGrid = (at) => {
-    if (at === painted_) return;
-    painted_ = at;
-    scene.paint(at, image);
-    grid.getContext("2d").putImageData(image, 0, 0);
-    tint(grid, colors.text);
+  // The grid of each run's window, painted again only when another map begins.
+  const grids = data.windows.map((windows) => {
+    const grid = layer(windows.columns, windows.rows);
+    return { windows, grid, image: grid.getContext("2d").createImageData(grid.width, grid.height), painted: -1 };
+  });
+  const paintGrid = (each, at) => {
+    if (at === each.painted) return;
+    each.painted = at;
+    scene.paint(each.windows, at, each.image);
+    each.grid.getContext("2d").putImageData(each.image, 0, 0);
+    tint(each.grid, colors[each.windows.color]);
   };
   // Walls of the whole run, as the chart of the trajectory has them.
-  const walls = typeof chartData === "object" ? chartData.trajectory?.walls : null;
-  let backdrop = null;
-  const paintWalls = () => {
-    if (!walls || !walls.runs.length) return;
+  const allWalls = (typeof chartData === "object" && chartData.trajectory?.walls) || [];
+  let backdrops = [];
+  const paintWalls = (walls) => {
+    if (!walls.runs.length) return [];
     const ends = [[Infinity, -Infinity], [Infinity, -Infinity]];
     for (let at = 0; at < walls.runs.length; at += 3) {
       const [row, first, long] = walls.runs.slice(at, at + 3);
@@ -53,14 +54,15 @@ const openView = (data, scene, canvas, extra = {}) => {
       ends[1] = [Math.min(ends[1][0], row), Math.max(ends[1][1], row + 1)];
     }
     const [wide, high] = ends.map(([low, past]) => past - low);
-    if (wide * high > 2 ** 24) return; // the browser may not have such a canvas
+    if (wide * high > 2 ** 24) return []; // the browser may not have such a canvas
     const picture = layer(wide, high);
     const brush = picture.getContext("2d");
     brush.fillStyle = colors.wall;
     for (let at = 0; at < walls.runs.length; at += 3) {
       brush.fillRect(walls.runs[at + 1] - ends[0][0], ends[1][1] - 1 - walls.runs[at], walls.runs[at + 2], 1);
     }
-    backdrop = { picture, x: walls.x + ends[0][0] * walls.cell_m, y: walls.y + ends[1][0] * walls.cell_m };
+    const cell = walls.cell_m;
+    return [{ picture, x: walls.x + ends[0][0] * cell, y: walls.y + ends[1][0] * cell, cell }];
   };
 
   const x = (metres) => size.x / 2 + (metres - view.x) * view.scale;
@@ -127,8 +129,8 @@ const openView = (data, scene, canvas, extra = {}) => {
     line([turned(0, 0), turned(long * 0.8, 0)], color, 2);
     drawFeet(track.feet[pose.row], turned, color);
   };
-  const drawTarget = (pose) => {
-    pen.fillStyle = colors.target;
+  const drawTarget = (pose, color) => {
+    pen.fillStyle = color;
     pen.strokeStyle = colors.card;
     pen.lineWidth = 1;
     pen.beginPath();
@@ -148,7 +150,7 @@ const openView = (data, scene, canvas, extra = {}) => {
     dot(...point, 5, colors.note, colors.card);
   };
   const drawContacts = (seconds) => {
-    for (const { x: px, y: py, collision, seconds: from, until } of data.contacts) {
+    for (const { x: px, y: py, collision, seconds: from, until, run } of data.contacts) {
       const [now, half] = [from <= seconds + 1e-3 && seconds <= until + 0.3, 6];
       const color = collision ? colors.bad : colors.note;
       pen.globalAlpha = from <= seconds + 1e-3 ? 1 : 0.45;
@@ -160,6 +162,8 @@ const openView = (data, scene, canvas, extra = {}) => {
       }
       pen.stroke();
       if (now) dot(px, py, 14, null, color);
+      pen.fillStyle = color;
+      if (run) pen.fillText(run, x(px) + half + 3, y(py) - half);
       pen.globalAlpha = 1;
     }
   };
@@ -186,47 +190,48 @@ const openView = (data, scene, canvas, extra = {}) => {
   const tools = { pen, x, y, line, cells, layer, tint };
   const draw = (seconds) => {
     const poses = data.tracks.map((track) => scene.pose(track, seconds));
-    const led = [...poses].reverse().find((pose) => pose);
-    if (follow && led) view = { ...view, x: led.x, y: led.y };
+    const walkers = poses.filter((pose, index) => pose && data.tracks[index].key === walker.key);
+    const led = walkers.length ? walkers : [...poses].reverse().filter((pose) => pose).slice(0, 1);
+    const middle = (axis) => led.reduce((sum, pose) => sum + pose[axis], 0) / led.length;
+    if (follow && led.length) view = { ...view, x: middle("x"), y: middle("y") };
     const sharp = canvas.width / size.x;
     pen.setTransform(sharp, 0, 0, sharp, 0, 0);
     pen.fillStyle = colors.card;
     pen.fillRect(0, 0, size.x, size.y);
     pen.font = "12px system-ui, sans-serif";
     pen.lineJoin = "round";
-    if (backdrop) {
-      pen.globalAlpha = 0.4;
-      cells(backdrop.picture, backdrop.x, backdrop.y, walls.cell_m);
-      pen.globalAlpha = 1;
-    }
-    const at = scene.window(seconds);
-    if (at >= 0) {
-      const { x: fromX, y: fromY, cell, column, row } = data.windows;
-      paintGrid(at);
+    pen.globalAlpha = 0.4;
+    for (const { picture, x: fromX, y: fromY, cell } of backdrops) cells(picture, fromX, fromY, cell);
+    pen.globalAlpha = 1;
+    for (const each of grids) {
+      const { x: fromX, y: fromY, cell, column, row } = each.windows;
+      const at = scene.window(each.windows, seconds);
+      if (at < 0) continue;
+      paintGrid(each, at);
       extra.under?.(tools, at);
+      pen.globalAlpha = grids.length > 1 ? 0.6 : 1; // cells of both runs are to be seen
       pen.strokeStyle = colors.line;
       pen.lineWidth = 1;
-      pen.strokeRect(...cells(grid, fromX + column[at] * cell, fromY + row[at] * cell, cell));
+      pen.strokeRect(...cells(each.grid, fromX + column[at] * cell, fromY + row[at] * cell, cell));
+      pen.globalAlpha = 1;
     }
     drawAnchors();
     data.tracks.forEach((track, index) => drawTrail(trails[index], colors[track.color]));
-    const cloud = scene.cloud(seconds);
-    if (cloud) {
-      pen.fillStyle = colors.target;
+    for (const cloud of scene.clouds(seconds)) {
+      pen.fillStyle = colors[cloud.color];
       cloud.x.forEach((px, index) => pen.fillRect(x(px / 1000) - 1, y(cloud.y[index] / 1000) - 1, 2, 2));
     }
     extra.over?.(tools, seconds);
     const planned = data.paths.map((paths) => scene.path(paths, seconds));
     data.paths.forEach((paths, index) => {
-      const last = index === data.paths.length - 1;
-      line(planned[index], colors[paths.color], last ? 3 : 2, last ? [] : [6, 4]);
+      line(planned[index], colors[paths.color], paths.main ? 3 : 2, paths.main ? [] : [6, 4]);
     });
     data.tracks.forEach((track, index) => {
       const pose = poses[index];
       if (!pose) return;
-      if (track.key === "target") drawTarget(pose);
+      if (track.key === "target") drawTarget(pose, colors[track.color]);
       else drawBody(track, pose);
-      const plan = data.paths.findIndex((paths) => paths.walker === track.key);
+      const plan = data.paths.findIndex(({ walker, run }) => walker === track.key && run === track.run);
       if (track.lookahead.length && plan >= 0) drawLookahead(track, pose, planned[plan]);
     });
     drawContacts(seconds);
@@ -244,8 +249,8 @@ const openView = (data, scene, canvas, extra = {}) => {
   };
   const recolor = () => {
     colors = Object.fromEntries(names.map((name) => [name, painted(name)()]));
-    painted_ = -1;
-    paintWalls();
+    for (const each of grids) each.painted = -1;
+    backdrops = allWalls.flatMap(paintWalls);
   };
   const resize = (width, height) => {
     const before = size;

@@ -14,37 +14,41 @@ const openTimeCharts = (group, timed) => {
 
   // Where the player is: a line in every chart, and, in those that are in sight, the cursor with its values.
   const heads = new Map();
+  const inSight = new Set(); // of charts: until the browser says that they are not
   let played = null;
-  const placeHeads = () => {
+  const placeHead = (chart) => {
     if (played === null) return;
-    for (const [chart, head] of heads) {
-      head.hidden = played < shown[0] || played > shown[1];
-      if (!head.hidden) head.style.transform = `translateX(${chart.valToPos(played, "x")}px)`;
-    }
+    const head = heads.get(chart);
+    head.hidden = played < shown[0] || played > shown[1];
+    if (!head.hidden && inSight.has(chart)) head.style.transform = `translateX(${chart.valToPos(played, "x")}px)`;
   };
+  const placeHeads = () => [...heads.keys()].forEach(placeHead);
   const readOff = (chart) => {
     if (played === null || heads.get(chart).hidden) return;
     chart.setCursor({ left: chart.valToPos(played, "x"), top: chart.bbox.height / devicePixelRatio / 2 }, false, false);
   };
   const comesIntoSight = new IntersectionObserver((entries) => {
     const charted = new Map([...heads.keys()].map((chart) => [chart.root, chart]));
-    for (const { target, isIntersecting } of entries) if (isIntersecting) readOff(charted.get(target));
+    for (const { target, isIntersecting } of entries) {
+      const chart = charted.get(target);
+      inSight[isIntersecting ? "add" : "delete"](chart);
+      if (!isIntersecting) continue;
+      placeHead(chart);
+      readOff(chart);
+    }
   });
   playheads.push((seconds, numbers, of) => {
     if (of !== group) return;
     played = seconds;
     placeHeads();
-    if (!numbers) return;
-    for (const chart of heads.keys()) {
-      const { top, bottom } = chart.root.getBoundingClientRect();
-      if (bottom > 0 && top < innerHeight) readOff(chart);
-    }
+    if (numbers) inSight.forEach(readOff);
   });
   const addHead = (chart) => {
     const head = element("div", "playhead");
     head.hidden = true;
     chart.over.append(head);
     heads.set(chart, head);
+    inSight.add(chart);
     comesIntoSight.observe(chart.root);
     let pressed = null;
     chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));

@@ -12,7 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from quadlog.results.page.charts import COLORS, PANEL_POINTS, Line, panel, rounded, row_runs, run_charts, to_script_json
+from quadlog.results.page.charts import (
+    COLORS,
+    PANEL_POINTS,
+    ChartPanel,
+    Line,
+    panel_json,
+    rounded,
+    row_runs,
+    run_charts,
+    to_script_json,
+)
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.run.tables import TABLES, read_table, write_table
 
@@ -161,7 +171,9 @@ def test_numbers_are_short() -> None:
 @given(hnp.arrays(np.float64, 10_000, elements=st.floats(-1, 1), fill=st.just(0.0)))
 def test_no_peak_is_lost_however_long_the_run(values: np.ndarray) -> None:
     seconds = np.arange(10_000) * 0.01
-    drawn = panel("error (m)", [Line("a", "robot", seconds, values), Line("b", "plan", seconds, -values)])
+    drawn = panel_json(
+        ChartPanel("error (m)", [Line("a", "robot", seconds, values), Line("b", "plan", seconds, -values)])
+    )
     assert not drawn["joined"]
     assert len(drawn["seconds"]) <= 2 * (PANEL_POINTS + 2)
     assert drawn["seconds"] == sorted(drawn["seconds"])
@@ -172,7 +184,9 @@ def test_no_peak_is_lost_however_long_the_run(values: np.ndarray) -> None:
 
 def test_lines_of_other_instants_have_no_value_where_they_have_no_row() -> None:
     odd, even = np.array([1.0, 3.0]), np.array([2.0, 3.0])
-    drawn = panel("error (m)", [Line("a", "robot", odd, odd), Line("b", "plan", even, 10 * even, points=True)])
+    drawn = panel_json(
+        ChartPanel("error (m)", [Line("a", "robot", odd, odd), Line("b", "plan", even, 10 * even, points=True)])
+    )
     assert drawn["joined"]
     assert drawn["seconds"] == [1.0, 2.0, 3.0]
     assert drawn["values"] == [[1.0, None, 3.0], [None, 20.0, 30.0]]
@@ -182,7 +196,7 @@ def test_lines_of_other_instants_have_no_value_where_they_have_no_row() -> None:
 def test_lines_without_a_value_are_left_out_and_none_is_no_panel() -> None:
     seconds = np.arange(3.0)
     nothing = Line("a", "robot", seconds, np.full(3, np.nan))
-    drawn = panel("gain (1)", [nothing, Line("b", "plan", seconds, seconds)])
+    drawn = panel_json(ChartPanel("gain (1)", [nothing, Line("b", "plan", seconds, seconds)]))
     assert [line["label"] for line in drawn["lines"]] == ["b"]
-    assert panel("gain (1)", [nothing]) is None
-    assert panel("gain (1)", [Line("a", "robot", np.empty(0), np.empty(0))]) is None
+    assert panel_json(ChartPanel("gain (1)", [nothing])) is None
+    assert panel_json(ChartPanel("gain (1)", [Line("a", "robot", np.empty(0), np.empty(0))])) is None

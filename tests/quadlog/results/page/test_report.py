@@ -126,10 +126,29 @@ def test_numbers_that_cannot_be_drawn_are_left_out_and_told(tiny_run: Path, valu
                 read_table(tiny_run, name)
 
 
+def test_two_bodies_are_listed_beside_each_other_and_unknown_numbers_are_dashes(tiny_run: Path) -> None:
+    gait = {name: np.array([0.5, math.nan]) for name in TABLES["gait"].names}
+    gait |= {"body": np.array(["logged", "resimulated"], object), "speeds": "all", "n": 9, "pitch_mean_rad": -0.25}
+    write_table(tiny_run / "gait.parquet", TABLES["gait"], gait)
+    legs = np.array(["FL hip", "FL hip", "RR calf"], object)
+    torques = {"joint": legs, "phase": np.array(["stance", "swing", "stance"], object), "n": 9, "n_unknown": 0}
+    torques |= {"body": "logged", "speeds": "all", "torque_rms_nm": [1.5, 2.5, 3.5], "torque_peak_nm": [4.0, 5.0, 6.0]}
+    write_table(tiny_run / "body.parquet", TABLES["body"], torques)
+    text = Page(write_page(tiny_run, {})).text
+    assert "gait logged re-simulated speed (m/s) 0.500 –" in text
+    assert "pitch, mean (rad) −0.250 −0.250" in text
+    assert "stance, logged swing, logged rms peak rms peak FL hip 1.500 4.000 2.500 5.000" in text
+    assert "RR calf 3.500 6.000 – –" in text
+
+
 def test_every_picture_is_inside_and_beside_the_page(reported: Path) -> None:
     page = Page(reported / "report.html")
     images = page.all("img")
-    expected = [plot for plot in PLOTS if plot.name not in ("posture", "torques", "displacement", "euler_angles")]
+    expected = [
+        plot
+        for plot in PLOTS
+        if plot.name not in ("posture", "torques", "body_torques", "displacement", "euler_angles")
+    ]
     assert [image["alt"] for image in images] == [plot.alt for plot in expected]
     for image, plot in zip(images, expected, strict=True):
         kind, content = image["src"].split(",", 1)

@@ -31,12 +31,12 @@ def test_everything_stands_where_the_tables_have_it(tiny_original: Path) -> None
             assert pose[:2] == pytest.approx((x_m, y_m), abs=0.02)  # poses in between are left out
         assert pose_at(track, float(track.seconds[0]) - 0.01) is None
         assert pose_at(track, float(track.seconds[-1]) + 1.5) is None
-    assert scene.windows is not None
+    (windows,) = scene.windows
     for k, window in enumerate(load_maps(tiny_original)):
         instant_s = float(run.seconds(np.array([window.t_ns]))[0])
-        row = row_at(scene.windows.seconds, instant_s)
+        row = row_at(windows.seconds, instant_s)
         assert row == k
-        corner_m = scene.windows.origin_m + scene.windows.cell[row] * scene.windows.maps.cell_m
+        corner_m = windows.origin_m + windows.cell[row] * windows.maps.cell_m
         assert corner_m == pytest.approx(window.origin_m, abs=1e-6)
     assert [(round(each.seconds, 3), each.collision) for each in scene.contacts] == [(0.8, False), (1.8, True)]
     assert scene.thinned == []
@@ -77,6 +77,7 @@ def test_a_long_run_is_thinned_and_says_so(tiny_run: Path) -> None:
     first_ns = int(poses["t_ns"][0])
     t_ns = first_ns + np.arange(rows, dtype=np.int64) * round(STEP_S * 1e9)
     long: dict[str, Any] = {"t_ns": t_ns, "x_m": np.linspace(0, 400, rows), "y_m": 0.0, "yaw_rad": 0.0, "source": "tf"}
+    long |= dict.fromkeys(("z_m", "roll_rad", "pitch_rad"), np.nan)
     write_table(tiny_run / "poses.parquet", TABLES["poses"], long)
     scene = _scene(tiny_run)
     (robot,) = [track for track in scene.tracks if track.key == "poses"]

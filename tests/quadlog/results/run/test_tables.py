@@ -173,14 +173,15 @@ def test_rows_may_leave_values_out(tmp_path: Path) -> None:
 
 
 def test_columns_that_a_summary_of_before_lacks_are_without_values(tmp_path: Path) -> None:
-    before = pa.schema([each for each in TABLES["summary"] if each.name not in (*COST_NAMES, "worker")])
+    lacked = (*COST_NAMES, "worker", "duty_factor")
+    before = pa.schema([each for each in TABLES["summary"] if each.name not in lacked])
     write_table(
         tmp_path / "summary.parquet", before, {"recording": ["a", "b"], "exit_code": [0, 1], "reason": ["", "x"]}
     )
     back = read_table(tmp_path, "summary")
     assert list(back) == TABLES["summary"].names
     assert back["worker"].tolist() == ["", ""]
-    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in COST_NAMES)
+    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in (*COST_NAMES, "duty_factor"))
     without_reason = pa.schema([each for each in before if each.name != "reason"])
     write_table(tmp_path / "summary.parquet", without_reason, {"recording": ["a"], "exit_code": [0]})
     with pytest.raises(NotARun, match="has no column reason"):

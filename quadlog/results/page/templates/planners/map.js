@@ -16,7 +16,7 @@ const openPlannerMap = async (place, data) => {
   );
   const grown = data.grown && (await openScene(data.grown));
   const scene = await openScene(data);
-  const { cell } = data.windows;
+  const { cell } = data.windows[0];
   const edge = data.edge; // of a cell of the lattice, which may be finer than those of the map
   const [goal, start] = data.tracks;
   const hidden = new Set();
@@ -47,12 +47,13 @@ const openPlannerMap = async (place, data) => {
   let growth = null;
   const under = ({ layer, tint, cells, pen }, at) => {
     if (!grown) return;
-    const { columns: wide, rows: high, column, row, x, y } = data.grown.windows;
+    const [windows] = data.grown.windows;
+    const { columns: wide, rows: high, column, row, x, y } = windows;
     growth ??= { picture: layer(wide, high), at: -1 };
     const brush = growth.picture.getContext("2d");
     growth.image ??= brush.createImageData(wide, high);
     if (growth.at !== at) {
-      grown.paint(at, growth.image);
+      grown.paint(windows, at, growth.image);
       brush.putImageData(growth.image, 0, 0);
       tint(growth.picture, painted("wall")());
       growth.at = at;

@@ -1,0 +1,201 @@
+"""The logged body beside the re-simulated one, from a run's saved tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.messages import Float, Int
+from quadlog.metrics.body import (
+    BodySeries,
+    Gait,
+    gait,
+    ground_speed,
+    same_speed,
+    stance_where,
+    torque_rows,
+)
+from quadlog.metrics.metric import Metric, Metrics
+from quadlog.results.run.tables import (
+    CONTACTS,
+    DUTY_FACTORS,
+    FOOT_FORCES,
+    JOINT_COLUMNS,
+    TABLES,
+    TableWriter,
+    has_table,
+    read_table,
+)
+
+if TYPE_CHECKING:
+    from quadlog.positioning.leg_odometry import LegGeometry
+    from quadlog.simulation.robot.height_field import HeightField
+
+_ANGLES, _RATES, _TORQUES = JOINT_COLUMNS
+_CONTACT = 0.5
+_ROWS = 1 << 16
+"""Heights are computed of so many rows at a time: at 1 kHz the feet of an hour would be 1 GB."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownBody:
+    """The robot that both bodies are, as the configuration says: its mass and legs."""
+
+    mass_kg: float
+    geometry: LegGeometry
+
+
+def known_body(config: Config) -> KnownBody | None:
+    """None where no robot is configured: its mass and legs would be a guess. Raises UnknownName and UnusableRobot."""
+    if not config.robot.model_fields_set & {"model", "preset"}:
+        return None
+    from quadlog.pipelines.stages.positions.legs import robot_of
+    from quadlog.positioning.leg_odometry import LegGeometry
+
+    robot = robot_of(config)
+    return KnownBody(robot.mass_kg, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m))
+
+
+def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
+    """From joints.parquet and poses.parquet; geometry: of the legs, for the height. Raises NotARun."""
+    poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "roll_rad", "pitch_rad"])
+    t_ns = read_table(run, "joints", ["t_ns"])["t_ns"]
+    # Leg by leg, as the whole table of an hour at 1 kHz would be 1 GB.
+    torque_nm, power_w = np.empty((len(t_ns), 12), np.float32), np.zeros(len(t_ns))
+    for leg in range(4):
+        joints = slice(3 * leg, 3 * leg + 3)
+        names = (*_TORQUES[joints], *_RATES[joints])
+        columns = read_table(run, "joints", names)
+        leg_torque_nm, rates_radps = (
+            np.column_stack([columns[name] for name in part]) for part in (names[:3], names[3:])
+        )
+        torque_nm[:, joints] = leg_torque_nm
+        power_w += np.abs(leg_torque_nm * rates_radps).sum(axis=1)
+    tilt_rad = [np.interp(t_ns, poses["t_ns"], poses[name], np.nan, np.nan) for name in ("roll_rad", "pitch_rad")]
+    stance = _logged_stance(run, t_ns)
+    return BodySeries(
+        t_ns=t_ns,
+        speed_mps=ground_speed(t_ns, poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]])),
+        torque_nm=torque_nm,
+        stance=stance,
+        power_w=power_w,
+        height_m=np.full(len(t_ns), np.nan) if geometry is None else _height(run, geometry, stance, *tilt_rad),
+        pitch_rad=tilt_rad[1],
+    )
+
+
+def _logged_stance(run: Path, t_ns: Int) -> Float:
+    """(N, 4) of the forces of feet, as in a simulation; of estimated contacts where a foot has no sensor.
+
+    These are 0 also for feet that carry and slip, or are about to leave the ground.
+    """
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
+
+    stance = np.empty((len(t_ns), len(CONTACTS)))
+    for leg, (force, contact) in enumerate(zip(FOOT_FORCES, CONTACTS, strict=True)):
+        carried, least = share_of_usual(read_table(run, "joints", [force])[force][:, None]), CARRIES_SHARE
+        if np.isnan(carried).all():
+            carried, least = read_table(run, "joints", [contact])[contact][:, None], _CONTACT
+        stance[:, [leg]] = stance_where(t_ns, carried, least)
+    return stance
+
+
+def _height(run: Path, geometry: LegGeometry, stance: Float, roll_rad: Float, pitch_rad: Float) -> Float:
+    """(N,) of the body's origin above the soles of its standing feet; an unknown tilt is level, no foot is NaN."""
+    angles = list(read_table(run, "joints", _ANGLES).values())
+    height_m = np.empty(len(stance))
+    for first in range(0, len(stance), _ROWS):
+        rows = slice(first, first + _ROWS)
+        tilt_rad = np.nan_to_num(roll_rad[rows]), np.nan_to_num(pitch_rad[rows])
+        below_m = _feet_below(np.column_stack([each[rows] for each in angles]), geometry, *tilt_rad)
+        stands = (stance[rows] == 1) & np.isfinite(below_m)
+        count = stands.sum(axis=1)
+        summed_m = np.where(stands, below_m, 0.0).sum(axis=1)
+        height_m[rows] = np.where(count > 0, summed_m / np.maximum(count, 1), np.nan)
+    return height_m
+
+
+def _feet_below(position_rad: Float, geometry: LegGeometry, roll_rad: Float, pitch_rad: Float) -> Float:
+    """(N, 4) how far each sole is below the body's origin, of joints (N, 12), roll and pitch (N,)."""
+    from quadlog.positioning.leg_odometry import feet_in_body
+
+    x_m, y_m, z_m = np.moveaxis(feet_in_body(position_rad, geometry), -1, 0)
+    roll, pitch = roll_rad[:, None], pitch_rad[:, None]
+    across_m = np.sin(roll) * y_m + np.cos(roll) * z_m
+    return geometry.foot_radius_m + np.sin(pitch) * x_m - np.cos(pitch) * across_m
+
+
+def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries | None:
+    """From control.parquet until a fall, None for a robot without joints; ground: that it walked on. Raises NotARun.
+
+    Its torques are those at its control's ticks, its power is the mean until the next one.
+    """
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
+
+    forces, torques = [f"fz_{leg}_n" for leg in range(4)], list(_TORQUES)
+    table = read_table(
+        run, "control", ["t_ns", "x_m", "y_m", "z_m", "pitch_rad", "fallen", "energy_j", *torques, *forces]
+    )
+    standing = ~table["fallen"]
+    table = {name: column[standing] for name, column in table.items()}
+    torque_nm = np.column_stack([table[name] for name in torques])
+    if not np.isfinite(torque_nm).any():
+        return None
+    t_ns, xy_m = table["t_ns"], np.column_stack([table["x_m"], table["y_m"]])
+    return BodySeries(
+        t_ns=t_ns,
+        speed_mps=ground_speed(t_ns, t_ns, xy_m),
+        torque_nm=torque_nm,
+        stance=stance_where(t_ns, share_of_usual(np.column_stack([table[name] for name in forces])), CARRIES_SHARE),
+        power_w=np.append(np.diff(table["energy_j"]) / (np.diff(t_ns) * 1e-9), np.nan)[: len(t_ns)],
+        height_m=np.full(len(t_ns), np.nan) if ground is None else table["z_m"] - ground.height_at(xy_m),
+        pitch_rad=table["pitch_rad"],
+    )
+
+
+def compare_bodies(run: Path, geometry: LegGeometry | None, ground: HeightField | None) -> dict[str, BodySeries]:
+    """Logged and, where there is one with joints, resimulated. Raises NotARun."""
+    bodies = {"logged": logged_body(run, geometry)}
+    resimulated = resimulated_body(run, ground) if has_table(run, "control") else None
+    return bodies if resimulated is None else bodies | {"resimulated": resimulated}
+
+
+def write_bodies(
+    run: Path, bodies: Mapping[str, BodySeries], masses_kg: Mapping[str, float], resimulated_cost: float
+) -> Metrics:
+    """Writes body.parquet and gait.parquet; the metrics that no other table gives.
+
+    masses_kg: of each body, NaN where it is not known. resimulated_cost: cost of transport of its whole walk, at the
+    rate of the simulation.
+    """
+    weights: dict[str, dict[str, Float | None]] = {"all": dict.fromkeys(bodies)}
+    if len(bodies) == 2:
+        shared = same_speed(*bodies.values())
+        weights |= {} if shared is None else {"shared": dict(zip(bodies, shared, strict=True))}
+    metrics: Metrics = {}
+    with (
+        TableWriter(run / "body.parquet", TABLES["body"]) as torques,
+        TableWriter(run / "gait.parquet", TABLES["gait"]) as gaits,
+    ):
+        for speeds, of_bodies in weights.items():
+            for name, weight in of_bodies.items():
+                head = {"body": name, "speeds": speeds}
+                for row in torque_rows(bodies[name], weight):
+                    torques.add_row(head | row._asdict())
+                walked = gait(bodies[name], masses_kg[name], weight)
+                if speeds == "all" and name == "resimulated":
+                    walked = replace(walked, cost_of_transport=resimulated_cost)
+                gaits.add_row(head | _gait_row(walked))
+                if speeds == "all" and name == "logged" and np.isfinite(walked.cost_of_transport):
+                    metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, walked.n, "")
+    return metrics
+
+
+def _gait_row(walked: Gait) -> dict[str, float | int]:
+    columns = {each.name: getattr(walked, each.name) for each in fields(walked) if each.name != "duty_factor"}
+    return columns | dict(zip(DUTY_FACTORS, walked.duty_factor.tolist(), strict=True))

@@ -1,0 +1,141 @@
+"""`quadlog survey`: read a recording, survey its anchors, and say what was chosen and what is not observed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.errors import KnownAnchorsContradict, MissingInput
+from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.stages.ingest import OpenLog, open_log, open_walk
+from quadlog.pipelines.stages.positions.position import robot_track
+from quadlog.pipelines.stages.positions.tag_errors import lever_of
+from quadlog.pipelines.stages.scans import wants_lidar_track
+from quadlog.pipelines.survey.inputs import (
+    ABOVE_TAG_M,
+    HEIGHT_STD_M,
+    height_prior,
+    listed,
+    odometry_poses,
+    odometry_prior,
+    robot_tags,
+    tag_heights,
+    usable_ranges,
+)
+from quadlog.pipelines.survey.output import SurveyOutcome
+from quadlog.positioning.self_survey.problem import RobotTags, make_problem
+from quadlog.positioning.self_survey.survey import survey_anchors
+
+POOR_FIT = 1.5
+"""Ranges in line of sight that scatter more than this times uwb.range_std_m are warned of."""
+NOTED_DELAY_S = 0.03
+SOURCES = ("odometry", "tf", "lidar", "joints")
+"""Roles of topics that positions other than UWB come from."""
+NO_ODOMETRY = "give it an odometry, tf, a lidar, or a pose topic or TUM file by  --set topics.position=..."
+
+
+def survey_recording(
+    recording: Path,
+    config: Config,
+    options: ReplayOptions,
+    given_heights: Mapping[int | None, float],
+    progress: Progress,
+) -> SurveyOutcome:
+    """Survey the anchors of a recording. given_heights: id -> height in m above the floor, None for all others.
+
+    Raises AnchorsNotObserved, KnownAnchorsContradict, MissingInput, and the errors of reading a recording.
+    """
+    if config.topics.position == "uwb":
+        config = config.model_copy(update={"topics": config.topics.model_copy(update={"position": "auto"})})
+    clock = StageClock()
+    with TemporaryDirectory(prefix="quadlog-survey-") as folder:
+        request = ReplayRequest(recording, Path(folder) / "run", config, options)
+        with open_log(request, clock, progress) as log:
+            _check_inputs(log, config)
+            tracked = wants_lidar_track(config, log.roles, by_uwb=False)
+            with open_walk(log._replace(by_uwb=True), request, clock, progress, tracked=tracked) as walk:
+                return _survey_walk(walk, given_heights)
+
+
+def _check_inputs(log: OpenLog, config: Config) -> None:
+    """Raises MissingInput before anything is read, and AmbiguousTopic."""
+    if not log.roles.topics("uwb"):
+        raise MissingInput("survey", log.roles.why_none("uwb"), "see  quadlog info")
+    there = {*log.roles.found, *log.roles.ambiguous}
+    if config.topics.position == "auto" and there.isdisjoint(SOURCES):
+        raise MissingInput("survey", "the recording has ranges, but nothing tells how the robot moves", NO_ODOMETRY)
+
+
+def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float]) -> SurveyOutcome:
+    ranges = walk.streams.ranges
+    if ranges is None:
+        raise MissingInput("survey", "the recording has no UWB ranges", "see  quadlog info")
+    track = robot_track(walk)
+    if track.source == "fixed" or len(track.t_ns) < 2:
+        raise MissingInput("survey", "nothing in the recording tells how the robot moves", NO_ODOMETRY)
+    walk.progress.begin("survey", None)
+    tags = robot_tags(walk, ranges)
+    measured, anchor_ids = usable_ranges(walk, ranges, tags)
+    heights = height_prior(walk, anchor_ids, tags, given_heights)
+    levers = RobotTags(np.array([lever_of(walk.config, tag) for tag in tags]), tag_heights(walk.config, tags))
+    problem, n_far = make_problem(odometry_poses(walk, track), measured, levers, len(anchor_ids))
+    n_near = len(measured.t_ns) - n_far
+    if n_far:
+        walk.warn(f"{n_far} of {len(measured.t_ns)} ranges are left out: no pose of {track.source} is near them")
+    if len(problem.range_m) < n_near:
+        walk.note(f"an even selection of {len(problem.range_m)} of {n_near} ranges is used")
+    known = {each.id: (each.x_m, each.y_m) for each in walk.config.uwb.anchors}
+    known_m = np.array([known.get(anchor, (np.nan, np.nan)) for anchor in anchor_ids.tolist()])
+    survey = survey_anchors(problem, heights, odometry_prior(walk, track), known_m)
+    ids, start_ns = tuple(anchor_ids.tolist()), int(track.t_ns[0])
+    if survey.misplaced_m:
+        misplaced_m = {ids[index]: off_m for index, off_m in survey.misplaced_m.items()}
+        raise KnownAnchorsContradict(misplaced_m, survey.mirrored)
+    z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
+    outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, z_given, tuple(walk.losses))
+    _tell(walk, outcome)
+    return outcome
+
+
+def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
+    """Choices and what is not observed, on stderr."""
+    survey, ids = outcome.survey, outcome.anchor_ids
+    drift_m, drift_rad = survey.drift
+    walk.note(
+        f"odometry from {outcome.source}: {survey.way_m:.1f} m of way; its steps count {survey.scale:.3f} times, its "
+        f"turns {survey.turn_scale:.3f} times, its yaw drifts by {np.degrees(survey.yaw_drift_radps) * 60:+.1f} "
+        f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
+    )
+    if abs(survey.delay_s) > NOTED_DELAY_S:
+        walk.note(f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's")
+    known = len(outcome.configured.keys() & set(ids))
+    if survey.aligned_to:
+        walk.note(f"frame: map, by {survey.aligned_to} known anchors of [[uwb.anchors]]")
+    else:
+        few = "one known anchor does not turn it; " if known == 1 else ""
+        walk.note(f"frame: base at the first pose; {few}two known anchors in [[uwb.anchors]] would give map")
+    if known and not outcome.kept:
+        walk.note("every anchor is configured already: their places only give the frame, and are surveyed again")
+    if survey.range_std_m > POOR_FIT * walk.config.uwb.range_std_m:
+        walk.warn(
+            f"ranges miss the survey by {survey.range_std_m:.2f} m, and uwb.range_std_m is "
+            f"{walk.config.uwb.range_std_m:g}: the odometry or the ranges are worse than the bounds allow for"
+        )
+    unseen = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
+    blind = [anchor for anchor in unseen if anchor not in outcome.z_given]
+    if blind:
+        walk.warn(
+            f"the walk does not tell the height of anchors {listed(blind)}: z is the guess of {ABOVE_TAG_M:g} m above "
+            "the tag; give what you know by  --anchor-height ID=M"
+        )
+    for each in survey.anchors:
+        if each.why_not:
+            walk.warn(f"anchor {ids[each.index]} is not surveyed: {each.why_not}")
+    if sum(not each.why_not for each in survey.anchors) < 3:
+        walk.warn("fewer than three anchors are surveyed: that is not enough for positions")

@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.metrics.body import (
+    JOINTS,
+    BodySeries,
+    body_samples,
+    gait,
+    ground_speed,
+    same_speed,
+    stance_where,
+    torque_rows,
+)
+from quadlog.metrics.summary import metrics_of
+
+START_NS = 1_700_000_000 * 10**9
+
+
+def walk(n: int, step_s: float = 0.005, speed_mps: float = 0.5) -> BodySeries:
+    """A body that stands on all feet while it moves, with torques of 1 to 12 N·m."""
+    return BodySeries(
+        t_ns=START_NS + np.rint(np.arange(n) * step_s * 1e9).astype(np.int64),
+        speed_mps=np.full(n, speed_mps),
+        torque_nm=np.tile(np.arange(1.0, 13.0), (n, 1)),
+        stance=np.ones((n, 4)),
+        power_w=np.full(n, 60.0),
+        height_m=np.full(n, 0.3),
+        pitch_rad=np.zeros(n),
+    )
+
+
+def trotting(period_s: float, duty: float, step_s: float, seconds: float = 12.0) -> BodySeries:
+    """Each foot stands for the share `duty` of a period, the diagonals half a period apart."""
+    still = walk(round(seconds / step_s), step_s)
+    t_s = (still.t_ns - START_NS) * 1e-9
+    phase = (t_s[:, None] / period_s + [0.0, 0.5, 0.5, 0.0]) % 1.0
+    return replace(still, stance=stance_where(still.t_ns, np.where(phase < duty, 0.9, 0.1), 0.5))
+
+
+@given(period_s=st.floats(0.3, 1.2), duty=st.floats(0.35, 0.75), step_s=st.sampled_from([0.001, 0.002, 0.005, 0.02]))
+def test_duty_factor_and_stride_frequency_of_a_gait_known_by_construction(period_s, duty, step_s):
+    body = trotting(period_s, duty, step_s)
+    walked, metrics = gait(body, 10.0), metrics_of(body_samples(body))
+    # A touch-down is known to a row, and the 12 s hold no whole number of periods.
+    assert walked.stride_frequency_hz == pytest.approx(1 / period_s, rel=2 * step_s / period_s)
+    assert walked.duty_factor == pytest.approx(np.full(4, duty), abs=period_s / 12 + 2 * step_s / period_s)
+    assert metrics["stride_frequency_hz"].value == pytest.approx(walked.stride_frequency_hz)
+    assert metrics["duty_factor"].value == pytest.approx(walked.duty_factor.mean())
+
+
+def test_strides_over_a_gap_and_of_a_body_that_rests_are_none():
+    body = trotting(0.5, 0.5, 0.005)
+    t_ns = body.t_ns + np.where(np.arange(len(body.t_ns)) < 1000, 0, 10**9)
+    found = gait(replace(body, t_ns=t_ns), 10.0)
+    assert found.stride_frequency_hz == pytest.approx(2.0, rel=1e-6)
+    rests = gait(replace(body, speed_mps=np.zeros(len(t_ns))), 10.0)
+    assert (rests.n, np.isnan(rests.stride_frequency_hz), np.isnan(rests.duty_factor).all()) == (0, True, True)
+
+
+def test_single_rows_of_noise_are_no_strides():
+    body = trotting(0.5, 0.6, 0.002)
+    weight, rng = body.stance.copy(), np.random.default_rng(3)
+    flipped = rng.random(weight.shape) < 0.03
+    noisy = replace(body, stance=stance_where(body.t_ns, np.where(flipped, 1 - weight, weight), 0.5))
+    assert gait(noisy, 10.0).stride_frequency_hz == pytest.approx(2.0, rel=0.02)
+    # What is left of the flipped rows: a touch-down found about a row early or late.
+    assert (noisy.stance != body.stance).mean() < 0.01
+
+
+@given(seed=st.integers(0, 1000), share=st.floats(0.0, 0.4))
+def test_torques_of_each_joint_and_phase_are_those_of_numpy(seed, share):
+    rng = np.random.default_rng(seed)
+    torque_nm = rng.normal(0, 10, (300, 12))
+    torque_nm[rng.random(torque_nm.shape) < share] = np.nan
+    stance = (rng.random((300, 4)) < 0.5).astype(float)
+    body = replace(walk(300), torque_nm=torque_nm, stance=stance)
+    rows = torque_rows(body)
+    assert len(rows) == 36
+    for row in rows:
+        joint = JOINTS.index(row.joint)
+        inside = {"stance": stance[:, joint // 3] == 1, "swing": stance[:, joint // 3] == 0, "all": np.full(300, True)}
+        values = torque_nm[inside[row.phase], joint]
+        assert row.torque_rms_nm == pytest.approx(np.sqrt(np.nanmean(values**2)))
+        assert row.torque_peak_nm == np.nanmax(np.abs(values))
+        assert (row.n, row.n_unknown) == (np.isfinite(values).sum(), np.isnan(values).sum())
+    metrics = metrics_of(body_samples(body))
+    assert metrics["torque_rms_nm"].value == pytest.approx(np.sqrt(np.nanmean(torque_nm**2)))
+    assert (metrics["torque_rms_nm"].n, metrics["torque_max_nm"].value) == (
+        np.isfinite(torque_nm).sum(),
+        np.nanmax(np.abs(torque_nm)),
+    )
+
+
+def test_cost_of_transport_is_power_per_weight_and_speed():
+    body = walk(1000)
+    assert gait(body, 12.0).cost_of_transport == pytest.approx(60 / (12 * 9.81 * 0.5))
+    # Half of the time it stands, with the same power.
+    halts = replace(body, speed_mps=np.where(np.arange(1000) < 500, 0.5, 0.01))
+    assert gait(halts, 12.0).cost_of_transport == pytest.approx(2 * 60 / (12 * 9.81 * 0.5))
+    assert np.isnan(gait(body, np.nan).cost_of_transport)
+
+
+def test_speed_is_that_over_a_second_and_unknown_beside_gaps():
+    places_ns = START_NS + np.arange(0, 20_000, 10) * 10**6
+    s = (places_ns - START_NS) * 1e-9
+    sways_m = np.column_stack([0.6 * s, 0.02 * np.sin(2 * np.pi * 2 * s)])
+    t_ns = START_NS + np.arange(500, 19_500, 7) * 10**6
+    np.testing.assert_allclose(ground_speed(t_ns, places_ns, sways_m), 0.6, atol=0.01)
+    gap = (s < 8) | (s > 10)
+    unknown = np.isnan(ground_speed(t_ns, places_ns[gap], sways_m[gap]))
+    t_s = (t_ns - START_NS) * 1e-9
+    # The last place before the gap is at 7.99 s, the first after it at 10.01 s.
+    np.testing.assert_array_equal(unknown, (t_s > 7.49) & (t_s < 10.51))
+
+
+def test_two_walks_are_compared_over_the_speeds_that_both_have():
+    rng = np.random.default_rng(1)
+    one = replace(walk(8000), speed_mps=np.repeat(rng.uniform(0.0, 0.8, 40), 200))
+    other = replace(walk(2000, step_s=0.02), speed_mps=np.repeat(rng.uniform(0.4, 1.2, 40), 50))
+    weights = same_speed(one, other)
+    assert weights is not None
+    edges = np.arange(0.05, 1.3, 0.1)
+    shares = [
+        np.histogram(body.speed_mps, edges, weights=weight)[0] / weight.sum()
+        for body, weight in zip((one, other), weights, strict=True)
+    ]
+    np.testing.assert_allclose(*shares)
+    assert gait(one, 1.0, weights[0]).speed_mps == pytest.approx(gait(other, 1.0, weights[1]).speed_mps, abs=0.03)
+    assert 0.349 < one.speed_mps[weights[0] > 0].min() < one.speed_mps.max()
+    assert same_speed(one, replace(other, speed_mps=other.speed_mps + 1.0)) is None
+
+
+def test_a_speed_that_sways_with_the_gait_chooses_no_phase_of_it():
+    body = trotting(0.44, 0.6, 0.005)
+    phase = (body.t_ns - START_NS) * 1e-9 / 0.44
+    sways = replace(body, speed_mps=0.65 + 0.04 * np.sin(2 * np.pi * phase))
+    weights = same_speed(sways, replace(body, speed_mps=np.full(len(phase), 0.7)))
+    assert weights is not None
+    assert gait(sways, 10.0, weights[0]).duty_factor == pytest.approx(np.full(4, 0.6), abs=0.05)
