@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
-from quadlog.results.page.charts import Line, panel
+from quadlog.results.page.charts import ChartPanel, Line, panel_json
 from quadlog.results.page.packing import NO_YAW, UNIT_M, UNIT_S, Packing
 from quadlog.results.planner_comparison.shown_questions import ShownMap, ShownQuestions
 from quadlog.results.plots.planner_comparison import LOG_DECADES
@@ -116,13 +116,13 @@ def replan_chart(shown: ShownQuestions, asked: Asked, counted: str, group: str) 
     }
     hues = planner_hues(asked.planners)
     panels = [
-        panel(
+        ChartPanel(
             whats[unit],
             [Line(hue["name"], hue["color"], number, each[keep]) for hue, each in zip(hues, mine, strict=True)],
         )
         for unit, mine in values.items()
     ]
-    drawn = [each for each in panels if each is not None]
+    drawn = [each for each in map(panel_json, panels) if each is not None]
     for each, unit in zip(drawn, of, strict=False):
         each["log"] = _decades(values[unit])
         for line, hue in zip(each["lines"], hues, strict=False):

@@ -71,10 +71,12 @@ const ask = async () => {
   const cursor = [...document.querySelectorAll(".uplot")].map((each) => each.querySelector(".u-value").textContent);
   say.cursor = cursor;
   const data = JSON.parse(document.getElementById("map-data").textContent)[1];
-  const layers = [await openScene(JSON.parse(JSON.stringify(data))), await openScene(data.grown)];
-  const image = new ImageData(data.windows.columns, data.windows.rows);
-  say.maps = Array.from({ length: QUESTIONS }, (_, question) => layers.map((scene) => {
-    scene.paint(scene.window(question + 1), image);
+  const blocks = [JSON.parse(JSON.stringify(data)), data.grown];
+  const layers = await Promise.all(blocks.map(openScene));
+  const image = new ImageData(data.windows[0].columns, data.windows[0].rows);
+  say.maps = Array.from({ length: QUESTIONS }, (_, question) => layers.map((scene, layer) => {
+    const [windows] = blocks[layer].windows;
+    scene.paint(windows, scene.window(windows, question + 1), image);
     return [...new Uint32Array(image.data.buffer)].flatMap((cell, where) => (cell ? [where] : []));
   }));
   say.wide = document.documentElement.scrollWidth;
