@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from quadlog.results.papers.table import PaperTable
 
 NAMES = f"TABLE is any of {', '.join(TABLES)}. Default: all."
-HELP = f"""Measure the tables of the papers again; write README.md, and a CSV file, a LaTeX file and pictures for each.
+HELP = f"""Measure the tables of the papers again; write README.md, report.html, and CSV, LaTeX and pictures of each.
 
 \b
 {textwrap.fill(NAMES, 76, break_on_hyphens=False)}
@@ -45,7 +45,7 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
         tables = make_tables(names, output, fast=fast, seed=seed, force=force, progress=progress)
     for table in tables:
         print_table(table)
-    click.echo(f"{output / 'README.md'}: every quantity, with pictures and notes")
+    click.echo(f"{output / 'report.html'}: every quantity, with pictures and notes")
     return 0
 
 
