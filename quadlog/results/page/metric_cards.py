@@ -161,6 +161,11 @@ class ThemeGroup:
     card: list[ShownMetric]
 
 
+def plain_name(metric: str) -> str:
+    """What readers who do not know the field call it."""
+    return next((of[metric][0] for of in THEMES.values() if metric in of), metric)
+
+
 def metric_themes(run: RunData) -> list[ThemeGroup]:
     """The themes that the run has metrics or facts of. Raises NotARun for bounds that are damaged."""
     bounds = expected_bounds(run)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.messages import Float, Int
+from quadlog.results.page.metric_cards import plain_name
 from quadlog.results.page.packing import NO_YAW, UNIT_M, UNIT_S, Packing
 from quadlog.results.player.moments import Moment, moments_of
 from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Contact, Scene, Windows, scene_of
@@ -83,7 +84,7 @@ def _player(scene: Scene, anchors: Sequence[tuple[int, float, float]], moments: 
         "anchors": [{"label": str(anchor), "x": x_m, "y": y_m} for anchor, x_m, y_m in anchors],
         "body": scene.body_m,
         "extent": scene.extent_m(),
-        "moments": [asdict(each) | {"value": _value(each.value, each.unit)} for each in moments],
+        "moments": [_moment(each) for each in moments],
         "feet": any(len(each.feet) for each in scene.tracks),
         "lookahead": any(bool(np.isfinite(each.lookahead_m).any()) for each in scene.tracks),
         "note": _note(scene),
@@ -123,6 +124,16 @@ def _add_maps(windows: Windows, packing: Packing) -> None:
         bits = np.packbits(np.roll(maps.occupied(index), (row % rows, column % columns), axis=(0, 1)), axis=1)
         packing.add_bytes((bits ^ before).tobytes())
         before = bits
+
+
+def _moment(of: Moment) -> dict[str, Any]:
+    """A button of the player; metrics by their names in plain words, metric: as the tables call them."""
+    shown = asdict(of) | {"value": _value(of.value, of.unit), "metric": ""}
+    if of.kind == "worst":
+        *run, metric = of.what.split(": ")
+        words = ": ".join([*run, plain_name(metric)])
+        shown |= {"what": words, "metric": metric, "also": [plain_name(name) for name in of.also]}
+    return shown
 
 
 def _contact(of: Contact) -> dict[str, Any]:

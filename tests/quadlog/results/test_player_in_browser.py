@@ -60,7 +60,7 @@ const ask = async () => {
   say.clock = part("clock").textContent;
   say.heads = [...document.querySelectorAll(".playhead")].filter((each) => !each.hidden).length;
   say.charts = document.querySelectorAll(".u-over").length - 1; // the map has no time
-  const worst = [...section.querySelectorAll("[data-seek]")].find((each) => each.textContent.startsWith("eta_m"));
+  const worst = section.querySelector("[data-seek][title^=eta_m]");
   worst.click();
   say.worst = at();
   say.keys = [["Home"], ["ArrowRight"], ["ArrowRight", { shiftKey: true }], ["ArrowLeft"], ["End"]].map((each) => {

@@ -181,6 +181,11 @@ const openView = (data, scene, canvas, extra = {}) => {
   const drawScale = () => {
     const metres = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((each) => each * view.scale > 50) ?? 1000;
     const [from, height] = [12, size.y - 12];
+    // Over cells of any colour.
+    pen.globalAlpha = 0.8;
+    pen.fillStyle = colors.card;
+    pen.fillRect(from - 4, height - 20, metres * view.scale + 8, 26);
+    pen.globalAlpha = 1;
     pen.strokeStyle = pen.fillStyle = colors.text;
     pen.lineWidth = 2;
     pen.strokeRect(from, height, metres * view.scale, 0.01);
