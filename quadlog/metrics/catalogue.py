@@ -38,11 +38,11 @@ _REPLANS = "replans"
 _BODIES = (
     ("torque_rms_nm", "N·m", "root mean square of the joint torques", "√( 1/N Σ tau_ij² )", "known joint torques"),
     (
-        *("duty_factor", "", "share of the time in which a foot stands, mean over the feet,"),
+        *("duty_factor", "", "share of the time in which a foot stands, mean over all,"),
         *("1/N Σ stance_i, of instants at 0.1 m/s or faster", "instants of the walk with known contacts"),
     ),
     (
-        *("stride_frequency_hz", "Hz", "mean frequency of the strides, from touch-down to touch-down of a foot,"),
+        *("stride_frequency_hz", "Hz", "mean frequency of the strides, a foot's touch-downs,"),
         *("1/N Σ 1/T_i", "strides of all feet"),
     ),
 )
@@ -116,7 +116,7 @@ _ENTRIES = (
     ),
     *(
         MetricEntry(prefix + name, unit, f"{meaning} of {whose}", formula, _OURS, counted, better="")
-        for prefix, whose in (("", "the re-simulated body, where the log has joints"), ("logged_", "the logged body"))
+        for prefix, whose in (("", "the re-simulated body, given logged joints"), ("logged_", "the logged body"))
         for name, unit, meaning, formula, counted in _BODIES
     ),
     MetricEntry(

@@ -102,7 +102,7 @@ def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path
 
 def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, ok):
     """A limit on the size of files stands for the disk: what writes gets the same kind of error."""
-    most = 20_000
+    most = 40_000  # more than the page of the folder has, and less than a run's ranges
 
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))

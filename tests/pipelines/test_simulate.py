@@ -153,7 +153,7 @@ def test_the_page_speaks_of_a_simulation_and_can_be_made_again(walked):
     assert "Simulated by quadlog" in text
     assert "bend.csv, fpmw, seed 0" in text
     assert "Replayed by" not in text
-    assert ">done</dd>" in text
+    assert ">state done</span>" in text
     assert "not run" not in text
     write_report(walked.run)
     assert (walked.run / "report.html").read_bytes() == page
@@ -195,7 +195,7 @@ def test_a_fall_is_a_result(path, tmp_path, undrawn):
     assert read_run_json(run.run)["warnings"] == [f"the robot {run.ended}"]
     page = (run.run / "report.html").read_text()
     assert "the robot fell after" in page
-    assert ">did not arrive</dd>" in page
+    assert ">state did not arrive</span>" in page
     assert read_table(run.run.parent, "summary")["exit_code"].tolist() == [0]
     assert any("fell after" in line for line in progress.lines)
 
