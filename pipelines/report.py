@@ -68,7 +68,7 @@ def write_side_by_side(a: Path, b: Path, output: Path, force: bool) -> Path:
 
 def _compare(a: Path, b: Path) -> RunPair:
     """Both runs, and what differs between them."""
-    from quadlog.metrics.paired import paired_differences
+    from quadlog.metrics.comparison.paired import paired_differences
     from quadlog.pipelines.evaluation.samples import read_samples
     from quadlog.results.compare.common_clock import open_runs
     from quadlog.results.compare.differences import EXACT

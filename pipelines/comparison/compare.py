@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import ExitCode
-from quadlog.metrics.planner_verdict import notes, verdict
+from quadlog.metrics.comparison.planner_verdict import notes, verdict
 from quadlog.metrics.planning import Comparison, compare_planners
 from quadlog.pipelines.comparison.problems import CompareOptions, ProblemSource, counted
 from quadlog.pipelines.comparison.run_planners import Answers, ask_everything, repeats_for

@@ -13,7 +13,7 @@ from quadlog.config.schema import Config
 from quadlog.messages import Float, Int
 from quadlog.metrics.body import (
     BodySeries,
-    Gait,
+    GaitStatistics,
     gait,
     ground_speed,
     same_speed,
@@ -196,6 +196,6 @@ def write_bodies(
     return metrics
 
 
-def _gait_row(walked: Gait) -> dict[str, float | int]:
+def _gait_row(walked: GaitStatistics) -> dict[str, float | int]:
     columns = {each.name: getattr(walked, each.name) for each in fields(walked) if each.name != "duty_factor"}
     return columns | dict(zip(DUTY_FACTORS, walked.duty_factor.tolist(), strict=True))

@@ -153,7 +153,7 @@ def torque_rows(body: BodySeries, weight: Float | None = None) -> list[TorqueRow
 
 
 @dataclass(frozen=True, slots=True)
-class Gait:
+class GaitStatistics:
     """How a body walked over n rows; NaN where nothing tells.
 
     speed_mps: mean. duty_factor: (4,) share of the moving rows in which each foot stands. cost_of_transport: see the
@@ -171,13 +171,13 @@ class Gait:
     pitch_std_rad: float
 
 
-def gait(body: BodySeries, mass_kg: float, weight: Float | None = None) -> Gait:
+def gait(body: BodySeries, mass_kg: float, weight: Float | None = None) -> GaitStatistics:
     """Over all rows, or those that weight (N,) counts."""
     counts = np.ones(len(body.t_ns)) if weight is None else weight
     moving = np.where(body.moves, counts, 0.0)
     found = strides(body)
     height, pitch = _mean_and_std(body.height_m, moving), _mean_and_std(body.pitch_rad, moving)
-    return Gait(
+    return GaitStatistics(
         n=int((moving > 0).sum()),
         speed_mps=_mean(body.speed_mps, moving),
         stride_frequency_hz=_mean(found.frequency_hz, counts[found.row]),

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from quadlog.geometry import arc_lengths
 from quadlog.messages import Float, Int
+from quadlog.metrics.comparison.planner_lead import Spending
 from quadlog.metrics.intervals import Interval, median_interval
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.planner_lead import Spending
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.planning.protocol import Bool
 

@@ -12,7 +12,7 @@ from quadlog.messages import Float, Int
 from quadlog.results.page.metric_cards import plain_name
 from quadlog.results.page.packing import NO_YAW, UNIT_M, UNIT_S, Packing
 from quadlog.results.player.moments import Moment, moments_of
-from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, Contact, Scene, Windows, scene_of
+from quadlog.results.player.scene import CLOUD_S, HOLD_S, NOT_KNOWN, DrawnContact, Scene, Windows, scene_of
 from quadlog.results.player.two_scenes import two_moments, two_scenes
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.text.numbers import short
@@ -136,7 +136,7 @@ def _moment(of: Moment) -> dict[str, Any]:
     return shown
 
 
-def _contact(of: Contact) -> dict[str, Any]:
+def _contact(of: DrawnContact) -> dict[str, Any]:
     place = {"x": of.x_m, "y": of.y_m, "collision": of.collision, "run": of.run}
     return {"seconds": of.seconds, "until": of.until_s} | place
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.paired import PairedDifference
+from quadlog.metrics.comparison.paired import PairedDifference
 from quadlog.results.compare.common_clock import LETTERS, CommonClock, not_comparable
 from quadlog.results.compare.diff_text import first_line, value_text
 from quadlog.results.compare.differences import FirstDifference, ResultDifference, RunDifference, ValueDifference

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from quadlog.errors import printable
+from quadlog.metrics.comparison.planner_verdict import verdict_lines
 from quadlog.metrics.intervals import FEWEST_VALUES
-from quadlog.metrics.planner_verdict import verdict_lines
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.page.charts import to_script_json
 from quadlog.results.page.html import render_page

@@ -16,9 +16,9 @@ from quadlog.messages import Float
 from quadlog.results.player.scene import (
     CLOUD_S,
     LEGS,
-    Contact,
+    DrawnContact,
+    DrawnTrack,
     Paths,
-    Track,
     lookahead_point,
     pose_at,
     row_at,
@@ -200,7 +200,7 @@ class Film:
         return left, top, left + wide, bottom
 
     def _draw_walker(
-        self, draw: ImageDraw.ImageDraw, track: Track, pose: Pose, instant_s: float, plan: Float | None
+        self, draw: ImageDraw.ImageDraw, track: DrawnTrack, pose: Pose, instant_s: float, plan: Float | None
     ) -> None:
         x_m, y_m, yaw_rad = pose
         color, (x, y) = style.COLORS[track.color], self._point(x_m, y_m)
@@ -223,7 +223,7 @@ class Film:
                 stands = bool(track.feet[row] >> leg & 1)
                 draw.circle(corners[6 + leg], max(4.0, 0.035 * self._scale), color if stands else _BACK, color, SHARP)
 
-    def _draw_contact(self, draw: ImageDraw.ImageDraw, contact: Contact, instant_s: float) -> None:
+    def _draw_contact(self, draw: ImageDraw.ImageDraw, contact: DrawnContact, instant_s: float) -> None:
         x, y = self._point(contact.x_m, contact.y_m)
         now, half = contact.seconds <= instant_s <= contact.until_s + 1 / FPS * self.speed, 6 * SHARP
         color = _COLLISION if contact.collision else style.NOTE
@@ -239,7 +239,7 @@ class Film:
         speed = f"  {self.speed}x" if self.speed > 1 else ""
         draw.text((8 * SHARP, middle), f"{instant_s:7.2f} s{speed}", style.BLACK, self._font, "lm")
         left = 130 * SHARP
-        named: Sequence[Track | Paths] = (*self._scene.tracks, *self._scene.paths)
+        named: Sequence[DrawnTrack | Paths] = (*self._scene.tracks, *self._scene.paths)
         for each in named:
             draw.line([(left, middle), (left + 14 * SHARP, middle)], style.COLORS[each.color], 3 * SHARP)
             draw.text((left + 18 * SHARP, middle), each.label, style.BLACK, self._font, "lm")

@@ -41,7 +41,7 @@ _SPACE_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class DrawnTrack:
     """Poses over time: seconds (N,) rising, x_m, y_m (N,) in map, yaw_rad (N,) NaN where unknown.
 
     key: name of the table. run: A or B where two runs are in one scene, else empty. body: drawn as a footprint. feet:
@@ -66,7 +66,7 @@ class Track:
 class Paths:
     """Planned paths: path k, made at seconds[k], is rows first[k] to first[k + 1] of x_m, y_m.
 
-    walker: key of the Track that was to walk it, of the same run. main: the ones that were followed.
+    walker: key of the DrawnTrack that was to walk it, of the same run. main: the ones that were followed.
     """
 
     label: str
@@ -106,7 +106,7 @@ class Cloud:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class DrawnContact:
     """Where the re-simulated body touched an occupied cell, from when until when."""
 
     seconds: float
@@ -128,17 +128,17 @@ class Scene:
 
     from_s: float
     until_s: float
-    tracks: Sequence[Track]
+    tracks: Sequence[DrawnTrack]
     paths: Sequence[Paths]
     windows: Sequence[Windows]
     clouds: Sequence[Cloud]
-    contacts: Sequence[Contact]
+    contacts: Sequence[DrawnContact]
     body_m: tuple[float, float] | None
     thinned: Sequence[str]
 
     def extent_m(self) -> tuple[float, float, float, float]:
         """Left, right, bottom, top of all that moved, was planned or was touched."""
-        lines: list[Track | Paths] = [*self.tracks, *self.paths]
+        lines: list[DrawnTrack | Paths] = [*self.tracks, *self.paths]
         x_m = np.concatenate([*(each.x_m for each in lines), [each.x_m for each in self.contacts]])
         y_m = np.concatenate([*(each.y_m for each in lines), [each.y_m for each in self.contacts]])
         return float(x_m.min()), float(x_m.max()), float(y_m.min()), float(y_m.max())
@@ -189,7 +189,7 @@ def _plans(run: RunData) -> list[tuple[str, str, str, str]]:
     return [("paths", "plan of the log", "fix", "poses"), ("resim_paths", "plan followed", "plan", "control")]
 
 
-def _track(run: RunData, name: str, label: str, color: str, thinned: list[str]) -> Track | None:
+def _track(run: RunData, name: str, label: str, color: str, thinned: list[str]) -> DrawnTrack | None:
     table = run.table(name)
     if table is None:
         return None
@@ -208,7 +208,7 @@ def _track(run: RunData, name: str, label: str, color: str, thinned: list[str]) 
     yaw_rad = taken.get("yaw_rad", np.full(len(rows), np.nan))
     body = "yaw_rad" in table and _body(run) is not None
     lookahead_m = taken.get("lookahead_m", np.empty(0))
-    return Track(
+    return DrawnTrack(
         name, label, color, seconds[rows], taken["x_m"], taken["y_m"], yaw_rad, body, _feet(taken), lookahead_m
     )
 
@@ -291,7 +291,7 @@ def _clouds(run: RunData, thinned: list[str]) -> list[Cloud]:
     return found
 
 
-def _contacts(run: RunData, thinned: list[str]) -> list[Contact]:
+def _contacts(run: RunData, thinned: list[str]) -> list[DrawnContact]:
     table = run.table("contacts")
     if table is None:
         return []
@@ -300,7 +300,7 @@ def _contacts(run: RunData, thinned: list[str]) -> list[Contact]:
         thinned.append(f"the first {count(MAX_CONTACTS)} of {count(len(near))} contacts")
     from_s = run.seconds(table["t_ns"])
     return [
-        Contact(
+        DrawnContact(
             seconds=float(from_s[k]),
             until_s=float(from_s[k] + max(np.nan_to_num(table["duration_s"][k]), 0.0)),
             x_m=float(table["x_m"][k]),
@@ -318,7 +318,7 @@ def row_at(seconds: Float, instant_s: float) -> int:
     return int(np.searchsorted(seconds, instant_s, side="right")) - 1
 
 
-def pose_at(track: Track, instant_s: float) -> tuple[float, float, float] | None:
+def pose_at(track: DrawnTrack, instant_s: float) -> tuple[float, float, float] | None:
     """x_m, y_m, yaw_rad (NaN where unknown), interpolated; None where nothing was seen for HOLD_S."""
     row = row_at(track.seconds, instant_s)
     if row < 0:

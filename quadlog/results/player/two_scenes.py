@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.results.player.moments import Moment
-from quadlog.results.player.scene import Paths, Scene, Track, Windows
+from quadlog.results.player.scene import DrawnTrack, Paths, Scene, Windows
 
 RUN_COLORS = {"A": ("robot", "fix"), "B": ("target", "note")}
 """Of a run: of its last track, which is the simulated robot where there is one, its plan and the map; of the rest."""
@@ -27,8 +27,8 @@ def two_scenes(a: Scene | None, b: Scene | None) -> Scene | None:
         of_a, of_b = ([] if scene is None else getattr(scene, name) for scene in (a, b))
         return list(_merged(of_a, of_b, of_run, of_both))
 
-    def labelled(each: Track | Paths, letter: str) -> Track | Paths:
-        walker = each.key if isinstance(each, Track) else each.walker
+    def labelled(each: DrawnTrack | Paths, letter: str) -> DrawnTrack | Paths:
+        walker = each.key if isinstance(each, DrawnTrack) else each.walker
         is_main = walker == scenes[letter].tracks[-1].key
         return replace(each, label=f"{letter}: {each.label}", color=RUN_COLORS[letter][not is_main], run=letter)
 
@@ -81,8 +81,8 @@ def _merged(
     yield from (of_run(each, "B") for each in only_b)
 
 
-def _shared(each: Track | Paths) -> Track | Paths:
-    is_target = isinstance(each, Track) and each.key == "target"
+def _shared(each: DrawnTrack | Paths) -> DrawnTrack | Paths:
+    is_target = isinstance(each, DrawnTrack) and each.key == "target"
     return replace(each, label=f"{_BOTH}: {each.label}", color=TARGET_OF_BOTH if is_target else OF_BOTH)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.over_seeds import OverSeeds, clear_best, over_seeds
+from quadlog.metrics.comparison.over_seeds import OverSeeds, clear_best, over_seeds
 from quadlog.results.sweep.table import SWEEP_METRICS, SweepRow, text_of
 
 

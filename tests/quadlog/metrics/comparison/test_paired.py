@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from quadlog.metrics.paired import paired_differences
+from quadlog.metrics.comparison.paired import paired_differences
 from quadlog.metrics.summary import Samples, Statistic
 
 N = 2000

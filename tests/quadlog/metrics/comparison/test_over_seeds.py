@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from quadlog.metrics.over_seeds import clear_best, over_seeds
+from quadlog.metrics.comparison.over_seeds import clear_best, over_seeds
 
 
 @given(st.integers(0, 10**6), st.integers(2, 5), st.integers(2, 8), st.booleans())

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from quadlog.metrics.comparison.planner_lead import lead_of
 from quadlog.metrics.intervals import FEWEST_IN_TIME, FEWEST_VALUES, RESAMPLES, SAFE_IN_TIME, block_length
-from quadlog.metrics.planner_lead import lead_of
 from quadlog.metrics.planning import Comparison, PlannerRow
 
 _SPENT = {"expanded": "expanded", "generated": "generated", "touched": "tested"}

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadlog.metrics.planner_verdict import notes, verdict
+from quadlog.metrics.comparison.planner_verdict import notes, verdict
 from quadlog.metrics.planning import Comparison, compare_planners
 
 NAMES = ("astar", "ia_star", "lpa_star", "mt_d_star_lite")
@@ -196,6 +196,6 @@ def test_the_best_of_ten_alike_is_rarely_told_from_them(make_replans: Any) -> No
     ("ratio", "shown"), [(1.0004, "1.0004"), (1.25, "1.25"), (12345.6, "12 346"), (99.96, "100"), (1.0, "1.00")]
 )
 def test_a_ratio_is_never_rounded_to_what_it_is_not(ratio: float, shown: str) -> None:
-    from quadlog.metrics.planner_verdict import _times
+    from quadlog.metrics.comparison.planner_verdict import _times
 
     assert _times(ratio) == shown

@@ -1,0 +1,1 @@
+"""Differences of metrics between planners, runs and seeds, with their intervals."""
