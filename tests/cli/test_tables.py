@@ -77,7 +77,7 @@ def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlo
     assert "(fast run)" in lines[0]
     assert any("station 3" in line and line.endswith("no") for line in lines)
     assert "printed numbers reproduce" in lines[-2]
-    assert lines[-1].startswith(str(tmp_path / "README.md"))
+    assert lines[-1].startswith(str(tmp_path / "report.html"))
 
 
 def test_where_the_paper_prints_nothing_all_of_ours_is_printed(capsys):
