@@ -255,6 +255,8 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     robot, motion = body_tags_of(config, list(tags)), _body_motion(walk) if config.uwb.odometry else None
     if len(robot) == 1 and motion is not None:
         tags[robot[0]] = replace(tags[robot[0]], body_motion=motion)
+    if robot and motion is not None and motion.source == "odometry":
+        walk.use("odometry")
     anchors, settings = anchors_of(config), settings_of(config)
     located, body = locate(ranges, anchors, list(tags.values()), settings), None
     if len(robot) > 1:

@@ -97,7 +97,7 @@ THEMES: dict[str, dict[str, tuple[str, str]]] = {
         "torque_rms_nm": ("joint torque, typical", "How hard the joints of the simulated robot pushed."),
         "duty_factor": ("time on the ground", "How much of the time a foot of the simulated robot stands."),
         "stride_frequency_hz": ("strides", "How often each foot of the simulated robot steps."),
-        "logged_torque_rms_nm": ("joint torque, typical, as logged", "How hard the joints of the real robot pushed."),
+        "logged_torque_rms_nm": ("joint torque, typical, as logged", "How hard the joints of the logged robot pushed."),
         "logged_torque_max_nm": ("largest joint torque, as logged", "The hardest that any joint really pushed."),
         "logged_duty_factor": ("time on the ground, as logged", "How much of the time a foot really stood."),
         "logged_stride_frequency_hz": ("strides, as logged", "How often each foot really stepped."),

@@ -147,7 +147,9 @@ def _lost(run: RunData) -> Iterator[Sentence]:
         return
     causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
     if not causes:
-        yield Sentence("Nothing of the recording was lost.")
+        many = len(run.record.warnings)
+        told = f"Nothing was lost to damage; {many} warning{'s' * (many > 1)} below." if many else "Nothing was lost."
+        yield Sentence(told)
         return
     more = f" and {len(causes) - _TOLD_CONTACTS} more" if len(causes) > _TOLD_CONTACTS else ""
     yield Sentence(f"Part of the recording was lost: {', '.join(causes[:_TOLD_CONTACTS])}{more} (below).", alarm=True)
@@ -185,10 +187,11 @@ def _touched(run: RunData, contacts: Table) -> str:
 def _nearest(run: RunData, clearances: Table | None) -> str:
     known = np.isfinite(clearances["clearance_m"]) if clearances is not None else np.zeros(0, bool)
     if clearances is None or not known.any():
-        return "None: no obstacle was near the simulated body."
+        return "No obstacle was near the simulated robot."
     nearest = int(np.argmin(np.where(known, clearances["clearance_m"], np.inf)))
     at_s = float(run.seconds(clearances["t_ns"])[nearest])
-    return f"None. The nearest obstacle was {clearances['clearance_m'][nearest]:.2f} m from the body, at {at_s:.1f} s."
+    away_m = clearances["clearance_m"][nearest]
+    return f"The simulated robot touched nothing; its nearest obstacle was {away_m:.2f} m away, at {at_s:.1f} s."
 
 
 def _positions(run: RunData) -> VerdictLine | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from quadlog.messages import Float, Int
 from quadlog.results.plots.run_data import MAX_COORDINATE_CELLS, RunData, Table
 from quadlog.results.plots.style import thin_points
+from quadlog.results.plots.trajectory import is_ahead
 from quadlog.results.run.maps import MapSequence
 from quadlog.results.text.numbers import count
 
@@ -178,8 +179,9 @@ def _walkers(run: RunData) -> list[tuple[str, str, str]]:
     """Table, label and colour of all that moves, the first drawn below the others."""
     if run.simulated:
         return [("control", "simulated robot", "resim")]
-    logged = [("target", "target", "target"), ("poses", "logged robot", "robot")]
-    return [*logged, ("control", "re-simulated robot", "resim")]
+    # A target that is the robot's own future lies on its line, and nobody walked there.
+    target = [] if is_ahead(run.table("target")) else [("target", "target", "target")]
+    return [*target, ("poses", "logged robot", "robot"), ("control", "re-simulated robot", "resim")]
 
 
 def _plans(run: RunData) -> list[tuple[str, str, str, str]]:

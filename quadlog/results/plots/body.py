@@ -44,7 +44,7 @@ def draw_body_torques(run: RunData) -> Figure | None:
                 joint + _BAR * (place - 0.5),
                 *(torques[name][of_body] for name in ("torque_rms_nm", "torque_peak_nm")),
             )
-            panel.bar(x, rms_nm, _BAR, color=_COLORS[body], label=f"{BODIES[body]}: rms, and its peak")
+            panel.bar(x, rms_nm, _BAR, color=_COLORS[body], label=f"{BODIES[body]}: rms (bar), peak (line)")
             panel.plot(x, peak_nm, "_", color=_COLORS[body], markersize=11, markeredgewidth=2)
             panel.vlines(x, rms_nm, peak_nm, color=_COLORS[body], linewidth=0.8)
         panel.set_ylabel(f"{phase}: τ (N·m)")

@@ -48,7 +48,7 @@ def test_each_sentence_only_where_its_data_is(tiny_run: Path, change_json: Chang
         (tiny_run / f"{name}.parquet").unlink()
     change_json(tiny_run / "run.json", {"losses": []})
     assert lines(tiny_run) == {
-        "Walk": "The robot walked 4.71 m in 3.9 s (1.2 m/s). Nothing of the recording was lost.",
+        "Walk": "The robot walked 4.71 m in 3.9 s (1.2 m/s). Nothing was lost to damage; 1 warning below.",
         "Contact": "Not checked: the walk was not re-simulated on recorded maps.",
         "Positions": "From UWB ranges. The recording has no reference to check them against.",
     }
