@@ -11,6 +11,9 @@ from quadlog.messages import Float
 from quadlog.metrics.intervals import Interval, corrected_confidence, mean_interval_in_time
 from quadlog.metrics.summary import Samples, value_of
 
+_EVENTS = frozenset({"stride_frequency_hz", "logged_stride_frequency_hz"})
+"""Each run has these at instants of its own: what falls together by chance is no sample of the difference."""
+
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
@@ -18,7 +21,8 @@ class PairedDifference:
 
     interval: 95 %, None for counts and extremes, and where `mean_interval_in_time` has none. clear: whether 0 lies
     outside of the interval that allows for all the differences that are read together. pairs: number of common
-    instants; alone_a, alone_b: of the others. same: no sample differs.
+    instants; alone_a, alone_b: of the others. same: both have the same samples at the
+    same instants.
     """
 
     difference: float
@@ -47,7 +51,8 @@ def paired_differences(a: Mapping[str, Samples], b: Mapping[str, Samples]) -> di
     differences, or for other statistics than the mean the differences of their first-order effects on the value (the
     delta method), are a series whose mean is the difference.
     """
-    pairs = {name: pair for name in a if name in b and (pair := _paired(a[name], b[name])) is not None}
+    names = [name for name in a if name in b and name not in _EVENTS]
+    pairs = {name: pair for name in names if (pair := _paired(a[name], b[name])) is not None}
     series = {name: _difference_in_time(pair) for name, pair in pairs.items()}
     intervals = {name: None if each is None else mean_interval_in_time(each) for name, each in series.items()}
     confidence = corrected_confidence(sum(interval is not None for interval in intervals.values()))
@@ -62,7 +67,7 @@ def paired_differences(a: Mapping[str, Samples], b: Mapping[str, Samples]) -> di
             pairs=len(pair.a.t_ns),
             alone_a=pair.alone_a,
             alone_b=pair.alone_b,
-            same=np.array_equal(pair.a.values, pair.b.values),
+            same=not (pair.alone_a or pair.alone_b) and np.array_equal(pair.a.values, pair.b.values),
         )
     return found
 

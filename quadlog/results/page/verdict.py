@@ -186,12 +186,18 @@ def _touched(run: RunData, contacts: Table) -> str:
 
 def _nearest(run: RunData, clearances: Table | None) -> str:
     known = np.isfinite(clearances["clearance_m"]) if clearances is not None else np.zeros(0, bool)
-    if clearances is None or not known.any():
-        return "No obstacle was near the simulated robot."
+    if clearances is None or np.isnan(clearances["clearance_m"]).all():
+        return "Not known: the simulated robot was outside of the recorded maps all the time."
+    unknown = np.count_nonzero(np.isnan(clearances["clearance_m"])) / len(known)
+    outside = f" {short(100 * unknown, 2)} % of the time it was outside of the recorded maps." if unknown else ""
+    if not known.any():
+        return f"No obstacle was near the simulated robot.{outside}"
     nearest = int(np.argmin(np.where(known, clearances["clearance_m"], np.inf)))
     at_s = float(run.seconds(clearances["t_ns"])[nearest])
     away_m = clearances["clearance_m"][nearest]
-    return f"The simulated robot touched nothing; its nearest obstacle was {away_m:.2f} m away, at {at_s:.1f} s."
+    return (
+        f"The simulated robot touched nothing; its nearest obstacle was {away_m:.2f} m away, at {at_s:.1f} s.{outside}"
+    )
 
 
 def _positions(run: RunData) -> VerdictLine | None:

@@ -173,9 +173,10 @@ def _note(shown: ShownQuestions, asked: Asked) -> str:
     if len(shown.questions) == total:
         return ""
     here = f"{count(len(shown.questions))} of {count(total)} {'queries' if shown.is_static else 'replans'} are shown"
-    if shown.stride > 1:
-        return f"Thinned for this page: {here}, every {shown.stride}th {word}."
     episodes, all_of = shown.questions[-1].episode + 1, len(set(asked.episode.tolist()))
+    if shown.stride > 1:
+        alone = f" of the first of {all_of} episodes" if all_of > 1 and not shown.is_static else ""
+        return f"Thinned for this page: {here}, one {word} in {shown.stride}{alone}."
     whole = f"those of the first {episodes} of {all_of} episodes" if episodes < all_of and not shown.is_static else ""
     return f"On this map {here}{', ' if whole else ''}{whole}; what could not be asked has no map."
 

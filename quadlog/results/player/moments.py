@@ -94,6 +94,8 @@ def _of_fixes(run: RunData) -> dict[str, Samples]:
     if errors is None:
         return {}
     rows = errors["source"] == "fixes"
+    if len(set(errors["tag"][rows].tolist())) > 1:  # the metric is of the robot's first tag alone
+        return {}
     error_m = np.hypot(errors["error_x_m"][rows], errors["error_y_m"][rows])
     return {"uwb_rmse_m": finite_samples(errors["t_ns"][rows], error_m, "rms")}
 

@@ -109,4 +109,4 @@ def text_of(value: Any) -> str:
     """A value as a reader sees it: text itself, truth values as TOML has them, all else in Python's short form."""
     if isinstance(value, bool):
         return str(value).lower()
-    return value if isinstance(value, str) else f"{value:.12g}" if isinstance(value, float) else str(value)
+    return str(value)

@@ -84,3 +84,14 @@ def test_what_is_read_with_many_others_must_be_clearer() -> None:
     among = paired_differences(dict.fromkeys(names, one), dict.fromkeys(names, other))
     assert not any(each.clear for each in among.values())
     assert all(each.interval is not None and each.interval[0] > 0 for each in among.values())
+
+
+def test_strides_are_not_paired_and_a_run_that_goes_on_is_not_the_same() -> None:
+    t_ns = np.arange(20, dtype=np.int64)
+    strides = {"stride_frequency_hz": Samples(np.repeat(t_ns, 2), np.full(40, 2.0), "mean")}
+    assert paired_differences(strides, strides) == {}
+    touched = np.zeros(20)
+    touched[15] = 1.0
+    a, b = Samples(t_ns[:10], touched[:10], "sum"), Samples(t_ns, touched, "sum")
+    assert not paired_differences({"collisions": a}, {"collisions": b})["collisions"].same
+    assert paired_differences({"collisions": b}, {"collisions": b})["collisions"].same

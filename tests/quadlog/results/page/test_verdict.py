@@ -102,3 +102,12 @@ def test_noise_of_positions_adds_little_to_the_length_of_a_walk(length_m: float,
     x_m = np.linspace(0, length_m, 2000) + noise_m[0]
     x_m[5] = np.nan
     assert walked_m(x_m, noise_m[1]) == pytest.approx(length_m, rel=0.05, abs=0.15)
+
+
+def test_a_robot_outside_of_the_maps_is_not_called_safe(tiny_run: Path, change: Callable[..., None]) -> None:
+    (tiny_run / "contacts.parquet").unlink()
+    change(tiny_run, "clearances", clearance_m=lambda m: np.where(np.arange(len(m)) % 2 == 0, np.nan, 0.5))
+    assert lines(tiny_run)["Contact"].startswith("The simulated robot touched nothing; its nearest obstacle was 0.50 m")
+    assert lines(tiny_run)["Contact"].endswith("50 % of the time it was outside of the recorded maps.")
+    change(tiny_run, "clearances", clearance_m=np.nan)
+    assert lines(tiny_run)["Contact"].startswith("Not known")
