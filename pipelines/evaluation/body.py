@@ -192,7 +192,8 @@ def write_bodies(
                     walked = replace(walked, cost_of_transport=resimulated_cost)
                 gaits.add_row(head | _gait_row(walked))
                 if speeds == "all" and name == "logged" and np.isfinite(walked.cost_of_transport):
-                    metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, walked.n, "")
+                    n = int(bodies[name].cost_known.sum())
+                    metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, n, "")
     return metrics
 
 

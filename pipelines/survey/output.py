@@ -35,9 +35,14 @@ class SurveyOutcome:
 
     @property
     def kept(self) -> frozenset[int]:
-        """Ids of known anchors that keep their places in the config: all, unless there was nothing else to survey."""
+        """Ids of known anchors that keep their places in the config.
+
+        All, unless there was nothing else to survey: then those whose places the survey does not tell.
+        """
         known = frozenset(self.configured)
-        return known if set(self.anchor_ids) - known else frozenset()
+        if set(self.anchor_ids) - known:
+            return known
+        return known - {self.anchor_ids[each.index] for each in self.survey.anchors if not each.why_not}
 
 
 def survey_json(outcome: SurveyOutcome) -> dict[str, Any]:
@@ -109,8 +114,9 @@ def survey_toml(outcome: SurveyOutcome) -> str:
         anchor_id = outcome.anchor_ids[each.index]
         if anchor_id not in outcome.kept:
             lines.append(_anchor_table(anchor_id, each, anchor_id in outcome.z_given))
+    said = "# known" if outcome.survey.aligned_to else "# known; in its configured frame"
     for anchor_id in sorted(outcome.kept):
-        lines.append("# known\n" + tomli_w.dumps({"uwb": {"anchors": [configured[anchor_id]]}}))
+        lines.append(f"{said}\n[[uwb.anchors]]\n{tomli_w.dumps(configured[anchor_id])}")
     return "\n".join(lines)
 
 

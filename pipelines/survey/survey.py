@@ -20,6 +20,7 @@ from quadlog.pipelines.stages.scans import wants_lidar_track
 from quadlog.pipelines.survey.inputs import (
     ABOVE_TAG_M,
     HEIGHT_STD_M,
+    MOST_LISTED,
     height_prior,
     listed,
     odometry_poses,
@@ -120,8 +121,13 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
     else:
         few = "one known anchor does not turn it; " if known == 1 else ""
         walk.note(f"frame: base at the first pose; {few}two known anchors in [[uwb.anchors]] would give map")
-    if known and not outcome.kept:
-        walk.note("every anchor is configured already: their places only give the frame, and are surveyed again")
+    if not set(ids) - outcome.configured.keys():
+        walk.note("every anchor heard is configured already: their places only give the frame, and are surveyed again")
+    if outcome.kept and not survey.aligned_to:
+        walk.warn(
+            f"known anchors {listed(sorted(outcome.kept)[:MOST_LISTED])} stay in their configured frame, and the "
+            "others are not surveyed in it: do not use them together"
+        )
     if survey.range_std_m > POOR_FIT * walk.config.uwb.range_std_m:
         walk.warn(
             f"ranges miss the survey by {survey.range_std_m:.2f} m, and uwb.range_std_m is "

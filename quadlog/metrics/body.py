@@ -58,6 +58,11 @@ class BodySeries:
         """(N,) whether the body goes at MOVING_MPS or faster."""
         return self.speed_mps >= MOVING_MPS
 
+    @property
+    def cost_known(self) -> Bool:
+        """(N,) whether a row counts in the cost of transport: power and speed are known, at rest too."""
+        return np.isfinite(self.power_w) & np.isfinite(self.speed_mps)
+
 
 def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5) -> Float:
     """(N,) speed at t_ns (N,) over SPEED_OVER_S, from places xy_m (M, 2) at places_ns (M,) rising; NaN beside a gap.
@@ -196,7 +201,7 @@ def cost_of_transport(body: BodySeries, mass_kg: float, weight: Float | None = N
     mass_kg: NaN where it is not known; the result is NaN then, and for a body that does not move.
     """
     counts = np.ones(len(body.t_ns)) if weight is None else weight
-    known = np.isfinite(body.power_w) & np.isfinite(body.speed_mps)
+    known = body.cost_known
     way = float((counts * np.where(body.moves, body.speed_mps, 0.0))[known].sum())
     energy = float((counts * body.power_w)[known].sum())
     return energy / (mass_kg * GRAVITY_MPS2 * way) if way > 0 else float("nan")

@@ -125,7 +125,7 @@ _ENTRIES = (
     ),
     MetricEntry(
         *("logged_cost_of_transport", "", "cost_of_transport of the logged body, by the configured robot's mass"),
-        *("mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants at 0.1 m/s or faster"),
+        *("mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants with known power and speed"),
     ),
     MetricEntry(
         *("clearance_min_m", "m", "smallest distance from the body to an obstacle, below 0 inside of one"),

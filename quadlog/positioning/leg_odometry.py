@@ -69,8 +69,9 @@ class LegTrack:
 
     velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) weights in 0..1 of the feet. attitude:
     what turned the body; contact_sources (4,) a ContactSource of each foot, the one that told most of the time.
-    unheld_s: the longest time without a foot on the ground; gap_s: the longest between two joints' instants.
-    slipping_share: of the time in which feet carry, how much they move against the ground.
+    unheld_s: the longest time without a foot on the ground, not counting steps longer than MAX_GAP_S; gap_s: the
+    longest between two joints' instants. slipping_share: of the time in which feet carry, how much they move against
+    the ground.
     """
 
     t_ns: Int
@@ -337,9 +338,8 @@ def _summed(
         return LegTrack(t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
     stands = steps.weight.sum(axis=1) >= FEWEST_CONTACT
     velocity_mps = steps.move_m / step_s[:, None]
-    ends_s = np.cumsum(step_s)
     last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
-    unheld_s = np.where(stands, 0.0, ends_s - np.where(last >= 0, ends_s[last], 0.0))
+    unheld_s = _since(last, step_s)
     velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
     move_m = np.where(stands[:, None], steps.move_m, velocity_mps * step_s[:, None])
     yaw_rad = rpy_rad[:, 2]
@@ -356,7 +356,14 @@ def _summed(
         contact=np.concatenate([steps.weight, steps.weight[-1:]]),
         attitude=attitude,
         contact_sources=sources,
-        unheld_s=float(unheld_s.max()),
+        unheld_s=float(_since(last, np.where(step_s <= MAX_GAP_S, step_s, 0.0)).max()),
         gap_s=float(step_s.max()),
         slipping_share=slipping,
     )
+
+
+def _since(last: Int, step_s: Float) -> Float:
+    """(M,) time from the end of the last step on a foot, last (M,), -1 before the first, to the end of each step."""
+    ends_s = np.cumsum(step_s)
+    since_s: Float = ends_s - np.where(last >= 0, ends_s[last], 0.0)
+    return since_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,11 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Odometry, UwbRanges
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.pipelines.survey.output import survey_toml
+from quadlog.pipelines.survey.survey import survey_recording
 from quadlog.pipelines.tables.real.recordings import LIAS_ANCHORS_M, LIAS_LEVERS_M, LIAS_TAG_HEIGHT_M
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
 from quadlog.storage.formats.tum import read_tum
@@ -130,6 +135,33 @@ def test_200_tags_on_the_robot_are_too_many(tmp_path, circle, refused):
 
 def test_a_straight_line_is_refused(circle, refused):
     assert "straight line" in refused(1, "survey", circle(radius_m=0))
+
+
+@pytest.mark.parametrize(
+    ("known", "as_configured"),
+    [([0], [0]), ([0, 1], [0, 1]), ([0, 1, 2, 3, 7, 8], [7, 8]), ([0, 7], [0, 7])],
+    ids=["one_known", "two_known", "all_known_and_some_unheard", "one_known_and_one_unheard"],
+)
+def test_known_anchors_stay_in_a_config_that_loads(tmp_path, circle, quadlog, known, as_configured):
+    places_m = np.vstack([ANCHORS_M, np.full((5, 3), [4.0, 20.0, 2.0])])
+    (tmp_path / "c.toml").write_text("".join(KNOWN.format(index, *places_m[index]) for index in known))
+    done = quadlog("survey", circle(), "-c", tmp_path / "c.toml", "-o", tmp_path / "anchors.toml")
+    assert done.code == 0, done.err
+    anchors = {each.id: (each.x_m, each.y_m, each.z_m) for each in load_config(tmp_path / "anchors.toml").uwb.anchors}
+    assert sorted(anchors) == sorted({0, 1, 2, 3, *known})
+    assert [each for each in known if anchors[each] == tuple(places_m[each])] == as_configured
+    assert ("stay in their configured frame" in done.err) == (len({0, 1, 2, 3} & {*known}) < 2)
+
+
+def test_a_known_anchor_that_is_heard_but_not_observed_stays_configured(tmp_path, circle):
+    (tmp_path / "c.toml").write_text("".join(KNOWN.format(index, *ANCHORS_M[index]) for index in range(4)))
+    outcome = survey_recording(circle(), load_config(tmp_path / "c.toml"), ReplayOptions(), {}, Silent())
+    *seen, last = outcome.survey.anchors
+    survey = replace(outcome.survey, anchors=(*seen, replace(last, why_not="too few ranges")))
+    (tmp_path / "anchors.toml").write_text(survey_toml(replace(outcome, survey=survey)))
+    anchors = load_config(tmp_path / "anchors.toml").uwb.anchors
+    assert [each.id for each in anchors] == [0, 1, 2, 3]
+    assert (anchors[3].x_m, anchors[3].y_m, anchors[3].z_m) == tuple(ANCHORS_M[3])
 
 
 @pytest.mark.parametrize(

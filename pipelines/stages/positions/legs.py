@@ -67,8 +67,12 @@ def tell_legs(walk: ReplayContext, track: LegTrack) -> None:
         walk.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
         walk.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
-    if track.gap_s > MAX_GAP_S:
-        walk.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile the last speed is taken")
+    usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
+    if usual_s > MAX_GAP_S:
+        walk.warn(f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand")
+    elif track.gap_s > MAX_GAP_S:
+        taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"
+        walk.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile {taken}")
     by_force = set(track.contact_sources) == {ContactSource.FORCE}
     if track.slipping_share > (MOST_SLIPPING_BY_FORCE if by_force else MOST_SLIPPING):
         walk.warn(

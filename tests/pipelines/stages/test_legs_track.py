@@ -138,8 +138,20 @@ def without(messages: list[SynthesizedMessage], first_s: float, last_s: float) -
 
 def test_a_gap_and_a_missing_imu_are_told(tmp_path, messages):
     outcome = replayed(tmp_path, list(without(messages, 4.0, 4.5)), {JOINT_TOPIC}, MODEL)
-    assert "joints are silent for up to 0.5 s" in said(outcome)
+    assert "joints are silent for up to 0.5 s; meanwhile the robot is taken to stand" in said(outcome)
+    assert "no foot stands" not in said(outcome)
     assert "there is no IMU; yaw comes from the feet alone" in said(outcome)
+
+
+def test_a_short_gap_is_told_to_be_bridged(tmp_path, messages):
+    outcome = replayed(tmp_path, list(without(messages, 4.0, 4.2)), {JOINT_TOPIC, IMU_TOPIC}, MODEL)
+    assert "joints are silent for up to 0.2 s; meanwhile the last speed is taken" in said(outcome)
+
+
+def test_joints_too_seldom_to_tell_a_motion_are_told(tmp_path, messages):
+    joints = [each for each in messages if each.topic == JOINT_TOPIC][::100]
+    outcome = replayed(tmp_path, joints, {JOINT_TOPIC}, MODEL)
+    assert "joints come every 0.2 s, too seldom to tell a motion; the robot is taken to stand" in said(outcome)
 
 
 def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walked, messages):
