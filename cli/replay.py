@@ -12,15 +12,12 @@ import click
 from quadlog.cli.terminal import parameters
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.errors import UsageError, printable
-from quadlog.results.run.stages import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from quadlog.pipelines.batch.plan import Previewed
     from quadlog.pipelines.request import ReplayOutcome
-
-PRESETS = ("paper",)
 
 
 @click.command(
@@ -36,32 +33,21 @@ PRESETS = ("paper",)
 @parameters.CONFIG
 @parameters.set_option("uwb.tag_height_m=0.6")
 @click.option("-o", "--output", type=parameters.PATH_OR_URL, default=Path("runs"), help="Folder for the run folders.")
-@click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
-@click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Replay S seconds."
-)
-@click.option(
-    "--preset",
-    type=click.Choice(PRESETS),
-    help="Use the papers' methods and parameters, whatever the config file says.",
-)
+@parameters.START
+@parameters.DURATION
+@parameters.PRESET
 @click.option("--planner", type=parameters.PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME.")
 @click.option(
     "--controller",
     type=click.Choice([*CONTROLLERS, NO_CONTROLLER]),
     help="Controller, as --set simulation.controller=NAME.",
 )
-@click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
+@parameters.UNTIL
 @click.option("--jobs", type=click.IntRange(min=1), help="Recordings in parallel. Default: number of cores.")
-@click.option("--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, as in tcp://host:8786.")
-@click.option("--resume", is_flag=True, help="Keep finished runs and complete the others.")
+@parameters.SCHEDULER
+@parameters.RESUME
 @parameters.FORCE
-@click.option(
-    "--stamp",
-    type=click.Choice(["header", "log"]),
-    default="header",
-    help="Timestamps to use: message header or log time.",
-)
+@parameters.STAMP
 @parameters.MSG_PATH
 @parameters.seed_option()
 @click.option("--dry-run", is_flag=True, help="List what would be replayed, and stop.")

@@ -15,6 +15,7 @@ from quadlog.cli.terminal.parameters import (
     LOCAL_PATH,
     MSG_PATH,
     PATH_OR_URL,
+    STAMP,
     examples,
     set_option,
 )
@@ -43,12 +44,7 @@ COLUMNS = ("anchor", "x m", "+-", "y m", "+-", "z m", "+-", "bias m", "+-", "NLO
     metavar="[ID=]M",
     help="Known height above the floor of one anchor or of all others, m; repeatable.",
 )
-@click.option(
-    "--stamp",
-    type=click.Choice(["header", "log"]),
-    default="header",
-    help="Timestamps to use: message header or log time.",
-)
+@STAMP
 @MSG_PATH
 @AS_JSON
 @FORCE

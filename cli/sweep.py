@@ -11,7 +11,6 @@ import click
 
 from quadlog.cli.terminal import parameters
 from quadlog.errors import UsageError, printable
-from quadlog.results.run.stages import STAGES
 
 MOST_SEEDS = 1000
 
@@ -39,22 +38,15 @@ MOST_SEEDS = 1000
 @click.option(
     "-o", "--output", type=parameters.LOCAL_PATH, default=Path("sweep"), help="Folder for runs, table and page."
 )
-@click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
-@click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Replay S seconds."
-)
-@click.option("--preset", type=click.Choice(["paper"]), help="Use the papers' methods and parameters.")
-@click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
+@parameters.START
+@parameters.DURATION
+@parameters.PRESET
+@parameters.UNTIL
 @click.option("--jobs", type=click.IntRange(min=1), help="Runs in parallel. Default: number of cores.")
-@click.option("--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, as in tcp://host:8786.")
-@click.option("--resume", is_flag=True, help="Keep finished runs and complete the others.")
+@parameters.SCHEDULER
+@parameters.RESUME
 @parameters.FORCE
-@click.option(
-    "--stamp",
-    type=click.Choice(["header", "log"]),
-    default="header",
-    help="Timestamps to use: message header or log time.",
-)
+@parameters.STAMP
 @parameters.MSG_PATH
 @parameters.AS_JSON
 def command(

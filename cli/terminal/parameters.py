@@ -14,6 +14,7 @@ from click.shell_completion import CompletionItem
 
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import printable
+from quadlog.results.run.stages import STAGES
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 
@@ -86,6 +87,26 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 CONFIG = click.option("-c", "--config", "config_path", type=LOCAL_PATH, help="Configuration, a quadlog.toml.")
 MSG_PATH = click.option("--msg-path", type=LOCAL_PATH, multiple=True, help="Folder of further .msg definitions.")
 FORCE = click.option("--force", is_flag=True, help="Replace existing results.")
+START = click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
+DURATION = click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Replay S seconds."
+)
+PRESET = click.option(
+    "--preset",
+    type=click.Choice(["paper"]),
+    help="Use the papers' methods and parameters, whatever the config file says.",
+)
+UNTIL = click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
+SCHEDULER = click.option(
+    "--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, as in tcp://host:8786."
+)
+RESUME = click.option("--resume", is_flag=True, help="Keep finished runs and complete the others.")
+STAMP = click.option(
+    "--stamp",
+    type=click.Choice(["header", "log"]),
+    default="header",
+    help="Timestamps to use: message header or log time.",
+)
 
 
 def set_option(example: str) -> Callable[[Any], Any]:
