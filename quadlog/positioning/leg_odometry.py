@@ -111,11 +111,6 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
     return _summed(joints.t_ns, step_s, steps, rpy_rad, carries, attitude, sources)
 
 
-def foot_contacts(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> Float:
-    """(N, 4) weights in 0..1 with which each foot stands still on the ground; see leg_track."""
-    return leg_track(joints, geometry, imu).contact
-
-
 @dataclass(frozen=True, slots=True)
 class _Steps:
     """Between two instants each, in the heading of the first: move_m (M, 3), turn_rad (M,); weight, still (M, 4)."""
@@ -225,7 +220,7 @@ def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad
     known: NDArray[np.bool_] = np.isfinite(summed)
     jacobian = np.where(known[..., None, None], jacobian, np.eye(3))
     torques = np.where(known[..., None], torque_nm.reshape(-1, 4, 3), np.nan)
-    # A stretched leg pushes with any force along itself; 1 mm keeps what is told finite.
+    # A stretched leg holds any force along itself; damping by 1 mm keeps the solution finite.
     damped = jacobian @ np.swapaxes(jacobian, 2, 3) + 1e-6 * np.eye(3)
     force_n = np.linalg.solve(damped, jacobian @ torques[..., None])[..., 0]
     return -_levelled(force_n, rpy_rad)[..., 2]

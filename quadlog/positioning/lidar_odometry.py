@@ -1,7 +1,7 @@
 """Where a lidar was, from its scans alone: each is matched with a voxel map of those before it, by [small_gicp].
 
-The state is the pose amid a sweep. Were it that of the sweep's first point, an error in speed would shift the deskewed
-scan, the shift would make the next speed wrong the other way, and the track would swing up.
+The state is the pose in the middle of a sweep. Were it that of the sweep's first point, an error in speed would shift
+the deskewed scan, the shift would make the next speed wrong the other way, and the track would swing up.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
     n = len(result.restart_ns)
     if n:
         seconds = ", ".join(f"{(t_ns - first_ns) * 1e-9:.1f} s" for t_ns in result.restart_ns[:5].tolist())
-        texts.append(f"tag {result.tag}: its track was lost and started anew {n} times, at {seconds}")
+        texts.append(f"tag {result.tag}: its track was lost and restarted {n} times, at {seconds}")
     return texts
 
 

@@ -112,7 +112,7 @@ def make_table(fast: bool, seed: int) -> PaperTable:
         caption="The paper prints pictures of its lidar chain and no number. Here both chains get the same simulated "
         "scans, in which the class of every point is known: `paper` as published (front half, statistical outliers, "
         "the largest plane is the ground), and `range_image`, quadlog's default, which gets the whole scan. Only the "
-        "front half is judged, for both. Neither is told how the gait tilts the body in every other scan.",
+        "front half is judged, for both. Neither knows how the gait tilts the body in every other scan.",
         sizes=f"{count(n_scans)} scans of each of {len(PLACES)} places, every one with a layout and a pose of its own, "
         f"seed {seed}: scans drawn from seed {HELD_OUT_SEED + seed}, constants chosen on seed 100.",
         seed=seed,

@@ -112,7 +112,7 @@ class Mpc:
         """Forces for a state (12,) as in `mpc_model`, over N steps of dt from now.
 
         reference (N, 12): the states wanted at the steps' ends. lever_arms_m
-        (N, 4, 3): from the centre of mass to the feet amid each step, in map: taken
+        (N, 4, 3): from the centre of mass to the feet in the middle of each step, in map: taken
         at its start, a body at 0.3 m/s is planned 0.6 N m wrong in pitch.
         contacts (N, 4): which feet stand; the others get no force, and their
         lever arms are not read. ground_to_map (3, 3): a rotation; its columns are

@@ -25,7 +25,7 @@ class WalkerSettings:
     turning_share: of the standing robot's inertia, what the MPC takes to turn with the trunk: shanks and feet stay
     where they stand. With all of it the MPC asks for half as much moment again as is needed; without whole-body control
     that tips the robot over.
-    mpc_every_s: how often forces are planned anew; besides, whenever another set of feet carries.
+    mpc_every_s: how often forces are planned again; besides, whenever another set of feet carries.
     """
 
     gait: str = "trot"

@@ -100,7 +100,7 @@ ODOMETRY_DRIFT = SensorDrift(rate_std_radps=0.003, walk_std=0.003)
 """Orientations of consumer IMUs drift by degrees a minute, of legged or wheeled odometry by ten: orders, not tuned."""
 REFIT_GROWTH = 1.05
 REFIT_GROUPS = 50
-"""A causal offset is fitted anew when its groups have grown by 5 %, or by ten seconds of motion."""
+"""A causal offset is fitted again when its groups have grown by 5 %, or by ten seconds of motion."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -219,9 +219,9 @@ def _covariance(
 
 
 def _scatters(score: Float, t_s: Float, claimed: Float) -> list[Float]:
-    """Candidates for the variance of the summed score: over blocks of each length of which there are enough.
+    """Candidates for the variance of the summed score: over blocks of each length that occurs often enough.
 
-    claimed is what it were by the track's word alone.
+    claimed: the variance that the track's own covariances give.
     """
     scatters: list[Float] = []
     length_s = LOOK_S

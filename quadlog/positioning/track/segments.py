@@ -1,4 +1,4 @@
-"""A tag's track in stretches: where a causal track has lost its tag although ranges keep coming, it begins anew."""
+"""A tag's track in stretches: where a causal track has lost its tag although ranges keep coming, it restarts."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _ranges_contradict(evidence: Evidence, before: int, known: int, std_m: float
 
 
 LOST_AFTER_S = 2.0
-"""After so long without a range the track starts anew from a fix."""
+"""After so long without a range the track restarts from a fix."""
 LONG_STD, SHORT_STD = 1.0, 4.0
 """Residuals, in std, where the causal filter's weights begin to fall: late paths exist, early ones hardly do."""
 FIRST_LOOK = 1000
@@ -142,7 +142,7 @@ ASK_AGAIN_S = 0.25
 def follow(log: RangeLog, *, causal: bool) -> Iterator[Stretch]:
     """The stretches of a log in time order, causally filtered.
 
-    Where the tag is lost, a causal track that has not found back starts anew as soon as that is known. What will be
+    Where the tag is lost, a causal track that has not recovered restarts as soon as that is known. What will be
     smoothed knows better: it starts at the first fix that contradicted the track, lest the smoother draws the jump out;
     and where only its own first fix ever agreed with it, the track was wrong from the start and is dropped.
     """

@@ -59,7 +59,7 @@ class TrackedRanges:
     """A track, and what it makes of each of N ranges.
 
     predicted_m: (N,), NaN off the track. weight: (N,), one for full trust, near zero for NLOS, zero off the track.
-    restart_ns: (R,) where a track that had left its tag, although ranges kept coming, started anew.
+    restart_ns: (R,) where a track that had left its tag, although ranges kept coming, restarted.
     n_ranges, nis: (T,) of each of the track's instants, its ranges and the normalised innovation squared per range:
     what they miss the filter's prediction by, by their weights over the mean weight; 1 on average where range_std_m
     and the motion are right, somewhat less as weights are the lower the farther off a range is.

@@ -17,7 +17,6 @@ from quadlog.positioning.leg_odometry import (
     ContactSource,
     LegGeometry,
     feet_in_body,
-    foot_contacts,
     leg_track,
 )
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS
@@ -86,7 +85,7 @@ def test_contacts_are_those_of_the_simulation(joints, imu):
     torques = replace(joints, foot_force_n=joints.foot_force_n * np.nan)
     carries = joints.foot_force_n > 25.0
     for known in (joints, torques):
-        weight = foot_contacts(known, GEOMETRY, imu)
+        weight = leg_track(known, GEOMETRY, imu).contact
         assert weight.shape == (len(joints), 4)
         assert weight.min() >= 0.0
         assert weight.max() <= 1.0
