@@ -19,6 +19,7 @@ from quadlog.results.run.record import InputRecord, describe_input
 from quadlog.results.run.stage_marks import read_marks
 from quadlog.results.sweep.page import write_sweep_page
 from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
+from quadlog.storage.atomic_write import new_folder
 
 _FLAGS = "--force to replace it or --resume to continue"
 
@@ -47,8 +48,9 @@ def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: Bat
     with open_workers(batch, jobs, scheduler, progress, repeats=False) as replay_all:
         outcomes = _Sweeping(batch, described.identity).run(replay_all)
     rows = [_row(*each) for each in zip(request.grid, outcomes, strict=True)]
-    write_sweep_table(request.output, rows)
-    write_sweep_page(request.output)
+    with new_folder(request.output):  # not there where every run failed before its folder
+        write_sweep_table(request.output, rows)
+        write_sweep_page(request.output)
     return rows
 
 

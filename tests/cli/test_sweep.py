@@ -135,3 +135,13 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, quadlog):
     done = quadlog("sweep", *PLANNED, "--set", "planner.name=astar,ia_star", "-o", out, "--force")
     assert done.code == 1
     assert [each.name for each in out.iterdir()] == ["report.html"]
+
+
+def test_a_recording_that_cannot_be_read_fails_in_every_row(tmp_path, quadlog):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((FIXTURES / "follow.mcap").read_bytes()[:3000])
+    done = quadlog("sweep", cut, "--set", "planner.name=astar,ia_star", "-o", tmp_path / "out", "--jobs", "1")
+    assert done.code == 1
+    rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
+    assert [row["exit_code"] for row in rows] == [1, 1]
+    assert all("nothing readable" in row["reason"] for row in rows)
