@@ -42,12 +42,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# cli/ and pipelines/ are installed inside quadlog; the type checker sees that through links.
 typecheck: install
-	rm -rf .typing && mkdir -p .typing/quadlog
-	for each in quadlog/*; do ln -s "../../$$each" ".typing/$$each"; done
-	ln -s ../../cli .typing/quadlog/cli
-	ln -s ../../pipelines .typing/quadlog/pipelines
 	$(BIN)/mypy -p quadlog
 
 unit: install
@@ -69,4 +64,4 @@ fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py
 
 clean:
-	rm -rf $(VENV) .typing .mypy_cache .pytest_cache .ruff_cache .fuzz runs build *.egg-info
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build *.egg-info
