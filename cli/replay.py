@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 @parameters.STAMP
 @parameters.MSG_PATH
 @parameters.seed_option()
+@click.option("--no-plots", is_flag=True, help="Do not write plots/*.png.")
 @click.option("--dry-run", is_flag=True, help="List what would be replayed, and stop.")
 @parameters.AS_JSON
 def command(
@@ -64,6 +65,7 @@ def command(
     scheduler: str | None,
     resume: bool,
     force: bool,
+    no_plots: bool,
     dry_run: bool,
     as_json: bool,
     **options: Any,
@@ -94,7 +96,7 @@ def command(
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
 
     batch = plan_batch(
-        recordings, output, config, ReplayOptions(**options), existing, ("quadlog", *sys.argv[1:]), notes
+        recordings, output, config, ReplayOptions(**options), existing, ("quadlog", *sys.argv[1:]), notes, not no_plots
     )
     if dry_run:
         _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)

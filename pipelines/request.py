@@ -53,7 +53,8 @@ class ReplayRequest:
     """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
 
     pause_after: name of a stage after which the replay ends without a report, for another replay to continue; None to
-    run all. draws: whether the run gets plots and a page. described: the input, if the caller has hashed it already.
+    run all. draws: whether the run gets a page, and plots
+    if `plots` is true too. described: the input, if the caller has hashed it already.
     """
 
     recording: Path
@@ -65,6 +66,7 @@ class ReplayRequest:
     notes: tuple[str, ...] = ()
     pause_after: str | None = None
     draws: bool = True
+    plots: bool = True
     described: InputRecord | None = None
 
 

@@ -132,8 +132,9 @@ def plan_batch(
     existing: Existing,
     command: tuple[str, ...],
     notes: tuple[str, ...] = (),
+    plots: bool = True,
 ) -> list[Planned]:
-    """What would run, and where to; nothing is written. notes: see ReplayRequest.
+    """What would run, and where to; nothing is written. notes, plots: see ReplayRequest.
 
     Raises RecordingNotFound for an argument without recordings, CannotWrite for an output that is no folder.
     """
@@ -141,7 +142,7 @@ def plan_batch(
     if output.exists() and not output.is_dir():
         raise CannotWrite(output, "is no folder")
     requests = [
-        ReplayRequest(recording, output / name, config, options, existing, command, notes=notes)
+        ReplayRequest(recording, output / name, config, options, existing, command, notes=notes, plots=plots)
         for recording, name in zip(recordings, kept_names(recordings, output), strict=True)
     ]
     return [Planned(request, _size(request.recording)) for request in requests]

@@ -47,7 +47,7 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
         if walk.robot is not None:
             write_derived(run, record=_record(walk, request, startup_s))
             write_layout(run)
-        pictures = write_plots(run, _record(walk, request, startup_s)) if request.draws else {}
+        pictures = write_plots(run, _record(walk, request, startup_s)) if request.draws and request.plots else {}
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := _realtime_factor(walk, request)) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")

@@ -75,8 +75,7 @@ def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, 
 
 
 def start(tmp_path, *arguments):
-    script = "from quadlog.cli.main import main; main()"
-    command = [sys.executable, "-c", script, "replay", *FOLLOW, "-o", str(tmp_path / "runs"), *arguments]
+    command = [sys.executable, "-m", "quadlog", "replay", *FOLLOW, "-o", str(tmp_path / "runs"), *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

@@ -75,8 +75,7 @@ def test_a_scheduler_that_cannot_be_used_is_one_line(two, refused, monkeypatch):
 
 
 def start(arguments, **options):
-    script = "from quadlog.cli.main import main; main()"
-    command = [sys.executable, "-c", script, "replay", *arguments]
+    command = [sys.executable, "-m", "quadlog", "replay", *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 

@@ -1,0 +1,209 @@
+"""What a replay makes of logs of robots that nobody here has seen: one row for each way in which logs differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from quadlog.cli.main import run as run_cli
+from quadlog.results.run.tables import read_table
+from quadlog.storage.formats.ros_map import read_rosmap
+from tests.lab.strangers import Log, Room, add_scans, instants_s, ns, rms_after_alignment_m
+
+
+class Case(NamedTuple):
+    """A log, and what must come out: exit code, source of `poses`, greatest error, and what stderr must name."""
+
+    make: Callable[[Log, Room], None]
+    code: int = 0
+    source: str | None = None
+    rms_m: float = 0.01
+    says: tuple[str, ...] = ()
+    walls: bool = False
+    size_m: float = 6.0
+
+
+def tf(parent: str, child: str, duration_s: float = 8.0) -> Callable[[Log, Room], None]:
+    def add(log: Log, room: Room) -> None:
+        for t_s in instants_s(duration_s, 20):
+            log.tf(ns(t_s), parent, child, room.at(t_s))
+
+    return add
+
+
+def odometry(log: Log, room: Room, topic: str = "/odom") -> None:
+    for t_s in instants_s(8.0, 20):
+        log.odometry(ns(t_s), room.at(t_s), topic)
+
+
+def scans_only(beams: int) -> Callable[[Log, Room], None]:
+    return lambda log, room: add_scans(log, room, 8.0, beams)
+
+
+def together(*parts: Callable[[Log, Room], None]) -> Callable[[Log, Room], None]:
+    def make(log: Log, room: Room) -> None:
+        for part in parts:
+            part(log, room)
+
+    return make
+
+
+def turned_scanner(frame: str, parent: str, topic: str) -> Callable[[Log, Room], None]:
+    """A scanner that looks backwards, whose mount is repeated on `topic`."""
+
+    def make(log: Log, room: Room) -> None:
+        mount = (-0.1, 0.0, np.pi)
+        add_scans(log, room, 8.0, mount=mount, frame=frame)
+        for t_s in instants_s(8.0, 2):
+            log.tf(ns(t_s), parent, frame, mount, 0.1, topic)
+
+    return make
+
+
+def covered(log: Log, room: Room) -> None:
+    """A hand on the scanner for three of eight seconds."""
+    add_scans(log, room, 8.0)
+    for t_ns, _, scan in log.messages:
+        if ns(3.0) <= t_ns < ns(6.0):
+            scan.ranges[:] = 0.0
+
+
+def pose_topics(*topics: str) -> Callable[[Log, Room], None]:
+    def make(log: Log, room: Room) -> None:
+        for t_s in instants_s(8.0, 10):
+            for topic in topics:
+                log.pose(ns(t_s), room.at(t_s), topic)
+
+    return make
+
+
+def mirrored_truth(log: Log, room: Room) -> None:
+    odometry(log, room)
+    for t_s in instants_s(8.0, 10):
+        x_m, y_m, _ = room.at(t_s)
+        log.pose(ns(t_s), (y_m, x_m, 0.0), "/mocap/pose")
+
+
+def two_scanners(log: Log, room: Room) -> None:
+    odometry(log, room)
+    add_scans(log, room, 8.0, topic="/front/scan", frame="front_laser")
+    add_scans(log, room, 8.0, mount=(0.0, 0.0, np.pi), topic="/rear/scan", frame="rear_laser")
+
+
+def filtered_copy(log: Log, room: Room) -> None:
+    tf("odom", "base_link")(log, room)
+    add_scans(log, room, 8.0, frame="base_link")
+    scans = [row for row in log.messages if row[1] == "/scan"]
+    log.messages += [(t_ns + 30_000_000, "/stable_scan", scan) for t_ns, _, scan in scans[5:]]
+
+
+def rings_of_points(log: Log, room: Room, frame: str, fixed: bool) -> None:
+    """Clouds of walls alone, four rings that look upwards; fixed: with coordinates in the room, not about the robot."""
+    for t_s in instants_s(8.0, 10):
+        range_m = room.ranges_m(t_s, 200, (0.0, 0.0, 0.0), 2 * np.pi)
+        angle_rad = -np.pi + 2 * np.pi / 200 * np.arange(200)
+        x_m, y_m, yaw_rad = room.at(t_s) if fixed else (0.0, 0.0, 0.0)
+        flat_m = np.stack([x_m + range_m * np.cos(yaw_rad + angle_rad), y_m + range_m * np.sin(yaw_rad + angle_rad)])
+        rings = [np.vstack([flat_m, range_m * np.tan(up_rad)]).T for up_rad in (0.02, 0.06, 0.1, 0.14)]
+        log.cloud(ns(t_s), np.concatenate(rings), frame=frame)
+
+
+def set_back(make: Callable[[Log, Room], None]) -> Callable[[Log, Room], None]:
+    """The same log with header stamps that jump back by 3 s in its middle."""
+
+    def changed(log: Log, room: Room) -> None:
+        make(log, room)
+        for t_ns, _, content in log.messages:
+            if t_ns >= ns(5.0):
+                stamped = content.transforms[0] if hasattr(content, "transforms") else content
+                stamped.header.stamp.sec -= 3
+
+    return changed
+
+
+LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+ARM = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+GRIPPER = ["rh_l1", "rh_r1", "rh_l2", "rh_r2"]
+WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
+
+
+def joints(*names: str) -> Callable[[Log, Room], None]:
+    def make(log: Log, room: Room) -> None:
+        for t_s in instants_s(8.0, 50):
+            log.joints(ns(t_s), list(names))
+
+    return make
+
+
+CASES = {
+    "scans-3m": Case(scans_only(90), 0, "lidar", 0.05, size_m=3.0),
+    "scans-5m-60-beams": Case(scans_only(60), 0, "lidar", 0.06, size_m=5.0),
+    "scans-10m": Case(scans_only(360), 0, "lidar", 0.05, size_m=10.0),
+    "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
+    "scans-covered": Case(covered, 3, "lidar", np.inf),
+    "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
+    "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
+    "tf-prefix": Case(
+        together(
+            tf("robot1/odom", "robot1/base_link"), turned_scanner("robot1/laser", "robot1/base_link", "/tf_static")
+        ),
+        0,
+        "tf",
+        walls=True,
+    ),
+    "tf-world-trunk": Case(tf("world", "trunk"), 0, "tf"),
+    "mount-on-tf": Case(
+        together(tf("odom", "base_footprint"), turned_scanner("laser", "base_footprint", "/tf")), 0, "tf", walls=True
+    ),
+    "pose-alone": Case(pose_topics("/orb_slam3/camera_pose"), 0, "pose"),
+    "poses-two": Case(pose_topics("/vins/pose", "/slam/pose"), 0, None, says=("/vins/pose", "/slam/pose")),
+    "truth-mirrored": Case(mirrored_truth, 0, "odometry", says=("mirror",)),
+    "odometry-and-reference": Case(
+        together(odometry, lambda log, room: odometry(log, room, "/mpc/reference")), 0, "odometry"
+    ),
+    "two-scanners": Case(two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan")),
+    "filtered-copy": Case(filtered_copy, 0, "tf", walls=True),
+    "cloud-in-the-world": Case(
+        together(tf("odom", "base_link"), lambda log, room: rings_of_points(log, room, "odom", fixed=True)),
+        0,
+        "tf",
+        walls=True,
+    ),
+    "no-ground": Case(
+        together(odometry, lambda log, room: rings_of_points(log, room, "base_link", fixed=False)),
+        0,
+        "odometry",
+        walls=True,
+    ),
+    "clock-set-back-odometry": Case(set_back(odometry), 3, "odometry"),
+    "clock-set-back-tf": Case(set_back(tf("odom", "base_link")), 3, "tf"),
+    "wheels-and-gripper": Case(together(odometry, joints(*WHEELS, *ARM, *GRIPPER)), 0, "odometry"),
+    "legs-without-effort": Case(together(odometry, joints(*LEGS)), 0, "odometry"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case, room, log = CASES[name], Room(CASES[name].size_m), Log()
+    case.make(log, room)
+    code = run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs"), "--no-plots"])
+    err = capsys.readouterr().err
+    assert code == case.code, err
+    assert all(text in err for text in case.says), err
+    if case.source is None:
+        return
+    run = tmp_path / "runs" / "log"
+    poses = read_table(run, "poses")
+    assert set(poses["source"]) == {case.source}
+    found_m = np.column_stack([poses["x_m"], poses["y_m"]])
+    assert rms_after_alignment_m(found_m, room.way_m(poses["t_ns"])) < case.rms_m
+    if case.walls:
+        drawn = read_rosmap(run / "map.yaml")
+        row, column = np.nonzero(drawn.occupied)
+        cells_m = drawn.origin_m + drawn.cell_m * (np.column_stack([column, row]) + 0.5)
+        assert (room.distance_m(cells_m) < 0.15).mean() > 0.95
+        assert len(cells_m) > 200
