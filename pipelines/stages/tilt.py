@@ -144,6 +144,9 @@ def _orientations(gathered: Gathered) -> tuple[Int, Float]:
         if not isinstance(message, (Imu, Odometry, Pose)) or message.quat_xyzw is None:
             return np.empty(0, np.int64), np.empty((0, 4))
         return np.array([gathered.t_ns], np.int64), message.quat_xyzw[None]
+    # A message of a robot's state gives columns of its joints, too.
+    if gathered.columns.kind not in (Imu, Odometry, Pose):
+        return np.empty(0, np.int64), np.empty((0, 4))
     t_ns, quat_xyzw = gathered.t_ns, gathered.columns.values[:, 3:7]
     known = np.isfinite(quat_xyzw[:, 0])
     return (t_ns, quat_xyzw) if known.all() else (t_ns[known], quat_xyzw[known])

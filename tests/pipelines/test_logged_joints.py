@@ -16,7 +16,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
+from quadlog.pipelines.stages.tilt import Tilt
 from quadlog.recordings.decoders.ros_messages import BUNDLED
+from quadlog.recordings.recording import open_configured
+from quadlog.recordings.tf_tree import TransformTree
 
 T0_NS, STEP_NS, N = 1_700_000_000 * 10**9, 2_000_000, 1500
 LEGS = ("FL", "FR", "RL", "RR")
@@ -107,6 +110,16 @@ def test_a_go2_log_gives_joints_imu_and_odometry(tmp_path: Path, replay_command:
     assert gait["stride_frequency_hz"][0] == pytest.approx(2.0, rel=0.01)
     assert gait["duty_factor_2"][0] == pytest.approx(0.5, abs=0.03)
     assert np.isnan(gait["cost_of_transport"][0])  # of a robot whose mass nobody configured
+
+
+def test_a_go2_that_stands_level_is_level_whatever_its_legs_do(tmp_path: Path) -> None:
+    with open_configured(go2_log(tmp_path / "walk"), Config(), ()) as recording:
+        tilt = Tilt(recording, TransformTree(), Config(), "/lowstate", None)
+        for gathered in recording.gathered(["/lowstate"]):
+            tilt.take(gathered)
+        rotations, why_not = tilt.rotations(np.array([T0_NS + (N - 1) * STEP_NS]))
+    assert why_not is None
+    np.testing.assert_allclose(rotations, [np.eye(3)], atol=1e-9)
 
 
 def test_swapped_feet_are_warned_of_with_the_order_that_fits(
