@@ -99,7 +99,8 @@ class Compared:
     """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired.
 
     summary: the reference's clock and the errors, in one line; warnings: a clock or a frame that is not the poses'.
-    dimensions: whether errors are those in the plane or in space, and why.
+    dimensions: whether errors are those in the plane or in space, and why. mirrored: the warning of a reference that
+    fits only mirrored, None elsewhere.
     """
 
     samples: dict[str, Samples]
@@ -107,6 +108,7 @@ class Compared:
     summary: str
     warnings: tuple[str, ...]
     dimensions: str
+    mirrored: str | None
 
 
 def compare_with_reference(run: Path, reference: Reference) -> Compared:
@@ -138,7 +140,7 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
     warnings = tuple(compared.warnings())
     said += [f"warning: {words}" for words in warnings]
     said += _height_words(compared.truth, compared.estimate)
-    return Compared(compared.samples, tuple(said), summary, warnings, dimensions)
+    return Compared(compared.samples, tuple(said), summary, warnings, dimensions, compared.mirrored)
 
 
 def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:

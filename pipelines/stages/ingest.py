@@ -295,24 +295,28 @@ class _SmallTopics(TypedDict):
     reference: str | None
     target: str | None
     tf: tuple[str, ...]
+    estimates: tuple[str, ...]
 
 
 def _topics_to_read(recording: Recording, roles: Roles, config: Config, by_uwb: bool) -> _SmallTopics:
     """The small topics by role, as `gather` takes them. Raises AmbiguousTopic for a role that is needed."""
     position = config.topics.position
     chosen = position if position in {channel.topic for channel in recording.channels} else None
-    # Odometry may be the position (auto) or the heading (UWB).
+    # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.
     needs_odometry = position in ("auto", "uwb", "odometry")
+    by_tf = position == "auto" and not by_uwb and "tf" in roles.found
+    odometry = _unless_ambiguous(roles, "odometry") if by_tf else roles.topic("odometry") if needs_odometry else None
     # Otherwise the IMU is only used to level scans and to turn the body of legs.
     upright = _unless_ambiguous(roles, "imu") if config.lidar.level or "joints" in roles.found else None
     return {
         "uwb": roles.topics("uwb") if by_uwb else (),
-        "odometry": chosen or (roles.topic("odometry") if needs_odometry else None),
+        "odometry": chosen or odometry,
         "imu": roles.topic("imu") if by_uwb and position in ("auto", "uwb") else upright,
         "joints": _unless_ambiguous(roles, "joints"),
         "reference": _unless_ambiguous(roles, "reference"),
         "target": roles.topic("target"),
         "tf": roles.topics("tf"),
+        "estimates": roles.topics("pose"),
     }
 
 
@@ -361,6 +365,7 @@ def _seen(
     Raises EmptyWindow when --start and --duration leave nothing, NothingReadable when there never was anything.
     """
     series = [streams.ranges, streams.odometry, streams.imu, streams.reference, streams.target]
+    series += streams.estimates.values()
     filled = [each.t_ns for each in series if each is not None and len(each)]
     if filled:
         return min(int(t_ns[0]) for t_ns in filled), max(int(t_ns[-1]) for t_ns in filled)

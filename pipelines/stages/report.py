@@ -124,6 +124,8 @@ def _trajectory_metrics(walk: ReplayContext) -> Metrics:
     in_its_frame = _in_reference_frame(walk)
     if compared.warnings or not in_its_frame:
         walk.note(f"errors against the reference are in {compared.dimensions}")
+    if not in_its_frame and compared.mirrored is not None:
+        walk.warn(compared.mirrored)
     if not in_its_frame:
         return {name: each for name, each in metrics.items() if name not in FRAME_METRICS}
     if not compared.warnings:

@@ -41,11 +41,14 @@ class Topics(Section):
     odometry: str = Field("", description="odometry")
     imu: str = Field("", description="IMU")
     joints: str = Field("", description="the joints of the robot's legs")
-    reference: str = Field("", description="true pose (PoseStamped, mocap)")
+    reference: str = Field(
+        "", description='true pose; empty: a pose topic whose name says so (truth, gt, mocap, vicon, ...); "none": none'
+    )
     position: str = Field(
         "auto",
-        description="robot position: uwb, tf, odometry, legs (joints), lidar (matched scans), fixed, a pose topic or "
-        "TUM file; auto: the first of these that the recording has",
+        description="robot position: uwb, tf, odometry, pose (the only pose topic without a name of truth), legs "
+        "(joints), lidar (matched scans), fixed, a pose topic or TUM file; auto: the first of these that the recording "
+        "has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')

@@ -194,6 +194,8 @@ MIN_TURN_RAD = np.radians(3.0)
 MIN_TURNED_M = 0.1
 """A turn that moves the track by less is one of its noise, as that of a robot that stood."""
 EXPLAINED = 0.5
+MIRRORED_SHARE = 0.1
+"""Of the spread of a track: the least that a mirrored one misses its reference by."""
 MIN_PAIRS = 10
 
 
@@ -245,6 +247,20 @@ def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> d
     cos, sin = np.cos(offset.turn_rad), np.sin(offset.turn_rad)
     moved_m = lidar_xy_m @ np.array([[cos, sin], [-sin, cos]]) + offset.shift_m
     return {"lidar_uwb_rmse_m": finite_samples(t_ns, np.hypot(*(moved_m - uwb_xy_m).T), "rms")}
+
+
+def mirror_words(position_m: Float, reference_m: Float) -> str | None:
+    """A warning where positions (N, 2) fit the reference's only mirrored, as NED against ENU; None elsewhere."""
+    fits = [find_frame_offset(each, reference_m) for each in (position_m, position_m * [1.0, -1.0])]
+    if fits[0] is None or fits[1] is None or fits[1].after_m > EXPLAINED * fits[0].after_m:
+        return None
+    # A straight walk that bends a little the wrong way is not mirrored.
+    if fits[0].after_m < max(MIN_TURNED_M, MIRRORED_SHARE * fits[0].spread_m):
+        return None
+    return (
+        f"the reference fits the poses only mirrored (x and y swapped, as in NED against ENU): {fits[0].after_m:.2f} m "
+        f"aligned, {fits[1].after_m:.2f} m mirrored; errors against it count that too"
+    )
 
 
 def frame_offset_words(offset: FrameOffset) -> str | None:

@@ -22,6 +22,7 @@ from quadlog.metrics.alignment import (
     estimate_clock_offset,
     find_frame_offset,
     frame_offset_words,
+    mirror_words,
     project_to_plane,
 )
 from quadlog.metrics.intervals import Interval, mean_interval_in_time
@@ -300,9 +301,14 @@ class ReferenceComparison:
         """The rigid motion of the plane from the time-corrected estimate onto the reference."""
         return find_frame_offset(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
 
+    @cached_property
+    def mirrored(self) -> str | None:
+        """A line for a reference that fits only mirrored."""
+        return mirror_words(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
+
     def warnings(self) -> list[str]:
         """A line for a clock, and one for a frame, that differ from the reference's by more than can be chance."""
-        words = [] if self.frame is None else [frame_offset_words(self.frame)]
+        words = [self.mirrored or (None if self.frame is None else frame_offset_words(self.frame))]
         if self.offset.differs_from(self.given_offset_s):
             what = "the reference's clock is not that of the poses"
             if self.offset.forward_m is not None:

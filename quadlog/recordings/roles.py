@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -47,7 +48,33 @@ BODY_KINDS: dict[str, tuple[type[Message], ...]] = {
 RANGE_TYPE = "sensor_msgs/msg/Range"
 PLANAR_SCANS = {"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"}
 
-TRUTH_WORDS = ("mocap", "vicon", "optitrack", "vrpn", "qualisys", "ground_truth", "groundtruth", "truth")
+TRUTH_PARTS = ("truth", "mocap", "motion_capture", "vicon", "vrpn", "optitrack", "natnet", "qualisys", "phasespace")
+TRUTH_WORDS = {"gt", "true", "leica", "motive"}
+"""What the name of a true pose contains, and its words as a whole: /gtsam/pose is no truth."""
+ESTIMATOR_WORDS = {
+    *("amcl", "slam", "cartographer", "karto", "gmapping", "hector", "rtabmap", "orb", "lio", "liosam", "loam", "ndt"),
+    *(
+        "icp",
+        "vio",
+        "vins",
+        "rovio",
+        "okvis",
+        "svo",
+        "msckf",
+        "ekf",
+        "ukf",
+        "localization",
+        "localizer",
+        "localisation",
+    ),
+}
+ERROR_WORDS = {"error", "errors", "err"}
+NOT_MEASURED_WORDS = {
+    *ERROR_WORDS,
+    *("reference", "references", "ref", "desired", "setpoint", "setpoints", "cmd", "command", "commanded"),
+    *("aruco", "apriltag", "apriltags", "marker", "markers"),
+}
+"""Words of topics that hold wanted poses, differences, or poses of things that the robot sees."""
 TARGET_NAMES = ("goal", "target", "person", "leader", "initialpose")
 DRIVER_PACKAGES = (
     "velodyne_msgs",
@@ -156,6 +183,27 @@ def why_not_read(type_name: str) -> str:
     return f"not used: quadlog has no decoder for {last or 'messages without a type'}"
 
 
+def name_words(name: str) -> set[str]:
+    """`gt` and `pose` of `/robot1/gtPose`: the lower-case words of a topic's or a type's name."""
+    return set(re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()))
+
+
+def names_truth(name: str) -> bool:
+    """Whether the name of a topic or a type says that it is a true pose, as of motion capture."""
+    words = name_words(name)
+    return not words & ERROR_WORDS and (bool(words & TRUTH_WORDS) or any(each in name.lower() for each in TRUTH_PARTS))
+
+
+def names_estimator(topic: str) -> bool:
+    """Whether a topic's name is that of a localization, SLAM or visual-inertial odometry."""
+    return bool(name_words(topic) & ESTIMATOR_WORDS)
+
+
+def is_measured(topic: str) -> bool:
+    """Whether a topic's name allows that it is the robot's own measured pose."""
+    return not name_words(topic) & NOT_MEASURED_WORDS and not is_target_name(topic)
+
+
 def is_target_name(topic: str) -> bool:
     """Whether a pose topic's name speaks of something to go to rather than of the robot."""
     return any(word in topic.lower() for word in TARGET_NAMES)
@@ -222,7 +270,8 @@ def _valid_points(cloud: PointCloud) -> np.ndarray:
 
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "legs", "lidar", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+NO_REFERENCE = "none"
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
     "lidar": ((PointCloud,), "a point cloud"),
@@ -341,10 +390,12 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
     if "joints" not in found:
         _settle("joints", look_at_joints(recording, free), found, ambiguous, unused)
-    if "reference" not in found:
+    if topics.reference != NO_REFERENCE and "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
         _settle("reference", _by_kind(recording, "reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
+    if estimates := _estimates(free):
+        found["pose"] = Role("pose", *estimates)
     transforms = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
     if transforms:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
@@ -352,6 +403,24 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
     return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
+
+
+def _estimates(free: Mapping[str, str]) -> tuple[tuple[str, ...], str] | None:
+    """The topics of poses that estimators may have made, and what they are for; None without any."""
+    topics = [topic for topic, name in free.items() if Pose in kinds_of(name) and is_measured(topic)]
+    topics = [topic for topic in topics if not names_truth(topic)]
+    if len(topics) == 1:
+        return tuple(topics), f"the only {free[topics[0]]} without a name of truth: an estimate"
+    why = f"one of {len(topics)} estimates of a pose; topics.position takes one as the robot's position"
+    return (tuple(topics), why) if topics else None
+
+
+def position_topics(recording: Recording) -> list[str]:
+    """The topics that topics.position could name, without those that by their names are not the robot's poses."""
+    fits = [
+        each.topic for each in recording.channels if each.count != 0 and _fits(recording, "position", each.type_name)
+    ]
+    return sorted({topic for topic in fits if is_measured(topic)})
 
 
 def _sources(found: Mapping[str, Role]) -> list[str]:
@@ -408,7 +477,8 @@ def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ..
     """Role -> topics, for the roles that the configuration settles."""
     chosen: dict[str, tuple[str, ...]] = {}
     for role in ("lidar", "odometry", "imu", "joints", "reference"):
-        if topic := getattr(topics, role):
+        topic = getattr(topics, role)
+        if topic and (role, topic) != ("reference", NO_REFERENCE):
             chosen[role] = (topic,)
     if topics.uwb:
         chosen["uwb"] = tuple(topics.uwb)
@@ -420,7 +490,7 @@ def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ..
         for topic in names:
             _check_configured(recording, role, topic)
     for source in ("position", "odometry"):
-        if topics.reference and chosen.get(source) == chosen["reference"]:
+        if "reference" in chosen and chosen.get(source) == chosen["reference"]:
             why = f"is topics.{source}, which is measured against the reference"
             raise UnknownTopic("reference", topics.reference, _fitting(recording, "reference", topics.reference), why)
     return chosen
@@ -448,27 +518,26 @@ def _fits(recording: Recording, role: str, type_name: str) -> bool:
 
 
 def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
-    """Topics of a kind of message; a name that speaks of truth makes a reference, of whatever type, and no odometry.
+    """Topics of a kind of message; only a name that speaks of truth makes a reference, of whatever type.
 
-    A pose that was found by a definition is a reference by such a name of its topic or type, unless others are; without
-    it a user must choose it.
+    Such a topic is no odometry, nor is one that by its name is wanted rather than measured. A pose that was found by a
+    definition is a reference by such a name of its topic or type, unless others are; without it a user must choose it.
     """
     candidates = []
     for topic, name in free.items():
-        truth = any(word in topic.lower() for word in TRUTH_WORDS)
+        truth = names_truth(topic)
         if role == "reference" and (words := found_words(recording, name)):
-            if truth or any(word in name.lower() for word in TRUTH_WORDS):
+            if truth or names_truth(name):
                 candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, and its name speaks of truth"))
             else:
                 why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
                 candidates.append(Candidate((topic,), 0, why))
         elif role == "reference" and truth and _fits(recording, role, name):
             candidates.append(Candidate((topic,), _TRUTH, f"{name}, and its name speaks of truth"))
-        elif (
-            kind in kinds_of(name)
-            and not (role == "odometry" and truth)
-            and not (role == "reference" and is_target_name(topic))
-        ):
+        elif role == "odometry" and kind in kinds_of(name) and not truth and not is_measured(topic):
+            why = f"not used: not measured by its name; if it is, {set_flag('topics.odometry', [topic])}"
+            candidates.append(Candidate((topic,), 0, why))
+        elif role != "reference" and kind in kinds_of(name) and not (role == "odometry" and truth):
             why = f"in {name}" if name in BODY_KINDS else f"the only {name}"
             candidates.append(Candidate((topic,), 1 + _rank_of(topic, name), why))
     return candidates

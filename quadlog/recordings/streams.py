@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 
@@ -39,7 +39,7 @@ class Streams:
 
     range_gap_db: (N,) receiver minus first-path power beside ranges, NaN where a message has none.
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
-    anchor_places: anchor id -> where the range messages say that it is.
+    anchor_places: anchor id -> where the range messages say that it is. estimates: pose topic -> its poses.
     """
 
     ranges: RangeSeries | None
@@ -54,6 +54,7 @@ class Streams:
     warnings: list[str]
     anchor_places: dict[int, AnchorPlace]
     joints: JointSeries | None = None
+    estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
 
 
 def gather(
@@ -161,15 +162,17 @@ class Gatherer:
         target: str | None = None,
         tf: Sequence[str] = (),
         joints: str | None = None,
+        estimates: Sequence[str] = (),
     ) -> None:
         single = (odometry, imu, joints, reference, target)
-        topics = dict.fromkeys([*uwb, *(topic for topic in single if topic), *tf])
+        topics = dict.fromkeys([*uwb, *(topic for topic in single if topic), *estimates, *tf])
         self.static = [topic for topic in tf if is_static(topic)]
         self.moving = [topic for topic in topics if topic not in self.static]
         self.moving_tf = [topic for topic in tf if topic not in self.static]
         self.tree = TransformTree()
         self._uwb, self._imu_topic, self._joints_topic = set(uwb), imu, joints
-        self._pose_topics = {"odometry": odometry, "reference": reference, "target": target}
+        self._estimates = {f"estimate {topic}": topic for topic in estimates}
+        self._pose_topics = {"odometry": odometry, "reference": reference, "target": target, **self._estimates}
         self._ranges = _Columns(5)  # tag, anchor, range, gap, and the topic by its number in _range_topics
         self._range_topics: dict[str, int] = {}
         self._nameless: dict[str, int] = {}
@@ -261,6 +264,7 @@ class Gatherer:
         odometry, twist = self._pose_series("odometry")
         reference, _ = self._pose_series("reference")
         target, _ = self._pose_series("target")
+        estimates = {topic: self._pose_series(role)[0] for role, topic in self._estimates.items()}
         ranges, gap_db = self._range_series()
         return Streams(
             ranges=ranges,
@@ -275,6 +279,7 @@ class Gatherer:
             warnings=self._warnings,
             anchor_places=self._places.found(),
             joints=self._joint_series(),
+            estimates={topic: series for topic, series in estimates.items() if series is not None},
         )
 
     def _range_series(self) -> tuple[RangeSeries | None, Float | None]:

@@ -87,6 +87,25 @@ class TransformTree:
         choices = (configured,) if configured else BASE_FRAMES
         return next((name for name in choices if name in self.frames), None)
 
+    def chain(self, frame: str) -> list[Edge]:
+        """The transforms from the root of a frame's tree down to it; of several parents the one with most poses."""
+        above: dict[str, Edge] = {}
+        for _, edge in sorted(self._edges.items()):
+            if edge.child not in above or len(edge.t_ns) > len(above[edge.child].t_ns):
+                above[edge.child] = edge
+        found: list[Edge] = []
+        while (upper := above.pop(frame, None)) is not None:
+            found.insert(0, upper)
+            frame = upper.parent
+        return found
+
+    def chains(self, base: str | None) -> list[list[Edge]]:
+        """The chain of base, and that of each other frame with a transform over time, if none such hangs on it."""
+        first = [] if base is None else self.chain(base)
+        chains = [self.chain(edge.child) for _, edge in sorted(self._edges.items()) if not edge.static]
+        inner = {id(edge) for chain in [*chains, first] for edge in chain[:-1]} | {id(edge) for edge in first}
+        return [each for each in (first, *chains) if each and (each is first or id(each[-1]) not in inner)]
+
     def static_transform(self, source: str, target: str) -> Float | None:
         """(4, 4) transform_source_to_target through static transforms alone, or None where they do not connect."""
         path = self._path(source, target, static_only=True)

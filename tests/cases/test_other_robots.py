@@ -16,7 +16,10 @@ from tests.lab.strangers import Log, Room, add_scans, instants_s, ns, rms_after_
 
 
 class Case(NamedTuple):
-    """A log, and what must come out: exit code, source of `poses`, greatest error, and what stderr must name."""
+    """A log, and what must come out: exit code, source of `poses`, greatest error, and what stderr must name.
+
+    never: what stderr and the names of the metrics must not contain. settings: of the configuration.
+    """
 
     make: Callable[[Log, Room], None]
     code: int = 0
@@ -25,6 +28,8 @@ class Case(NamedTuple):
     says: tuple[str, ...] = ()
     walls: bool = False
     size_m: float = 6.0
+    never: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
 
 
 def tf(parent: str, child: str, duration_s: float = 8.0) -> Callable[[Log, Room], None]:
@@ -79,6 +84,14 @@ def pose_topics(*topics: str) -> Callable[[Log, Room], None]:
                 log.pose(ns(t_s), room.at(t_s), topic)
 
     return make
+
+
+def localized(log: Log, room: Room) -> None:
+    """The robot's odometry drifts, and a localization mends it by map -> odom."""
+    for t_s in instants_s(8.0, 20):
+        (x_m, y_m, yaw_rad), drift_m = room.at(t_s), 0.02 * t_s
+        log.tf(ns(t_s), "map", "odom", (drift_m, 0.0, 0.0))
+        log.tf(ns(t_s), "odom", "base_link", (x_m - drift_m, y_m, yaw_rad))
 
 
 def mirrored_truth(log: Log, room: Room) -> None:
@@ -165,6 +178,46 @@ CASES = {
     "odometry-and-reference": Case(
         together(odometry, lambda log, room: odometry(log, room, "/mpc/reference")), 0, "odometry"
     ),
+    "pose-and-truth": Case(
+        pose_topics("/slam/pose", "/mocap/pose"), 0, "pose", says=("against the reference",), never=("no position",)
+    ),
+    "truth-switched-off": Case(
+        pose_topics("/slam/pose", "/mocap/pose"), 0, "pose", never=("ate_", "rpe_"), settings=("topics.reference=none",)
+    ),
+    "error-of-a-truth": Case(
+        together(odometry, pose_topics("/vicon/error")), 0, "odometry", never=("ate_", "rpe_", "vicon")
+    ),
+    "amcl-beside-tf": Case(
+        together(localized, pose_topics("/amcl_pose")), 0, "tf", says=("/amcl_pose is not compared",), never=("ate_",)
+    ),
+    "amcl-chosen-as-truth": Case(
+        together(localized, pose_topics("/amcl_pose")),
+        0,
+        "tf",
+        says=("no error is given: /amcl_pose",),
+        never=("ate_", "rpe_"),
+        settings=("topics.reference=/amcl_pose",),
+    ),
+    "amcl-beside-odometry": Case(
+        together(odometry, pose_topics("/amcl_pose")),
+        0,
+        "odometry",
+        says=("differs from /amcl_pose by 0.00 m rms once aligned (another estimate, not a reference)",),
+        never=("ate_", "rpe_"),
+    ),
+    "odometries-beside-tf": Case(
+        together(localized, odometry, lambda log, room: odometry(log, room, "/odometry/filtered")), 0, "tf"
+    ),
+    "chosen-source-fails": Case(
+        together(tf("world", "camera"), pose_topics("/slam/pose", "/vins/pose")),
+        1,
+        says=(
+            "--set 'topics.map_frame=\"world\"' --set 'topics.base_frame=\"camera\"'",
+            "--set topics.position=/slam/pose  or  --set topics.position=/vins/pose",
+            "no topic is fit to be the lidar",
+        ),
+        settings=("topics.position=legs",),
+    ),
     "two-scanners": Case(two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan")),
     "filtered-copy": Case(filtered_copy, 0, "tf", walls=True),
     "cloud-in-the-world": Case(
@@ -190,10 +243,13 @@ CASES = {
 def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case, room, log = CASES[name], Room(CASES[name].size_m), Log()
     case.make(log, room)
-    code = run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs"), "--no-plots"])
-    err = capsys.readouterr().err
+    settings = [word for each in case.settings for word in ("--set", each)]
+    path = str(log.write(tmp_path / "log"))
+    code = run_cli(["replay", path, "-o", str(tmp_path / "runs"), "--no-plots", *settings])
+    out, err = capsys.readouterr()
     assert code == case.code, err
     assert all(text in err for text in case.says), err
+    assert not any(text in out + err for text in case.never), out + err
     if case.source is None:
         return
     run = tmp_path / "runs" / "log"

@@ -10,17 +10,20 @@ import numpy as np
 from quadlog.errors import MissingInput
 from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
-from quadlog.messages import Float, Int, PoseSeries
+from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
 from quadlog.pipelines.stages.positions.heading import find_heading, frozen
 from quadlog.pipelines.stages.positions.joints import write_joints
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
+from quadlog.pipelines.stages.positions.other_estimates import settle_reference
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
+from quadlog.pipelines.stages.positions.ways_out import ways_out, why_none
+from quadlog.recordings.roles import kinds_of
 from quadlog.results.run.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
-AUTO_ORDER = ("uwb", "tf", "odometry", "legs", "lidar", "fixed")
+AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -37,8 +40,7 @@ def locate_walk(walk: ReplayContext) -> None:
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
         other = _other_track(walk, uwb, walk.robot.source)
-        if walk.streams.reference is not None:
-            walk.use("reference")
+        settle_reference(walk, walk.robot)
         walk.begin_folder()
         if uwb is not None:
             write_uwb(walk, uwb)
@@ -56,6 +58,7 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
         "uwb": lambda: _from_uwb(walk, uwb),
         "tf": lambda: _from_tf(walk),
         "odometry": lambda: _from_odometry(walk),
+        "pose": lambda: _from_lone_pose(walk),
         "legs": lambda: _from_legs(walk),
         "lidar": lambda: _from_lidar(walk),
         "fixed": lambda: _fixed(walk),
@@ -63,26 +66,21 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            walk.warn("no pose source in the recording: the robot is taken to stand at the origin all the time")
+            walk.warn(
+                f"no position was found: the robot is taken to stand at the origin all the time; {ways_out(walk)}"
+            )
         return track
     if wanted in sources:
         chosen = sources[wanted]()
     elif wanted in {channel.topic for channel in walk.recording.channels}:
         walk.use("position", wanted)
-        chosen = _from_poses(walk.streams.odometry, wanted)
+        kinds = kinds_of(walk.recording.types_of(wanted)[0])
+        chosen = _from_poses(walk.streams.odometry, "odometry" if Odometry in kinds else "pose")
     else:
         chosen = _from_poses(read_tum(Path(wanted)), "file")
     if chosen is None:
-        raise MissingInput(
-            "position", f"topics.position = {wanted!r}, but {_why_not(walk, wanted)}", "see  quadlog info"
-        )
+        raise MissingInput("position", f"topics.position = {wanted!r}, but {why_none(walk, wanted)}", ways_out(walk))
     return chosen
-
-
-def _why_not(walk: ReplayContext, source: str) -> str:
-    if source == "uwb" and not walk.config.uwb.anchors:
-        return "no [[uwb.anchors]] are configured"
-    return "the recording gives no such poses"
 
 
 def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | None:
@@ -135,9 +133,19 @@ def _from_tf(walk: ReplayContext) -> RobotTrack | None:
 
 
 def _from_odometry(walk: ReplayContext) -> RobotTrack | None:
+    """Raises AmbiguousTopic where a choice of one is needed."""
+    walk.roles.topic("odometry")
     if walk.streams.odometry is not None:
         walk.use("odometry")
     return _from_poses(walk.streams.odometry, "odometry")
+
+
+def _from_lone_pose(walk: ReplayContext) -> RobotTrack | None:
+    topics = walk.roles.topics("pose")
+    if len(topics) != 1:
+        return None
+    walk.use("pose")
+    return _from_poses(walk.streams.estimates.get(topics[0]), "pose")
 
 
 def _from_legs(walk: ReplayContext) -> RobotTrack | None:
@@ -192,7 +200,8 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
-    in_one_frame = topics.target == "uwb" or robot.source not in ("odometry", "legs", "lidar")
+    own_frame = robot.source in ("odometry", "legs", "lidar") or (robot.source, topics.position) == ("pose", "auto")
+    in_one_frame = topics.target == "uwb" or not own_frame
     if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")
     if topics.target == "uwb":

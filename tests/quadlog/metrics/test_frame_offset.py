@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.alignment import find_frame_offset, frame_offset_words
+from quadlog.metrics.alignment import find_frame_offset, frame_offset_words, mirror_words
 
 
 def walk(n: int = 200, noise_m: float = 0.05, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -55,6 +55,15 @@ def test_only_what_is_large_and_explains_the_error_is_told(turn_deg, shift_m, wa
     reference = moved(truth - middle, np.radians(turn_deg), middle + shift_m)
     words = frame_offset_words(find_frame_offset(track, reference))
     assert (words is not None) == warns
+
+
+def test_a_mirrored_reference_is_told_from_a_turned_one_and_from_a_bend():
+    track, truth = walk()
+    assert "0.07 m mirrored" in mirror_words(track, truth[:, ::-1])
+    assert mirror_words(track, moved(truth, 2.0, (5, 5))) is None
+    along_m = np.linspace(0, 50, 200)
+    bend_m = 0.5 * np.sin(along_m * np.pi / 50)
+    assert mirror_words(np.column_stack([along_m, bend_m]), np.column_stack([along_m, -bend_m])) is None
 
 
 def test_words_hold_the_motion_that_mends_it():

@@ -88,6 +88,32 @@ def test_truth_is_a_reference_and_no_odometry(log: Any) -> None:
     assert roles.topic("reference") == "/ground_truth/odom"
 
 
+@pytest.mark.parametrize(
+    ("topic", "is_truth"),
+    [
+        *((name, True) for name in ("/pose_gt", "/robot/gtPose", "/vrpn_client_node/go2/pose", "/leica/pose")),
+        *((name, True) for name in ("/Vicon/base", "/mocap4r2/pose", "/base_pose_ground_truth", "/motion_capture/rig")),
+        *((name, False) for name in ("/gtsam/pose", "/locomotive/pose", "/vicon/error", "/amcl_pose", "/slam/pose")),
+    ],
+)
+def test_a_pose_is_true_only_if_its_name_says_so(log: Any, topic: str, is_truth: bool) -> None:
+    add_pose(log, topic)
+    assert roles_of(log).topic("reference") == (topic if is_truth else None)
+    assert roles_of(log, reference="none").topic("reference") is None
+    assert roles_of(log, reference=topic).topic("reference") == topic
+
+
+def test_poses_of_estimators_are_listed_and_wanted_ones_are_not(log: Any) -> None:
+    for topic in ("/amcl_pose", "/orb_slam3/pose", "/mocap/robot", "/goal_pose", "/mpc/reference", "/tracking_error"):
+        add_pose(log, topic)
+    log.add("/mpc/desired", T0, log.ros.odometry(T0, 0.0))
+    log.add("/odom", T0, log.ros.odometry(T0, 0.0))
+    roles = roles_of(log)
+    assert roles.topics("pose") == ("/amcl_pose", "/orb_slam3/pose")
+    assert roles.topic("odometry") == "/odom"
+    assert "--set topics.odometry=/mpc/desired" in roles.unused["/mpc/desired"]
+
+
 def add_pose(log: Any, topic: str) -> None:
     kind = log.ros.type("geometry_msgs/msg/PoseStamped")
     log.add(topic, T0, kind(log.ros.header(T0), log.ros.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))))
@@ -150,7 +176,8 @@ def test_several_kinds_of_ranges_are_one_flag_each(log: Any) -> None:
 @pytest.mark.parametrize("role", ["odometry", "imu", "reference", "lidar"])
 def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
     kinds = {"odometry": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu", "lidar": "foxglove.PointCloud"}
-    for topic in ("/left", "/right"):
+    left, right = ("/mocap/left", "/mocap/right") if role == "reference" else ("/left", "/right")
+    for topic in (left, right):
         if role == "lidar":
             log.add(topic, T0, log.ros.cloud(T0, SPHERE))
         elif role == "reference":
@@ -159,9 +186,9 @@ def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
             log.container.add(Channel(topic, kinds[role], "cdr", "", b""), T0, b"")
     roles = roles_of(log)
     assert roles.choices(role) == (
-        f"2 topics could be the {role}; choose with  --set topics.{role}=/left  or  --set topics.{role}=/right"
+        f"2 topics could be the {role}; choose with  --set topics.{role}={left}  or  --set topics.{role}={right}"
     )
-    assert roles_of(log, **{role: "/left"}).choices(role) == ""
+    assert roles_of(log, **{role: left}).choices(role) == ""
 
 
 def test_possible_targets_are_listed_but_not_required(log: Any) -> None:

@@ -1,0 +1,49 @@
+"""What a user can do where no position was found: every source that the recording may have, as flags to paste."""
+
+from __future__ import annotations
+
+from quadlog.errors import MAX_LISTED, set_flag
+from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.recordings.roles import position_topics
+
+
+def ways_out(walk: ReplayContext) -> str:
+    """The chains of tf and the topics that could give a position, and why lidar and ranges do not, in one line."""
+    chains = [(chain[0].parent, chain[-1].child) for chain in walk.streams.tf.chains(None)]
+    flags = [f"{set_flag('topics.map_frame', [root])} {set_flag('topics.base_frame', [end])}" for root, end in chains]
+    taken = (walk.config.topics.position, *walk.used.get("position", ()))
+    flags += [set_flag("topics.position", [each]) for each in position_topics(walk.recording) if each not in taken]
+    more = [f"one of {len(flags) - MAX_LISTED} more"] if len(flags) > MAX_LISTED else []
+    words = [f"what could give it:  {'  or  '.join(flags[:MAX_LISTED] + more)}"] if flags else []
+    if "uwb" in walk.roles.found and not walk.config.uwb.anchors:
+        words.append("UWB ranges need [[uwb.anchors]], see  quadlog survey")
+    if walk.config.topics.position != "lidar":
+        words.append(f"lidar: {_why_no_lidar(walk)}")
+    return "; ".join(words) or "see  quadlog info"
+
+
+def why_none(walk: ReplayContext, source: str) -> str:
+    """Why a source that was chosen gives no position."""
+    topics = walk.config.topics
+    if source == "uwb" and not walk.config.uwb.anchors:
+        return "no [[uwb.anchors]] are configured"
+    if source == "uwb":
+        return "no position could be solved from the ranges" if walk.streams.ranges else "there are no UWB ranges"
+    if source == "tf":
+        base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
+        return f"no moving transforms lead from {topics.map_frame!r} to {base}"
+    if source == "pose":
+        return f"{len(walk.roles.topics('pose')) or 'no'} topics could be the pose"
+    if source == "legs":
+        return "no angles of twelve leg joints are known"
+    if source == "lidar":
+        return _why_no_lidar(walk)
+    return walk.roles.why_none(source) if source == "odometry" else "it holds no poses"
+
+
+def _why_no_lidar(walk: ReplayContext) -> str:
+    if walk.tracker is not None:
+        return "; ".join(walk.tracker.warnings()) or "it took no scan"
+    if "lidar" in walk.roles.found:
+        return f"its scans were not matched; they are with  {set_flag('topics.position', ['lidar'])}"
+    return walk.roles.choices("lidar") or walk.roles.why_none("lidar")
