@@ -181,10 +181,13 @@ class DecodeError(QuadlogError):
 
 
 class UnknownJoints(DecodeError):
-    """A message that names no joint of a quadruped's leg: of another machine, or with names that must be configured."""
+    """A message that does not name joints of four legs: of another machine, or with names that must be configured.
+
+    remedy: empty for another machine.
+    """
 
     def __init__(self, topic: str, names: Sequence[str], remedy: str = "") -> None:
-        self.names = tuple(names)
+        self.names, self.remedy = tuple(names), remedy
         listed = some_of([name[:40] for name in names]) or "none"
         super().__init__(topic, f"names no joint of four legs, but {listed}{remedy}")
 

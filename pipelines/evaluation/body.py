@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
 from quadlog.messages import Float, Int
@@ -77,7 +78,7 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
         torque_nm[:, joints] = leg_torque_nm
         power_w += np.abs(leg_torque_nm * rates_radps).sum(axis=1)
     tilt_rad = [np.interp(t_ns, poses["t_ns"], poses[name], np.nan, np.nan) for name in ("roll_rad", "pitch_rad")]
-    stance = _logged_stance(run, t_ns)
+    stance = _logged_stance(run, t_ns, torque_nm)
     return BodySeries(
         t_ns=t_ns,
         speed_mps=ground_speed(t_ns, poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]])),
@@ -89,17 +90,17 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
     )
 
 
-def _logged_stance(run: Path, t_ns: Int) -> Float:
-    """(N, 4) of the forces of feet, as in a simulation; of estimated contacts where a foot has no sensor.
+def _logged_stance(run: Path, t_ns: Int, torque_nm: NDArray[np.floating]) -> Float:
+    """(N, 4) of the forces of feet, as in a simulation; of contacts by torques where a foot has no sensor.
 
-    These are 0 also for feet that carry and slip, or are about to leave the ground.
+    These are 0 also for feet that carry and slip, or are about to leave the ground. NaN without either.
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 
     stance = np.empty((len(t_ns), len(CONTACTS)))
     for leg, (force, contact) in enumerate(zip(FOOT_FORCES, CONTACTS, strict=True)):
         carried, least = share_of_usual(read_table(run, "joints", [force])[force][:, None]), CARRIES_SHARE
-        if np.isnan(carried).all():
+        if np.isnan(carried).all() and np.isfinite(torque_nm[:, 3 * leg : 3 * leg + 3]).any():
             carried, least = read_table(run, "joints", [contact])[contact][:, None], _CONTACT
         stance[:, [leg]] = stance_where(t_ns, carried, least)
     return stance

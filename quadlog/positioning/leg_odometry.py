@@ -30,6 +30,8 @@ STILL_MPS = 0.08
 SMOOTHED_S = 0.08
 CARRIES_SHARE, CARRIES_WIDTH = 0.3, 0.06
 """Of a foot's usual load: where it counts half, and how steep."""
+MOST_SWINGING, LEAST_STANDING = 0.7, 0.2
+"""Share of the time for which no gait lifts a foot; least share of a foot's greatest load when it stands."""
 LIFTED_M, LIFTED_WIDTH_M = 0.03, 0.008
 """Without forces: a foot so high above the lowest one counts half."""
 LEVELLING_S = 5.0
@@ -227,17 +229,21 @@ def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad
 
 
 def share_of_usual(load: Float) -> Float:
-    """Loads (N, 4) of any unit as shares of each foot's own usual ones, NaN where they say nothing."""
+    """Loads (N, F) of any unit as shares of each foot's own usual ones, NaN where they say nothing."""
     share = np.full(load.shape, np.nan)
     for foot, column in enumerate(load.T):
         known = np.isfinite(column)
         if not known.any():
             continue
-        low, high = np.percentile(column[known], [5.0, 95.0])
+        low, middle, high = np.percentile(column[known], [5.0, 50.0, 95.0])
         # A foot that stands all the time is never without load: then its sensor's zero is taken to be right.
         low = low if low < high / 2 else 0.0
-        if high > low and high > 0:
-            share[:, foot] = (column - low) / (high - low)
+        if not (high > low and high > 0):
+            continue
+        share[:, foot] = (column - low) / (high - low)
+        # Of a robot that mostly stood the low load is that of standing, which is half of a trot's.
+        if middle > LEAST_STANDING * high and (share[known, foot] < CARRIES_SHARE).mean() > MOST_SWINGING:
+            share[:, foot] = column / (2 * middle)
     return share
 
 

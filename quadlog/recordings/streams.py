@@ -347,6 +347,10 @@ class Gatherer:
             if unfit.any() and not np.isnan(part).all():
                 self._warnings.append(f"{topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out")
             part[unfit] = np.nan
+        for what in ("torques", "foot forces"):
+            # Drivers that measure none write zeros.
+            if not np.nan_to_num(parts[what]).any():
+                parts[what][:] = np.nan
         return JointSeries(t_ns, *parts.values())
 
 

@@ -144,10 +144,10 @@ GRIPPER = ["rh_l1", "rh_r1", "rh_l2", "rh_r2"]
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
 
 
-def joints(*names: str) -> Callable[[Log, Room], None]:
+def joints(*names: str, zeros: bool = False) -> Callable[[Log, Room], None]:
     def make(log: Log, room: Room) -> None:
         for t_s in instants_s(8.0, 50):
-            log.joints(ns(t_s), list(names))
+            log.joints(ns(t_s), list(names), zeros)
 
     return make
 
@@ -234,8 +234,21 @@ CASES = {
     ),
     "clock-set-back-odometry": Case(set_back(odometry), 3, "odometry"),
     "clock-set-back-tf": Case(set_back(tf("odom", "base_link")), 3, "tf"),
-    "wheels-and-gripper": Case(together(odometry, joints(*WHEELS, *ARM, *GRIPPER)), 0, "odometry"),
-    "legs-without-effort": Case(together(odometry, joints(*LEGS)), 0, "odometry"),
+    "wheels-and-gripper": Case(
+        together(odometry, joints(*WHEELS, *ARM, *GRIPPER)), 0, "odometry", never=("lost", "joint_states", "torque_")
+    ),
+    "legs-without-effort": Case(
+        together(odometry, joints(*LEGS)),
+        *(0, "odometry"),
+        never=("duty_factor", "torque_", "cost_of_transport"),
+        settings=("robot.preset=go1",),
+    ),
+    "legs-with-zero-effort": Case(
+        together(odometry, joints(*LEGS, zeros=True)),
+        *(0, "odometry"),
+        never=("duty_factor", "torque_", "cost_of_transport"),
+        settings=("robot.preset=go1",),
+    ),
 }
 
 

@@ -79,13 +79,15 @@ class Log:
         size = (1, len(xyz_m), fields, False, 12, 12 * len(xyz_m), data, True)
         self.add(topic, t_ns, message("sensor_msgs/msg/PointCloud2", header(t_ns, frame), *size))
 
-    def joints(self, t_ns: int, names: list[str]) -> None:
-        """Angles alone: no velocities, no efforts."""
-        nothing = np.zeros(0)
-        state = message(
-            "sensor_msgs/msg/JointState", header(t_ns, ""), names, np.full(len(names), 0.1), nothing, nothing
+    def joints(self, t_ns: int, names: list[str], zeros: bool = False) -> None:
+        """Angles alone; zeros: with zeros for velocities and efforts, as of a driver that measures none."""
+        others = np.zeros(len(names) if zeros else 0)
+        angles = np.full(len(names), 0.1)
+        self.add(
+            "/joint_states",
+            t_ns,
+            message("sensor_msgs/msg/JointState", header(t_ns, ""), names, angles, others, others),
         )
-        self.add("/joint_states", t_ns, state)
 
     def write(self, path: Path) -> Path:
         """The recording as a folder of ROS 2."""

@@ -39,6 +39,7 @@ _JOINT_WORDS = {
     **dict.fromkeys(("kfe", "kn", "knee", "calf", "shank", "tibia", "lower"), 2),
 }
 _HIP_AXES = {"roll": 0, "x": 0, "pitch": 1, "y": 1}
+_OF_MACHINES = {"wheel", "shoulder", "elbow", "wrist", "arm", "gripper", "finger", "head", "neck", "waist", "torso"}
 _NOT_DRIVEN = {"wheel", "foot", "toe", "ankle", "rotor", "arm", "yaw", "fixed"}
 ASK_FOR_ORDER = "give all twelve, in the order FL hip, thigh, calf, then FR, RL and RR, as robot.joints"
 _HIP = -1  # a hip whose axis its own name does not tell
@@ -72,14 +73,14 @@ class JointOrder:
         self._motors: dict[tuple[int, int], Order] = {}
 
     def of_names(self, names: tuple[str, ...], topic: str) -> Order:
-        """The order of a message that names its joints. Raises DecodeError, or UnknownJoints without any of a leg."""
+        """The order of a message that names its joints. Raises DecodeError, or UnknownJoints without four legs."""
         if len(names) > MOST_NAMES:
             raise DecodeError(topic, f"names {len(names)} joints; quadlog reads at most {MOST_NAMES}")
         if names not in self._known:
             try:
                 order = self._configured(names, topic) if self._joints else _by_name(names, topic)
             except DecodeError as error:
-                if len(names) >= len(JOINTS) or not isinstance(error, UnknownJoints):
+                if not isinstance(error, UnknownJoints) or error.remedy:
                     self.refused[topic] = error.reason
                 raise
             if self._feet and max(self._feet) >= len(names):
@@ -128,6 +129,8 @@ class JointOrder:
 
 def _by_name(names: tuple[str, ...], topic: str) -> Order:
     kinds = [_leg_and_joint(name) for name in names]
+    if {leg for leg, _ in filter(None, kinds)} != {0, 1, 2, 3}:  # a gripper's rh_l2 is no right hind leg
+        raise _no_legs(names, topic)
     told = {joint for _, joint in filter(None, kinds)}
     # Beside thighs a hip is the abduction; beside abductions it lifts the thigh.
     hip = 0 if 1 in told else 1 if 0 in told else None
@@ -140,8 +143,7 @@ def _by_name(names: tuple[str, ...], topic: str) -> Order:
             raise DecodeError(topic, f"names {JOINTS[joint]} twice: {_listed((names[found[joint]], names[i]))}")
         found[joint] = i
     if not found:
-        flag = set_flag("robot.joints", names[:12])
-        raise UnknownJoints(topic, names, f"; {ASK_FOR_ORDER}:  {flag}" if len(names) >= len(JOINTS) else "")
+        raise _no_legs(names, topic)
     missing = [name for joint, name in enumerate(JOINTS) if joint not in found]
     if missing:
         raise DecodeError(
@@ -150,6 +152,13 @@ def _by_name(names: tuple[str, ...], topic: str) -> Order:
             f"{_listed(names)}; {ASK_FOR_ORDER}",
         )
     return Order(np.array([found[joint] for joint in range(12)]), np.ones(12))
+
+
+def _no_legs(names: tuple[str, ...], topic: str) -> UnknownJoints:
+    """With a flag to fill in where twelve names may be those of legs."""
+    unknown = [name for name in names if not set(_words(name)) & _OF_MACHINES]
+    flag = set_flag("robot.joints", unknown[:12])
+    return UnknownJoints(topic, names, f"; {ASK_FOR_ORDER}:  {flag}" if len(unknown) >= len(JOINTS) else "")
 
 
 def _leg_and_joint(name: str) -> tuple[int, int] | None:

@@ -69,6 +69,20 @@ def test_the_way_of_a_simulated_walker_is_found(walked, joints, imu, without, so
     assert track.unheld_s < 0.1
 
 
+def test_feet_stand_while_a_robot_stands_that_trotted_a_little():
+    t_ns = START_NS + np.arange(2000) * 10_000_000
+    swings = np.sin(2 * np.pi * (np.arange(2000)[:, None] / 40 + [0.0, 0.5, 0.5, 0.0])) > 0.2
+    trots = np.arange(2000)[:, None] > 1780
+    force_n = np.where(trots, np.where(swings, 0.0, 75.0), 30.0)
+    force_n += np.random.default_rng(0).normal(size=force_n.shape)
+    position_rad, unknown = np.tile([0.0, 0.8, -1.6], (2000, 4)), np.full((2000, 12), np.nan)
+    track = leg_track(JointSeries(t_ns, position_rad, unknown, unknown, force_n), GEOMETRY)
+    assert track.unheld_s < 0.1
+    assert track.contact[:1700].min() > 0.5
+    lands = track.contact[1800:] > 0.5
+    assert (lands == ~swings[1800:]).mean() > 0.9
+
+
 def test_without_an_attitude_rates_tell_the_turns_and_without_an_imu_the_feet_do(walked, joints, imu):
     rates = leg_track(joints, GEOMETRY, replace(imu, quat_xyzw=None))
     feet = leg_track(joints, GEOMETRY)

@@ -176,6 +176,7 @@ def test_configured_joints_by_name_place_and_sign() -> None:
         (["front_left_wheel", "rear_left_wheel"], UnknownJoints, "names no joint of four legs, but front_left_wheel"),
         ([f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "knee")], DecodeError, "4 of a quadruped's 12"),
         ([f"joint_{i}" for i in range(10_000)], DecodeError, "names 10000 joints; quadlog reads at most 1000"),
+        (["rh_l1", "rh_r1", "rh_l2", "rh_r2"], UnknownJoints, "names no joint of four legs, but rh_l1"),
         ([], UnknownJoints, "but none"),
     ],
 )
