@@ -20,7 +20,7 @@ from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.stages.scans import LidarTracker, Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
-from quadlog.pipelines.stages.tilt import Tilt, imu_in_base
+from quadlog.pipelines.stages.tilt import Tilt, contradicts_gravity, imu_in_base
 from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -200,13 +200,15 @@ def _read(
         wanted = Gatherer(**topics)
         wanted.take_static(recording)
         mount = _mount(recording, roles, wanted.tree, config)
+        imu = topics["imu"]
+        wrong = None if imu is None else contradicts_gravity(recording, imu)
     clouds_read = _CloudsRead(None, None, None)
     if clouds is not None or tracked:
         progress.begin("start-up", None)
         if clouds is not None:
             before_clouds()
         with clock.stage("ingest"):
-            tilt = Tilt(recording, wanted.tree, config, topics["imu"], topics["odometry"])
+            tilt = Tilt(recording, wanted.tree, config, None if wrong else imu, topics["odometry"])
             spill = None if clouds is None else stack.enter_context(Spill(run.path))
         clouds_read = _read_clouds(request, log, wanted, window, mount, tilt, clouds, spill, tracked, clock, progress)
     else:
@@ -216,7 +218,9 @@ def _read(
     with clock.stage("ingest"):
         streams = wanted.streams()
         if streams.imu is not None:
-            streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
+            given = replace(streams.imu, quat_xyzw=None) if wrong else streams.imu
+            streams.warnings.extend([wrong] if wrong else [])
+            streams = replace(streams, imu=imu_in_base(given, streams.tf, config.topics.base_frame))
         first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.geometry import rotation_from_quat
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose
 from quadlog.recordings.clock import increasing_rows
@@ -37,6 +38,31 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
         quat_xyzw = np.zeros_like(quat_xyzw)
         quat_xyzw[real] = turned.as_quat()
     return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)
+
+
+WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
+"""Number of first messages that show where gravity pulls; what they measure of it, and how far off an orientation may be."""
+
+
+def contradicts_gravity(recording: Recording, imu: str) -> str | None:
+    """A warning where an IMU's orientation turns the gravity that it measures away from the vertical; None elsewhere."""
+    messages = [each for each in recording.sample(imu, WEIGHED) if isinstance(each, Imu)]
+    oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
+    if not oriented:
+        return None
+    quat_xyzw, measured_mps2 = (np.array(each) for each in zip(*oriented, strict=True))
+    up_mps2 = (rotation_from_quat(quat_xyzw) @ measured_mps2[..., None]).mean(axis=0)[:, 0]
+    weight_mps2 = float(np.linalg.norm(up_mps2))
+    # Without gravity, as from drivers that subtract it, nothing can be said.
+    if not WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
+        return None
+    apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
+    if apart_rad < MOST_APART_RAD:
+        return None
+    return (
+        f"{imu}: its orientation contradicts the gravity that it measures by {np.degrees(apart_rad):.0f} degrees; "
+        "it is not used"
+    )
 
 
 LOOKED_AT = 50

@@ -50,6 +50,7 @@ _LEAST_OF_SPEED = 0.1  # speed that no rigid motion explains, over speed
 _LEAST_OF_CURVATURE = 0.3  # of what that speed promises: below, most of it is noise
 _STANDING_MPS = 0.05  # below, a motion has no direction
 _FARTHEST_M = 1e7  # of positions; beyond, squares lose what is measured
+_LEAST_MOVED_M = 0.1  # by a reference onto which a trajectory can be turned
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 
 
@@ -292,7 +293,7 @@ class ReferenceComparison:
         if self.offset.offset_s is not None:
             found["ate_time_corrected_rmse_m"] = corrected
             found["reference_time_offset_s"] = Samples(self.offset.t_ns, self.offset.samples_s, "mean")
-        if len(self.corrected_estimate.t_ns) > 1:
+        if np.ptp(self.corrected_truth.position_m, axis=0).max() > _LEAST_MOVED_M:
             found["ate_aligned_rmse_m"] = pair_samples(self.corrected_truth, self.aligned)["ate_rmse_m"]
         return {name: each for name, each in found.items() if len(each.values)}
 

@@ -144,6 +144,22 @@ GRIPPER = ["rh_l1", "rh_r1", "rh_l2", "rh_r2"]
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
 
 
+def level_imu(gravity_mps2: float) -> Callable[[Log, Room], None]:
+    def make(log: Log, room: Room) -> None:
+        odometry(log, room)
+        for t_s in instants_s(8.0, 50):
+            log.imu(ns(t_s), gravity_mps2)
+
+    return make
+
+
+def standing(log: Log, room: Room) -> None:
+    """Odometry and truth of a robot that never moves."""
+    for t_s in instants_s(8.0, 20):
+        log.odometry(ns(t_s), (1.0, 2.0, 0.5))
+        log.pose(ns(t_s), (1.0, 2.0, 0.5), "/mocap/pose", "odom")
+
+
 def joints(*names: str, zeros: bool = False) -> Callable[[Log, Room], None]:
     def make(log: Log, room: Room) -> None:
         for t_s in instants_s(8.0, 50):
@@ -243,6 +259,10 @@ CASES = {
         never=("duty_factor", "torque_", "cost_of_transport"),
         settings=("robot.preset=go1",),
     ),
+    "imu-upright": Case(level_imu(9.81), 0, "odometry", never=("gravity",)),
+    "imu-upside-down": Case(level_imu(-9.81), 0, "odometry", says=("/imu: its orientation contradicts the gravity",)),
+    "imu-without-gravity": Case(level_imu(0.0), 0, "odometry", never=("gravity",)),
+    "stands-still": Case(standing, 0, None, says=("the robot stood still",), never=("nan ", "ate_aligned", " aligned")),
     "legs-with-zero-effort": Case(
         together(odometry, joints(*LEGS, zeros=True)),
         *(0, "odometry"),

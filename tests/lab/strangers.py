@@ -79,6 +79,13 @@ class Log:
         size = (1, len(xyz_m), fields, False, 12, 12 * len(xyz_m), data, True)
         self.add(topic, t_ns, message("sensor_msgs/msg/PointCloud2", header(t_ns, frame), *size))
 
+    def imu(self, t_ns: int, gravity_mps2: float) -> None:
+        """A level IMU that measures so much along its z axis."""
+        nothing = np.zeros(9)
+        turned, rates, pulls = quaternion(0.0), vector(0, 0, 0), vector(0, 0, gravity_mps2)
+        values = (header(t_ns, "imu"), turned, nothing, rates, nothing, pulls, nothing)
+        self.add("/imu", t_ns, message("sensor_msgs/msg/Imu", *values))
+
     def joints(self, t_ns: int, names: list[str], zeros: bool = False) -> None:
         """Angles alone; zeros: with zeros for velocities and efforts, as of a driver that measures none."""
         others = np.zeros(len(names) if zeros else 0)

@@ -24,6 +24,8 @@ from quadlog.results.run.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+STOOD_M = 0.1
+"""A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -207,7 +209,11 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
     if topics.target == "uwb":
         raise MissingInput("position", "topics.target = 'uwb', but no second tag was located", "see  quadlog info")
     if topics.target in ("auto", "ahead"):
-        return None if robot.source == "fixed" else _ahead(robot, topics.ahead_s)
+        if np.hypot(*(robot.xy_m - robot.xy_m[0]).T).max() < STOOD_M:
+            if robot.source != "fixed":
+                walk.note("the robot stood still: there is no way ahead of it")
+            return None
+        return _ahead(robot, topics.ahead_s)
     if walk.streams.target is None:
         raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")
     series = walk.streams.target
