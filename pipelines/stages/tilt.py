@@ -41,11 +41,11 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
 
 
 WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
-"""Number of first messages that show where gravity pulls; what they measure of it, and how far off an orientation may be."""
+"""Number of first messages that show gravity, what may be measured of it, and by how much it may be off the vertical."""
 
 
 def contradicts_gravity(recording: Recording, imu: str) -> str | None:
-    """A warning where an IMU's orientation turns the gravity that it measures away from the vertical; None elsewhere."""
+    """A warning where an IMU's orientation turns the gravity that it measures off the vertical; None elsewhere."""
     messages = [each for each in recording.sample(imu, WEIGHED) if isinstance(each, Imu)]
     oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
     if not oriented:
