@@ -41,7 +41,7 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
 
 
 WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
-"""Number of first messages that show gravity, what may be measured of it, and by how much it may be off the vertical."""
+"""Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
 
 
 def contradicts_gravity(recording: Recording, imu: str) -> str | None:
