@@ -216,11 +216,7 @@ def _read(
             for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
                 wanted.take(gathered, recording.stamp)
     with clock.stage("ingest"):
-        streams = wanted.streams()
-        if streams.imu is not None:
-            given = replace(streams.imu, quat_xyzw=None) if wrong else streams.imu
-            streams.warnings.extend([wrong] if wrong else [])
-            streams = replace(streams, imu=imu_in_base(given, streams.tf, config.topics.base_frame))
+        streams = _with_imu_in_base(wanted.streams(), config.topics.base_frame, wrong)
         first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
@@ -243,6 +239,16 @@ def _read(
         tracker=clouds_read.tracker,
         anchors_from_messages=effective is not config,
     )
+
+
+def _with_imu_in_base(streams: Streams, base_frame: str, wrong: str | None) -> Streams:
+    """The streams with the IMU in base's axes; wrong: why its orientation is not used, or None."""
+    if streams.imu is None:
+        return streams
+    if wrong is not None:
+        streams.warnings.append(wrong)
+    imu = streams.imu if wrong is None else replace(streams.imu, quat_xyzw=None)
+    return replace(streams, imu=imu_in_base(imu, streams.tf, base_frame))
 
 
 class _CloudsRead(NamedTuple):
