@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FLOORS = {"pipelines": 1, "cli": 2}
+FLOORS = {"pipelines": 1, "cli": 2, "__main__": 2}
 """Above all others, which are floor 0."""
 
 
