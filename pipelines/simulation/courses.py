@@ -68,7 +68,9 @@ class SeenGround:
 
 
 def seen_ground(run: Path) -> SeenGround | None:
-    """What a run saw of its ground, None when nothing of it. Raises NotARun and TooLarge."""
+    """What a run saw of its ground, None when nothing of it, as of a 2-D scanner. Raises NotARun and TooLarge."""
+    if not (run / "ground.npz").is_file():
+        return None
     seen = read_ground(run)
     if max(np.abs(seen.origin_m).max(), np.nanmax(np.abs(seen.height_m), initial=0.0)) > _MOST_M:
         raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
@@ -185,11 +187,9 @@ def _seen(terrain: str) -> SeenGround:
     run = Path(terrain)
     if not run.is_dir():
         raise UnknownName("terrain", terrain, [*PLANES, *BANDS_M, "a run folder"])
-    if not (run / "ground.npz").is_file():
-        raise NotARun(run, "is no terrain without a ground.npz: no ground was seen there, or it was a plane")
     seen = seen_ground(run)
     if seen is None:
-        raise NotARun(run, f"saw no ground: none of its cells holds {LEAST_POINTS} points")
+        raise NotARun(run, f"saw no ground: it has no ground.npz, or no cell of it holds {LEAST_POINTS} points")
     return seen
 
 
