@@ -189,7 +189,7 @@ def _seen(terrain: str) -> SeenGround:
         raise UnknownName("terrain", terrain, [*PLANES, *BANDS_M, "a run folder"])
     seen = seen_ground(run)
     if seen is None:
-        raise NotARun(run, f"saw no ground: it has no ground.npz, or no cell of it holds {LEAST_POINTS} points")
+        raise NotARun(run, f"saw no ground: it has no ground.npz, or none of its cells holds {LEAST_POINTS} points")
     return seen
 
 

@@ -152,7 +152,9 @@ CASES = {
     "scans-10m": Case(scans_only(360), 0, "lidar", 0.05, size_m=10.0),
     "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
     "scans-covered": Case(covered, 3, "lidar", np.inf),
-    "scans-and-odometry": Case(lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True),
+    "scans-and-odometry": Case(
+        lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True
+    ),
     "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
     "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
     "tf-prefix": Case(
