@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run as run_cli
-from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.results.run.tables import read_table
 from quadlog.storage.formats.ros_map import read_rosmap
 from tests.lab.strangers import Log, Room, add_scans, instants_s, ns, rms_after_alignment_m
@@ -213,7 +212,7 @@ def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.Cap
     assert rms_after_alignment_m(found_m, room.way_m(poses["t_ns"])) < case.rms_m
     if case.walls:
         drawn = read_rosmap(run / "map.yaml")
-        row, column = np.nonzero(drawn.cells == OCCUPIED)
+        row, column = np.nonzero(drawn.blocked)
         cells_m = drawn.origin_m + drawn.cell_m * (np.column_stack([column, row]) + 0.5)
         assert (room.distance_m(cells_m) < 0.15).mean() > 0.95
         assert len(cells_m) > 200
