@@ -88,7 +88,7 @@ class RobotConfig(Section):
     model: str = Field(
         "tracking",
         min_length=1,
-        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's, "
+        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's with its body, "
         "or a file: MJCF or URDF",
     )
 
