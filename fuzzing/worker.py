@@ -16,7 +16,7 @@ from time import monotonic
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # the others reserve address space by the gigabyte
 os.environ["MUJOCO_GL"] = "disable"
 
-_GUIDING = ("quadlog/recordings", "quadlog/storage", "quadlog/map_files", "quadlog/results", "quadlog/config/file.py")
+_GUIDING = ("quadlog/recordings", "quadlog/storage", "quadlog/results", "quadlog/config/file.py")
 """What guides the search; nothing with compiled functions, whose bytecode numba has to read."""
 _INSTRUMENTED_IS_SLOWER = 3
 _LONGEST_BYTES = 1 << 16

@@ -11,6 +11,7 @@ from quadlog.config.schema import Config
 from quadlog.planning.protocol import Bool
 from quadlog.planning.query import NoQuery, Query
 from quadlog.planning.registry import planner_names, planner_type
+from quadlog.planning.replan import ReplanSettings
 from quadlog.planning.rules import Rules
 from quadlog.storage.formats.movingai import ScenQuery
 
@@ -34,6 +35,7 @@ class ProblemSource:
     episodes: gives all of them on every call; count: their number.
     is_static: every question stands alone, so planners can be run one after the other, each in its own memory.
     queries: the lines of a .scen file, one episode each. row_zero_on_top: as MovingAI counts rows.
+    smoothing: how paths are smoothed before their curvature is measured.
     """
 
     name: str
@@ -43,6 +45,7 @@ class ProblemSource:
     is_static: bool = False
     queries: tuple[ScenQuery, ...] = ()
     row_zero_on_top: bool = False
+    smoothing: ReplanSettings = field(default_factory=ReplanSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ class CompareOptions:
     """What decides a comparison beside its sources.
 
     planners: none are all. costs: None is exact with a .scen file, else integer. counted, leader: None is the preset's.
-    scen, start_cell, goal_cell: for maps in files. config: for recordings and ROS maps.
+    scen, start_cell, goal_cell: for maps in files. config: of a run folder it replaces what is given here.
     """
 
     planners: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from quadlog.pipelines.comparison.problems import ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Answer, Panel, ReplanSettings
+from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
 from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestions
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
@@ -118,7 +118,7 @@ def ask_everything(
     for the page.
     """
     book = _Notebook(source, names[0], sample)
-    smoothing = ReplanSettings() if curvatures and not source.is_static else None
+    smoothing = source.smoothing if curvatures and not source.is_static else None
     passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
     for number in range(passes):
         book.at = 0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import RobotTrack, TargetTrack
-from quadlog.pipelines.stages.plan import growth_of, recorded_maps
+from quadlog.pipelines.stages.plan import growth_of, planned_as, recorded_maps
 from quadlog.planning.protocol import Bool, Cell
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
@@ -149,9 +151,12 @@ def _needed(name: str, ends: Ends | None) -> Ends:
     return ends
 
 
-def run_source(run: Path, name: str) -> ProblemSource:
-    """One episode: the walk that the run folder holds. Raises NotARun, and MissingInput for one without a target."""
-    maps, config = load_maps(run), load_config(run / "config.toml", environ={})
+def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType({})) -> ProblemSource:
+    """One episode: the walk that the run folder holds. Raises NotARun, and MissingInput for one without a target.
+
+    given: tables of a configuration that replace the run's own keys.
+    """
+    maps, config = load_maps(run), load_config(run / "config.toml", environ={}, settings=given)
     if not has_table(run, "target"):
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
     robot, target = RobotTrack.read(run), TargetTrack.read(run)
@@ -162,7 +167,7 @@ def run_source(run: Path, name: str) -> ProblemSource:
     def episodes() -> Iterator[Episode]:
         yield _questions(run, config, robot, target)
 
-    return ProblemSource(name, f"{about}{dilation_m:g} m ({shape})", episodes, 1)
+    return ProblemSource(name, f"{about}{dilation_m:g} m ({shape})", episodes, 1, smoothing=planned_as(config))
 
 
 def _questions(run: Path, config: Config, robot: RobotTrack, target: TargetTrack) -> Iterator[Question]:
@@ -246,17 +251,18 @@ def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | 
     ends = None
     if options.start_cell is not None and options.goal_cell is not None:
         ends = options.start_cell, options.goal_cell
-    path = to_path(name)
+    path, given = to_path(name), options.config.model_dump(exclude_unset=True)
     if isinstance(path, RemotePath):
-        return run_source(fetch_runs(path, scratch), str(path)) if is_run(to_path(name)) else None
+        return run_source(fetch_runs(path, scratch), str(path), given) if is_run(to_path(name)) else None
     dilation_m, dilation = growth_of(options.config)
     if name.startswith(PREFIX):
         shape = "square" if options.preset == "paper" else "euclidean"
-        return forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
+        forest = forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
+        return replace(forest, smoothing=planned_as(options.config))
     if path.suffix == ".map":
         return movingai_source(path, name, options.scen, ends)
     if path.suffix in YAML:
         return ros_map_source(path, name, ends, dilation_m, dilation)
     if (path / "run.json").is_file() or (path / "maps.npz").is_file():
-        return run_source(path, name)
+        return run_source(path, name, given)
     return None

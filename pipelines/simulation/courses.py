@@ -7,19 +7,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadlog.config.schema import Config
 from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
 from quadlog.messages import Float
-from quadlog.results.run.maps import read_ground
+from quadlog.results.run.maps import GroundMap, read_ground
 from quadlog.results.run.names import run_name
 from quadlog.results.run.record import describe_input
+from quadlog.results.run.tables import read_table
 from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map
 from quadlog.storage.formats.path_file import read_path
+from quadlog.storage.formats.ros_map import read_rosmap
 
 LEAST_POINTS = 5
 """Cells with fewer points take the height of those around them: single points far away are unreliable."""
@@ -54,8 +57,12 @@ class SeenGround:
         )
 
     def too_steep_along(self, path_m: Float, friction: float) -> str | None:
-        """Why a foot cannot hold somewhere beside a path (K, 2) in map, None when it can; see Ground.too_steep_for."""
-        for x_m, y_m in _places_along(path_m, WALKED_M)[0].tolist():
+        """Why a foot cannot hold beside a path (K, 2) in map, None when it can; see HeightField.too_steep_for."""
+        return self.too_steep_about(_places_along(path_m, WALKED_M)[0], friction)
+
+    def too_steep_about(self, places_m: Float, friction: float) -> str | None:
+        """The same beside places (N, 2) in map."""
+        for x_m, y_m in places_m.tolist():
             beside = self.ground.over(Extent(x_m - WALKED_M, y_m - WALKED_M, x_m + WALKED_M, y_m + WALKED_M))
             if (reason := beside.too_steep_for(friction)) is not None:
                 return reason
@@ -68,13 +75,15 @@ class SeenGround:
 
 
 def seen_ground(run: Path) -> SeenGround | None:
-    """What a run saw of its ground, None when nothing of it. Raises NotARun and TooLarge."""
+    """What a run saw of its ground, None when nothing of it, as of a 2-D scanner. Raises NotARun and TooLarge."""
+    if not (run / "ground.npz").is_file():
+        return None
     seen = read_ground(run)
     if max(np.abs(seen.origin_m).max(), np.nanmax(np.abs(seen.height_m), initial=0.0)) > _MOST_M:
         raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
     if not _CELLS_M[0] <= seen.cell_m <= _CELLS_M[1]:
         raise NotARun(run / "ground.npz", f"is damaged: cells of {seen.cell_m:g} m")
-    height_m = np.where(seen.count >= LEAST_POINTS, seen.height_m, np.nan)
+    height_m = np.where((seen.count >= LEAST_POINTS) & ~_obstacles(run, seen), seen.height_m, np.nan)
     rows, cols = np.nonzero(np.isfinite(height_m))
     if not len(rows):
         return None
@@ -82,12 +91,29 @@ def seen_ground(run: Path) -> SeenGround | None:
     return SeenGround(run, from_height_map(height_m, seen.cell_m, seen.origin_m), seen_m)
 
 
+def _obstacles(run: Path, ground: GroundMap) -> NDArray[np.bool_]:
+    """Cells (rows, cols) of a ground where the run's map has an obstacle: what looks like ground there is its top."""
+    within = np.zeros(ground.height_m.shape, np.bool_)
+    if (run / "map.yaml").is_file():
+        drawn = read_rosmap(run / "map.yaml")
+        rows, cols = np.nonzero(drawn.blocked)
+        centres_m = drawn.origin_m + drawn.cell_m * (np.column_stack([cols, rows]) + 0.5)
+        cells = np.floor((centres_m - ground.origin_m) / ground.cell_m)
+        col, row = cells[((cells >= 0) & (cells < within.shape[::-1])).all(axis=1)].astype(np.int64).T
+        within[row, col] = True
+    return within
+
+
 def walkable_ground(run: Path, friction: float) -> tuple[HeightField, str]:
-    """The ground that a run saw, or a plane and why: it saw none, or none that feet can stand on. As seen_ground."""
+    """The ground a run saw, or a plane and why: it saw none, or feet would slip where it walked. As seen_ground."""
     seen = seen_ground(run)
     if seen is None:
         return grounds.flat(), "no ground was seen: the re-simulated robot walks on a plane"
-    too_steep = seen.ground.too_steep_for(friction)
+    poses = read_table(run, "poses", ["x_m", "y_m"])
+    walked_m = np.column_stack([poses["x_m"], poses["y_m"]])
+    step_m = WALKED_M / 4
+    places_m = step_m * np.unique(np.round(walked_m[np.isfinite(walked_m).all(axis=1)] / step_m), axis=0)
+    too_steep = seen.too_steep_about(places_m, friction)
     if too_steep is not None:
         return grounds.flat(), f"the re-simulated robot walks on a plane: {too_steep}"
     return seen.ground, ""
@@ -185,11 +211,9 @@ def _seen(terrain: str) -> SeenGround:
     run = Path(terrain)
     if not run.is_dir():
         raise UnknownName("terrain", terrain, [*PLANES, *BANDS_M, "a run folder"])
-    if not (run / "ground.npz").is_file():
-        raise NotARun(run, "is no terrain without a ground.npz: no ground was seen there, or it was a plane")
     seen = seen_ground(run)
     if seen is None:
-        raise NotARun(run, f"saw no ground: none of its cells holds {LEAST_POINTS} points")
+        raise NotARun(run, f"saw no ground: it has no ground.npz, or none of its cells holds {LEAST_POINTS} points")
     return seen
 
 

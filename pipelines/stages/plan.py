@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def replan_walk(walk: ReplayContext) -> None:
             walk.progress.advance((instant.t_ns - walk.first_ns) * 1e-9)
     lost = walk.counts.get("maps_without_target", 0)
     if lost:
-        walk.warn(f"{lost} maps are not planned on: no target was seen within a second of them")
+        walk.warn(f"{lost} maps are not planned on: no target or no position of the robot is known at their instants")
 
 
 class PlanTables:
@@ -98,11 +99,16 @@ def replan_settings(walk: ReplayContext) -> ReplanSettings:
     """The sections grid, planner and smoothing as the algorithms take them."""
     config: Config = walk.config
     keeps_away = walk.target is not None and walk.target.has_body
+    return replace(planned_as(config), stop_short_m=config.planner.stop_short_m if keeps_away else 0.0)
+
+
+def planned_as(config: Config) -> ReplanSettings:
+    """The sections grid and smoothing as the algorithms take them, up to the goal itself."""
     dilation_m, dilation = growth_of(config)
     return ReplanSettings(
         dilation_m=dilation_m,
         dilation=dilation,
-        stop_short_m=config.planner.stop_short_m if keeps_away else 0.0,
+        stop_short_m=0.0,
         smooth=config.smoothing.enabled,
         merge_m=config.smoothing.merge_m,
         spacing_m=config.smoothing.spacing_m,

@@ -88,8 +88,8 @@ class RobotConfig(Section):
     model: str = Field(
         "tracking",
         min_length=1,
-        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's, "
-        "or a file: MJCF or URDF",
+        description="tracking [Tracking, Table 4], following [Following, Table 1], foot [Foot, Table 2], a preset's "
+        "with its body, or a file: MJCF or URDF",
     )
 
     joints: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
+from quadlog.config.robots import robot_of_later
 from quadlog.config.schema import UNKNOWN_METRIC, Config, ExpectedRange
 from quadlog.errors import (
     InvalidConfigValue,
@@ -104,7 +105,8 @@ def configure(
         *(Layer(f"{flag.name} {flag.value}", _nest(flag.key.split("."), flag.value, flag.name)) for flag in given),
         *(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items()),
     ]
-    layers = [*file, *presets, *later]
+    robot = robot_of_later(_merged([*file, *presets]), _merged(later))
+    layers = [*file, *presets, Layer("robot.preset", robot), *later]
     try:
         config = Config.model_validate(_merged(layers))
     except ValidationError as error:

@@ -304,7 +304,7 @@ UNKNOWN_METRIC = "unknown_metric"
 
 
 class Expect(Section):
-    """Bounds on metrics by name, as in eta_m = { max = 0.3 }; the report colours a metric only if it has a bound."""
+    """Bounds on metrics by name, as in eta_m = { max = 0.3 }, instead of those of which a page warns by default."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ExpectedRange]

@@ -8,9 +8,9 @@ from importlib import metadata
 from typing import Any
 
 _PACKAGES = (
-    *("daqp", "foxglove-sdk", "matplotlib", "mcap", "mcap-protobuf-support"),
+    *("daqp", "foxglove-sdk", "llvmlite", "matplotlib", "mcap", "mcap-protobuf-support"),
     *("mujoco", "numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "quadprog", "rosbags"),
-    *("scipy",),
+    *("scipy", "small_gicp"),
 )
 
 

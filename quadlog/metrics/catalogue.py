@@ -267,3 +267,15 @@ _ENTRIES = (
 
 CATALOGUE: dict[str, MetricEntry] = {entry.name: entry for entry in _ENTRIES}
 """Every metric of the contract by name, in the contract's order."""
+
+ALARMS: dict[str, tuple[float | None, float | None]] = {
+    "uwb_coverage_95": (0.85, None),
+    "uwb_nees": (1.0, 4.0),
+    "clearance_min_m": (0.05, None),
+}
+"""Least and most of metrics of which a page warns where the configuration expects nothing of them.
+
+The track's claimed accuracy is off by half, or a body passed an obstacle nearer than half a cell of the default map.
+"""
+LONGEST_GAP_S = 1.0
+"""A page warns where there are no positions for longer."""

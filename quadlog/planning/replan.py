@@ -31,7 +31,7 @@ class ReplanSettings:
     dilation: str = "euclidean"
     stop_short_m: float = 1.0
     smooth: bool = True
-    merge_m: float = 0.3
+    merge_m: float = 0.6
     spacing_m: float = 0.05
 
 

@@ -49,6 +49,12 @@ def scans_only(beams: int) -> Callable[[Log, Room], None]:
     return lambda log, room: add_scans(log, room, 8.0, beams)
 
 
+def lone_scanner(log: Log, room: Room) -> None:
+    """A 2-D scanner on a robot whose odometry is known."""
+    odometry(log, room)
+    add_scans(log, room, 8.0, 90, frame="base_link")
+
+
 def together(*parts: Callable[[Log, Room], None]) -> Callable[[Log, Room], None]:
     def make(log: Log, room: Room) -> None:
         for part in parts:
@@ -174,6 +180,9 @@ CASES = {
     "scans-10m": Case(scans_only(360), 0, "lidar", 0.05, size_m=10.0),
     "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
     "scans-covered": Case(covered, 3, "lidar", np.inf),
+    "scans-and-odometry": Case(
+        lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True
+    ),
     "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
     "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
     "tf-prefix": Case(
@@ -292,7 +301,7 @@ def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.Cap
     assert rms_after_alignment_m(found_m, room.way_m(poses["t_ns"])) < case.rms_m
     if case.walls:
         drawn = read_rosmap(run / "map.yaml")
-        row, column = np.nonzero(drawn.occupied)
+        row, column = np.nonzero(drawn.blocked)
         cells_m = drawn.origin_m + drawn.cell_m * (np.column_stack([column, row]) + 0.5)
         assert (room.distance_m(cells_m) < 0.15).mean() > 0.95
         assert len(cells_m) > 200

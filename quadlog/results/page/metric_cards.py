@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.errors import NotARun
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.catalogue import ALARMS, CATALOGUE
 from quadlog.metrics.intervals import Interval
 from quadlog.results.compare.expectations import Bound
 from quadlog.results.plots.run_data import RunData
@@ -129,7 +129,8 @@ _EVENTS = frozenset({"collisions", "fallen"})
 class ShownMetric:
     """A metric as the page has it. value, interval, bound: texts, empty where there is none.
 
-    state: good, warn (it holds, but its interval reaches beyond the bound), bad, or empty without a bound.
+    state: good, warn (it holds, but its interval reaches beyond the bound; or one of catalogue.ALARMS does not), bad,
+    or empty without a bound.
     """
 
     name: str
@@ -168,12 +169,12 @@ def plain_name(metric: str) -> str:
 
 def metric_themes(run: RunData) -> list[ThemeGroup]:
     """The themes that the run has metrics or facts of. Raises NotARun for bounds that are damaged."""
-    bounds = expected_bounds(run)
+    bounds, alarms = expected_bounds(run), missed_alarms(run)
     named = {name for metrics in THEMES.values() for name in metrics}
     others = {OTHER: {name: (name, "") for name in sorted(run.metrics.keys() - named)}}
     groups = []
     for title, metrics in (THEMES | others).items():
-        rows = [_row(run, bounds, name, *words) for name, words in metrics.items() if name in run.metrics]
+        rows = [_row(run, bounds, alarms, name, *words) for name, words in metrics.items() if name in run.metrics]
         lacking = bounds.keys() - run.metrics.keys()
         absent = [_absent(bounds[name], *words) for name, words in metrics.items() if name in lacking]
         # Bounds that do not hold come first: they are what a reader must not miss.
@@ -207,6 +208,17 @@ def held_bounds(run: RunData) -> tuple[int, int]:
     return sum(value is not None and bounds[name].holds(value) for name, value in values.items()), len(bounds)
 
 
+def missed_alarms(run: RunData) -> dict[str, Bound]:
+    """The bounds of catalogue.ALARMS that do not hold, by metric, where [expect] has none. Raises NotARun."""
+    own, bounds = expected_bounds(run), [Bound(name, *sides) for name, sides in ALARMS.items()]
+    values = {bound.metric: run.metric(bound.metric) for bound in bounds if bound.metric not in own}
+    return {
+        bound.metric: bound
+        for bound in bounds
+        if (value := values.get(bound.metric)) is not None and not bound.holds(value)
+    }
+
+
 def in_words(name: str, value: float, unit: str = "") -> str:
     """A value of a metric with its unit, shares in percent."""
     if name in _SHARES:
@@ -215,7 +227,9 @@ def in_words(name: str, value: float, unit: str = "") -> str:
     return f"{number} {'×' if name == 'realtime_factor' else unit}".strip().replace("-", "\u2212")
 
 
-def _row(run: RunData, bounds: Mapping[str, Bound], name: str, label: str, words: str) -> MetricRow:
+def _row(
+    run: RunData, bounds: dict[str, Bound], alarms: dict[str, Bound], name: str, label: str, words: str
+) -> MetricRow:
     saved = run.metrics[name]
     value, unit = float(saved["value"]), str(saved.get("unit", ""))
     interval = _interval(name, saved)
@@ -225,15 +239,15 @@ def _row(run: RunData, bounds: Mapping[str, Bound], name: str, label: str, words
         words or (CATALOGUE[name].meaning if name in CATALOGUE else ""),
         in_words(name, value, unit),
         "" if interval is None else interval_text(interval, *((100.0, " %") if name in _SHARES else ())),
-        _bound_words(bounds[name], unit) if name in bounds else "",
-        _state(bounds.get(name), value, interval),
+        bound_words((bounds | alarms)[name], unit) if name in bounds or name in alarms else "",
+        "warn" if name in alarms else _state(bounds.get(name), value, interval),
     )
     return MetricRow(shown, value, unit, saved.get("n"), "" if interval is None else interval_text(interval))
 
 
 def _absent(bound: Bound, label: str, words: str) -> ShownMetric:
     """A bound on a metric that the run does not have: it does not hold."""
-    return ShownMetric(bound.metric, label, words, "not measured", "", _bound_words(bound, ""), "bad")
+    return ShownMetric(bound.metric, label, words, "not measured", "", bound_words(bound, ""), "bad")
 
 
 def _interval(name: str, saved: Mapping[str, Any]) -> Interval | None:
@@ -258,7 +272,8 @@ def _state(bound: Bound | None, value: float, interval: Interval | None) -> str:
     return "good" if interval is None or all(bound.holds(end) for end in interval) else "warn"
 
 
-def _bound_words(bound: Bound, unit: str) -> str:
+def bound_words(bound: Bound, unit: str) -> str:
+    """Its sides, as in "at least 85 %"."""
     sides = {"at least": bound.least, "at most": bound.most}
     return ", ".join(f"{word} {in_words(bound.metric, side, unit)}" for word, side in sides.items() if side is not None)
 

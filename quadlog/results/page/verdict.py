@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.results.page.metric_cards import held_bounds
+from quadlog.metrics.catalogue import CATALOGUE, LONGEST_GAP_S
+from quadlog.results.page.metric_cards import bound_words, held_bounds, in_words, missed_alarms, plain_name
 from quadlog.results.plots.run_data import STANDS_M, RunData, Table
 from quadlog.results.plots.uwb_position import SCALE_95
 from quadlog.results.text.numbers import count, short
@@ -140,6 +141,10 @@ def _bounds(run: RunData) -> Iterator[Sentence]:
         yield Sentence(f"{expected - held} of {expected} expected bounds do not hold.", alarm=True)
     elif expected:
         yield Sentence(f"All {expected} expected bounds hold.")
+    for name, bound in missed_alarms(run).items():
+        unit = CATALOGUE[name].unit
+        is_what = f"{plain_name(name)} is {in_words(name, run.metrics[name]['value'], unit)}"
+        yield Sentence(f"Check {name}: {is_what}, usual is {bound_words(bound, unit)}.", alarm=True)
 
 
 def _lost(run: RunData) -> Iterator[Sentence]:
@@ -213,7 +218,16 @@ def _positions(run: RunData) -> VerdictLine | None:
         coverage = run.metric("uwb_coverage_95")
         holds = "" if coverage is None else f" (95 % bound, holds on {short(100 * coverage, 3)} %)"
         text += f", ±{short(bound_m, 2)} m{holds or ' (95 % bound)'}"
-    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}")])
+    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}"), *_gaps(poses)])
+
+
+def _gaps(poses: Table) -> Iterator[Sentence]:
+    """An alarm where there were no positions for long."""
+    gaps_s = np.diff(np.sort(poses["t_ns"])) / 1e9
+    long_s = gaps_s[gaps_s > LONGEST_GAP_S]
+    if len(long_s):
+        many = f"{count(len(long_s))} gap{'s' * (len(long_s) > 1)}"
+        yield Sentence(f"{many} of more than {LONGEST_GAP_S:g} s, the longest {short(long_s.max(), 3)} s.", alarm=True)
 
 
 def _against_truth(run: RunData) -> str:

@@ -151,6 +151,7 @@ def draw_residuals(run: RunData) -> Figure | None:
         panel.set_title(f"anchor {anchor}", pad=44)
     for row in panels:
         row[0].set_ylabel("ranges per bin (count)")
+        row[0].set_ylim(bottom=0)  # ends automatic limits of all panels, so not before the last is drawn
     figure.supxlabel("residual: range − predicted (m)" + (f"   ({left_out})" if left_out else ""), fontsize=10, y=0.02)
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper right", ncols=3)
@@ -166,7 +167,6 @@ def _draw_histogram(panel: Axes, clear_m: Float, nlos_m: Float, bins: Float) -> 
     panel.stairs(clear, bins, fill=True, color=style.ROBOT, label="line of sight")
     late_label = f"late by more than {LATE_STD:g} std: NLOS"
     panel.stairs(clear + late, bins, baseline=clear, fill=True, color=style.NOTE, label=late_label)
-    panel.set_ylim(bottom=0)
     panel.axvline(0, color=style.GREY, linewidth=0.8)
     if not len(both_m):
         return

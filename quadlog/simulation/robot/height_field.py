@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter, median_filter
 
 from quadlog.errors import TooLarge
 from quadlog.messages import Float, Float32
@@ -17,6 +17,7 @@ FRICTION = 0.8
 _PLANE_HALF_M = 100.0
 _CELL_M = 0.05
 _BAND = (2.5, 97.5)
+_RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]])
 
 
 class Extent(NamedTuple):
@@ -168,8 +169,9 @@ def s_course(band_m: float = 0.045, seed: int = 0) -> HeightField:
 def from_height_map(height_m: Float, cell_m: float, origin_m: Float) -> HeightField:
     """The ground that a run saw: heights (rows, cols) of cells, NaN where unknown, and the lower-left corner (2,).
 
-    A cell's height is taken for its centre; an unknown cell is as high as the nearest known one. Raises TooLarge, and
-    ValueError when no cell is known.
+    A cell's height is taken for its centre; an unknown cell is as high as the nearest known one, and one that feet
+    would slip off as its neighbours' median: a single cell is no step. Raises TooLarge, and ValueError when no cell is
+    known.
     """
     if height_m.size > MOST_CORNERS:
         raise TooLarge("the ground's cells", height_m.size, MOST_CORNERS)
@@ -178,6 +180,8 @@ def from_height_map(height_m: Float, cell_m: float, origin_m: Float) -> HeightFi
         raise ValueError("no height is known")
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = np.asarray(height_m, np.float64)[tuple(nearest)]
+    around = median_filter(filled, footprint=_RING, mode="nearest")
+    filled = np.where(np.abs(filled - around) > FRICTION * cell_m, around, filled)
     # Three cells each way at least, so that it is not taken for an endless plane.
     missing = [(0, max(3 - length, 0)) for length in filled.shape]
     filled = np.pad(filled, missing, mode="edge")

@@ -131,7 +131,7 @@ class SimulatedScan:
     """One sweep as it is recorded, and what each of its N points really is.
 
     cloud: see PointCloud, in lidar at each point's own instant; intensity: (N,) float32.
-    point_class: (N,) uint8 of PointClass; range_m: (N,) true range, NaN for false points.
+    point_class: (N,) uint8 of TruePointClass; range_m: (N,) true range, NaN for false points.
     """
 
     cloud: PointCloud

@@ -63,7 +63,7 @@ class Site:
 
 
 class SynthesizedMessage(NamedTuple):
-    """A message on its topic; a lidar's comes as a Scan, with the class of every point."""
+    """A message on its topic; a lidar's comes as a SimulatedScan, with the class of every point."""
 
     topic: str
     log_time_ns: int

@@ -27,19 +27,21 @@ def body_clearance(
 ) -> float:
     """Metres from a body, a rectangle about the pose, to the nearest occupied cell; <= 0 when they touch, or inf.
 
-    A cell is taken as the disc that fits into it, so the distance is that to its centre less cell_m / 2.
+    A cell is taken as the disc that fits into it, so the distance is that to its centre less cell_m / 2. Of a centre
+    inside the body it is the way out, through the nearest side, with a minus.
     """
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    nearest = math.inf
+    nearest, deepest = math.inf, 0.0
     for i in range(len(centres_m)):
         dx, dy = centres_m[i, 0] - x_m, centres_m[i, 1] - y_m
         outside_x, outside_y = abs(cos * dx + sin * dy) - length_m / 2, abs(cos * dy - sin * dx) - width_m / 2
+        deepest = min(deepest, max(outside_x, outside_y))
         outside_x = outside_x if outside_x > 0 else 0.0
         outside_y = outside_y if outside_y > 0 else 0.0
         squared = outside_x * outside_x + outside_y * outside_y
         if squared < nearest:
             nearest = squared
-    return math.sqrt(nearest) - cell_m / 2
+    return math.sqrt(nearest) + deepest - cell_m / 2
 
 
 def body_gaps(pose: Float, length_m: float, width_m: float, centres_m: Float, cell_m: float) -> Float:
@@ -48,7 +50,8 @@ def body_gaps(pose: Float, length_m: float, width_m: float, centres_m: Float, ce
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     dx, dy = (centres_m - np.array([x_m, y_m])).T
     outside_x, outside_y = np.abs(cos * dx + sin * dy) - length_m / 2, np.abs(cos * dy - sin * dx) - width_m / 2
-    return np.asarray(np.hypot(np.maximum(outside_x, 0.0), np.maximum(outside_y, 0.0)) - cell_m / 2)
+    inside = np.minimum(np.maximum(outside_x, outside_y), 0.0)
+    return np.asarray(np.hypot(np.maximum(outside_x, 0.0), np.maximum(outside_y, 0.0)) + inside - cell_m / 2)
 
 
 # Printed in [Planning, section 4].

@@ -51,6 +51,20 @@ def test_the_growth_is_the_runs_own(planned_run, own_run):
     assert "0.5 m" in source.about
 
 
+def test_curvatures_are_of_paths_smoothed_as_the_run_has_it_unless_something_else_is_given(own_run):
+    def curvatures(*given):
+        source = run_source(own_run, "walk", load_config(None, given, {}).model_dump(exclude_unset=True))
+        return ask_everything(source, ["astar"], Rules(), Silent()).columns["curvature_max_1pm"]
+
+    own, other = curvatures(), curvatures("smoothing.merge_m=0")
+    assert not np.array_equal(own, other, equal_nan=True)
+    text = (own_run / "config.toml").read_text()
+    assert "merge_m = 0.6" in text
+    (own_run / "config.toml").write_text(text.replace("merge_m = 0.6", "merge_m = 0.0"))
+    assert_array_equal(curvatures(), other)
+    assert_array_equal(curvatures("smoothing.merge_m=0.6"), own)
+
+
 def test_growth_and_planner_of_a_config():
     config = load_config(None, ["grid.dilation=body", "planner.name=lpa_star", "planner.corner_cutting=true"], {})
     metres, shape = growth_of(config)

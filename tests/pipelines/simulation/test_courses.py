@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from quadlog.config.file import commented_toml, load_config
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
+from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.pipelines.simulation.courses import (
     LEAST_POINTS,
     MARGIN_M,
@@ -21,10 +22,13 @@ from quadlog.pipelines.simulation.courses import (
     ground_remarks,
     make_ground,
     seen_ground,
+    walkable_ground,
 )
 from quadlog.results.run.maps import GroundMap, write_ground
+from quadlog.results.run.tables import TABLES, write_table
 from quadlog.simulation.course_walk import Course
 from quadlog.simulation.robot.height_field import HeightField
+from quadlog.storage.formats.ros_map import write_rosmap
 
 CELL_M = 0.2
 BEND = Course("bend", np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]), 0.6)
@@ -116,7 +120,7 @@ def test_what_is_no_terrain_is_refused_with_the_choices(tmp_path):
     for ask in (lambda config: make_ground("bend", BEND, config, 0), lambda config: ground_remarks(BEND, config)):
         with pytest.raises(UnknownName, match="3cm, 6cm, a run folder, course, flat"):
             ask(_config("simulation.terrain=9cm"))
-        with pytest.raises(NotARun, match=r"no terrain without a ground\.npz"):
+        with pytest.raises(NotARun, match="saw no ground"):
             ask(_config(f"simulation.terrain={tmp_path}"))
         with pytest.raises(NotARun, match=f"none of its cells holds {LEAST_POINTS} points"):
             ask(_config(_run(tmp_path / "empty", np.full((4, 4), np.nan))))
@@ -144,13 +148,14 @@ def test_cells_that_were_seen_often_enough_are_taken_and_the_rest_is_as_the_near
     height_m, count = np.zeros((20, 20)), np.full((20, 20), LEAST_POINTS)
     height_m[:, 10:] = 0.02
     height_m[4, 4], count[4, 4] = 9.0, LEAST_POINTS - 1
+    height_m[15, 4] = 9.0  # alone, and no step
     height_m[5, 5] = np.nan
     seen = _seen(_write(tmp_path, height_m, count))
     assert len(seen.seen_m) == 400 - 2
     at = [-2 + 4.5 * CELL_M, -2 + 4.5 * CELL_M]
     assert not (np.abs(seen.seen_m - at).max(axis=1) < 1e-9).any()
-    heights = seen.ground.height_at(np.array([at, [-1.0, 1.0], [1.0, 1.0]]))
-    np.testing.assert_allclose(heights, [0.0, 0.0, 0.02], atol=1e-7)
+    heights = seen.ground.height_at(np.array([at, [-1.1, 1.1], [-1.0, 1.0], [1.0, 1.0]]))
+    np.testing.assert_allclose(heights, [0.0, 0.0, 0.0, 0.02], atol=1e-7)
 
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -200,7 +205,7 @@ def test_all_of_a_path_far_away_lies_beyond(tmp_path):
 @pytest.mark.parametrize(("y_m", "holds"), [(0.0, False), (-0.8, False), (1.0, False), (-2.6, True), (2.8, True)])
 def test_only_what_is_steep_beside_the_path_counts(tmp_path, y_m, holds):
     height_m = np.zeros((40, 40))
-    height_m[20, 20] = 1.0  # a post about (2.1, 0.1) m, where the origin is at (-2, -4)
+    height_m[19:22, 19:22] = 1.0  # a block about (2.1, 0.1) m, where the origin is at (-2, -4)
     seen = _seen(_write(tmp_path, height_m, origin_m=(-2.0, -4.0)))
     reason = seen.too_steep_along(np.array([[0.0, y_m], [4.0, y_m]]), 0.8)
     assert (reason is None) == holds
@@ -214,6 +219,35 @@ def test_steepness_and_ground_are_those_of_the_whole_where_the_path_crosses_it(t
     for friction in (0.2, 0.5, 0.6, 0.7, 1.0):
         whole: HeightField = seen.ground
         assert (seen.too_steep_along(across, friction) is None) == (whole.too_steep_for(friction) is None)
+
+
+def _walked(run: Path, y_m: float) -> Path:
+    """A run that went along x at y_m."""
+    x_m = np.linspace(-1.5, 1.5, 50)
+    columns = {name: np.zeros(50) for name in TABLES["poses"].names} | {"x_m": x_m, "y_m": np.full(50, y_m)}
+    write_table(run / "poses.parquet", TABLES["poses"], columns | {"t_ns": np.arange(50), "source": ["tf"] * 50})
+    return run
+
+
+@pytest.mark.parametrize(("y_m", "is_plane"), [(-1.5, False), (1.0, True)])
+def test_a_replay_walks_on_what_it_saw_unless_that_is_steep_where_it_went(tmp_path, y_m, is_plane):
+    height_m = np.zeros((20, 20))
+    height_m[15:, 8:12] = 2.0
+    ground, why_plane = walkable_ground(_walked(_write(tmp_path, height_m), y_m), 0.8)
+    assert ground.is_plane == is_plane
+    assert why_plane.startswith("the re-simulated robot walks on a plane: the ground rises") == is_plane
+
+
+def test_what_looks_like_ground_upon_an_obstacle_of_the_map_is_none(tmp_path):
+    height_m, cells = np.zeros((20, 20)), np.zeros((40, 40), np.int8)
+    height_m[8:12, 8:12] = 2.0
+    cells[16:24, 16:24] = OCCUPIED
+    run = _walked(_write(tmp_path, height_m), 0.0)
+    assert walkable_ground(run, 0.8)[0].is_plane
+    write_rosmap(run, cells, np.array([-2.0, -2.0]), 0.1)
+    ground, why_plane = walkable_ground(run, 0.8)
+    assert not why_plane
+    assert not ground.height_m.any()
 
 
 def test_provenance_names_the_run_and_its_hash(tmp_path):

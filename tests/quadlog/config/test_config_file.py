@@ -2,11 +2,14 @@ from __future__ import annotations
 
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
+import tomli_w
 
 from quadlog.config.file import Flag, commented_toml, configure, load_config
 from quadlog.config.schema import Anchor, Config, Tag
+from quadlog.config.version import package_versions
 from quadlog.errors import (
     InvalidConfigValue,
     TooLarge,
@@ -134,6 +137,37 @@ def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, en
     assert (config.uwb.method, config.uwb.calibrate, config.uwb.range_std_m) == (method, False, 0.2)
     replaced = ['uwb.method = "paper" instead of "huber"'] * noted + ["uwb.calibrate = false instead of true"]
     assert notes == (f"preset paper replaces keys of {path}: {', '.join(replaced)}",)
+
+
+@pytest.mark.parametrize("before", ["paper", "b1", "go1"])
+def test_a_robots_preset_over_an_effective_configuration_is_the_whole_robot(tmp_path, before):
+    path = tmp_path / "config.toml"
+    path.write_text(tomli_w.dumps(load_config(None, [f"robot.preset={before}"], {}).model_dump(exclude_none=True)))
+    for given in ("robot.preset=paper", "robot.preset=go2", "robot.model=b1"):
+        expected = load_config(None, [given], {}).model_dump()
+        assert load_config(path, [given], {}).model_dump() == expected
+    assert load_config(path, ["robot.preset=go2", "robot.length_m=0.9"], {}).robot.length_m == 0.9
+
+
+def test_a_preset_leaves_what_the_file_gives_and_a_model_brings_its_body(tmp_path):
+    path = tmp_path / "quadlog.toml"
+    path.write_text("[robot]\nlength_m = 0.9\n[wbc]\nf_max_n = 300\n")
+    config = load_config(path, ["robot.preset=go2"], {})
+    assert (config.robot.model, config.robot.length_m, config.robot.width_m) == ("go2", 0.9, 0.31)
+    assert (config.wbc.f_max_n, config.mpc.f_max_n) == (300, 150)
+    assert load_config(None, ["robot.preset=paper"], {}).model_dump() == Config().model_dump()
+    assert (
+        load_config(None, ["robot.model=b1"], {}).model_dump()
+        == load_config(None, ["robot.preset=b1"], {}).model_dump()
+    )
+
+
+def test_the_versions_that_decide_results_are_those_of_all_dependencies_but_the_plumbing():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    names = {re.split("[>;]", each)[0] for each in project["dependencies"] if "sys_platform != 'linux'" not in each}
+    plumbing = {"aiohttp", "click", "fsspec", "isal", "jinja2", "libusb-package", "lz4", "pillow", "pyyaml", "rich"}
+    plumbing |= {"s3fs", "tomli-w", "tomlkit", "zstandard"}
+    assert (names - plumbing) | {"llvmlite"} <= set(package_versions())
 
 
 def test_the_papers_robot_aims_along_its_path_and_a_point_is_an_obstacle():

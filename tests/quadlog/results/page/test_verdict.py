@@ -81,6 +81,32 @@ def test_a_metric_has_a_colour_only_where_a_bound_is_expected(tiny_run: Path, ch
     ]
 
 
+def test_without_expected_bounds_a_page_warns_of_what_is_unusual(
+    tiny_run: Path, change: Callable[..., None], change_json: ChangeJson
+) -> None:
+    usual, before = {"uwb_coverage_95": 0.95, "uwb_nees": 2.0, "clearance_min_m": 0.3}, alarms(tiny_run)
+
+    def warned(values: dict[str, float]) -> set[str]:
+        for name, value in (usual | values).items():
+            change_json(tiny_run / "metrics.json", {name: {"value": value, "n": 9, "unit": CATALOGUE[name].unit}})
+        new = [text for text in alarms(tiny_run) if text not in before]
+        themes = metric_themes(RunData(tiny_run))
+        states = {each.name: each.state for theme in themes for each in theme.card if each.state}
+        assert set(states.values()) <= {"warn"}
+        assert len(new) == len(states)
+        assert all(any(name in text for text in new) for name in states)
+        return set(states)
+
+    assert warned({}) == set()
+    assert warned({"uwb_coverage_95": 0.84, "uwb_nees": 4.1}) == {"uwb_coverage_95", "uwb_nees"}
+    assert warned({"uwb_nees": 0.9, "clearance_min_m": -0.2}) == {"uwb_nees", "clearance_min_m"}
+    assert "Check clearance_min_m: nearest obstacle is \u22120.2 m, usual is at least 0.05 m." in alarms(tiny_run)
+    change_json(tiny_run / "run.json", {"config.expect": {"uwb_nees": {"min": 0.5}, "clearance_min_m": {"min": -1.0}}})
+    assert alarms(tiny_run) == before
+    change(tiny_run, "poses", t_ns=lambda t_ns: t_ns + 1_500_000_000 * (np.arange(len(t_ns)) > 9))
+    assert "1 gap of more than 1 s, the longest 1.6 s." in alarms(tiny_run)
+
+
 def test_every_metric_has_one_theme() -> None:
     themed = [name for metrics in THEMES.values() for name in metrics]
     assert sorted(themed) == sorted(CATALOGUE)

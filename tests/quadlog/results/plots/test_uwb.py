@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from quadlog.results.plots.run_data import RunData
 from quadlog.results.plots.style import render_png
 from quadlog.results.plots.uwb_position import SHOWN_ELLIPSES, draw_uwb_error, draw_uwb_geometry
-from quadlog.results.plots.uwb_ranges import draw_uwb_links
+from quadlog.results.plots.uwb_ranges import draw_residuals, draw_uwb_links
 from quadlog.results.run.maps import DilutionGrid, read_dilution, write_dilution
 from quadlog.results.run.tables import TABLES, read_table, write_table
 from quadlog.storage.formats.tum import write_tum
@@ -166,6 +166,18 @@ def test_without_calibration_it_says_so(tiny_run: Path, change: Any) -> None:
     change(tiny_run, "links", bias_m=np.full(6, np.nan), bias_std_m=np.full(6, np.nan), bias_applied=np.zeros(6, bool))
     bias = link_panels(tiny_run)[1]
     assert [text.get_text() for text in bias.texts] == ["no bias was estimated"]
+
+
+def test_no_histogram_is_cut(tiny_run: Path, change: Any) -> None:
+    """The first anchor's residuals scatter, those of the others are all alike: their bars are higher."""
+    ranges = read_table(tiny_run, "ranges")
+    first = ranges["anchor"] == ranges["anchor"].min()
+    residual_m = np.where(first, np.linspace(-0.2, 0.2, len(first)), 0.01)
+    change(tiny_run, "ranges", predicted_m=ranges["range_m"] - residual_m)
+    panels = [panel for panel in axes_of(draw_residuals, tiny_run) if panel.get_visible()]
+    tallest = max(patch.get_data().values.max() for panel in panels for patch in panel.patches)
+    assert len(panels) > 1
+    assert all(panel.get_ylim()[0] == 0 and panel.get_ylim()[1] > tallest for panel in panels)
 
 
 def test_many_tags_and_anchors_are_drawn_in_part_and_that_is_said(tiny_run: Path) -> None:

@@ -14,6 +14,7 @@ from quadlog.simulation.worlds.world import (
     WaypointTrack,
     World,
     body_clearance,
+    body_gaps,
     discs_in,
     occupied_centres,
     rectangles_in,
@@ -104,12 +105,19 @@ def test_a_track_is_linear_between_its_waypoints():
 
 def test_distances_from_the_sides_and_a_corner():
     def clearance(x, y):
-        return body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, np.array([[x, y]]), 0.1)
+        cells_m = np.array([[x, y]])
+        found_m = body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, cells_m, 0.1)
+        assert body_gaps(np.zeros(3), 0.6, 0.2, cells_m, 0.1) == pytest.approx(found_m)
+        return found_m
 
     assert clearance(1.0, 0.0) == pytest.approx(0.65)
     assert clearance(0.0, -0.5) == pytest.approx(0.35)
     assert clearance(0.6, 0.5) == pytest.approx(0.5 - 0.05)
-    assert clearance(0.2, 0.05) == pytest.approx(-0.05)
+
+    # Inside: the way out through the nearest side.
+    assert clearance(0.2, 0.09) == pytest.approx(-0.01 - 0.05)
+    assert clearance(0.2, 0.0) == pytest.approx(-0.1 - 0.05)
+    assert clearance(-0.28, 0.0) == pytest.approx(-0.02 - 0.05)
 
 
 def test_clearance_is_invariant_under_rotation():
