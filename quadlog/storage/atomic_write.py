@@ -171,8 +171,10 @@ def part_prefix(pid: int) -> str:
 def _begin(part: Path, path: Path) -> None:
     """Make the empty file `part`, in a folder without those of killed processes. Raises CannotWrite.
 
-    O_EXCL, so that nobody's file or link is written through.
+    O_EXCL, so that nobody's file or link is written through. A FIFO, a socket or a device is never replaced.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise CannotWrite(path, "it is no regular file")
     try:
         with suppress(OSError):
             remove_stale_parts(part.parent)
