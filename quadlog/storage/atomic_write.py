@@ -66,6 +66,13 @@ def write_whole(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
+def move_whole(path: Path, target: Path) -> None:
+    """Rename a file that this process or another has written whole. Raises OSError."""
+    path.replace(target)
+    if path in _complete_s:
+        _complete_s[target] = _complete_s.pop(path)
+
+
 @contextmanager
 def new_folder(path: Path) -> Iterator[None]:
     """Make the folder for the block, unless it is there; one that was made goes again if it is empty when that fails.
