@@ -12,10 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-
 CGROUP = Path("/sys/fs/cgroup")
 _QUOTAS = (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us"))
-"""Files with a container's CPU time and its period, both in µs, of cgroups version 2 and 1; no number without a limit."""
+"""Files with a container's CPU time and its period in µs, of cgroups version 2 and 1; no number without a limit."""
 
 
 def cores() -> int:
