@@ -39,9 +39,10 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     "line-fpmw/seed-000" names a single seed. A bound under a name replaces the bound of [default] on the same
     metric; {} removes it. A check fails if the run lacks the metric, or if no bounds apply to the run.
 
-    --write bounds each metric on the worse side, 10 % beyond the worst run of that name (0.01 for shares, 0 for
-    counts), and leaves out realtime_factor. A bound that accepts a contact or a fall is named on stderr and has a
-    comment. An existing file is changed only with --force; its comments and other bounds are kept.
+    --write bounds each metric on the worse side, or on both where neither is better (uwb_nees, uwb_coverage_95), 10 %
+    beyond the worst run of that name (0.01 for shares, 0 for counts), and leaves out realtime_factor. A bound that
+    accepts a contact or a fall is named on stderr and has a comment. An existing file is changed only with --force; its
+    comments and other bounds are kept.
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click reads \b as: keep the lines of this paragraph

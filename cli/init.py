@@ -8,7 +8,7 @@ import click
 
 from quadlog.cli.info import report_health
 from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, MSG_PATH, PATH_OR_URL, examples
-from quadlog.errors import AlreadyExists, ExitCode
+from quadlog.errors import ExitCode
 
 
 @click.command(
@@ -26,11 +26,10 @@ from quadlog.errors import AlreadyExists, ExitCode
 @FORCE
 def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Path, ...], force: bool) -> int:
     """Write a commented config with what was detected in the recording filled in."""
-    if output.exists() and not force:
-        raise AlreadyExists(output)  # before the recording is read, which may take a while
-
     from quadlog.pipelines.init import propose_config, write_new
+    from quadlog.results.run.outputs import refuse_existing
 
+    refuse_existing(output, force)  # before the recording is read, which may take a while
     proposal = propose_config(recording, msg_path, everything=everything)
     report_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
     write_new(output, proposal.text, force=force)

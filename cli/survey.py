@@ -19,7 +19,7 @@ from quadlog.cli.terminal.parameters import (
     examples,
     set_option,
 )
-from quadlog.errors import AlreadyExists, ExitCode, UsageError
+from quadlog.errors import ExitCode, UsageError
 
 COLUMNS = ("anchor", "x m", "+-", "y m", "+-", "z m", "+-", "bias m", "+-", "NLOS", "ranges", "")
 
@@ -68,16 +68,16 @@ def command(
     (walk a loop of 10 m or more, several metres each way), an odometry or known anchors that the ranges contradict.
     """
     given = _heights(heights)
-    if output is not None and output.exists() and not force:
-        raise AlreadyExists(output)  # before the recording is read, which may take a while
-
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import load_config
     from quadlog.pipelines.init import write_new
     from quadlog.pipelines.request import ReplayOptions
     from quadlog.pipelines.survey.output import survey_json, survey_toml
     from quadlog.pipelines.survey.survey import survey_recording
+    from quadlog.results.run.outputs import refuse_existing
 
+    if output is not None:
+        refuse_existing(output, force)  # before the recording is read, which may take a while
     config = load_config(config_path, overrides)
     with open_progress() as progress:
         outcome = survey_recording(recording, config, ReplayOptions(stamp=stamp, msg_path=msg_path), given, progress)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import commented_toml
 from quadlog.config.schema import Config
-from quadlog.errors import AlreadyExists, printable
+from quadlog.errors import printable
 from quadlog.messages import Float
 from quadlog.pipelines.stages.ingest import lidar_in_base
 from quadlog.recordings.containers.container import Loss
@@ -21,6 +21,7 @@ from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey
+from quadlog.results.run.outputs import refuse_existing
 from quadlog.storage.atomic_write import write_whole
 
 ALWAYS = ("topics", "results")
@@ -77,8 +78,7 @@ def _left_out(sections: Sequence[str]) -> str:
 
 def write_new(path: Path, text: str, *, force: bool) -> None:
     """Write a file whole. Raises AlreadyExists unless forced, CannotWrite."""
-    if path.exists() and not force:
-        raise AlreadyExists(path)
+    refuse_existing(path, force)
     write_whole(path, text.encode())
 
 

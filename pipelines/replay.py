@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from quadlog.errors import CannotWrite, ExitCode
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.results.run.record import InputRecord, describe_input
+from quadlog.results.run.run_folder import RunFolder, place_of_new, publish_new, remove_new
 from quadlog.results.run.stage_marks import MARKS_FILE
 from quadlog.results.run.stages import reused_words
 from quadlog.storage.atomic_write import is_full
@@ -25,7 +27,38 @@ if TYPE_CHECKING:
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
-    """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave."""
+    """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave.
+
+    A finished run that is replaced stands until the new one, in `place_of_new` meanwhile, is complete. If that fails,
+    RESUME goes on there, as long as it has stages of the same request.
+    """
+    if request.existing is Existing.REFUSE:
+        return _replay(request, progress)
+    publish_new(request.run)  # completed by a process that was killed
+    placed = _placed(request)
+    if placed is request or request.existing is Existing.FORCE:
+        remove_new(request.run)
+    outcome = _replay(placed, progress)
+    publish_new(request.run)
+    return replace(outcome, run=request.run)
+
+
+def _placed(request: ReplayRequest) -> ReplayRequest:
+    """The request with the folder to work in; unchanged where that is the run itself."""
+    place = place_of_new(request.run)
+    if request.existing is Existing.FORCE and (request.run / "run.json").is_file():
+        RunFolder.claim(request.run, replace=True)  # raises for what must not be replaced
+        return replace(request, run=place)
+    if request.existing is Existing.RESUME and (place / MARKS_FILE).is_file():
+        from quadlog.pipelines.stages.resume import find_reusable
+
+        described = request.described or describe_input(request.recording)
+        if find_reusable(resumed := replace(request, run=place, described=described), described.identity):
+            return resumed
+    return request
+
+
+def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     described = _input_of_earlier(request) if request.existing is Existing.RESUME else None
     if described is not None:
         from quadlog.pipelines.stages.resume import outcome_there, refuse_another

@@ -11,10 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quadlog.errors import AlreadyExists, UsageError
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
-from quadlog.results.run.names import OWN_FILES
 
 if TYPE_CHECKING:
     from quadlog.results.page.side_by_side import RunPair
@@ -50,16 +48,14 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
 def write_side_by_side(a: Path, b: Path, output: Path, force: bool) -> Path:
     """Write a page with two finished runs, and return its path. force: replace an existing one.
 
-    Raises AlreadyExists, UsageError for an output that is a file of one of the runs, CannotWrite, and what reading the
-    runs raises: NotARun, TooLarge, UnreadableFile.
+    Raises AlreadyExists, UsageError for an output that is a file of a run, CannotWrite, and what reading the runs
+    raises: NotARun, TooLarge, UnreadableFile.
     """
     from quadlog.results.page.side_by_side import side_by_side_page
+    from quadlog.results.run.outputs import refuse_existing
     from quadlog.storage.atomic_write import new_folder, write_whole
 
-    if output.resolve().parent in (a.resolve(), b.resolve()) and output.name in OWN_FILES:
-        raise UsageError(f"-o {output} would replace a file of the run")
-    if output.exists() and not force:
-        raise AlreadyExists(output)
+    refuse_existing(output, force)
     page = side_by_side_page(_compare(a, b))
     with new_folder(output.parent):
         write_whole(output, page)

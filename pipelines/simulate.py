@@ -195,11 +195,12 @@ def _save(
     request: SimulateRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
 ) -> SimulatedRun:
     description = TrotDescription(curve, request.config, seed, request.command, startup_s)
-    with RunFolder.create_whole(_trot_folder(request, curve, seed), request.force) as folder:
+    run = _trot_folder(request, curve, seed)
+    with RunFolder.create_whole(run, request.force) as folder:
         metrics = fill_trot_folder(folder, description, walk, progress.say)
     ended = trot_verdict(walk)
-    progress.say(f"{folder.path}: {ended or 'done'}")
-    return SimulatedRun(folder.path, TROT, curve, seed, ended, metrics)
+    progress.say(f"{run}: {ended or 'done'}")
+    return SimulatedRun(run, TROT, curve, seed, ended, metrics)
 
 
 def _walk_pair_elsewhere(each: tuple[SimulateRequest, int], progress: Progress) -> list[SimulatedRun]:

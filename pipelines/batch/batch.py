@@ -20,6 +20,7 @@ from quadlog.pipelines.batch.task import BatchTask, measured
 from quadlog.pipelines.executor.executor import open_engine
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.results.run.run_folder import place_of_new
 from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
 
 SHOWN_FAILURES = 20
@@ -112,9 +113,9 @@ def open_workers(
 
 def _clear_unfinished(batch: Sequence[Planned]) -> None:
     """Remove unfinished files of stopped workers on this machine, which may have missed a file when the signal came."""
-    for each in batch:
-        run = each.request.run
-        if isinstance(run, Path) and run.is_dir() and not (run / "run.json").is_file():
+    local = [each.request.run for each in batch if isinstance(each.request.run, Path)]
+    for run in (place for each in local for place in (each, place_of_new(each))):
+        if run.is_dir() and not (run / "run.json").is_file():
             for folder in (run, run / "plots"):
                 with suppress(OSError):
                     remove_stale_parts(folder)

@@ -57,16 +57,19 @@ class RunShadow:
         self.existing = Existing.RESUME if existing is Existing.RESUME else Existing.REFUSE
         self._published: dict[str, _Version] = {}
         self._there = set(there)
+        self._replaces = existing is Existing.FORCE and _RECORD in self._there
         if existing is Existing.RESUME:
             fetch(there, local)
             self._published = _versions(local)
 
     @contextmanager
     def published(self, progress: Progress) -> Iterator[None]:
-        """Upload the folder when the block ends; when it fails, without `run.json`."""
+        """Upload the folder when the block ends; when it fails, without `run.json` and over no finished run."""
         try:
             yield
         except BaseException:
+            if self._replaces:
+                raise  # the finished run there stays as it is
             try:
                 self._publish(finished=False)
             except QuadlogError as error:

@@ -110,14 +110,12 @@ def _rows(folder: Path, earlier: Rows, own: Mapping[str, ReplayOutcome]) -> Rows
     failed = {run for run, row in earlier.items() if row["exit_code"] == ExitCode.FAILED}
     # A recording that could not be read has no folder, only its row.
     rows = {run: row for run, row in earlier.items() if run in there | failed}
-    rows |= _finished_runs(folder, rows.keys() - failed - _left_alone(folder, failed) | own.keys())
-    return rows | {run: _row(outcome, rows.get(run, {})) for run, outcome in own.items()}
-
-
-def _left_alone(folder: Path, failed: set[str]) -> set[str]:
-    """Runs whose last replay failed and that were not finished after the summary was written."""
+    # From Python, and simulated, a run has no cost but that of its run.json.
+    costless = {run for run, outcome in own.items() if not outcome.cost and not outcome.failed}
     written_ns = _written_ns(folder / "summary.parquet")
-    return {run for run in failed if _written_ns(folder / run / "run.json") <= written_ns}
+    new = {run for run in failed | costless if _written_ns(folder / run / "run.json") > written_ns}
+    rows |= _finished_runs(folder, (rows.keys() | own.keys()) - new)
+    return rows | {run: _row(outcome, rows.get(run, {})) for run, outcome in own.items()}
 
 
 def _written_ns(path: Path) -> int:

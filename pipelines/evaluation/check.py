@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
-from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, UsageError
+from quadlog.errors import CannotWrite, QuadlogError, UsageError
 from quadlog.results.compare.check_text import junit_xml
 from quadlog.results.compare.expectations import Expectations, read_expectations, read_text
 from quadlog.results.compare.run_check import (
@@ -19,6 +19,7 @@ from quadlog.results.compare.run_check import (
 )
 from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run.loaded_run import Run, load_run
+from quadlog.results.run.outputs import refuse_existing
 from quadlog.results.run.tables import METRIC_NAMES
 from quadlog.storage.atomic_write import write_whole
 
@@ -34,7 +35,7 @@ def check_runs(
     if junit is not None:
         if junit.resolve() == expect.resolve():
             raise UsageError(f"--junit {junit} would replace the bounds of --expect")
-        _refuse_existing(junit, force)
+        refuse_existing(junit, force)
     runs = [_load_or_explain(run) for run in find_runs(paths)]
     runs += [RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
     readable = [run for run in runs if isinstance(run, Run)]
@@ -55,7 +56,7 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callab
     those proposed. Raises NotARun, AlreadyExists, CannotWrite, and for an
     existing file what reading it raises.
     """
-    _refuse_existing(expect, force)
+    refuse_existing(expect, force)
     runs = [load_run(run) for run in find_runs(paths)]
     text = HEADER
     if expect.exists():
@@ -76,11 +77,6 @@ def _load_or_explain(path: Path) -> Run | RunCheck:
     except QuadlogError as error:
         return RunCheck(str(path), path.resolve().name, error=str(error))
     return run
-
-
-def _refuse_existing(path: Path, force: bool) -> None:
-    if path.exists() and not force:
-        raise AlreadyExists(path)
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from multiprocessing import parent_process
 from threading import Event, Thread
 from types import TracebackType
 from typing import IO, Any, Self
@@ -93,7 +94,7 @@ class Compilation:
     def _start(self) -> None:
         self._say(SAID)
         names = [name for name in self._shared if name in self._parts and name not in self._begun]
-        if not names or cores() < 2:
+        if not names or cores() < 2 or parent_process() is not None:  # a batch's workers share the cores already
             return
         process = subprocess.Popen(  # noqa: S603 (constants)
             [*self._elsewhere, *names],

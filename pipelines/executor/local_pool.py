@@ -247,7 +247,9 @@ class LocalPool(Executor):
         with self._changed:
             self._closed = True
             while cancel_futures and self._todo:
-                self._todo.popleft().future.cancel()
+                future = self._todo.popleft().future
+                future.cancel()
+                future.set_running_or_notify_cancel()  # `wait` and `as_completed` count only what was notified
             self._changed.notify_all()
         if wait:
             for thread in self._threads:

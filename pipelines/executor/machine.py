@@ -8,12 +8,24 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 from types import FrameType
+
+CGROUP = Path("/sys/fs/cgroup")
+_QUOTAS = (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us"))
+"""Files with a container's CPU time and its period in µs, of cgroups version 2 and 1; no number without a limit."""
 
 
 def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """How many cores this process may use: by its affinity and by its container's quota of CPU time."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for names in _QUOTAS:
+        with suppress(OSError, ValueError):
+            quota_us, period_us = (int(word) for name in names for word in (CGROUP / name).read_text().split())
+            if quota_us > 0 and period_us > 0:
+                count = min(count, -(-quota_us // period_us))
+    return count
 
 
 LAST_WORDS_S = 5.0

@@ -10,8 +10,9 @@ import tomli_w
 
 from quadlog.config.control import RobotConfig
 from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
-from quadlog.errors import AlreadyExists, CannotWrite, UnknownName, UsageError
+from quadlog.errors import CannotWrite, UnknownName, UsageError
 from quadlog.pipelines.executor.progress import Progress, Silent
+from quadlog.results.run.outputs import refuse_existing
 from quadlog.simulation.sensors.lidar import SimulatedScan
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.recording import (
@@ -60,7 +61,9 @@ def synthesize(
     """
     container = _container(output, container)
     for path in (output, *([config_output] if config_output else [])):
-        _refuse(path, force)
+        refuse_existing(path, force)
+        if not path.parent.is_dir():
+            raise CannotWrite(path, "its folder does not exist")
     with whole_file(output) as part:
         counts = write_recording(WRITERS[container](part), _watched(recording, progress or Silent()))
     if config_output is not None:
@@ -106,15 +109,6 @@ def _container(output: Path, container: str | None) -> str:
     if extension in WRITERS and extension != container:
         raise UsageError(f"{output}: --format {container} does not fit the extension .{extension}")
     return container
-
-
-def _refuse(path: Path, force: bool) -> None:
-    if path.is_dir():
-        raise CannotWrite(path, "it is a folder")
-    if path.exists() and not force:
-        raise AlreadyExists(path)
-    if not path.parent.is_dir():
-        raise CannotWrite(path, "its folder does not exist")
 
 
 def _watched(recording: SynthesizedRecording, progress: Progress) -> Iterator[SynthesizedMessage]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite
 from quadlog.pipelines.stages.stage import Stage
-from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.run.run_folder import RunFolder, place_of_new
 from quadlog.results.run.stage_marks import read_marks, write_marks
 from quadlog.storage.atomic_write import part_prefix
 
@@ -44,6 +44,12 @@ def shared_stages(keys: Sequence[Mapping[Stage, str]]) -> list[Shared]:
             if len(members) > 1 and (len(ways) > 1 or depth == len(chains[0])):
                 found.append(Shared(depth, members[0], tuple(members)))
     return found
+
+
+def made_in(run: Path) -> Path:
+    """The folder of a run's stages: another than its own while it replaces a finished run."""
+    new = place_of_new(run)
+    return new if read_marks(new) else run
 
 
 def take_over(base: Path, run: Path, stages: Sequence[Stage], config: Config) -> None:

@@ -14,8 +14,9 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, Re
 from quadlog.pipelines.stages.resume import find_reusable, refuse_another, stage_keys
 from quadlog.pipelines.stages.stage import stages_for
 from quadlog.pipelines.sweep.grid import Combination
-from quadlog.pipelines.sweep.sharing import Shared, parts, shared_stages, take_over
+from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stages, take_over
 from quadlog.results.run.record import InputRecord, describe_input
+from quadlog.results.run.run_folder import place_of_new
 from quadlog.results.run.stage_marks import read_marks
 from quadlog.results.sweep.page import write_sweep_page
 from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
@@ -148,10 +149,12 @@ class _Sweeping:
 
     def _take_over(self, number: int, base: Shared) -> None:
         """Take the shared stages over unless the run's folder has them, from this sweep or from one that is resumed."""
-        request, source = self._batch[number].request, self._batch[base.leader].request.run
-        may_have = request.existing is Existing.RESUME or number in self._begun
+        request, source = self._batch[number].request, made_in(self._batch[base.leader].request.run)
+        may_have, place = request.existing is Existing.RESUME or number in self._begun, made_in(request.run)
         wanted = min(base.depth, len(read_marks(source)))
-        if may_have and request.run.is_dir() and len(find_reusable(request, self._identity)) >= wanted:
+        if may_have and place.is_dir() and len(find_reusable(replace(request, run=place), self._identity)) >= wanted:
             return
-        take_over(source, request.run, self._stages[: base.depth], request.config)
+        if not may_have and (place / "run.json").is_file():
+            place = place_of_new(request.run)
+        take_over(source, place, self._stages[: base.depth], request.config)
         self._begun.add(number)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName, csv_cell
+from quadlog.errors import CannotWrite, NotARun, UnknownName, csv_cell
 from quadlog.storage.atomic_write import whole_file
 
 Note = Callable[[str], None]
@@ -27,7 +27,8 @@ def export_run(run: Path, to: str, output: Path, force: bool = False, note: Note
     """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
 
     note: called with a line on what was thinned. Raises UnknownName for an unknown format, NotARun when the run is
-    unfinished or lacks the result, AlreadyExists unless `force`, MissingProgram, CannotWrite.
+    unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that is a file of a run,
+    MissingProgram, CannotWrite.
     """
     from quadlog.results.run.run_folder import read_run_json
 
@@ -140,9 +141,11 @@ def _copy(run: Path, names: list[str], written: list[Path], force: bool) -> list
 
 def _prepare(written: list[Path], force: bool) -> None:
     """Refuse existing files, and make folders, before anything is written."""
+    from quadlog.results.run.outputs import refuse_existing
+
     for path in written:
-        if path.exists() and not force:
-            raise AlreadyExists(path)
+        refuse_existing(path, force)
+    for path in written:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:

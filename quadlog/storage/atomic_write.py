@@ -66,6 +66,13 @@ def write_whole(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
+def move_whole(path: Path, target: Path) -> None:
+    """Rename a file that this process or another has written whole. Raises OSError."""
+    path.replace(target)
+    if path in _complete_s:
+        _complete_s[target] = _complete_s.pop(path)
+
+
 @contextmanager
 def new_folder(path: Path) -> Iterator[None]:
     """Make the folder for the block, unless it is there; one that was made goes again if it is empty when that fails.
@@ -171,8 +178,10 @@ def part_prefix(pid: int) -> str:
 def _begin(part: Path, path: Path) -> None:
     """Make the empty file `part`, in a folder without those of killed processes. Raises CannotWrite.
 
-    O_EXCL, so that nobody's file or link is written through.
+    O_EXCL, so that nobody's file or link is written through. A FIFO, a socket or a device is never replaced.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise CannotWrite(path, "it is no regular file")
     try:
         with suppress(OSError):
             remove_stale_parts(part.parent)

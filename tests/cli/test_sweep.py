@@ -113,6 +113,22 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced(swept, quadlog):
     assert forced.code == 3
     assert ((swept / "sweep.parquet").read_bytes(), (swept / "report.html").read_bytes()) == (table, page)
     assert all((each / MARKS_FILE).stat().st_mtime_ns > at for each, at in marks.items())
+    assert not (swept / ".stages").exists()
+
+
+def test_the_runs_of_a_sweep_stand_until_those_that_replace_them_are_complete(swept, quadlog, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    arguments = ["sweep", *PLANNED, *GRID, "-o", swept, "--jobs", "1"]
+    runs = (swept / ASTAR, swept / IA_STAR)
+    before = {path: path.read_bytes() for run in runs for path in run.rglob("*") if path.is_file()}
+    with monkeypatch.context() as patch:
+        patch.setattr("quadlog.pipelines.sweep.sweep.take_over", stop)  # the shared stages are done by then
+        assert quadlog(*arguments, "--force").code == 1
+    assert {path: path.read_bytes() for run in runs for path in run.rglob("*") if path.is_file()} == before
+    assert quadlog(*arguments, "--resume").code == 3
+    assert not (swept / ".stages").exists()
 
 
 def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog):

@@ -65,6 +65,17 @@ def test_it_is_loaded(replayed):
     assert run.config["grid"]["size_cells"] == 120
 
 
+def test_its_row_of_the_summary_has_what_it_took_and_again_when_it_is_replaced(fixtures, tmp_path):
+    for force in (False, True):
+        options = {"output": tmp_path, "duration_s": 1.0, "until": "ingest", "force": force}
+        run = quadlog.replay(fixtures / "follow.mcap", config=fixtures / "follow.toml", **options)
+        (row,) = pd.read_parquet(tmp_path / "summary.parquet").to_dict("records")
+        record = run.record
+        assert row["wall_s"] == record["startup_s"] + sum(stage["seconds"] for stage in record["stages"])
+        assert row["peak_memory_mb"] > 0
+        assert row["input_bytes"] == (fixtures / "follow.mcap").stat().st_size
+
+
 def test_a_run_that_is_there_needs_force_or_resume(replayed, fixtures):
     run, output = replayed
     same = {"config": fixtures / "follow.toml", "settings": {"planner.name": "astar", "grid.size_cells": 120}}

@@ -200,6 +200,20 @@ def test_a_fall_is_a_result(path, tmp_path, undrawn):
     assert any("fell after" in line for line in progress.lines)
 
 
+def test_a_walk_stands_until_the_one_that_replaces_it_is_complete(path, tmp_path, undrawn, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    request = _request(path, tmp_path, "simulation.controller=kinematic")
+    run = _simulate(request).run
+    before = {each: each.read_bytes() for each in run.rglob("*") if each.is_file()}
+    monkeypatch.setattr("quadlog.pipelines.simulation.run_folder.write_page", stop)
+    with pytest.raises(KeyboardInterrupt):
+        _simulate(replace(request, force=True))
+    assert {each: each.read_bytes() for each in run.rglob("*") if each.is_file()} == before
+    assert [each.name for each in run.parent.iterdir() if each.is_dir()] == [run.name]
+
+
 def test_nothing_is_overwritten_unless_forced(path, tmp_path, undrawn):
     request = _request(path, tmp_path, "simulation.controller=kinematic")
     run = _simulate(request).run

@@ -102,6 +102,74 @@ def test_a_killed_replay_goes_on_behind_its_last_mark(last, ask, fixtures, in_on
     assert saved(run) == in_one_go  # and nothing that was half-written
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def forced(ask, tmp_path) -> ReplayRequest:
+    """Replaces a finished run, beside a file of the user's in its folder."""
+    request = replace(ask(tmp_path / "runs" / "run", duration_s=1.0, until="plan"), existing=Existing.FORCE)
+    replay(request, Silent())
+    (request.run / "notes.txt").write_text("mine")
+    return request
+
+
+@pytest.mark.parametrize("stage", ["positions.position:locate_walk", "plan:replan_walk"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), CannotWrite("plans.parquet", "No space left on device")])
+def test_a_run_stands_until_the_one_that_replaces_it_is_complete(stage, error, forced, saved, monkeypatch):
+    def stop(*_: Any) -> None:
+        raise error
+
+    before, results = files_of(forced.run), saved(forced.run)
+    module, work = stage.split(":")
+    with monkeypatch.context() as patch:
+        patch.setattr(import_module(f"quadlog.pipelines.stages.{module}"), work, stop)
+        with pytest.raises(type(error)):
+            replay(forced, Silent())
+    assert files_of(forced.run) == before
+    resumed = replay(replace(forced, existing=Existing.RESUME), Silent())
+    # Without a finished stage of the new run, the old one is what was asked for.
+    assert resumed.reused == (("position", "filter", "map") if stage.startswith("plan") else ALL[:4])
+    assert (files_of(forced.run) == before) == (not stage.startswith("plan"))
+    assert saved(forced.run) == results
+    assert files_of(forced.run).keys() == before.keys()
+    assert [path.name for path in forced.run.parent.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("moved", [0, 1, 5])
+def test_a_kill_while_the_new_run_takes_the_place_of_the_old_is_put_right(moved, forced, saved, monkeypatch):
+    results, left = saved(forced.run), [moved]
+
+    def killed(path: Path, target: Path) -> None:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        path.replace(target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("quadlog.results.run.run_folder.move_whole", killed)
+        with pytest.raises(KeyboardInterrupt):
+            replay(forced, Silent())
+    assert replay(replace(forced, existing=Existing.RESUME), Silent()).reused == ALL[:4]
+    assert saved(forced.run) == results
+    assert (forced.run / "notes.txt").read_text() == "mine"
+    assert [path.name for path in forced.run.parent.iterdir()] == ["run"]
+
+
+def test_what_was_forced_for_another_configuration_is_not_gone_on_with(ask, forced, monkeypatch):
+    fixed = {"topics.position": "fixed", "topics.target": "fixed"}
+    other = replace(forced, config=load_config(settings=fixed, environ={}))
+    with monkeypatch.context() as patch:
+        patch.setattr("quadlog.pipelines.stages.plan.replan_walk", lambda _: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            replay(other, Silent())
+    before = files_of(forced.run)
+    assert replay(replace(forced, existing=Existing.RESUME), Silent()).reused == ALL[:4]
+    assert files_of(forced.run) == before
+    assert [path.name for path in forced.run.parent.iterdir()] == ["run"]
+
+
 @contextmanager
 def full_disk(most_bytes: int) -> Iterator[None]:
     """No file gets larger: what the system then says is the same as on a full disk but for its number."""

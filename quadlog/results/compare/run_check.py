@@ -14,6 +14,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from quadlog.errors import CannotWrite
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.compare.expectations import Bound, Expectations
 from quadlog.results.run.loaded_run import Run
 
@@ -90,18 +91,21 @@ _LEAST_MARGIN = Decimal("0.0001")  # allows for rounding errors on another machi
 _SHARE_MARGIN = Decimal("0.01")
 
 _EVENTS = {"fallen": "a fall", "collisions": "contact with obstacles"}
-_SHARES = frozenset({"success_rate", "fallback_share", "torque_saturation_share", "suboptimality_mean"})
-_LARGER_IS_BETTER = frozenset({"success_rate", "clearance_min_m", "ratio_to_astar"})
-_NEITHER_IS_BETTER = frozenset({"following_distance_mean_m", "lateral_drift_m", "yaw_rate_degps", "forward_m"})
+_SHARES = frozenset(
+    {
+        *("success_rate", "fallback_share", "torque_saturation_share", "suboptimality_mean", "uwb_coverage_95"),
+        *("duty_factor", "logged_duty_factor"),
+    }
+)
 _MACHINE_DEPENDENT = frozenset({"realtime_factor"})
 
 
 def propose(runs: Sequence[Run]) -> dict[str, tuple[Bound, ...]]:
     """Bounds by name, from all runs of that name, of the metrics that each of them has.
 
-    Only the worse side is bounded, where a metric has one. The margin beyond the worst run is 10 % of its value, at
-    least 0.0001; 0.01 for shares, 0 for counts. Bounds are rounded outwards to three digits. realtime_factor has no
-    bound, because it depends on the machine.
+    Only the worse side is bounded, or both where the catalogue calls neither better. The margin beyond the worst run
+    is 10 % of its value, at least 0.0001; 0.01 for shares, 0 for counts. Bounds are rounded outwards to three digits.
+    realtime_factor has no bound, because it depends on the machine.
     """
     by_name: dict[str, list[Mapping[str, float]]] = {}
     for run in runs:
@@ -162,9 +166,8 @@ def _propose_for(runs: Sequence[Mapping[str, float]]) -> tuple[Bound, ...]:
 def _bound(metric: str, values: Sequence[float]) -> Bound:
     least = _outwards(metric, min(values), -1)
     most = _outwards(metric, max(values), +1)
-    if metric in _NEITHER_IS_BETTER:
-        return Bound(metric, least, most)
-    return Bound(metric, least=least) if metric in _LARGER_IS_BETTER else Bound(metric, most=most)
+    better = CATALOGUE[metric].better if metric in CATALOGUE else ""
+    return Bound(metric, None if better == "lower" else least, None if better == "higher" else most)
 
 
 def _outwards(metric: str, value: float, sign: int) -> float:

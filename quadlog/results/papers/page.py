@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from quadlog.errors import AlreadyExists, CannotWrite, csv_table
+from quadlog.errors import CannotWrite, csv_table
 from quadlog.results.papers.table import (
     Origin,
     PaperRow,
@@ -20,6 +20,7 @@ from quadlog.results.papers.table import (
     load_saved,
     picture_file,
 )
+from quadlog.results.run.outputs import refuse_existing
 from quadlog.results.text.markup import escape_markdown, latex_document, latex_tables, markdown_table
 from quadlog.results.text.numbers import short
 from quadlog.storage.atomic_write import write_whole
@@ -238,9 +239,8 @@ def prepare_folder(folder: Path, names: Sequence[str], reused: Sequence[SavedTab
     Raises CannotWrite, and unless `force` AlreadyExists for the pages and for a file of theirs,
     and for a file of a reused table that is not as it would be written.
     """
-    for path in () if force else _in_the_way(folder, names, reused):
-        if path.exists():
-            raise AlreadyExists(path)
+    for path in _in_the_way(folder, names, reused):
+        refuse_existing(path, force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -272,8 +272,7 @@ def saved_tables(folder: Path, names: Sequence[str]) -> list[SavedTable]:
 def write_page(page: Path, content: bytes, force: bool) -> None:
     """Write a page unless it is as it should be; raises AlreadyExists for another one, unless `force`."""
     if not _holds(page, content):
-        if page.exists() and not force:
-            raise AlreadyExists(page)
+        refuse_existing(page, force)
         write_whole(page, content)
 
 

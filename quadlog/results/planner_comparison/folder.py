@@ -16,13 +16,14 @@ from typing import Any, Self
 
 from numpy.typing import NDArray
 
-from quadlog.errors import AlreadyExists, CannotWrite
+from quadlog.errors import CannotWrite
 from quadlog.metrics.planning import Comparison
 from quadlog.results.planner_comparison.page import PageSection, page_section, render_comparison
 from quadlog.results.planner_comparison.shown_questions import ShownQuestions
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS, format_rows, write_planners
 from quadlog.results.plots.planner_comparison import PathScene, draw_cells, draw_paths, draw_ratios
 from quadlog.results.plots.style import render_png
+from quadlog.results.run.outputs import refuse_existing
 from quadlog.results.run.tables import TableWriter
 from quadlog.results.text.markup import escape_markdown
 from quadlog.storage.atomic_write import new_folder, uninterrupted, write_whole
@@ -46,9 +47,8 @@ class ComparisonFiles:
         self._plots: dict[str, bytes] = {}
 
     def __enter__(self) -> Self:
-        there = _earlier_files(self._folder)
-        if there and not self._force:
-            raise AlreadyExists(there[0])
+        for path in _earlier_files(self._folder):
+            refuse_existing(path, self._force)
         with ExitStack() as stack:
             stack.enter_context(new_folder(self._folder))
             self._replans = stack.enter_context(TableWriter(self._folder / "replans.parquet", REPLANS))

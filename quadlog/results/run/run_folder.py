@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -16,7 +17,7 @@ import tomli_w
 from quadlog.errors import CannotWrite, NotARun, RunExists, UnknownRunFormat
 from quadlog.results.run.names import OWN_FILES
 from quadlog.results.run.record import RUN_FORMAT, InputRecord, RunRecord
-from quadlog.storage.atomic_write import is_part, remove_stale_parts, write_whole
+from quadlog.storage.atomic_write import is_part, move_whole, remove_stale_parts, uninterrupted, write_whole
 from quadlog.version import __version__
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
@@ -43,16 +44,25 @@ class RunFolder:
     @classmethod
     @contextmanager
     def create_whole(cls, path: Path, force: bool = False) -> Iterator[Self]:
-        """`create` for a run that cannot be resumed: its files are removed if the block fails."""
-        folder = cls.create(path, force)
+        """`create` for a run that cannot be resumed: its files are removed if the block fails.
+
+        A finished run stands until the new one, in `place_of_new(path)` meanwhile, is complete.
+        """
+        place = path
+        if force and (path / "run.json").is_file():
+            cls.claim(path, replace=True)
+            place = place_of_new(path)
+        folder = cls.create(place, force)
         try:
             yield folder
         except BaseException:
             with suppress(CannotWrite):
-                _remove_own_files(path, OWN_FILES)
+                _remove_own_files(place, OWN_FILES)
             with suppress(OSError):  # it has other files
-                path.rmdir()
+                place.rmdir()
+                place.parent.rmdir()
             raise
+        publish_new(path)
 
     @classmethod
     def claim(cls, path: Path, replace: bool = False) -> Self:
@@ -134,6 +144,42 @@ class RunFolder:
             and asked == wanted["config"]
             and record.get("options") == wanted["options"]
         )
+
+
+def place_of_new(run: Path) -> Path:
+    """Where a run is made that replaces `run` when it is complete; no command takes it for a run."""
+    return run.parent / ".stages" / run.name
+
+
+def publish_new(run: Path) -> None:
+    """Replace the run by the complete one in `place_of_new`, if there is one; files that are not quadlog's stay.
+
+    To be repeated after a kill: `config.toml` goes first, after the earlier run is removed, and `run.json` last. Raises
+    CannotWrite.
+    """
+    new = place_of_new(run)
+    if not (new / "run.json").is_file():
+        return
+    ends = {"config.toml": -1, "run.json": 1}
+    try:
+        with uninterrupted():
+            run.mkdir(exist_ok=True)
+            if (new / "config.toml").is_file():
+                _remove_own_files(run, OWN_FILES)
+            files = [path.relative_to(new) for path in new.rglob("*") if path.is_file() and not is_part(path.name)]
+            for name in sorted(files, key=lambda name: (ends.get(str(name), 0), name)):
+                (run / name).parent.mkdir(exist_ok=True)
+                move_whole(new / name, run / name)
+            remove_new(run)
+    except OSError as error:
+        raise CannotWrite(run, error.strerror or str(error)) from error
+
+
+def remove_new(run: Path) -> None:
+    """Remove what is in `place_of_new`, and the folder around it if it is empty."""
+    shutil.rmtree(place_of_new(run), ignore_errors=True)
+    with suppress(OSError):  # there are others
+        place_of_new(run).parent.rmdir()
 
 
 def read_run_json(run: Path) -> dict[str, Any]:

@@ -97,6 +97,22 @@ def test_what_is_done_already_keeps_its_row_and_what_it_cost(planned, finished):
     assert sum("; reused 5 of 5 stages: position, filter, map" in line for line in lines) == 3
 
 
+def test_a_failure_stays_in_the_summary_though_the_earlier_run_is_still_there(planned, season, season_config, tmp_path):
+    def replayed(name, existing=Existing.REFUSE):
+        arguments = (tmp_path / "runs", season_config, ReplayOptions(until="ingest"), existing, ())
+        return replay_all(plan_batch([str(tmp_path / name)], *arguments))
+
+    for name in ("one.bag", "two.bag"):
+        shutil.copy(season / "walk.bag", tmp_path / name)
+    replayed("one.bag")
+    (tmp_path / "one.bag").write_text("damaged since")
+    replayed("one.bag", Existing.FORCE)
+    replayed("two.bag")
+    summary = summary_of(tmp_path / "runs")
+    assert dict(summary["exit_code"]) == {"one": 1, "two": 0}
+    assert "not a recording" in summary.loc["one", "reason"]
+
+
 def test_a_refused_run_keeps_its_row(planned, finished):
     before = summary_of(finished[0])
     lines = []

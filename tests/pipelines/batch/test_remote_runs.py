@@ -169,6 +169,21 @@ def test_what_is_interrupted_at_its_very_end_is_not_finished(
     assert names(bucket) == {"config.toml", "metrics.json", *FILES_UNTIL["map"]}
 
 
+def test_a_finished_run_stands_when_what_was_to_replace_it_is_interrupted(
+    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(request: ReplayRequest, progress: Any) -> ReplayOutcome:
+        small_replay(replace(request, existing=Existing.REFUSE), progress)
+        raise KeyboardInterrupt
+
+    replay_anywhere(small, Silent())
+    before = {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")}
+    monkeypatch.setattr(remote_runs, "replay", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
+    assert {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")} == before
+
+
 def test_the_record_goes_first_and_comes_last(
     small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+import time
 from collections import deque
 from concurrent.futures import Future
 
@@ -22,6 +24,26 @@ def test_every_engine_does_each_task_once_and_hears_what_is_told(tasks, request,
     assert done == dict.fromkeys(range(9), 1)
     if place != "cluster":  # whose events come when they come
         assert sorted(heard) == list(range(9))
+
+
+def test_a_stop_ends_the_tasks_that_wait_for_a_worker_too():
+    """As on a full disk: a batch must not wait for what no worker will ever begin."""
+    ended = []
+
+    def stop_after_the_first():
+        todo = deque([0.0] + [60.0] * 7)
+        with open_engine(2, None, [].append) as engine:
+            for _, future in engine.done(time.sleep, todo, [].append):
+                ended.append(future)
+                todo.clear()
+                engine.stop()
+
+    batch = threading.Thread(target=stop_after_the_first, daemon=True)
+    batch.start()
+    batch.join(20.0)
+    assert not batch.is_alive(), "it waits for ever"
+    assert ended[0].exception() is None
+    assert [future for future in ended if future.cancelled()]
 
 
 def test_no_more_tasks_are_given_out_than_there_is_room_for():

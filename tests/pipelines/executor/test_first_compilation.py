@@ -47,6 +47,15 @@ def test_what_has_begun_here_is_not_compiled_elsewhere(tmp_path, monkeypatch) ->
     assert not mark.exists()
 
 
+def test_a_worker_of_a_batch_compiles_alone(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(first_compilation, "cores", lambda: 2)
+    monkeypatch.setattr(first_compilation, "parent_process", lambda: "the batch")
+    mark = tmp_path / "mark"
+    with compilation({"a": compile_something, "b": int}, [], [*ELSEWHERE, str(mark)]) as compiled:
+        compiled.before("a", "b")
+    assert not mark.exists()
+
+
 def test_where_all_is_compiled_nothing_is_said_or_run(tmp_path) -> None:
     said: list[str] = []
     with compilation({"a": int, "b": int}, said, [*ELSEWHERE, str(tmp_path / "mark")]) as compiled:

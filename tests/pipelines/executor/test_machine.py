@@ -13,6 +13,25 @@ from quadlog.pipelines.executor import machine as interrupts
 from quadlog.pipelines.executor.machine import is_out_of_memory
 
 
+@pytest.mark.parametrize(
+    ("files", "most"),
+    [
+        ({"cpu.max": "150000 100000\n"}, 2),
+        ({"cpu.max": "max 100000\n"}, 64),
+        ({"cpu/cpu.cfs_quota_us": "50000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 1),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, 64),
+        ({}, 64),
+    ],
+)
+def test_a_containers_quota_limits_the_cores(files, most, tmp_path, monkeypatch):
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
+    monkeypatch.setattr(interrupts, "CGROUP", tmp_path)
+    monkeypatch.setattr(interrupts.os, "sched_getaffinity", lambda _: range(64), raising=False)
+    assert interrupts.cores() == most
+
+
 @pytest.fixture
 def clock(monkeypatch):
     """The time, to be set, of a process that has not been interrupted."""

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadlog.errors import CannotWrite
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.compare.check_text import check_json, check_text
 from quadlog.results.compare.expectations import Bound, parse_expectations
 from quadlog.results.compare.run_check import (
@@ -125,6 +126,24 @@ def test_the_worse_side_is_bounded_a_tenth_beyond() -> None:
         "expanded_total": {"max": 2900.0},
     }
     assert proposed(yaw_rate_degps=-2.0) == {"yaw_rate_degps": {"min": -2.2, "max": -1.8}}
+
+
+@pytest.mark.parametrize("name", sorted(set(METRIC_NAMES) - {"realtime_factor"}))
+def test_the_side_that_is_bounded_is_the_worse_one_of_the_catalogue(name: str) -> None:
+    sides = {"lower": {"max"}, "higher": {"min"}, "": {"min", "max"}}[CATALOGUE[name].better]
+    assert set(proposed(**{name: 0.95})[name]) == sides
+
+
+def test_a_claim_that_gets_worse_does_not_hold_the_bounds_proposed_before() -> None:
+    before = {"uwb_coverage_95": 0.95, "uwb_nees": 2.0, "uwb_nis": 1.0, "reference_time_offset_s": 0.02}
+    bounds = {each.metric: each for each in propose([run("a", **before)])["a"]}
+    assert all(bounds[name].holds(value) for name, value in before.items())
+    worse = {"uwb_coverage_95": 0.05, "uwb_nees": 0.1, "uwb_nis": 0.1, "reference_time_offset_s": -0.4}
+    assert not any(bounds[name].holds(value) for name, value in worse.items())
+
+
+def test_a_metric_of_another_version_is_bounded_on_both_sides() -> None:
+    assert proposed(unheard_of=2.0) == {"unheard_of": {"min": 1.8, "max": 2.2}}
 
 
 def test_shares_counts_and_rounding_errors() -> None:
