@@ -238,8 +238,7 @@ def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
         return True
     if position != "auto":
         return False
-    moving_tf = [topic for topic in roles.topics("tf") if topic.rsplit("/", 1)[-1] != "tf_static"]
-    return not (by_uwb or moving_tf or roles.topic("odometry") or "joints" in roles.found)
+    return not (by_uwb or roles.base_in_map(config.topics) or roles.topic("odometry") or "joints" in roles.found)
 
 
 class LidarTracker:
