@@ -75,6 +75,7 @@ def print_info(info: dict[str, Any]) -> None:
     if info["topics"]:
         _print_table(COLUMNS, [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]])
     _print_lines(str(AmbiguousTopic(role, choices)) for role, choices in info["ambiguous"].items())
+    _print_lines(chain_lines(info["tf"]))
     if links := info["links"]:
         tags, anchors = (", ".join(map(str, sorted({link[end] for link in links}))) for end in ("tag", "anchor"))
         _print_lines([f"UWB: tags {tags}; anchors {anchors}", *reach_lines(links)])
@@ -91,6 +92,7 @@ def print_info(info: dict[str, Any]) -> None:
             _print_lines([f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"])
         if info["dilution"] is not None:
             _print_lines(["", *dilution_lines(info["dilution"])])
+    _print_lines([outlook_line(info["replay"])])
 
 
 def _print_lines(lines: Iterable[str]) -> None:
@@ -145,8 +147,24 @@ def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     Console().print(table)
 
 
-MOST_LINKS, MOST_TAGS = 40, 10  # that are printed
+MOST_LINKS, MOST_TAGS, MOST_CHAINS = 40, 10, 6  # that are printed
 CELL = 6  # characters of a number of the HDOP map, with the space before it
+
+
+def chain_lines(chains: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """A line for each of the first chains of tf frames, with the number of transforms between neighbours."""
+    for chain in chains[:MOST_CHAINS]:
+        steps = zip(chain["frames"][1:], chain["transforms"], chain["static"], strict=True)
+        words = (f"{frame} ({'static' if static else count})" for frame, count, static in steps)
+        yield f"tf: {' → '.join([chain['frames'][0], *words])}"
+    yield from _left_out(len(chains) - MOST_CHAINS, "chains of frames")
+
+
+def outlook_line(outlook: dict[str, Any]) -> str:
+    """How far a replay will go, with what, and what is missing."""
+    missing = "; ".join(outlook["missing"]) or "nothing"
+    words = (f"a replay will go to: {outlook['until']}", f"position: {outlook['position']}")
+    return "; ".join([*words, f"target: {outlook['target']}", f"missing: {missing}"])
 
 
 def anchor_lines(anchors: Sequence[dict[str, Any]]) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -12,6 +12,7 @@ from typing import Any
 from quadlog.config.schema import Config
 from quadlog.errors import NothingReadable
 from quadlog.pipelines.executor.progress import Progress, Silent
+from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import FAR_APART_NS, REORDERED_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
@@ -20,6 +21,7 @@ from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
+from quadlog.recordings.tf_tree import TransformTree
 
 FAR_APART_S = FAR_APART_NS * 1e-9
 NOT_NEEDED = "not used: no role is left for it"
@@ -45,7 +47,7 @@ def describe_recording(
         budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
         part, seen, unindexed = _look(recording, budget, open_progress)
         uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
-        info = _describe(recording, roles, seen)
+        info = _describe(recording, roles, seen, config)
         jumps = _back_warnings(seen, warnings)
         sampled = {"sampled": part is not recording}
         return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
@@ -104,7 +106,7 @@ def _uwb(
     return found, [*warnings, *more]
 
 
-def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any]:
+def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) -> dict[str, Any]:
     return {
         "path": str(recording.path),
         "messages": seen.messages,
@@ -112,11 +114,13 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
         "start_ns": seen.start_ns,
         "end_ns": seen.end_ns,
         "losses": [asdict(loss) for loss in recording.losses],
-        "warnings": [*recording.warnings, *_clock_warnings(seen)],
+        "warnings": [*recording.warnings, *_clock_warnings(seen, roles.played)],
         "topics": [_topic_row(each, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
+        "tf": _tf_rows(roles, seen, roles.frames.base_frame(config.topics.base_frame)),
+        "replay": _outlook(recording, roles, config, {link.tag for links in seen.links.values() for link in links}),
         "anchors": [
             dict(zip(("id", "x_m", "y_m", "z_m"), (anchor, *place.position_m), strict=True))
             | {"messages": place.n, "moved_m": place.moved_m}
@@ -137,20 +141,78 @@ def _describe(recording: Recording, roles: Roles, seen: Survey) -> dict[str, Any
     }
 
 
-def _clock_warnings(seen: Survey) -> list[str]:
-    """Warnings of header stamps more than an hour from log time, or that jump by more."""
+def _tf_rows(roles: Roles, seen: Survey, base: str | None) -> list[dict[str, Any]]:
+    """Chains of frames from a root down: that of base first, then others that move; not those of base's own joints."""
+    chains = [
+        chain
+        for chain in roles.frames.chains(base)
+        if chain[-1].child == base or not (chain[-1].is_still or base in [edge.parent for edge in chain])
+    ]
+    return [
+        {
+            "frames": [chain[0].parent, *(edge.child for edge in chain)],
+            "transforms": [seen.transforms[edge.parent, edge.child] for edge in chain],
+            "static": [edge.static for edge in chain],
+        }
+        for chain in chains
+    ]
+
+
+def _outlook(recording: Recording, roles: Roles, config: Config, tags: Collection[int]) -> dict[str, Any]:
+    """How far a replay will go, with what, and what is missing; tags: those that ranged."""
+    position, missing = _position_source(recording, roles, config), []
+    target = config.topics.target
+    if target == "auto":
+        target = "uwb" if position == "uwb" and len(tags) > 1 else "none" if position == "fixed" else "ahead"
+    if position == "fixed":
+        missing.append("a position; the robot is taken to stand still")
+    until = "map" if target == "none" else "control"
+    if "lidar" not in roles.found:
+        until = "position"
+        missing.append(roles.choices("lidar") or "a lidar")
+    else:
+        odometry = roles.found["odometry"].topics[0] if "odometry" in roles.found else None
+        lidar = roles.found["lidar"].topics[0]
+        if not find_mount(recording, roles, config, lidar, TransformTree(), odometry).known:
+            missing.append("lidar.mount")
+    return {"until": until, "position": position, "target": target, "missing": missing}
+
+
+def _position_source(recording: Recording, roles: Roles, config: Config) -> str:
+    """What will give the robot's position, as `position` chooses it."""
+    wanted, placed = config.topics.position, roles.base_in_map(config.topics)
+    by_tf = "tf" if placed is None else f"tf {placed[1]} → {placed[0]}"
+    if wanted != "auto":
+        return by_tf if wanted == "tf" else wanted
+    if "uwb" in roles.found or "uwb" in roles.ambiguous:
+        # What locates takes half a second to load.
+        from quadlog.pipelines.stages.positions.uwb import locates_by_uwb
+
+        if locates_by_uwb(recording, roles, config):
+            return "uwb"
+    if placed is not None:
+        return by_tf
+    if "odometry" in roles.found:
+        return "odometry"
+    if len(roles.topics("pose")) == 1:
+        return f"pose {roles.topics('pose')[0]}"
+    return next((source for role, source in (("joints", "legs"), ("lidar", "lidar")) if role in roles.found), "fixed")
+
+
+def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
+    """Warnings of header stamps more than an hour from log time, or that jump by more, with a way out of those used."""
     jumps = [
-        f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time; "
-        "take log times with  --stamp log"
+        f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time"
+        + ("; take log times with  --stamp log" if each.name in used else "")
         for each in seen.topics
         if each.clock_jump_s is not None and each.clock_jump_s > FAR_APART_S
     ]
     far = [each for each in seen.topics if each.clock_offset_s is not None and abs(each.clock_offset_s) > FAR_APART_S]
     if not far:
         return jumps
-    unstamped = [each.name for each in seen.topics if each.messages and each.clock_offset_s is None]
+    unstamped = [each for each in seen.topics if each.name in used and each.messages and each.clock_offset_s is None]
     line = f"header stamps of {several(len(far), 'topic')} lie {far[0].clock_offset_s:.0f} s from log time"
-    if unstamped:
+    if unstamped and any(each.name in used for each in far):
         line += f", which {several(len(unstamped), 'topic')} without stamps must use; take log times with  --stamp log"
     return [*jumps, line]
 

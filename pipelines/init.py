@@ -14,12 +14,11 @@ from quadlog.config.file import commented_toml
 from quadlog.config.schema import Config
 from quadlog.errors import printable
 from quadlog.messages import Float
-from quadlog.pipelines.stages.ingest import lidar_in_base
+from quadlog.pipelines.stages.mount import lidar_in_base
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import place_warnings
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
-from quadlog.recordings.streams import gather
 from quadlog.recordings.survey import Survey, survey
 from quadlog.results.run.outputs import refuse_existing
 from quadlog.storage.atomic_write import write_whole
@@ -94,17 +93,16 @@ def _notes(roles: Roles, mount: dict[str, float] | None) -> dict[str, list[str]]
     if roles.targets:
         notes["topics.target"] = [f"in this log: {printable(', '.join(roles.targets))}"]
     notes["lidar.mount"] = [
-        "not in the log's tf: to be measured" if mount is None else "from the static transforms of the log"
+        "not in the log's tf: to be measured" if mount is None else "from the transforms of the log"
     ]
     return notes
 
 
 def _lidar_mount(recording: Recording, roles: Roles) -> dict[str, float] | None:
-    """[lidar.mount] from the static transforms, None where they do not lead from the lidar to the base."""
+    """[lidar.mount] from the transforms that never change, None where they do not lead from the lidar to the base."""
     if "lidar" not in roles.found or "tf" not in roles.found:
         return None
-    tree = gather(recording, tf=roles.found["tf"].topics).tf
-    transform = lidar_in_base(recording, roles.found["lidar"].topics[0], tree)
+    transform = lidar_in_base(recording, roles.found["lidar"].topics[0], roles.frames)
     return None if transform is None else mount_of(transform)
 
 

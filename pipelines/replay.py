@@ -98,7 +98,8 @@ def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             for stage in todo:
                 marked.do(stage, partial(_work, stage, compiled))
             if reachable != stages_for(request.options.until):
-                walk.warn(f"nothing is filtered, mapped, planned or walked: {log.roles.why_none('lidar')}")
+                why = log.roles.choices("lidar") or log.roles.why_none("lidar")
+                walk.warn(f"nothing is filtered, mapped, planned or walked: {why}")
             if request.pause_after is not None:
                 return ReplayOutcome(request.recording, request.run, ExitCode.DONE, reused=walk.reused)
             with clock.stage("report"):

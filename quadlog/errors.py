@@ -156,6 +156,12 @@ class NothingReadable(FileError):
     template = "{path}: nothing readable: {reason}"
 
 
+class NothingToReplay(NothingReadable):
+    """An intact recording without a message that quadlog uses."""
+
+    template = "{path}: nothing to replay: {reason}"
+
+
 class StorageUnknown(FileError):
     """A URL whose protocol quadlog does not know, or whose package is not installed."""
 

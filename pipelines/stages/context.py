@@ -142,8 +142,9 @@ class ReplayContext:
     """State shared by the stages of one replay: each reads what earlier ones added, and adds its own results.
 
     start_ns, end_ns: the requested window on the chosen clock, None where it is open. first_ns, last_ns: first and last
-    instant of its messages. scanner: compact scans of its clouds, None where clouds are not read. tracker: the
-    robot's track by its clouds, None where it is not made. legs: the body's track by its joints. used: role -> topics
+    instant of its messages. lidar_mount_known: whether configuration, tf or odometry gives the lidar's place. scanner:
+    compact scans of its clouds, None where clouds are not read. tracker: the robot's track by its clouds, None where it
+    is not made. legs: the body's track by its joints. used: role -> topics
     that were used for it. body: of the re-simulated robot, None without one, for metrics that no table gives. reused:
     stages taken from an earlier replay; keep: their files. left: files of all stages so far. read_before: losses and
     warnings of reused clouds. config: with the anchors that the messages contain where none are configured;
@@ -179,6 +180,7 @@ class ReplayContext:
     left: set[str] = field(default_factory=set)
     read_before: WhatWasRead | None = None
     anchors_from_messages: bool = False
+    lidar_mount_known: bool = True
     _folder_begun: bool = False
     _said: set[str] = field(default_factory=set)
 

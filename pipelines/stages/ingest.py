@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypedDict
 
-import numpy as np
-
-from quadlog.config.schema import Config, Mount
-from quadlog.errors import AmbiguousTopic, EmptyWindow, NothingReadable, QuadlogError
-from quadlog.geometry import transform_from_rpy
-from quadlog.messages import Float, PointCloud
+from quadlog.config.schema import Config
+from quadlog.errors import AmbiguousTopic, EmptyWindow, NothingToReplay, QuadlogError
+from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.stages.context import ReplayContext, needed_lidar
+from quadlog.pipelines.stages.mount import CloudMover, LidarMount, find_mount, imu_in_base, imu_mount, moved_mounts
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.stages.scans import LidarTracker, Scanner, ScanSettings, Spill, end_of_sweep_ns
 from quadlog.pipelines.stages.stage import POSITION, Stage, stages_for
-from quadlog.pipelines.stages.tilt import Tilt, contradicts_gravity, imu_in_base
+from quadlog.pipelines.stages.tilt import Tilt, contradicts_gravity
 from quadlog.recordings.gathering import One
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -35,17 +33,8 @@ if TYPE_CHECKING:
     from quadlog.pipelines.request import ReplayRequest
 
 
-def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, base_frame: str = "") -> Float | None:
-    """(4, 4) transform_lidar_to_base through static tf, None where the frames do not connect."""
-    base = tree.base_frame(base_frame)
-    if topic is None or base is None:
-        return None
-    clouds = [each for each in recording.sample(topic, 1) if isinstance(each, PointCloud)]
-    return tree.static_transform(clouds[0].frame_id, base) if clouds else None
-
-
 MOST_WAITING = 8
-"""Most clouds that wait for orientations; the oldest is then classified with the tilt known so far."""
+"""Most clouds that wait for orientations and poses; the oldest is then classified by what is known so far."""
 
 
 def read_all(
@@ -54,11 +43,11 @@ def read_all(
     lidar: str,
     window: tuple[int | None, int | None],
     takers: Mapping[str, Callable[[int, PointCloud], None]],
-    tilt: Tilt,
+    awaited: Sequence[Tilt | CloudMover],
     clock: StageClock,
     progress: Progress,
 ) -> int | None:
-    """Read the small topics and all clouds; a cloud waits until the body's tilt is known up to its last point.
+    """Read the small topics and all clouds; a cloud waits until what is awaited is known up to its last point.
 
     takers: what each cloud is given to, by the stage whose time it takes. Returns the instant of the first cloud, None
     where there was none.
@@ -73,10 +62,12 @@ def read_all(
                 take(*each)
                 lap(name)
 
-        for gathered in recording.gathered([*wanted.moving, lidar], tilt.topics(wanted.moving_tf), *window):
+        prompt = [topic for each in awaited for topic in each.topics(wanted.moving_tf)]
+        for gathered in recording.gathered([*wanted.moving, lidar], prompt, *window):
             if gathered.topic != lidar:
                 wanted.take(gathered, recording.stamp)
-                tilt.take(gathered)
+                for each in awaited:
+                    each.take(gathered)
                 continue
             if not isinstance(gathered, One) or not isinstance(gathered.message, PointCloud):
                 continue
@@ -84,13 +75,17 @@ def read_all(
             t_ns = gathered.t_ns
             start_ns = t_ns if start_ns is None else start_ns
             waiting.append((t_ns, gathered.message))
-            while len(waiting) > MOST_WAITING or (waiting and tilt.reaches(end_of_sweep_ns(*waiting[0]))):
+            while len(waiting) > MOST_WAITING or (waiting and _known(awaited, end_of_sweep_ns(*waiting[0]))):
                 take_first()
             progress.advance((t_ns - start_ns) * 1e-9)
         lap("ingest")
         while waiting:
             take_first()
     return start_ns
+
+
+def _known(awaited: Sequence[Tilt | CloudMover], t_ns: int) -> bool:
+    return all(each.reaches(t_ns) for each in awaited)
 
 
 Clouds = Literal["filter", "map"] | None
@@ -118,12 +113,12 @@ def open_log(request: ReplayRequest, clock: StageClock, progress: Progress) -> I
 
 
 def reachable_stages(roles: Roles, until: str) -> tuple[Stage, ...]:
-    """The stages up to `until` that the log allows; without a lidar those before `filter`.
+    """The stages up to `until` that the log allows; without a lidar, or with a choice of them, those before `filter`.
 
-    Raises MissingInput for a stage that was asked for by its name, and AmbiguousTopic.
+    Raises MissingInput and AmbiguousTopic for a stage that was asked for by its name.
     """
     stages = stages_for(until)
-    if until == "report" and roles.topic("lidar") is None:
+    if until == "report" and "lidar" not in roles.found:
         return tuple(stage for stage in stages if stage is POSITION)
     if any("filter" in stage.names for stage in stages):
         needed_lidar(roles)
@@ -157,6 +152,8 @@ def open_walk(
             for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
                 if choices := walk.roles.choices(role):
                     walk.warn(f"{what}: {choices}")
+            for topic, why in walk.roles.unused_truths.items():
+                walk.warn(f"no reference is used: {topic} {why}")
             for topic, why in log.recording.joints.refused.items() if "joints" not in walk.roles.found else ():
                 walk.warn(f"{topic}: its joints are not used: it {why}")
             walk.say_what_is_new()
@@ -196,10 +193,11 @@ def _read(
     recording, roles, by_uwb = log
     with clock.stage("ingest"):
         topics = _topics_to_read(recording, roles, config, by_uwb)
-        window = _window(recording, _played(roles), options.start_s, options.duration_s)
+        window = _window(recording, roles.played, options.start_s, options.duration_s)
         wanted = Gatherer(**topics)
         wanted.take_static(recording)
-        mount = _mount(recording, roles, wanted.tree, config)
+        lidar = _unless_ambiguous(roles, "lidar")
+        mount = find_mount(recording, roles, config, lidar, wanted.tree, topics["odometry"])
         imu = topics["imu"]
         wrong = None if imu is None else contradicts_gravity(recording, imu)
     clouds_read = _CloudsRead(None, None, None)
@@ -208,7 +206,7 @@ def _read(
         if clouds is not None:
             before_clouds()
         with clock.stage("ingest"):
-            tilt = Tilt(recording, wanted.tree, config, None if wrong else imu, topics["odometry"])
+            tilt = Tilt(recording, wanted.tree, roles.frames, config, None if wrong else imu, topics["odometry"])
             spill = None if clouds is None else stack.enter_context(Spill(run.path))
         clouds_read = _read_clouds(request, log, wanted, window, mount, tilt, clouds, spill, tracked, clock, progress)
     else:
@@ -216,7 +214,8 @@ def _read(
             for gathered in recording.gathered(wanted.moving, (), *window) if wanted.moving else ():
                 wanted.take(gathered, recording.stamp)
     with clock.stage("ingest"):
-        streams = _with_imu_in_base(wanted.streams(), config.topics.base_frame, wrong)
+        streams = _with_imu_in_base(wanted.streams(), roles.frames, config.topics.base_frame, wrong)
+        streams.warnings.extend(_of_mounts(mount, streams, roles.frames, config.topics.base_frame))
         first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
@@ -230,7 +229,8 @@ def _read(
         streams=streams,
         clock=clock,
         progress=progress,
-        transform_lidar_to_base=mount,
+        transform_lidar_to_base=mount.transform_lidar_to_base,
+        lidar_mount_known=mount.known,
         start_ns=window[0],
         end_ns=window[1],
         first_ns=first_ns,
@@ -241,14 +241,23 @@ def _read(
     )
 
 
-def _with_imu_in_base(streams: Streams, base_frame: str, wrong: str | None) -> Streams:
+def _with_imu_in_base(streams: Streams, frames: TransformTree, base_frame: str, wrong: str | None) -> Streams:
     """The streams with the IMU in base's axes; wrong: why its orientation is not used, or None."""
     if streams.imu is None:
         return streams
     if wrong is not None:
         streams.warnings.append(wrong)
     imu = streams.imu if wrong is None else replace(streams.imu, quat_xyzw=None)
-    return replace(streams, imu=imu_in_base(imu, streams.tf, base_frame))
+    return replace(streams, imu=imu_in_base(imu, frames, base_frame))
+
+
+def _of_mounts(mount: LidarMount, streams: Streams, frames: TransformTree, base_frame: str) -> list[str]:
+    """What a user should know of the mounts, now that all transforms are read."""
+    fixed = [] if mount.from_tf is None else [mount.from_tf]
+    base = frames.base_frame(base_frame)
+    if streams.imu is not None and base is not None and imu_mount(streams.imu.frame_id, frames, base) is not None:
+        fixed.append((streams.imu.frame_id, base))
+    return moved_mounts(fixed, streams.tf) + ([] if mount.mover is None else mount.mover.warnings())
 
 
 class _CloudsRead(NamedTuple):
@@ -264,7 +273,7 @@ def _read_clouds(
     log: OpenLog,
     wanted: Gatherer,
     window: tuple[int | None, int | None],
-    mount: Float,
+    mount: LidarMount,
     tilt: Tilt,
     clouds: Clouds,
     spill: Spill | None,
@@ -280,13 +289,15 @@ def _read_clouds(
         expected = _expected(log.recording, lidar, window)
         if spill is not None:
             settings = ScanSettings.of_config(config, maps=clouds == "map")
-            scanner = Scanner(settings, request.options.seed, mount, tilt, spill, expected)
-            takers["filter"] = scanner.take
+            fixed = mount.transform_lidar_to_base
+            scanner = Scanner(settings, request.options.seed, fixed, tilt, spill, expected)
+            takers["filter"] = mount.behind(scanner.take)
         if tracked:
-            tracker = LidarTracker(config, mount, tilt)
-            takers["position"] = tracker.take
+            tracker = LidarTracker(config, mount.transform_lidar_to_base, tilt)
+            takers["position"] = mount.behind(tracker.take)
     progress.begin("ingest", expected)
-    first_ns = read_all(log.recording, wanted, lidar, window, takers, tilt, clock, progress)
+    awaited = (tilt,) if mount.mover is None else (tilt, mount.mover)
+    first_ns = read_all(log.recording, wanted, lidar, window, takers, awaited, clock, progress)
     return _CloudsRead(scanner, tracker, first_ns)
 
 
@@ -338,12 +349,6 @@ def _unless_ambiguous(roles: Roles, role: str) -> str | None:
         return None
 
 
-def _played(roles: Roles) -> list[str]:
-    """Topics with a role, without static transforms, whose stamps may be of any time."""
-    topics = [topic for role in roles.found.values() for topic in role.topics]
-    return [topic for topic in topics if topic.rsplit("/", 1)[-1] != "tf_static"]
-
-
 def _window(
     recording: Recording, topics: list[str], start_s: float | None, duration_s: float | None
 ) -> tuple[int | None, int | None]:
@@ -355,9 +360,9 @@ def _window(
     return start_ns, None if duration_s is None else start_ns + round(duration_s * 1e9)
 
 
-def _nothing_used(recording: Recording) -> NothingReadable:
+def _nothing_used(recording: Recording) -> NothingToReplay:
     unknown = "".join(f"; {topic} {why}" for topic, why in recording.joints.refused.items())
-    return NothingReadable(recording.path, f"no message of a type that quadlog uses; see  quadlog info{unknown}")
+    return NothingToReplay(recording.path, f"no message of a type that quadlog uses; see  quadlog info{unknown}")
 
 
 def _first_ns(recording: Recording, topics: list[str]) -> int:
@@ -372,13 +377,15 @@ def _seen(
 ) -> tuple[int, int]:
     """First and last instant of the small topics, or the first cloud's, cloud_ns, where there are none.
 
-    Raises EmptyWindow when --start and --duration leave nothing, NothingReadable when there never was anything.
+    Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
     """
-    series = [streams.ranges, streams.odometry, streams.imu, streams.reference, streams.target]
+    series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.reference, streams.target]
     series += streams.estimates.values()
-    filled = [each.t_ns for each in series if each is not None and len(each)]
-    if filled:
-        return min(int(t_ns[0]) for t_ns in filled), max(int(t_ns[-1]) for t_ns in filled)
+    spans = [(int(each.t_ns[0]), int(each.t_ns[-1])) for each in series if each is not None and len(each)]
+    if (tf_span := streams.tf.span_ns()) is not None:
+        spans.append(tf_span)
+    if spans:
+        return min(first_ns for first_ns, _ in spans), max(last_ns for _, last_ns in spans)
     if cloud_ns is not None:
         return cloud_ns, cloud_ns
     lidar = _unless_ambiguous(roles, "lidar")
@@ -386,17 +393,7 @@ def _seen(
     first = next((each.t_ns for each in clouds if isinstance(each.message, PointCloud)), None)
     if first is not None:
         return first, first
-    begin_ns = _first_ns(recording, _played(roles))
+    begin_ns = _first_ns(recording, roles.played)
     if window != (None, None):
         raise EmptyWindow(recording.path, recording.span_ns)
     return begin_ns, begin_ns
-
-
-def _mount(recording: Recording, roles: Roles, tree: TransformTree, config: Config) -> Float:
-    """(4, 4) transform_lidar_to_base: from the configuration, or from static tf where it has none."""
-    mount = config.lidar.mount
-    lidar = _unless_ambiguous(roles, "lidar")
-    if mount == Mount() and (from_tf := lidar_in_base(recording, lidar, tree, config.topics.base_frame)) is not None:
-        return from_tf
-    angles = np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg])
-    return transform_from_rpy(np.array([mount.x_m, mount.y_m, mount.z_m]), *(float(angle) for angle in angles))

@@ -147,7 +147,7 @@ def _begin(walk: ReplayContext) -> Scanner:
     assert walk.scanner is not None
     walk.use("lidar")
     walk.progress.begin("filter", len(walk.scanner.spill))
-    if np.array_equal(walk.transform_lidar_to_base, np.eye(4)):
+    if not walk.lidar_mount_known:
         walk.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
     return walk.scanner
 

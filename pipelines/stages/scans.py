@@ -238,9 +238,9 @@ def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
         return True
     if position != "auto":
         return False
-    moving_tf = [topic for topic in roles.topics("tf") if topic.rsplit("/", 1)[-1] != "tf_static"]
     lone_pose = len(roles.topics("pose")) == 1
-    return not (by_uwb or moving_tf or roles.topic("odometry") or lone_pose or "joints" in roles.found)
+    others = roles.base_in_map(config.topics) or roles.topic("odometry") or "joints" in roles.found
+    return not (by_uwb or lone_pose or others)
 
 
 class LidarTracker:

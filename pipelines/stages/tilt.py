@@ -9,36 +9,12 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.geometry import rotation_from_quat
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
-from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose
+from quadlog.messages import Float, Imu, Int, Odometry, Pose
+from quadlog.pipelines.stages.mount import RECENT, imu_mount
 from quadlog.recordings.clock import increasing_rows
 from quadlog.recordings.gathering import Gathered, One
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
-
-
-def imu_mount(frame_id: str, tree: TransformTree, base_frame: str = "") -> Float | None:
-    """(3, 3) rotation from an IMU's frame to base through static tf; None if unknown or the identity."""
-    base = tree.base_frame(base_frame)
-    mount = None if base is None else tree.static_transform(frame_id, base)
-    return None if mount is None or np.array_equal(mount[:3, :3], np.eye(3)) else mount[:3, :3]
-
-
-def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
-    """The series in base's axes, where static tf gives the IMU's mount; else unchanged."""
-    mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
-    if mount is None or base is None:
-        return imu
-    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
-
-    imu_to_base = Rotation.from_matrix(mount)
-    quat_xyzw = imu.quat_xyzw
-    if quat_xyzw is not None:
-        real = np.abs(quat_xyzw).max(axis=1) > 0
-        turned = Rotation.from_quat(quat_xyzw[real]) * imu_to_base.inv()
-        quat_xyzw = np.zeros_like(quat_xyzw)
-        quat_xyzw[real] = turned.as_quat()
-    return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)
-
 
 WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
 """Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
@@ -67,28 +43,32 @@ def contradicts_gravity(recording: Recording, imu: str) -> str | None:
 
 LOOKED_AT = 50
 """Number of first messages that show whether an IMU gives an orientation that changes."""
-RECENT = 1024
-"""Orientations that are kept: a second at 1 kHz."""
 
 
 class Tilt:
     """The orientation of base from the first available of IMU, odometry and moving tf.
 
     topics: those whose messages must be taken before clouds logged after them. An IMU is ignored while its orientation
-    has never changed.
+    has never changed. tree: filled by whoever reads transforms; frames: what a look at them shows before.
     """
 
     def __init__(
-        self, recording: Recording, tree: TransformTree, config: Config, imu: str | None, odometry: str | None
+        self,
+        recording: Recording,
+        tree: TransformTree,
+        frames: TransformTree,
+        config: Config,
+        imu: str | None,
+        odometry: str | None,
     ) -> None:
-        self._tree, self._base = tree, tree.base_frame(config.topics.base_frame)
-        self._map_frame, self._wanted = config.topics.map_frame, config.lidar.level
+        self._tree, self._base, self._wanted = tree, frames.base_frame(config.topics.base_frame), config.lidar.level
+        self._map_frame = None if self._base is None else frames.fixed_frame(self._base, config.topics.map_frame)
         self._imu = self._odometry = None
         looked_at = [each for each in recording.sample(imu, LOOKED_AT) if isinstance(each, Imu)] if imu else []
         oriented = [each.quat_xyzw for each in looked_at if each.quat_xyzw is not None]
         self._frozen = len(oriented) > 1 and not np.ptp(oriented, axis=0).any()
         if oriented:
-            self._imu = _Recent(imu_mount(looked_at[0].frame_id, tree, config.topics.base_frame))
+            self._imu = _Recent(imu_mount(looked_at[0].frame_id, frames, config.topics.base_frame))
         if odometry and (self._imu is None or self._frozen):
             self._odometry = _Recent(None)
         self._imu_topic, self._odometry_topic = imu, odometry
@@ -112,7 +92,10 @@ class Tilt:
     def reaches(self, t_ns: int) -> bool:
         """Whether orientations are known up to an instant, or there is no source of them."""
         source = self._source() if self._wanted else None
-        return source is None or source.latest_ns >= t_ns
+        if source is not None or not self._wanted or self._base is None or self._map_frame is None:
+            return source is None or source.latest_ns >= t_ns
+        span_ns = self._tree.recent(RECENT).span_between_ns(self._base, self._map_frame)
+        return span_ns is not None and span_ns[1] >= t_ns
 
     def rotations(self, t_ns: Int) -> tuple[Float, NotLevelled | None]:
         """(W, 3, 3) rotations that turn base upright at the instants (W,) of a scan, and why they do not, or None."""
@@ -127,8 +110,11 @@ class Tilt:
     def _series(self) -> UpSeries | None:
         if (source := self._source()) is not None:
             return source.series()
-        poses = None if self._base is None else self._tree.recent(RECENT).pose_series(self._base, self._map_frame)
-        return None if poses is None else up_in_base(poses.t_ns, poses.quat_xyzw)
+        if self._base is None or self._map_frame is None:
+            return None
+        poses = self._tree.recent(RECENT).pose_series(self._base, self._map_frame)
+        planar = poses is None or not poses.quat_xyzw[:, :2].any()
+        return None if poses is None or planar else up_in_base(poses.t_ns, poses.quat_xyzw)
 
 
 class _Recent:

@@ -54,10 +54,10 @@ class Topics(Section):
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')
     target_y_m: Metres = Field(0.0, description="see target_x_m")
     ahead_s: float = Field(3.0, gt=0, le=60, description='target = "ahead": where the robot itself is so much later')
-    map_frame: str = Field("map", description="name of the fixed frame in tf")
-    base_frame: str = Field(
-        "", description="name of the robot's frame in tf; empty: base_link, base, base_footprint, body"
+    map_frame: str = Field(
+        "map", description="fixed frame in tf; if it is not there: the root that the robot's frame hangs on"
     )
+    base_frame: str = Field("", description="name of the robot's frame in tf; empty: the usual one, as base_link")
 
 
 class Anchor(Section):

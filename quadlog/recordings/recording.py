@@ -15,7 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownJoints, UnknownTopic, some_of
 from quadlog.messages import Message, Timed, UwbRanges
 from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
-from quadlog.recordings.containers.container import Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
@@ -280,6 +280,13 @@ class Recording(ClosedOnExit):
         part.container = container
         return part
 
+    def glimpse(self) -> Recording:
+        """An excerpt, or all of a small recording, on log times, to look at before it is known which clock will do."""
+        part = copy(self)
+        part.container = self.container.excerpt(EXCERPT) or self.container
+        part.stamp, part.clock = "log", Clock(self.path, "log")
+        return part
+
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
         found: list[Message] = []
@@ -289,6 +296,11 @@ class Recording(ClosedOnExit):
             except DecodeError:
                 continue
         return found
+
+    def usual_offset_ns(self, topic: str) -> int:
+        """Header stamp minus log time of a topic's first messages; 0 without stamps, or where log times are taken."""
+        self._learn_clocks([topic])
+        return self.clock.usual_ns.get(topic, 0)
 
     def why_unsampled(self, topic: str, count: int) -> str | None:
         """Why none of the first few messages of a topic can be decoded, or None where some can."""

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice, permutations
 
 import numpy as np
 
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Imu, Int, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.recordings.clock import FAR_APART_NS
+from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part, plugged_decoder
 from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.streams import look_at_frames
+from quadlog.recordings.tf_tree import TransformTree
 
 # What messages of a type become, which is what decides the roles they can play.
 OWN_KINDS: dict[str, type[Message]] = {
@@ -109,8 +115,9 @@ _NEAREST_ROLE: dict[type[Message], str] = {
     Transforms: "tf",
     JointStates: "joints",
 }
-# The rank of what is a cloud, but hardly a lidar's.
+# The ranks of what is a cloud, but hardly a lidar's, and of one in a frame that is not the robot's.
 _POOR = 1
+_WORLD = 2
 _TRUTH = 10
 
 
@@ -223,39 +230,113 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     ]
 
 
-def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidate]:
-    """How well each cloud topic serves as the lidar, judged by its first scans.
+def look_at_clouds(
+    recording: Recording, topics: Sequence[str], frames: TransformTree, base: str | None, pose_frames: Collection[str]
+) -> list[Candidate]:
+    """How well each cloud topic serves as the lidar, judged by its first scans and their frame.
 
     Where these show no lidar, topics that are silent at first get more time:
     nothing else may take the place of one that starts late unasked.
+    pose_frames: frames in which odometry gives the robot's place.
     """
-    candidates = [_judge(topic, recording.types_of(topic), recording.sample(topic, SAMPLED_SCANS)) for topic in topics]
-    if max((each.rank for each in candidates), default=0) > _POOR:
-        return candidates
+    samples = {topic: recording.sample(topic, SAMPLED_SCANS) for topic in topics}
+    frame_of = {topic: each.frame_id for topic in topics for each in samples[topic] if isinstance(each, PointCloud)}
+    candidates = [_judge(topic, recording.types_of(topic), samples[topic]) for topic in topics]
+    for at, (topic, each) in enumerate(zip(topics, candidates, strict=True)):
+        if each.rank and frames.is_world(frame_of[topic], base):
+            placed = frame_of[topic] in pose_frames or (base and frames.connects(frame_of[topic], base))
+            candidates[at] = _in_world(each, frame_of[topic], bool(placed))
+    best = max((each.rank for each in candidates), default=0)
+    if best > _POOR:
+        copies = _copies(
+            recording, {each.topics[0]: frame_of[each.topics[0]] for each in candidates if each.rank == best}
+        )
+        return [_unless_copy(each, copies) for each in candidates]
     return [
         Candidate(each.topics, _POOR, "starts with empty scans")
-        if each.rank == 0 and any(len(points) for points in _clouds(recording.sample(each.topics[0], LATE_SCANS)))
+        if each.rank == 0 == max(map(len, _clouds(samples[each.topics[0]])), default=0)
+        and any(len(points) for points in _clouds(recording.sample(each.topics[0], LATE_SCANS)))
         else each
         for each in candidates
     ]
 
 
 def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Candidate:
-    """Rank 4 a 3-D scan, 3 a flat cloud, 2 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
+    """Rank 5 a 3-D scan, 4 a flat cloud, 3 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
     clouds = _clouds(samples)
     if not clouds:
         return Candidate((topic,), 0, "its first messages cannot be decoded")
     points = max(clouds, key=len)
     described = f"{len(points)} points per scan"
+    planar = PLANAR_SCANS.issuperset(types)
     if len(points) == 0:
         return Candidate((topic,), 0, "its first scans are empty")
-    if "radar" in topic.lower() or len(points) < FEW_POINTS:
+    if "radar" in topic.lower() or (len(points) < FEW_POINTS and not planar):
         return Candidate((topic,), _POOR, f"only {described}: a radar rather than a lidar")
     if np.ptp(points[:, 2]) < FLAT_M:
         # Drivers publish the same scan as a cloud, too.
-        rank = 2 if PLANAR_SCANS.issuperset(types) else 3
-        return Candidate((topic,), rank, f"{described}, but flat: a 2-D scan, in which no ground can be found")
-    return Candidate((topic,), 4, f"{described} in 3-D")
+        return Candidate(
+            (topic,), 3 if planar else 4, f"{described}, but flat: a 2-D scan, in which no ground can be found"
+        )
+    return Candidate((topic,), 5, f"{described} in 3-D")
+
+
+def _in_world(candidate: Candidate, frame: str, placed: bool) -> Candidate:
+    """A cloud whose frame is not the robot's: it serves where nothing else does, if the robot has a place in it."""
+    if placed:
+        why = f"{candidate.why}, in the frame {frame}, out of which it is moved into base"
+        return Candidate(candidate.topics, min(candidate.rank, _WORLD), why)
+    flag = set_flag("topics.lidar", candidate.topics)
+    why = (
+        f"is in the frame {frame}, in which neither tf nor odometry places the robot; if it is seen from base:  {flag}"
+    )
+    return Candidate(candidate.topics, 0, why)
+
+
+def _unless_copy(candidate: Candidate, copies: Mapping[str, str]) -> Candidate:
+    original = copies.get(candidate.topics[0])
+    return candidate if original is None else Candidate(candidate.topics, 0, f"repeats points of {original}")
+
+
+COMPARED_SCANS, COMPARED_POINTS, COMPARED_MESSAGES = 12, 64, 600
+
+
+def _copies(recording: Recording, frame_of: Mapping[str, str]) -> dict[str, str]:
+    """Topic -> the original, of clouds that repeat points of another one in the same frame, at once or later."""
+    copies: dict[str, str] = {}
+    for frame in set(frame_of.values()):
+        topics = [topic for topic in frame_of if frame_of[topic] == frame]
+        recent: dict[str, deque[tuple[int, Int]]] = {topic: deque(maxlen=COMPARED_SCANS) for topic in topics}
+        for timed in islice(recording.glimpse().messages(topics), COMPARED_MESSAGES) if len(topics) > 1 else ():
+            if isinstance(timed.message, PointCloud):
+                recent[timed.topic].append((timed.t_ns, _millimetres(timed.message)))
+            if all(len(scans) == COMPARED_SCANS for scans in recent.values()):
+                break
+        # An original comes before its copies, has more points, or at least the shorter name.
+        for first, second in permutations(sorted(topics, key=lambda topic: (len(topic), topic)), 2):
+            late_ns = _lateness_ns(recent[second], recent[first])
+            if late_ns is None or second in copies:
+                continue
+            back_ns = _lateness_ns(recent[first], recent[second])
+            if back_ns is None or late_ns > 0 or (late_ns == 0 and first not in copies):
+                copies[second] = first
+    return copies
+
+
+def _lateness_ns(copies: Collection[tuple[int, Int]], originals: Collection[tuple[int, Int]]) -> int | None:
+    """How much later scans (time, points) are than those that hold their points; None where most are of their own."""
+    late_ns = []
+    for t_ns, points in copies:
+        some = points[:: max(len(points) // COMPARED_POINTS, 1)]
+        held = [t_ns - from_ns for from_ns, others in originals if len(some) and np.isin(some, others).mean() > 0.9]
+        late_ns += sorted(held, key=abs)[:1]
+    return sorted(late_ns)[len(late_ns) // 2] if 2 * len(late_ns) > len(copies) else None
+
+
+def _millimetres(cloud: PointCloud) -> Int:
+    """(N,) the points that can be returns, rounded to millimetres, a number for each."""
+    x_mm, y_mm, z_mm = np.round(_valid_points(cloud) * 1e3).astype(np.int64).T
+    return np.unique(x_mm + (y_mm << 21) + (z_mm << 42))
 
 
 def _clouds(samples: Sequence[object]) -> list[np.ndarray]:
@@ -299,7 +380,7 @@ class Roles:
 
     ambiguous: role -> the choices that could play it equally well, each one topic or several that belong together.
     unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
-    targets: pose topics whose name speaks of something followed.
+    targets: pose topics whose name speaks of something followed. frames: what a look at the transforms shows.
     """
 
     found: Mapping[str, Role]
@@ -307,6 +388,7 @@ class Roles:
     unused: Mapping[str, str] = field(default_factory=dict)
     near: Mapping[str, str] = field(default_factory=dict)
     targets: tuple[str, ...] = ()
+    frames: TransformTree = field(default_factory=TransformTree, compare=False)
     _role_of: dict[str, Role] = field(init=False, repr=False, compare=False, default_factory=dict)
     _choice_of: dict[str, tuple[str, tuple[str, ...]]] = field(
         init=False, repr=False, compare=False, default_factory=dict
@@ -344,6 +426,26 @@ class Roles:
             return None, f"could be the target: {set_flag('topics.target', [topic])}"
         return None, self.unused.get(topic, "")
 
+    @property
+    def unused_truths(self) -> dict[str, str]:
+        """Topic -> why it is not the reference, of those whose name speaks of truth, where nothing else is."""
+        return {
+            topic: why
+            for topic, why in self.unused.items()
+            if self.near.get(topic) == "reference" and "reference" not in self.found and names_truth(topic)
+        }
+
+    @property
+    def played(self) -> list[str]:
+        """Topics with a role, without static transforms, whose stamps may be of any time."""
+        return [topic for role in self.found.values() for topic in role.topics if not is_static(topic)]
+
+    def base_in_map(self, topics: Topics) -> tuple[str, str] | None:
+        """The robot's frame and the frame that is the map, by a look at the transforms; None if it does not move."""
+        base = self.frames.base_frame(topics.base_frame)
+        frame = None if base is None else self.frames.fixed_frame(base, topics.map_frame)
+        return None if base is None or frame is None else (base, frame)
+
     def choices(self, role: str) -> str:
         """One line with the flags that settle a role several topics could play; empty where nothing is to choose."""
         choices = self.ambiguous.get(role, ())
@@ -376,9 +478,13 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     # A message that holds several kinds can play several roles.
     free = {topic: name for topic, name in usable.items() if topic not in taken or len(kinds_of(name)) > 1}
 
+    transforms = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
+    frames = look_at_frames(recording, transforms)
     if "lidar" not in found:
         clouds = [topic for topic, name in free.items() if PointCloud in kinds_of(name)]
-        _settle("lidar", look_at_clouds(recording, clouds), found, ambiguous, unused)
+        odometries = [topic for topic, name in free.items() if Odometry in kinds_of(name)]
+        seen_by = frames, frames.base_frame(topics.base_frame), _pose_frames(recording, odometries)
+        _settle("lidar", look_at_clouds(recording, clouds, *seen_by), found, ambiguous, unused)
     if "uwb" not in found:
         families = uwb_candidates(recording, free, unused)
         if len(families) == 1:
@@ -390,19 +496,26 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
     if "joints" not in found:
         _settle("joints", look_at_joints(recording, free), found, ambiguous, unused)
+    if transforms:
+        found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     if topics.reference != NO_REFERENCE and "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
         _settle("reference", _by_kind(recording, "reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
+        _keep_on_one_clock(recording, found, unused)
     if estimates := _estimates(free):
         found["pose"] = Role("pose", *estimates)
-    transforms = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
-    if transforms:
-        found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     targets = tuple(topic for topic, name in free.items() if Pose in kinds_of(name) and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
-    return Roles(found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets)
+    return Roles(
+        found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets, frames
+    )
+
+
+def _pose_frames(recording: Recording, topics: Sequence[str]) -> set[str]:
+    samples = (each for topic in topics for each in recording.sample(topic, 1))
+    return {each.frame_id for each in samples if isinstance(each, Odometry)}
 
 
 def _estimates(free: Mapping[str, str]) -> tuple[tuple[str, ...], str] | None:
@@ -437,6 +550,20 @@ def _part_from_sources(
     others = tuple(choice for choice in ambiguous.pop("reference", ()) if choice[0] not in sources)
     if others:
         ambiguous["reference"] = others
+
+
+def _keep_on_one_clock(recording: Recording, found: dict[str, Role], unused: dict[str, str]) -> None:
+    """No detected reference whose stamps, or log times without stamps, are of a clock that no other topic has."""
+    reference = found["reference"].topics if "reference" in found else ()
+    topics = {each for role in found.values() for each in role.topics if not is_static(each)}
+    others = topics.difference(reference)
+    if not reference or not others:
+        return
+    (topic,) = reference
+    apart_ns = [abs(recording.usual_offset_ns(each) - recording.usual_offset_ns(topic)) for each in others]
+    if min(apart_ns) > FAR_APART_NS:
+        del found["reference"]
+        unused[topic] = f"not used: its times lie {min(apart_ns) * 1e-9:.0f} s from all others"
 
 
 def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:

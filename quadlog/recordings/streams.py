@@ -85,6 +85,17 @@ def gather(
     return wanted.streams()
 
 
+def look_at_frames(recording: Recording, tf: Sequence[str]) -> TransformTree:
+    """The frames that all static transforms and an excerpt of the others show, on log times."""
+    wanted = Gatherer(tf=tf)
+    wanted.take_static(recording)
+    if wanted.moving:
+        part = recording.glimpse()
+        for gathered in part.gathered(wanted.moving):
+            wanted.take(gathered, part.stamp)
+    return wanted.tree
+
+
 _NO_QUATERNION = [nan] * 4
 _NO_TWIST = [0.0] * 6
 _JOINT_VALUES = 40

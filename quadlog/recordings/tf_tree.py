@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,21 @@ from quadlog.messages import Float, Int, Pose, PoseSeries
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-BASE_FRAMES = ("base_link", "base", "base_footprint", "body")
+BASE_FRAMES = ("base_link", "base", "base_footprint", "body", "trunk", "torso", "chassis")
+WORLD_FRAMES = ("map", "world", "odom", "odom_combined", "camera_init", "earth")
+"""Usual names, which may follow a robot's prefix."""
+STILL_M, STILL_COS = 1e-3, 1 - 5e-7
+"""What rounding may move a fixed mount by: 1 mm, and 0.1 degrees as the cosine of half the angle."""
 
 
-@dataclass
+def is_named(frame: str, names: Sequence[str]) -> bool:
+    """Whether a frame has one of the names, with or without a robot's prefix."""
+    return frame.rsplit("/", 1)[-1] in names
+
+
+@dataclass(eq=False)
 class Edge:
-    """Poses of a child frame in its parent over time; a static one has a single pose that always holds."""
+    """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds."""
 
     parent: str
     child: str
@@ -34,6 +44,13 @@ class Edge:
             del self.t_ns[:], self.pose[:]
         self.t_ns.append(t_ns)
         self.pose.extend((*pose.position_m.tolist(), *pose.quat_xyzw.tolist()))
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the pose never changes, whichever topic it is on."""
+        poses = np.array(self.pose, np.float64).reshape(-1, 7)
+        shift_m, turn_cos = np.ptp(poses[:, :3], axis=0), np.abs(poses[:, 3:] @ poses[0, 3:])
+        return self.static or bool((shift_m < STILL_M).all() and (turn_cos > STILL_COS).all())
 
     def series(self) -> tuple[Int, Float]:
         """t_ns (N,) strictly increasing and the poses (N, 7) as position, quaternion; late stamps are dropped."""
@@ -62,6 +79,8 @@ class TransformTree:
 
     def add_moving(self, frame_id: str, child_frame_id: str, t_ns: Int, pose: Float) -> None:
         """Poses (N, 7), position and quaternion, at t_ns (N,); what is static stays as it is."""
+        if len(t_ns) == 0:
+            return
         edge = self._edges.setdefault((frame_id, child_frame_id), Edge(frame_id, child_frame_id, static=False))
         if not edge.static:
             edge.t_ns.frombytes(t_ns.tobytes())
@@ -83,9 +102,48 @@ class TransformTree:
         return sorted({frame for key in self._edges for frame in key})
 
     def base_frame(self, configured: str = "") -> str | None:
-        """The robot's frame: the configured one, or the first usual name that occurs."""
-        choices = (configured,) if configured else BASE_FRAMES
-        return next((name for name in choices if name in self.frames), None)
+        """The robot's frame: the configured one; else the first of BASE_FRAMES that moves, or that occurs.
+
+        One that moves in its parent goes before those that are fixed to it: base_footprint, if odom has base_link only
+        through it. Without these names the only frame that moves in one of WORLD_FRAMES.
+        """
+        if configured:
+            return configured if configured in self.frames else None
+        frames = sorted(self.frames, key=lambda frame: frame.count("/"))
+        named = [frame for name in BASE_FRAMES for frame in frames if is_named(frame, (name,))]
+        if named:
+            placed = [frame for frame in named if self.fixed_frame(frame) is not None]
+            moved = [frame for frame in placed if not all(edge.is_still for edge in self.chain(frame)[-1:])]
+            return [*moved, *placed, *named][0]
+        riders = {
+            edge.child for edge in self._edges.values() if not edge.static and is_named(edge.parent, WORLD_FRAMES)
+        }
+        return riders.pop() if len(riders) == 1 else None
+
+    def fixed_frame(self, base: str, configured: str = "map") -> str | None:
+        """The frame in which base moves: the configured one, else the root of the tree that base hangs on.
+
+        Else one of WORLD_FRAMES that hangs on base. None where base moves in no frame but the robot's own.
+        """
+        frames = self.frames
+        roots = [edge.parent for edge in self.chain(base)[:1] if not is_named(edge.parent, BASE_FRAMES)]
+        worlds = [frame for name in WORLD_FRAMES for frame in frames if is_named(frame, (name,))]
+        return next((frame for frame in (configured, *roots, *worlds) if self.moving(base, frame)), None)
+
+    def is_world(self, frame: str, base: str | None) -> bool:
+        """Whether a frame is one in which the robot moves: above base, or with a name of WORLD_FRAMES."""
+        chain = [] if base is None else self.chain(base)
+        while chain and chain[-1].is_still:
+            chain.pop()
+        return is_named(frame, WORLD_FRAMES) or frame in [edge.parent for edge in chain]
+
+    def connects(self, source: str, target: str) -> bool:
+        """Whether transforms lead from one frame to the other."""
+        return self._path(source, target, still_only=False) is not None
+
+    def moving(self, child: str, frame: str) -> list[Edge]:
+        """The transforms on topics of moving ones between two frames; none where the frames do not connect."""
+        return [edge for edge, _ in self._path(child, frame, still_only=False) or [] if not edge.static]
 
     def chain(self, frame: str) -> list[Edge]:
         """The transforms from the root of a frame's tree down to it; of several parents the one with most poses."""
@@ -106,9 +164,20 @@ class TransformTree:
         inner = {id(edge) for chain in [*chains, first] for edge in chain[:-1]} | {id(edge) for edge in first}
         return [each for each in (first, *chains) if each and (each is first or id(each[-1]) not in inner)]
 
+    def span_between_ns(self, child: str, frame: str) -> tuple[int, int] | None:
+        """The first and the last instant that all transforms between two frames cover; None where none moves."""
+        moving = self.moving(child, frame)
+        changing = [edge for edge in moving if not edge.is_still] or moving
+        return (max(min(each.t_ns) for each in changing), min(max(each.t_ns) for each in changing)) if moving else None
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """The first and the last instant of all transforms but the static ones; None without one."""
+        ends = [end for edge in self._edges.values() if not edge.static for end in (min(edge.t_ns), max(edge.t_ns))]
+        return (min(ends), max(ends)) if ends else None
+
     def static_transform(self, source: str, target: str) -> Float | None:
-        """(4, 4) transform_source_to_target through static transforms alone, or None where they do not connect."""
-        path = self._path(source, target, static_only=True)
+        """(4, 4) transform_source_to_target through transforms that never change; None where these do not connect."""
+        path = self._path(source, target, still_only=True)
         if path is None:
             return None
         transform = np.eye(4)
@@ -117,47 +186,44 @@ class TransformTree:
             transform = (step if upwards else invert_transform(step)) @ transform
         return transform
 
-    def pose_series(self, child: str, frame: str) -> PoseSeries | None:
-        """Poses of child in frame, at the times of the busiest moving transform between them.
+    def pose_series(self, child: str, frame: str, at_ns: Int | None = None) -> PoseSeries | None:
+        """Poses of child in frame at given instants, or at those of the busiest changing transform between them.
 
-        The others are interpolated there (straight lines and great arcs); times
+        All are interpolated there (straight lines and great arcs); times
         that not all of them cover are left out. None where the frames do not
         connect, nothing moves between them, or no time is covered by all.
         """
         from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
 
-        path = self._path(child, frame, static_only=False)
-        moving = [edge for edge, _ in path or [] if not edge.static]
+        path, moving = self._path(child, frame, still_only=False), self.moving(child, frame)
         if path is None or not moving:
             return None
-        series = {id(edge): edge.series() for edge in moving}
-        busiest = max(moving, key=lambda edge: len(series[id(edge)][0]))
-        t_ns = series[id(busiest)][0]
+        changing = [edge for edge in moving if not edge.is_still] or moving
+        series = {id(edge): edge.series() for edge in changing}
+        t_ns = max((known_ns for known_ns, _ in series.values()), key=len) if at_ns is None else at_ns
         for known_ns, _ in series.values():
-            if len(known_ns) == 0:
-                return None
             t_ns = t_ns[(t_ns >= known_ns[0]) & (t_ns <= known_ns[-1])]
         if len(t_ns) == 0:
             return None
         rotation, position = Rotation.identity(len(t_ns)), np.zeros((len(t_ns), 3))
         for edge, upwards in path:
-            if edge.static:
-                turn, shift = Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
-            else:
+            if id(edge) in series:
                 turn, shift = _interpolated(*series[id(edge)], t_ns)
+            else:
+                turn, shift = Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
             if not upwards:
                 turn = turn.inv()
                 shift = -turn.apply(shift)
             rotation, position = turn * rotation, turn.apply(position) + shift
         return PoseSeries(t_ns, position, rotation.as_quat(), frame, child)
 
-    def _path(self, source: str, target: str, *, static_only: bool) -> list[tuple[Edge, bool]] | None:
+    def _path(self, source: str, target: str, *, still_only: bool) -> list[tuple[Edge, bool]] | None:
         """Edges from source to target, each with whether it is walked from child to parent; shortest first."""
         if source == target:
             return []
         neighbours: dict[str, list[tuple[str, Edge, bool]]] = {}
         for (parent, child), edge in sorted(self._edges.items()):
-            if edge.static or not static_only:
+            if not still_only or edge.is_still:
                 neighbours.setdefault(child, []).append((parent, edge, True))
                 neighbours.setdefault(parent, []).append((child, edge, False))
         reached: dict[str, list[tuple[Edge, bool]]] = {source: []}

@@ -251,6 +251,15 @@ CASES = {
         "tf",
         walls=True,
     ),
+    "cloud-in-the-world-odometry": Case(
+        together(odometry, lambda log, room: rings_of_points(log, room, "odom", fixed=True)), 0, "odometry", walls=True
+    ),
+    "cloud-in-no-frame-of-the-robot": Case(
+        together(odometry, lambda log, room: rings_of_points(log, room, "map", fixed=True)),
+        0,
+        "odometry",
+        says=("/points is in the frame map", "--set topics.lidar=/points"),
+    ),
     "no-ground": Case(
         together(odometry, lambda log, room: rings_of_points(log, room, "base_link", fixed=False)),
         0,

@@ -14,7 +14,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from quadlog.recordings.containers.container import Channel, Loss, RawMessage
+from quadlog.recordings.containers.container import Budget, Channel, Loss, RawMessage
 from quadlog.storage.atomic_write import part_prefix
 
 
@@ -106,6 +106,9 @@ class FakeContainer:
     def span_ns(self) -> tuple[int, int] | None:
         times = [each.log_time_ns for each in self.raw]
         return (min(times), max(times)) if times else None
+
+    def excerpt(self, budget: Budget) -> None:
+        """It is small."""
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None

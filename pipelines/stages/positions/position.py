@@ -126,11 +126,14 @@ def _tilt(walk: ReplayContext, t_ns: Int) -> Float | None:
 
 
 def _from_tf(walk: ReplayContext) -> RobotTrack | None:
-    topics = walk.config.topics
-    base = walk.streams.tf.base_frame(topics.base_frame)
-    series = None if base is None else walk.streams.tf.pose_series(base, topics.map_frame)
+    topics, tree = walk.config.topics, walk.streams.tf
+    base = walk.roles.frames.base_frame(topics.base_frame)
+    frame = None if base is None else tree.fixed_frame(base, topics.map_frame)
+    series = None if base is None or frame is None else tree.pose_series(base, frame)
     if series is not None:
         walk.use("tf")
+        if frame != topics.map_frame:
+            walk.note(f"no frame {topics.map_frame} moves {base} in tf: {frame}, in which it moves, is the map")
     return _from_poses(series, "tf")
 
 
@@ -202,7 +205,11 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
         point = np.array([[topics.target_x_m, topics.target_y_m]])
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
-    own_frame = robot.source in ("odometry", "legs", "lidar") or (robot.source, topics.position) == ("pose", "auto")
+    own_frame = (
+        robot.source in ("odometry", "legs", "lidar")
+        or (robot.source, topics.position) == ("pose", "auto")
+        or (robot.source == "tf" and robot.frame_id != topics.map_frame)
+    )
     in_one_frame = topics.target == "uwb" or not own_frame
     if topics.target in ("auto", "uwb") and in_one_frame and person is not None and len(person.track):
         return TargetTrack(person.track.t_ns, person.track.position_m, "uwb")

@@ -30,7 +30,9 @@ def decode_point_cloud(message: Any, topic: str, make_cloud: MakeCloud = cloud_f
     fields = {each.name: (each.offset, each.type) for each in message.fields}
     pose = _proto_pose(message.pose, topic) if message.HasField("pose") else None
     stamp = _proto_stamp(message.timestamp)
-    return _cloud(topic, stamp, message.frame_id, message.point_stride, fields, message.data, pose, make_cloud)
+    return _cloud(
+        topic, stamp, frame_name(message.frame_id), message.point_stride, fields, message.data, pose, make_cloud
+    )
 
 
 def decode_pose_in_frame(message: Any, topic: str) -> Pose:
@@ -50,7 +52,7 @@ def json_point_cloud_decoder(topic: str, make_cloud: MakeCloud = cloud_from_bloc
             data = base64.b64decode(message["data"], validate=True)
             stride = int(message["point_stride"])
             pose = _json_pose(message["pose"], topic) if message.get("pose") else None
-            stamp, frame = _json_stamp(message), str(message["frame_id"])
+            stamp, frame = _json_stamp(message), frame_name(message["frame_id"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DecodeError(topic, f"not a foxglove.PointCloud: {error!r}") from error
         return _cloud(topic, stamp, frame, stride, fields, data, pose, make_cloud)

@@ -100,4 +100,4 @@ class PayloadReader:
         if self.ros1:
             self.uint32()
         seconds = self.number("I" if self.ros1 else "i", 4)
-        return Header(nanoseconds(seconds, self.uint32()), self.name())
+        return Header(nanoseconds(seconds, self.uint32()), frame_name(self.name()))

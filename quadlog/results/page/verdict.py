@@ -84,7 +84,9 @@ def _simulated(run: RunData) -> Iterator[Sentence]:
 
 def _replayed(run: RunData) -> Iterator[Sentence]:
     poses, control, plans = run.table("poses"), run.table("control"), run.table("plans")
-    if poses is None:
+    if poses is None and run.record.options.get("until") == "ingest":
+        yield Sentence("Positions were not asked for (--until ingest).")
+    elif poses is None:
         yield Sentence("The recording does not tell where the robot was.")
     elif set(poses["source"]) == {"fixed"}:
         yield Sentence("The recording does not tell where the robot was; it is taken to have stood still.")

@@ -5,26 +5,29 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.messages import ImuSeries, Pose
-from quadlog.pipelines.stages.tilt import imu_in_base
+from quadlog.pipelines.stages.mount import imu_in_base, moved_mounts
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = np.arange(5, dtype=np.int64)
 
 
-def tree_with(mount: Rotation) -> TransformTree:
+def tree_with(mount: Rotation, *, static: bool = True) -> TransformTree:
+    """The mount once, or again and again on a topic of moving transforms, with a quaternion of either sign."""
     tree = TransformTree()
-    tree.add(0, Pose(0, "base_link", "imu", np.array([0.1, 0.0, 0.2]), mount.as_quat()), static=True)
+    for t_ns, sign in enumerate([1] if static else [1, -1, 1]):
+        tree.add(t_ns, Pose(t_ns, "base_link", "imu", np.array([0.1, 0.0, 0.2]), sign * mount.as_quat()), static=static)
     return tree
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_orientation_and_rates_become_those_of_base(seed: int) -> None:
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_orientation_and_rates_become_those_of_base(seed: int, static: bool) -> None:
     """Against two poses of base: the rate in base is what turns one into the other."""
     random = np.random.default_rng(seed)
     mount, base_in_world = Rotation.random(rng=random), Rotation.random(5, rng=random)
     rate_in_base = random.normal(0, 1, (5, 3))
     seen = ImuSeries(T_NS, mount.inv().apply(rate_in_base), (base_in_world * mount).as_quat(), "imu")
-    found = imu_in_base(seen, tree_with(mount))
+    found = imu_in_base(seen, tree_with(mount, static=static))
     assert found.quat_xyzw is not None
     assert (Rotation.from_quat(found.quat_xyzw) * base_in_world.inv()).magnitude() == pytest.approx(0, abs=1e-9)
     assert found.angular_radps == pytest.approx(rate_in_base)
@@ -51,3 +54,11 @@ def test_messages_without_an_orientation_keep_none() -> None:
     found = imu_in_base(ImuSeries(T_NS, np.ones((5, 3)), quat_xyzw, "imu"), tree_with(Rotation.from_rotvec([0, 1, 0])))
     assert found.quat_xyzw is not None
     assert np.flatnonzero(~found.quat_xyzw.any(axis=1)).tolist() == [2]
+
+
+def test_a_mount_that_changes_after_all_is_told() -> None:
+    tree = tree_with(Rotation.identity(), static=False)
+    assert moved_mounts([("imu", "base_link")], tree) == []
+    tree.add(9, Pose(9, "base_link", "imu", np.array([0.1, 0.0, 0.3]), np.array([0, 0, 0, 1.0])), static=False)
+    (warning,) = moved_mounts([("imu", "base_link")], tree)
+    assert warning.startswith("the transform from base_link to imu changes")

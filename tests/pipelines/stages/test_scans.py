@@ -49,7 +49,7 @@ class Seen:
         of_imu = [Imu(0, "imu", each, np.zeros(3), np.zeros(3)) for each in ([] if imu is None else imu)]
         recording = SimpleNamespace(sample=lambda topic, count: of_imu[:count])
         topics = IMU if imu is not None else None, ODOMETRY if odometry is not None else None
-        self.tilt = Tilt(recording, tree or TransformTree(), self.config, *topics)  # type: ignore[arg-type]
+        self.tilt = Tilt(recording, *[tree or TransformTree()] * 2, self.config, *topics)  # type: ignore[arg-type]
         for topic, kind, quat_xyzw in ((IMU, Imu, imu), (ODOMETRY, Pose, odometry)):
             if quat_xyzw is not None:
                 values = np.concatenate([np.zeros((len(quat_xyzw), 3)), quat_xyzw], axis=1)

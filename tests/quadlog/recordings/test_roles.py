@@ -71,7 +71,7 @@ def test_a_topic_that_never_shows_anything_is_no_lidar(log: Any) -> None:
 
 def test_ambiguity_lists_flags_to_paste_only_when_the_role_is_needed(log: Any) -> None:
     log.add("/left", T0, log.ros.cloud(T0, SPHERE))
-    log.add("/right", T0, log.ros.cloud(T0, SPHERE))
+    log.add("/right", T0, log.ros.cloud(T0, 2 * SPHERE))
     log.add("/odom", T0, log.ros.odometry(T0, 0.0))
     roles = roles_of(log)
     assert roles.topic("odometry") == "/odom"
@@ -179,7 +179,7 @@ def test_a_choice_is_explained_in_one_line(log: Any, role: str) -> None:
     left, right = ("/mocap/left", "/mocap/right") if role == "reference" else ("/left", "/right")
     for topic in (left, right):
         if role == "lidar":
-            log.add(topic, T0, log.ros.cloud(T0, SPHERE))
+            log.add(topic, T0, log.ros.cloud(T0, len(topic) * SPHERE))
         elif role == "reference":
             add_pose(log, topic)
         else:

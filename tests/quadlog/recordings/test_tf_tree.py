@@ -37,6 +37,7 @@ def test_frames_that_do_not_connect_have_no_transform() -> None:
     tree.add(0, pose("base_link", "imu", (0, 0, 0)), static=True)
     tree.add(0, pose("other", "lidar", (0, 0, 0)), static=True)
     tree.add(5, pose("base_link", "other", (0, 0, 0)), static=False)
+    tree.add(6, pose("base_link", "other", (0, 0, 0), 0.1), static=False)
     assert tree.static_transform("lidar", "base_link") is None
     assert tree.static_transform("lidar", "unknown") is None
     assert tree.pose_series("imu", "map") is None
@@ -76,3 +77,37 @@ def test_times_increase_strictly(stamps: list[int]) -> None:
     assert inverse is not None
     expected = [invert_transform(matrix(pose("map", "base", (t, 2.0, 0.0), 0.5)))[:3, 3] for t in (1.0, 2.0, 3.0)]
     np.testing.assert_allclose(inverse.position_m, expected, atol=1e-12)
+
+
+CHAINS = {
+    "the frame of that name": (["map>odom", "odom>base_link"], "base_link", "map"),
+    "no map": (["odom>base_footprint", "base_footprint=base_link"], "base_footprint", "odom"),
+    "a map elsewhere": (["map>goal", "odom>base_link"], "base_link", "odom"),
+    "a map that hangs on nothing that moves": (["map=goal", "odom>base"], "base", "odom"),
+    "prefixes": (["robot1/odom>robot1/base_link", "robot1/base_link=robot1/laser"], "robot1/base_link", "robot1/odom"),
+    "several robots": (["b/odom>b/base_link", "a/odom>a/base_link"], "a/base_link", "a/odom"),
+    "a base that moves before one that does not": (["camera_init>body", "base_link=laser"], "body", "camera_init"),
+    "other names": (["world>trunk", "trunk>leg"], "trunk", "world"),
+    "no usual name": (["world>firefly", "firefly=imu"], "firefly", "world"),
+    "no usual name of the root": (["uwb_origin>torso"], "torso", "uwb_origin"),
+    "a world that hangs on the robot": (["body>odom", "body=lidar"], "body", "odom"),
+    "joints alone": (["base_link>wheel", "base_footprint=base_link"], "base_link", None),
+    "a body that sways": (["base_footprint>base_link"], "base_link", None),
+    "two frames that move, without a usual name": (["world>one", "world>two"], None, None),
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_which_frames_are_the_robot_and_the_map(name: str) -> None:
+    """a>b: b moves in a, a=b: it is fixed there."""
+    edges, base, fixed = CHAINS[name]
+    tree = TransformTree()
+    for edge in edges:
+        parent, child = edge.replace("=", ">").split(">")
+        for t_ns in range(1, 1 + (3 if ">" in edge else 1)):
+            tree.add(t_ns, pose(parent, child, (0.1 * t_ns, 0.0, 0.0)), static="=" in edge)
+    assert tree.base_frame() == base
+    if base is not None:
+        assert tree.fixed_frame(base) == fixed
+        series = None if fixed is None else tree.pose_series(base, fixed)
+        assert (series is not None) == (fixed is not None)

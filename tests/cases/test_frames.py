@@ -1,0 +1,124 @@
+"""Frames, mounts and clocks of logs that nobody here has seen: what info foretells, what a replay of a part does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadlog.cli.main import run as run_cli
+from quadlog.results.run.tables import read_table
+from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
+
+LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+
+
+def way(log: Log, parent: str = "odom", child: str = "base_footprint") -> None:
+    for t_s in instants_s(8.0, 20):
+        log.tf(ns(t_s), parent, child, Room(6.0).at(t_s))
+
+
+def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Log()
+    way(log)
+    log.tf(ns(0.0), "base_footprint", "base_link", (0.0, 0.0, 0.0), 0.1, "/tf_static")
+    for t_s in instants_s(8.0, 5):
+        log.tf(ns(t_s), "base_link", "laser", (0.0, 0.0, np.pi), 0.1)
+        log.tf(ns(t_s), "world", "drone", (t_s, 0.0, 0.0))
+    add_scans(log, Room(6.0), 1.0)
+    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "tf: odom → base_footprint (160)" in lines
+    assert "tf: world → drone (40)" in lines
+    assert not any("laser (" in line for line in lines)
+    expected = "a replay will go to: control; position: tf odom → base_footprint; target: ahead; missing: nothing"
+    assert lines[-1] == expected
+
+
+def test_info_names_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = Log()
+    for t_s in instants_s(2.0, 20):
+        log.odometry(ns(t_s), Room(6.0).at(t_s))
+    for name in ("front", "rear"):
+        add_scans(log, Room(6.0), 2.0, topic=f"/{name}/scan", frame=f"{name}_laser")
+    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("a replay will go to: position; position: odometry; target: ahead; missing: 2 topics could")
+    assert "--set topics.lidar=/front/scan" in last
+
+
+@pytest.mark.parametrize("kind", ["tf", "joints"])
+def test_transforms_and_joints_alone_have_a_length_and_parts(kind: str, tmp_path: Path) -> None:
+    log = Log()
+    if kind == "tf":
+        way(log)
+    for t_s in instants_s(8.0, 20) if kind == "joints" else ():
+        log.joints(ns(t_s), LEGS)
+    path, runs = str(log.write(tmp_path / "log")), tmp_path / "runs"
+    assert run_cli(["replay", path, "-o", str(runs), "--no-plots", "--start", "2", "--duration", "3"]) == 0
+    record = json.loads((runs / "log" / "run.json").read_text())
+    assert record["recorded_s"] == pytest.approx(2.95)
+    t_ns = read_table(runs / "log", "poses" if kind == "tf" else "joints")["t_ns"]
+    assert (t_ns[0], t_ns[-1]) == (ns(2.0), ns(4.95))
+
+
+def on_another_clock(log: Log, *, years: int = 1) -> None:
+    """Stamps of the robot's own clock, which is set wrong."""
+    for _, _, content in log.messages:
+        content.header.stamp.sec -= years * 365 * 86400
+
+
+def test_a_reference_without_stamps_does_not_stop_a_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = Log()
+    for t_s in instants_s(8.0, 20):
+        log.odometry(ns(t_s), Room(6.0).at(t_s))
+        log.pose(ns(t_s), Room(6.0).at(t_s), "/mocap/pose")
+    on_another_clock(log)
+    for _, topic, content in log.messages:
+        if topic == "/mocap/pose":
+            content.header.stamp.sec = content.header.stamp.nanosec = 0
+    arguments = ["-o", str(tmp_path / "runs"), "--no-plots", "--start", "1", "--until", "position"]
+    assert run_cli(["replay", str(log.write(tmp_path / "log")), *arguments]) == 0
+    assert "no reference is used: /mocap/pose" in capsys.readouterr().err
+    assert set(read_table(tmp_path / "runs" / "log", "poses")["source"]) == {"odometry"}
+
+
+def test_log_times_are_proposed_only_for_topics_that_are_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Log()
+    for t_s in instants_s(2.0, 20):
+        log.odometry(ns(t_s), Room(6.0).at(t_s))
+    on_another_clock(log)
+    log.tf(0, "base_link", "laser", (0.0, 0.0, 0.0), 0.1, "/tf_static")
+    log.add("/chatter", ns(0.5), message("std_msgs/msg/String", "no stamp"))
+    log.messages = [(max(t_ns, ns(0.0)), *rest) for t_ns, *rest in log.messages]
+    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
+    err = capsys.readouterr().err
+    assert "header stamps of 1 topic lie" in err
+    assert "--stamp log" not in err
+
+
+def test_an_intact_log_of_nothing_that_is_used_is_nothing_to_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Log()
+    log.add("/chatter", ns(0.0), message("std_msgs/msg/String", "hello"))
+    assert run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs")]) == 1
+    err = capsys.readouterr().err
+    assert "nothing to replay" in err
+    assert "nothing readable" not in err
+
+
+def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path: Path) -> None:
+    log = Log()
+    way(log)
+    arguments = ["-o", str(tmp_path / "runs"), "--until", "ingest", "--no-plots"]
+    assert run_cli(["replay", str(log.write(tmp_path / "log")), *arguments]) == 0
+    page = (tmp_path / "runs" / "log" / "report.html").read_text()
+    assert "Positions were not asked for" in page
+    assert "does not tell where the robot was" not in page
