@@ -9,7 +9,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Int, Odometry, Pose
-from quadlog.recordings.clock import increasing_rows
+from quadlog.recordings.clock import kept_rows
 from quadlog.recordings.gathering import Gathered, One
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
@@ -133,7 +133,7 @@ class _Recent:
         """What is known now."""
         if self._in_order:
             return UpSeries(self._t_ns, self._up)
-        rows = increasing_rows(self._t_ns)
+        rows = kept_rows(self._t_ns)
         return UpSeries(self._t_ns[rows], self._up[rows])
 
 
