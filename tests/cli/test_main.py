@@ -78,7 +78,7 @@ def test_standard_streams_that_the_shell_closed_are_no_bug():
 
 @pytest.mark.parametrize("arguments", [["synthesize", "follow"], ["simulate", "line", "--controller", "kinematic"]])
 def test_an_output_whose_name_is_not_utf_8_is_one_line(tmp_path, refused, arguments):
-    assert "its name is not UTF-8" in refused(1, *arguments, "-o", os.fsdecode(os.fsencode(tmp_path) + b"/q\xff"))
+    assert "its name is not UTF-8" in refused(1, *arguments, "-o", os.fsdecode(os.fsencode(tmp_path) + b"/q\xff.mcap"))
     assert list(tmp_path.iterdir()) == []
 
 
