@@ -85,10 +85,18 @@ def main() -> None:
     """Entry point: a known error is one line on stderr; a traceback is a bug in quadlog."""
     # MuJoCo looks for OpenGL when it is imported, and fails without it; code that renders chooses it itself.
     os.environ["MUJOCO_GL"] = "disable"
+    _open_closed_streams()
     take_one_interrupt()
     exit_code = run(sys.argv[1:])
     ignore_interrupts()
     sys.exit(exit_code)
+
+
+def _open_closed_streams() -> None:
+    """Standard streams that the shell closed (>&-) lead nowhere, and no file gets their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def run(arguments: list[str]) -> int:

@@ -13,7 +13,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import NothingReadable
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
-from quadlog.recordings.clock import FAR_APART_NS, REORDERED_NS
+from quadlog.recordings.clock import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
@@ -220,9 +220,9 @@ def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
 def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
     """Warnings of ranges whose stamps go back, unless already among the warnings."""
     words = [
-        stamps_go_back(each.name, each.clock_back_ns, each.clock_back_to_ns)
+        f"{each.name}: {stamps_go_back(each.clock_back_ns, each.clock_back_to_ns)}"
         for each in seen.topics
-        if each.clock_back_ns > REORDERED_NS
+        if each.clock_back_ns > LATE_NS
     ]
     # How far they go back differs where ranges are missing, so only the words before the amount are compared.
     new = [text for text in words if not any(each.startswith(text.rpartition(" by ")[0]) for each in said)]

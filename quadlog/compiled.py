@@ -6,7 +6,9 @@ optimising it by itself and once more in each compiled caller.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from numba import njit
@@ -16,9 +18,29 @@ from numba.extending import register_jitable
 _NO_CFUNC: dict[str, Any] = {"no_cfunc_wrapper": True}
 
 
+def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Numba's njit with these options; what it compiles is kept for the next start if any folder can be written to."""
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(**options)(function)
+        try:
+            dispatcher.enable_caching()
+        except RuntimeError:  # numba found no folder
+            _say_that_nothing_is_kept()
+        return dispatcher
+
+    return compiled
+
+
+@cache
+def _say_that_nothing_is_kept() -> None:
+    text = "compiled code cannot be kept, so that every start compiles it; set NUMBA_CACHE_DIR to a writable folder"
+    sys.stderr.write(f"warning: {text}\n")
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Called from Python, and by other compiled functions too."""
-    return njit(cache=True, error_model="numpy", **_NO_CFUNC)(function)
+    return cached(error_model="numpy", **_NO_CFUNC)(function)
 
 
 def inner(function: Callable[..., Any]) -> Any:
@@ -31,4 +53,4 @@ def inner(function: Callable[..., Any]) -> Any:
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Put into its compiled caller before that is typed: for few lines. Python calls it as it calls a kernel."""
-    return njit(cache=True, error_model="numpy", inline="always", **_NO_CFUNC)(function)
+    return cached(error_model="numpy", inline="always", **_NO_CFUNC)(function)

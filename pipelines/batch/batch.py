@@ -127,7 +127,8 @@ def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) ->
     passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
     if refuses:
         request = replace(request, existing=Existing.RESUME)
-    return BatchTask(number, _from_anywhere(request) if shared else request, size_bytes, passing, refuses)
+    anywhere = _from_anywhere(request)  # fails for relative paths where the working folder was deleted
+    return BatchTask(number, anywhere if shared else request, size_bytes, passing, refuses)
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:

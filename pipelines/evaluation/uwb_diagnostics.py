@@ -68,7 +68,8 @@ def uwb_diagnostics(
     }
     first_ns = int(streams.ranges.t_ns.min())
     places = survey_warnings(check_located(located, anchors, settings), anchors) if whole else []
-    return found, [*streams.warnings, *located_warnings(located, config, first_ns), *places]
+    lost = [f"{each.topic}: {each.detail}" for each in streams.losses]
+    return found, [*streams.warnings, *lost, *located_warnings(located, config, first_ns), *places]
 
 
 def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyFaults:

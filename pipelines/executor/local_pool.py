@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
@@ -133,6 +134,23 @@ _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
 _processes = threading.Lock()
 
 
+@contextmanager
+def _in_a_folder() -> Iterator[None]:
+    """Another working folder for the block, where that of this process was deleted: a new process must have one."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        deleted = os.open(".", os.O_RDONLY)
+        try:
+            os.chdir("/")
+            yield
+        finally:
+            os.fchdir(deleted)
+            os.close(deleted)
+    else:
+        yield
+
+
 class LocalProcess:
     """A spawned process that answers tasks."""
 
@@ -141,7 +159,7 @@ class LocalProcess:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = multiprocessing.Pipe()
         self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs,), daemon=True)
-        with _processes, _environment():
+        with _processes, _environment(), _in_a_folder():
             self._process.start()
         theirs.close()
 

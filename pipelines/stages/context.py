@@ -186,8 +186,9 @@ class ReplayContext:
 
     @property
     def losses(self) -> list[Loss]:
-        """Losses of the recording so far."""
-        return list(self.recording.losses if self.read_before is None else self.read_before.losses)
+        """Losses of the recording so far, without repetition."""
+        read = self.recording.losses if self.read_before is None else self.read_before.losses
+        return list(dict.fromkeys([*read, *self.streams.losses]))
 
     @property
     def read_warnings(self) -> list[str]:

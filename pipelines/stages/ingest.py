@@ -74,6 +74,7 @@ def read_all(
             lap("ingest")
             t_ns = gathered.t_ns
             start_ns = t_ns if start_ns is None else start_ns
+            wanted.note_cloud(lidar, t_ns)
             waiting.append((t_ns, gathered.message))
             while len(waiting) > MOST_WAITING or (waiting and _known(awaited, end_of_sweep_ns(*waiting[0]))):
                 take_first()

@@ -77,11 +77,12 @@ class CloudMover:
         """Store odometry; transforms are in the tree already."""
         if gathered.topic != self._odometry:
             return
+        frames = gathered.topic, self._frame, self._base
         if isinstance(gathered, Many):
-            self._tree.add_moving(self._frame, self._base, gathered.t_ns, gathered.columns.values[:, :7])
+            self._tree.add_moving(*frames, gathered.order, gathered.t_ns, gathered.columns.values[:, :7])
         elif isinstance(gathered.message, (Odometry, Pose)):
             pose = np.concatenate([gathered.message.position_m, gathered.message.quat_xyzw])
-            self._tree.add_moving(self._frame, self._base, np.array([gathered.t_ns]), pose[None])
+            self._tree.add_moving(*frames, np.array([gathered.order]), np.array([gathered.t_ns]), pose[None])
 
     def reaches(self, t_ns: int) -> bool:
         """Whether poses are known up to an instant."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from itertools import islice
+from itertools import compress, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -153,8 +153,8 @@ def _begin(walk: ReplayContext) -> Scanner:
 
 
 def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterator[tuple[ScanRow, ScanPlace]]:
-    """Every scan with its place; writes its row."""
-    scans = map(ScanRow.from_bytes, scanner.spill)
+    """Every scan with its place, except those that a clock set back stamps a second time; writes its row."""
+    scans = map(ScanRow.from_bytes, compress(scanner.spill, ~walk.streams.repeated_clouds))
     with TableWriter(walk.run.path / "scans.parquet", TABLES["scans"]) as table:
         while rows := list(islice(scans, AT_ONCE)):
             for row, place in zip(rows, poses.of(rows), strict=True):

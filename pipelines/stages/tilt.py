@@ -11,7 +11,7 @@ from quadlog.geometry import rotation_from_quat
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations, up_in_base
 from quadlog.messages import Float, Imu, Int, Odometry, Pose
 from quadlog.pipelines.stages.mount import RECENT, imu_mount
-from quadlog.recordings.clock import increasing_rows
+from quadlog.recordings.clock import kept_rows
 from quadlog.recordings.gathering import Gathered, One
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
@@ -145,7 +145,7 @@ class _Recent:
         """What is known now."""
         if self._in_order:
             return UpSeries(self._t_ns, self._up)
-        rows = increasing_rows(self._t_ns)
+        rows = kept_rows(self._t_ns)
         return UpSeries(self._t_ns[rows], self._up[rows])
 
 

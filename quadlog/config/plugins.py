@@ -10,12 +10,15 @@ A distribution names what it adds in its pyproject.toml:
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
-from typing import Any
+from typing import Any, NoReturn
 
-from quadlog.errors import PluginNameTaken, PluginUnusable
+from quadlog.errors import PluginNameTaken, PluginUnusable, QuadlogError
 
 PLANNERS = "quadlog.planners"
 DECODERS = "quadlog.decoders"
@@ -39,21 +42,42 @@ class Plugin:
 
     def load(self) -> Any:
         """The object it names. Raises PluginUnusable where importing it fails, whatever the reason."""
-        try:
+        with foreign_code(lambda failure: self.unusable(f"cannot be loaded: {failure}")):
             return self.entry_point.load()
-        except (Exception, SystemExit) as error:  # foreign code: it may fail in any way
-            raise self.unusable(f"cannot be loaded: {describe_failure(error)}") from error
 
     def unusable(self, reason: str) -> PluginUnusable:
         """The error that says why it cannot be used."""
         return PluginUnusable(self.kind, self.name, f"{self.distribution} {self.version}", reason)
 
 
+@contextmanager
+def foreign_code(error_of: Callable[[str], QuadlogError]) -> Iterator[None]:
+    """What code of a plug-in raises becomes the error that is made of its description; so does an attempt to end the
+    process. QuadlogErrors and interrupts by the user pass.
+    """
+    process, leave = os.getpid(), os._exit
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:  # a child that the plug-in forked
+            leave(status)
+        raise SystemExit(f"os._exit({status})")
+
+    os._exit = refuse
+    try:
+        yield
+    except (QuadlogError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise error_of(describe_failure(error)) from error
+    finally:
+        os._exit = leave
+
+
 def describe_failure(error: BaseException) -> str:
     """Class and message of an exception that a plug-in raised; its own __str__ may raise too."""
     try:
         return f"{type(error).__name__}: {error}"
-    except Exception:
+    except (Exception, SystemExit):
         return f"{type(error).__name__}: without a readable message"
 
 

@@ -8,9 +8,9 @@ from enum import IntEnum
 from typing import Literal, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import cached
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.ransac_plane import GroundPlane
 from quadlog.messages import Float, Float32, Int
@@ -35,7 +35,7 @@ def valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArra
     return _valid_points(xyz_m, float(min_range_m), float(max_range_m))
 
 
-@njit(cache=True)
+@cached()
 def _valid_points(xyz_m: Float, min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
     # In float64 the square of the largest float32 is still finite, and NaN
     # fails both comparisons: one pass, no overflow, no warnings.
@@ -116,7 +116,7 @@ def cropped_to_base(
     return xyz_base_m, label
 
 
-@njit(cache=True)
+@cached()
 def _transformed(xyz_m: Float, wanted: NDArray[np.bool_], transform: Float) -> Float:
     # Compiled, because picking rows out, moving them and putting them back costs ten times as much in numpy.
     moved = np.full((len(xyz_m), 3), np.nan)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from quadlog.compiled import inner, kernel
+from quadlog.compiled import cached, inner, kernel
 from quadlog.lidar.classified_scan import PointClass, in_field_of_view
 from quadlog.lidar.ground_columns import ColumnWalk
 from quadlog.lidar.isolation_filter import Isolated, supported
@@ -96,7 +95,7 @@ def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_
 
 
 # Sums of a sector's sixteen returns may be taken in any order.
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@cached(error_model="numpy", fastmath={"reassoc"})
 def _profile(
     ground: Marks, distance_m: Float32, z_m: Float32, floor_m: float, outward: Float, turn: Float, plane: Float,
     sums: Float32, height_m: Float32,

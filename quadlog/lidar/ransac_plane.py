@@ -10,9 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import cached
 from quadlog.messages import Float, Int
 
 # Upper limit for very small inlier shares.
@@ -96,7 +96,7 @@ def height_above_ground(xyz_base_m: Float, ground: GroundPlane | None) -> Float:
     return above
 
 
-@njit(cache=True)
+@cached()
 def _best_plane(
     x: Float, y: Float, z: Float, triples: Int, distance_m: float, log_miss: float
 ) -> tuple[int, float, float, float, float]:

@@ -15,9 +15,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from quadlog.compiled import cached
 from quadlog.messages import Float, Int
 
 # Vector registers hold up to 8 float64: loops over a leaf have no remainder when its slots are a multiple.
@@ -55,7 +55,7 @@ class _Tree(NamedTuple):
     n_in: Int
 
 
-@njit(cache=True)
+@cached()
 def _mean_distances(tree: _Tree, n_points: int, neighbours: int) -> Float:
     wanted = neighbours + 1  # every point is its own nearest, at distance 0
     n_leaves, _, slots = tree.xyz.shape
@@ -85,7 +85,7 @@ def _mean_distances(tree: _Tree, n_points: int, neighbours: int) -> Float:
     return mean_m
 
 
-@njit(cache=True)
+@cached()
 def _build(xyz_m: Float, least_in_leaf: int) -> _Tree:
     """Halve the points at the median of their box's longest side, as often as least_in_leaf allows."""
     n_points = len(xyz_m)
@@ -115,7 +115,7 @@ def _build(xyz_m: Float, least_in_leaf: int) -> _Tree:
     return _filled(box, columns, index, start, end)
 
 
-@njit(cache=True)
+@cached()
 def _filled(box: Float, columns: Float, index: Int, start: Int, end: Int) -> _Tree:
     """Every leaf's points side by side, so that measuring them reads memory in order."""
     n_leaves = (len(box) + 1) // 2
@@ -134,7 +134,7 @@ def _filled(box: Float, columns: Float, index: Int, start: Int, end: Int) -> _Tr
     return _Tree(box, xyz, index_in, n_in)
 
 
-@njit(cache=True)
+@cached()
 def _extent(values: Float, start: int, end: int) -> tuple[float, float]:
     low = high = values[start]
     for i in range(start + 1, end):
@@ -142,7 +142,7 @@ def _extent(values: Float, start: int, end: int) -> tuple[float, float]:
     return low, high
 
 
-@njit(cache=True)
+@cached()
 def _halve(columns: Float, index: Int, axis: int, start: int, end: int, middle: int) -> None:
     """Reorder points start..end - 1 so that none before `middle` lies beyond one from `middle` on (Hoare's select)."""
     key = columns[axis]
@@ -171,14 +171,14 @@ def _halve(columns: Float, index: Int, axis: int, start: int, end: int, middle: 
             return
 
 
-@njit(cache=True)
+@cached()
 def _diagonal2(box: Float) -> float:
     # Slightly more than the diagonal squared, so that rounding never puts two points of the box farther apart.
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return (x * x + y * y + z * z) * (1.0 + 1e-12)
 
 
-@njit(cache=True)
+@cached()
 def _leaves_near(box: Float, leaf: int, n_leaves: int, reach2: float, near: Int, near_box: Float) -> int:
     """Write which leaves are nearer to a leaf than the reach, and their boxes (6, n); returns how many."""
     here = box[n_leaves - 1 + leaf]
@@ -204,7 +204,7 @@ def _leaves_near(box: Float, leaf: int, n_leaves: int, reach2: float, near: Int,
     return n_near
 
 
-@njit(cache=True)
+@cached()
 def _measure(
     xyz: Float, near: Int, near_box: Float, n_near: int, x: float, y: float, z: float, limit2: float, gap2: Float,
     d2: Float,
@@ -231,7 +231,7 @@ def _measure(
     return rows, n_within
 
 
-@njit(cache=True)
+@cached()
 def _enclose(d2: Float, n: int, wanted: int, low2: float, n_low: int, high2: float, n_high: int) -> tuple[float, float]:
     """Two limits: the `wanted` smallest of n values are those within the first, then some equal to the second.
 
@@ -257,7 +257,7 @@ def _enclose(d2: Float, n: int, wanted: int, low2: float, n_low: int, high2: flo
     return high2, high2
 
 
-@njit(cache=True)
+@cached()
 def _sum_of_roots(d2: Float, n: int, limit2: float, kept: Float) -> tuple[float, float, int]:
     """Of those of the first n values that are within the limit: the sum of their roots, the largest, how many."""
     # Every value is written, and the next one over it unless it counts: no branch to mispredict.

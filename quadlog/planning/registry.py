@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+from contextlib import AbstractContextManager
 from importlib import import_module
 from typing import Any, cast
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from quadlog.config.planners import PLANNER_CLASSES
 from quadlog.config.plugins import PLANNERS as GROUP
-from quadlog.config.plugins import Plugin, describe_failure, find_plugin, plugin_names
+from quadlog.config.plugins import Plugin, find_plugin, foreign_code, plugin_names
 from quadlog.errors import UnknownName
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
@@ -44,20 +45,16 @@ class CheckedPlanner:
     def __init__(self, plugin: Plugin, kind: type[Planner], rules: Rules) -> None:
         self._plugin = plugin
         self.name, self.incremental = kind.name, kind.incremental  # type: ignore[misc]
-        try:
+        with self._doing("be made"):
             self._planner = kind(rules)
-        except (Exception, SystemExit) as error:
-            raise self._failed("be made", error) from error
         self.rules: Rules = getattr(self._planner, "rules", None) or rules
         if not isinstance(self.rules, Rules):
             raise plugin.unusable("its rules are no Rules")
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The plug-in's plan, its cells as int32."""
-        try:
+        with self._doing("plan"):
             plan = self._planner.plan(blocked, start, goal, shift)
-        except (Exception, SystemExit) as error:
-            raise self._failed("plan", error) from error
         try:
             plan = _in_our_types(plan)
         except (TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -69,13 +66,11 @@ class CheckedPlanner:
 
     def reset(self) -> None:
         """Forget the plan before."""
-        try:
+        with self._doing("be reset"):
             self._planner.reset()
-        except (Exception, SystemExit) as error:
-            raise self._failed("be reset", error) from error
 
-    def _failed(self, task: str, error: BaseException) -> Exception:
-        return self._plugin.unusable(f"could not {task}: {describe_failure(error)}")
+    def _doing(self, task: str) -> AbstractContextManager[None]:
+        return foreign_code(lambda failure: self._plugin.unusable(f"could not {task}: {failure}"))
 
 
 def _has(found: type, name: str, kind: type) -> bool:

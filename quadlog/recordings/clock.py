@@ -7,8 +7,7 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 
 from quadlog.errors import ClocksDiffer
 from quadlog.messages import Int, Message, Timed, Transforms
-from quadlog.recordings.containers.container import Container, RawMessage
+from quadlog.recordings.containers.container import Container, Loss, RawMessage
+from quadlog.recordings.formatting import stamps_go_back
 
 Stamp = Literal["header", "log"]
 
@@ -154,39 +154,6 @@ class Clock:
         ]
 
 
-def increasing_rows(t_ns: Int) -> Int:
-    """Rows (K,) of the times (N,) that increase strictly, as many as can be.
-
-    Of equally many, those that come later than all before them: of two equal
-    stamps the first. One stamp in the far future costs only itself.
-    """
-    if len(t_ns) == 0:
-        return np.zeros(0, np.int64)
-    in_turn = np.flatnonzero(np.concatenate([[True], t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]]))
-    if len(in_turn) == len(t_ns):
-        return in_turn
-    longest = _longest_increasing(t_ns.tolist())
-    return in_turn if len(in_turn) == len(longest) else np.array(longest, np.int64)
-
-
-def _longest_increasing(values: list[int]) -> list[int]:
-    """Rows of a longest strictly increasing subsequence, in O(N log N) (Fredman, 1975)."""
-    ends: list[int] = []  # the smallest value that ends an increasing run of length 1, 2, ...
-    end_rows: list[int] = []
-    before: list[int] = []
-    for row, value in enumerate(values):
-        length = bisect_left(ends, value)
-        before.append(end_rows[length - 1] if length else -1)
-        ends[length : length + 1] = [value]
-        end_rows[length : length + 1] = [row]
-    rows = []
-    row = end_rows[-1]
-    while row >= 0:
-        rows.append(row)
-        row = before[row]
-    return rows[::-1]
-
-
 MARGIN_NS = 500_000_000
 FARTHEST_NS = 10_000_000_000
 """How far beyond an edge a topic is looked for that is silent at the edge itself."""
@@ -267,38 +234,65 @@ def _until(start_ns: int, seen: Iterator[EdgeMessage], topics: Collection[str]) 
     return earlier, within
 
 
-REORDERED_NS = 50_000_000
-"""Messages may overtake one another by so much without a clock being at fault."""
+LATE_NS = 1_000_000_000
+"""Messages may overtake one another by so much; stamps that go back by more are those of a clock that was set back."""
 
 
-def backward_steps(t_ns: Int) -> Int:
-    """Rows (K,) at which stamps (N,), as logged, go back by more than REORDERED_NS."""
-    return np.flatnonzero(np.diff(t_ns) < -REORDERED_NS) + 1
+def kept_rows(t_ns: Int) -> Int:
+    """Rows (K,) of stamps (N,), as logged, by time, which increases strictly.
+
+    Late ones are sorted in; all but the first of equal ones are left out, as are repeated_rows.
+    """
+    rows = np.flatnonzero(~repeated_rows(t_ns))
+    rows = rows[np.argsort(t_ns[rows], kind="stable")]
+    return rows[np.concatenate([[True], np.diff(t_ns[rows]) > 0])] if len(rows) else rows
 
 
-def repeated_rows(t_ns: Int) -> np.ndarray:
-    """(N,) bool: the rows to leave out, so that stamps (N,), as logged, go on but for what REORDERED_NS allows.
+def repeated_rows(t_ns: Int) -> NDArray[np.bool_]:
+    """(N,) bool: the rows to leave out, so that stamps (N,), as logged, are those of one passage of time.
 
     After a step back, rows are left out until the stamps pass what was
     covered before: what came first stays, so that all senders on one clock
     lose the same stretch. Only where fewer than AGREEING_STRAYS stamps ran
     ahead, of more that follow, is it they that are left out.
     """
-    repeated = np.zeros(len(t_ns), dtype=bool)
-    if len(t_ns) == 0:
+    repeated = np.zeros(len(t_ns), np.bool_)
+    if not (t_ns < np.maximum.accumulate(t_ns) - LATE_NS).any():
         return repeated
-    covered_ns = int(t_ns.min())
-    recent = np.empty(0, dtype=np.int64)
-    for run in np.split(np.arange(len(t_ns)), backward_steps(t_ns)):
-        ahead = recent[t_ns[recent] > t_ns[run[0]] + REORDERED_NS]
-        behind = int((t_ns[run] < covered_ns - REORDERED_NS).sum())
-        if len(ahead) < min(AGREEING_STRAYS, behind):
-            repeated[ahead] = True
-            recent = np.setdiff1d(recent, ahead)
-            covered_ns = int(t_ns[recent].max(initial=t_ns.min()))
-        if t_ns[run[0]] < covered_ns - REORDERED_NS:
-            repeated[run] = t_ns[run] <= covered_ns
-        kept = run[~repeated[run]]
-        covered_ns = int(t_ns[kept].max(initial=covered_ns))
-        recent = np.concatenate([recent, kept])[-AGREEING_STRAYS:]
+    times = t_ns.tolist()
+    covered_ns, again = min(times), False
+    recent: list[tuple[int, int]] = []  # rows that were kept, and what was covered before them
+    for row, time_ns in enumerate(times):
+        if not again and time_ns < covered_ns - LATE_NS:
+            ahead = [each for each in recent if times[each[0]] > time_ns + LATE_NS]
+            following_ns = np.maximum.accumulate(t_ns[row : row + AGREEING_STRAYS])
+            behind = int((following_ns < covered_ns - LATE_NS).sum())
+            if 0 < len(ahead) < behind:
+                repeated[[each for each, _ in ahead]] = True
+                recent = [each for each in recent if each not in ahead]
+                covered_ns = max([ahead[0][1], *(times[each] for each, _ in recent)])
+            again = time_ns < covered_ns - LATE_NS
+        if again and time_ns <= covered_ns:
+            repeated[row] = True
+            continue
+        again = False
+        recent = [*recent[1 - AGREEING_STRAYS :], (row, covered_ns)]
+        covered_ns = max(covered_ns, time_ns)
     return repeated
+
+
+def clock_losses(topic: str, things: str, senders: Iterable[Int]) -> list[Loss]:
+    """No loss or one: what repeated_rows leaves out of a topic; senders: the stamps (N,) of each, as logged."""
+    total = dropped = 0
+    worst = (0, 0)
+    for t_ns in senders:
+        total += len(t_ns)
+        if count := int(repeated_rows(t_ns).sum()):
+            dropped += count
+            back_ns = np.maximum.accumulate(t_ns) - t_ns
+            row = int(back_ns.argmax())
+            worst = max(worst, (int(back_ns[row]), int(t_ns[row])))
+    if not dropped:
+        return []
+    detail = f"{stamps_go_back(*worst)}; {dropped} of {total} {things} whose stamps repeat or run ahead of others"
+    return [Loss("clock", f"{detail} are dropped; take log times with  --stamp log", topic, dropped)]

@@ -17,9 +17,9 @@ def instant(t_ns: int) -> str:
     return f"{whole:%Y-%m-%dT%H:%M:%S}.{t_ns % 10**9 // 10**6:03d}Z"
 
 
-def stamps_go_back(topic: str, back_ns: int, t_ns: int) -> str:
+def stamps_go_back(back_ns: int, t_ns: int) -> str:
     """That a topic's stamps go back by so much, to an instant."""
-    return f"{topic}: its header stamps go back by {back_ns * 1e-9:.2f} s, to {instant(t_ns)}"
+    return f"its header stamps go back by {back_ns * 1e-9:.2f} s, to {instant(t_ns)}"
 
 
 def several(count: int, thing: str) -> str:

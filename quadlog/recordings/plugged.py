@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from quadlog.config.plugins import Plugin, describe_failure
+from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS
 from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
@@ -79,12 +80,8 @@ def interpreter(decoder: MessageDecoder) -> Interpret:
     """Its decode, with arrays of the types that quadlog computes with. Raises DecodeError for whatever goes wrong."""
 
     def interpret(message: Any, topic: str) -> tuple[Message, ...]:
-        try:
+        with foreign_code(lambda failure: DecodeError(topic, f"its plug-in failed: {failure}")):
             return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
-        except DecodeError:
-            raise
-        except (Exception, SystemExit) as error:  # foreign code on untrusted data
-            raise DecodeError(topic, f"its plug-in failed: {describe_failure(error)}") from error
 
     return interpret
 
@@ -98,6 +95,9 @@ def _sound(message: Any, gives: type[Message], topic: str) -> Message:
         for name in ("stamp_ns", "tag")
         if hasattr(message, name)
     }
+    for name, number in sound.items():
+        if number is not None and not -MAX_TIME_NS <= number <= MAX_TIME_NS:
+            raise DecodeError(topic, f"its plug-in gave a {name} of {number}, which does not fit into 64 bits")
     for name in ("frame_id", "child_frame_id"):
         if not isinstance(getattr(message, name, ""), str):
             raise DecodeError(topic, f"its plug-in gave a {name} that is no text")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.messages import (
     Float,
@@ -23,11 +24,11 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
-from quadlog.recordings.clock import backward_steps, increasing_rows, repeated_rows
+from quadlog.recordings.clock import clock_losses, kept_rows, repeated_rows
+from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.columns import Columns
 from quadlog.recordings.decoders.pose import is_static
-from quadlog.recordings.formatting import stamps_go_back
 from quadlog.recordings.gathering import Gathered, Many
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
@@ -40,6 +41,8 @@ class Streams:
     range_gap_db: (N,) receiver minus first-path power beside ranges, NaN where a message has none.
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
     anchor_places: anchor id -> where the range messages say that it is. estimates: pose topic -> its poses.
+    losses: of topics whose clock was set back. repeated_clouds: (C,) the clouds that it stamps a second time, of all
+    that were noted.
     """
 
     ranges: RangeSeries | None
@@ -52,7 +55,9 @@ class Streams:
     target: PoseSeries | None
     tf: TransformTree
     warnings: list[str]
+    losses: list[Loss]
     anchor_places: dict[int, AnchorPlace]
+    repeated_clouds: NDArray[np.bool_]
     joints: JointSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
 
@@ -72,11 +77,11 @@ def gather(
 ) -> Streams:
     """Read the named topics once (static transforms apart: they count from before start_ns too).
 
-    Times of each series increase strictly: a message whose stamp does not is
-    dropped and counted in warnings. Ranges are sorted instead, as far as their
-    messages may have overtaken one another; where a link's stamps go back
-    farther, what it stamps a second time is dropped and counted, because two
-    walks would interleave. Raises ClocksDiffer.
+    Messages that have overtaken one another are sorted. Where a clock was set
+    back, what it stamps a second time is dropped, which is a loss, because two
+    walks would interleave. Times increase strictly except those of ranges: a
+    message with the stamp of another is dropped and counted in warnings.
+    Raises ClocksDiffer.
     """
     wanted = Gatherer(uwb, odometry, imu, reference, target, tf, joints)
     wanted.take_static(recording)
@@ -148,14 +153,15 @@ class _Columns:
             t_ns, values = t_ns[rows], values[rows]
         return t_ns, values
 
-    def increasing(self, topic: str, warnings: list[str]) -> tuple[Int, Float]:
-        """Both columns without as few rows as it takes for the times to increase strictly."""
+    def increasing(self, topic: str, warnings: list[str], losses: list[Loss]) -> tuple[Int, Float]:
+        """Both columns by time, which increases strictly; what is left out of them is told."""
         t_ns, values = self.arrays()
-        kept = increasing_rows(t_ns)
-        dropped = len(t_ns) - len(kept)
-        if dropped:
-            warnings.append(f"{topic}: {dropped} of {len(t_ns)} stamps do not increase; those messages are dropped")
-        return (t_ns[kept], values[kept]) if dropped else (t_ns, values)
+        kept = kept_rows(t_ns)
+        lost = clock_losses(topic, "messages", [t_ns])
+        losses += lost
+        if equal := len(t_ns) - len(kept) - sum(each.count or 0 for each in lost):
+            warnings.append(f"{topic}: {equal} of {len(t_ns)} messages have the stamp of another; they are dropped")
+        return t_ns[kept], values[kept]
 
 
 class Gatherer:
@@ -194,7 +200,13 @@ class Gatherer:
         self._imu = _Columns(7)
         self._joints = _Columns(_JOINT_VALUES, "f")
         self._places = AnchorPlaces()
+        self._clouds: dict[str, array[int]] = {}
         self._warnings: list[str] = []
+        self._losses: list[Loss] = []
+
+    def note_cloud(self, topic: str, t_ns: int) -> None:
+        """The stamp of a cloud, which is left to be streamed."""
+        self._clouds.setdefault(topic, array("q")).append(t_ns)
 
     def take_static(self, recording: Recording) -> None:
         """All static transforms: they count from before a window too."""
@@ -226,7 +238,7 @@ class Gatherer:
         elif isinstance(content, Transforms):
             for pose in content.transforms:
                 own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
-                self.tree.add(own_ns, pose, static=content.static)
+                self.tree.add(own_ns, pose, static=content.static, order=order, topic=topic)
 
     def _take_columns(self, order: Int, t_ns: Int, topic: str, columns: Columns) -> None:
         last = int(order[-1])
@@ -247,7 +259,7 @@ class Gatherer:
                 column.name(last, columns.frame_id, columns.child_frame_id)
                 column.extend(order, t_ns, values)
         elif columns.kind is Pose:
-            self.tree.add_moving(columns.frame_id, columns.child_frame_id, t_ns, columns.values)
+            self.tree.add_moving(topic, columns.frame_id, columns.child_frame_id, order, t_ns, columns.values)
 
     def _take_range_columns(self, order: Int, t_ns: Int, topic: str, values: Float) -> None:
         row, anchor = np.nonzero(values[:, 1:])
@@ -277,19 +289,27 @@ class Gatherer:
         target, _ = self._pose_series("target")
         estimates = {topic: self._pose_series(role)[0] for role, topic in self._estimates.items()}
         ranges, gap_db = self._range_series()
+        imu, joints = self._imu_series(), self._joint_series()
+        for topic in self.moving_tf:
+            self._losses += clock_losses(topic, "transforms", self.tree.stamps(topic))
+        for topic, stamps in self._clouds.items():
+            self._losses += clock_losses(topic, "clouds", [np.array(stamps, np.int64)])
+        clouds = [repeated_rows(np.array(stamps, np.int64)) for stamps in self._clouds.values()]
         return Streams(
             ranges=ranges,
             range_gap_db=gap_db,
             odometry=odometry,
             odometry_linear_mps=None if odometry is None else twist[:, :3],
             odometry_angular_radps=None if odometry is None else twist[:, 3:],
-            imu=self._imu_series(),
+            imu=imu,
             reference=reference,
             target=target,
             tf=self.tree,
             warnings=self._warnings,
+            losses=self._losses,
             anchor_places=self._places.found(),
-            joints=self._joint_series(),
+            repeated_clouds=np.concatenate([np.zeros(0, np.bool_), *clouds]),
+            joints=joints,
             estimates={topic: series for topic, series in estimates.items() if series is not None},
         )
 
@@ -304,39 +324,32 @@ class Gatherer:
         return RangeSeries(t_ns, tag, anchor, values[:, 2].copy()), values[:, 3].copy()
 
     def _on_one_clock(self, t_ns: Int, values: Float) -> tuple[Int, Float]:
-        """Both columns without what a clock that was set back stamps a second time; each such topic is told.
+        """Both columns without what a clock that was set back stamps a second time.
 
         Link by link: tags that share a topic may be late by different amounts.
         """
         topic = values[:, 4].astype(np.int64)
         order = np.lexsort((values[:, 1], values[:, 0], topic))
         link = np.column_stack([topic, values[:, :2]])[order]
-        repeated, back_ns = np.zeros(len(t_ns), dtype=bool), np.zeros(len(t_ns), dtype=np.int64)
-        for rows in np.split(order, np.flatnonzero((link[1:] != link[:-1]).any(axis=1)) + 1):
-            steps = backward_steps(t_ns[rows])
-            if len(steps):
-                repeated[rows] = repeated_rows(t_ns[rows])
-                back_ns[rows[steps]] = t_ns[rows[steps - 1]] - t_ns[rows[steps]]
+        links = np.split(order, np.flatnonzero((link[1:] != link[:-1]).any(axis=1)) + 1)
+        repeated = np.zeros(len(t_ns), dtype=bool)
+        for rows in links:
+            repeated[rows] = repeated_rows(t_ns[rows])
         for name, index in self._range_topics.items():
-            mine = topic == index
-            worst = int(np.argmax(np.where(mine, back_ns, 0)))
-            if back_ns[worst]:
-                self._warnings.append(
-                    f"{stamps_go_back(name, int(back_ns[worst]), int(t_ns[worst]))}; {repeated[mine].sum()} ranges "
-                    "whose stamps repeat or run ahead of others are dropped; take log times with  --stamp log"
-                )
+            mine = [t_ns[rows] for rows in links if topic[rows[0]] == index]
+            self._losses += clock_losses(name, "ranges", mine)
         return t_ns[~repeated], values[~repeated]
 
     def _pose_series(self, role: str) -> tuple[PoseSeries | None, Float]:
         column = self._poses[role]
-        t_ns, values = column.increasing(str(self._pose_topics[role]), self._warnings)
+        t_ns, values = column.increasing(str(self._pose_topics[role]), self._warnings, self._losses)
         if len(t_ns) == 0:
             return None, values[:, 7:]
         series = PoseSeries(t_ns, values[:, :3].copy(), values[:, 3:7].copy(), column.frame_id, column.child_frame_id)
         return series, values[:, 7:].copy()
 
     def _imu_series(self) -> ImuSeries | None:
-        t_ns, values = self._imu.increasing(str(self._imu_topic), self._warnings)
+        t_ns, values = self._imu.increasing(str(self._imu_topic), self._warnings, self._losses)
         if len(t_ns) == 0:
             return None
         quaternions = values[:, 3:].copy()
@@ -347,7 +360,7 @@ class Gatherer:
 
     def _joint_series(self) -> JointSeries | None:
         topic = str(self._joints_topic)
-        t_ns, values = self._joints.increasing(topic, self._warnings)
+        t_ns, values = self._joints.increasing(topic, self._warnings, self._losses)
         if len(t_ns) == 0:
             return None
         parts = {"angles": values[:, :12], "speeds": values[:, 12:24], "torques": values[:, 24:36]}

@@ -12,6 +12,7 @@ import numpy as np
 
 from quadlog.geometry import invert_transform, seconds_since, transform_from_quat
 from quadlog.messages import Float, Int, Pose, PoseSeries
+from quadlog.recordings.clock import kept_rows
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -30,18 +31,24 @@ def is_named(frame: str, names: Sequence[str]) -> bool:
 
 @dataclass(eq=False)
 class Edge:
-    """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds."""
+    """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds.
+
+    order: which of the poses came first. topic: of the last one.
+    """
 
     parent: str
     child: str
     static: bool
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     pose: array[float] = field(default_factory=lambda: array("d"))
+    order: array[int] = field(default_factory=lambda: array("q"))
+    topic: str = ""
 
-    def add(self, t_ns: int, pose: Pose) -> None:
+    def add(self, t_ns: int, pose: Pose, order: int) -> None:
         """One more pose; a static one replaces what was there."""
         if self.static:
-            del self.t_ns[:], self.pose[:]
+            del self.t_ns[:], self.pose[:], self.order[:]
+        self.order.append(order)
         self.t_ns.append(t_ns)
         self.pose.extend((*pose.position_m.tolist(), *pose.quat_xyzw.tolist()))
 
@@ -52,14 +59,16 @@ class Edge:
         shift_m, turn_cos = np.ptp(poses[:, :3], axis=0), np.abs(poses[:, 3:] @ poses[0, 3:])
         return self.static or bool((shift_m < STILL_M).all() and (turn_cos > STILL_COS).all())
 
+    def logged(self) -> tuple[Int, Int]:
+        """Rows (N,) in the order in which they came, and their times."""
+        rows = np.argsort(np.array(self.order, np.int64), kind="stable")
+        return rows, np.array(self.t_ns, np.int64)[rows]
+
     def series(self) -> tuple[Int, Float]:
-        """t_ns (N,) strictly increasing and the poses (N, 7) as position, quaternion; late stamps are dropped."""
-        t_ns = np.array(self.t_ns, np.int64)
-        poses = np.array(self.pose, np.float64).reshape(-1, 7)
-        order = np.argsort(t_ns, kind="stable")
-        t_ns, poses = t_ns[order], poses[order]
-        fresh = np.concatenate([[True], np.diff(t_ns) > 0]) if len(t_ns) else np.zeros(0, bool)
-        return t_ns[fresh], poses[fresh]
+        """t_ns (N,) strictly increasing and the poses (N, 7) as position, quaternion; see clock.kept_rows."""
+        rows, t_ns = self.logged()
+        kept = kept_rows(t_ns)
+        return t_ns[kept], np.array(self.pose, np.float64).reshape(-1, 7)[rows[kept]]
 
 
 class TransformTree:
@@ -68,21 +77,24 @@ class TransformTree:
     def __init__(self) -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
 
-    def add(self, t_ns: int, pose: Pose, *, static: bool) -> None:
-        """The pose of pose.child_frame_id in pose.frame_id."""
+    def add(self, t_ns: int, pose: Pose, *, static: bool, order: int = 0, topic: str = "") -> None:
+        """The pose of pose.child_frame_id in pose.frame_id. order: its place in the log."""
         key = (pose.frame_id, pose.child_frame_id)
         edge = self._edges.get(key)
         if edge is None or (edge.static and not static):
             edge = self._edges[key] = Edge(*key, static)
         if edge.static or not static:
-            edge.add(t_ns, pose)
+            edge.topic = topic
+            edge.add(t_ns, pose, order)
 
-    def add_moving(self, frame_id: str, child_frame_id: str, t_ns: Int, pose: Float) -> None:
+    def add_moving(self, topic: str, frame_id: str, child_frame_id: str, order: Int, t_ns: Int, pose: Float) -> None:
         """Poses (N, 7), position and quaternion, at t_ns (N,); what is static stays as it is."""
         if len(t_ns) == 0:
             return
         edge = self._edges.setdefault((frame_id, child_frame_id), Edge(frame_id, child_frame_id, static=False))
         if not edge.static:
+            edge.topic = topic
+            edge.order.frombytes(order.tobytes())
             edge.t_ns.frombytes(t_ns.tobytes())
             edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
 
@@ -90,8 +102,15 @@ class TransformTree:
         """The same frames with the last few poses of each."""
         tree = TransformTree()
         for key, edge in self._edges.items():
-            tree._edges[key] = Edge(edge.parent, edge.child, edge.static, edge.t_ns[-count:], edge.pose[-7 * count :])
+            tree._edges[key] = Edge(
+                *(edge.parent, edge.child, edge.static),
+                *(edge.t_ns[-count:], edge.pose[-7 * count :], edge.order[-count:]),
+            )
         return tree
+
+    def stamps(self, topic: str) -> list[Int]:
+        """Times (N,) of each moving transform of a topic, in the order in which they came."""
+        return [edge.logged()[1] for edge in self._edges.values() if edge.topic == topic and not edge.static]
 
     def __len__(self) -> int:
         return len(self._edges)

@@ -41,6 +41,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Raises CannotWrite when the disk is full or the folder cannot be written to.
     """
+    check_name(path)
     part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
     _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
@@ -79,6 +80,7 @@ def new_folder(path: Path) -> Iterator[None]:
 
     Raises CannotWrite.
     """
+    check_name(path)
     if not path.exists():
         _new_folders.add(path)  # before it is there, since a signal may come at any moment
     try:
@@ -173,6 +175,14 @@ def part_prefix(pid: int) -> str:
         processes = ""  # no Linux
     host = hashlib.sha256(f"{platform.node()} {processes}".encode()).hexdigest()[:8]
     return f".quadlog-{host}-{pid}-"
+
+
+def check_name(path: Path) -> None:
+    """Raises CannotWrite for a name that neither Parquet nor a page can spell."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise CannotWrite(path, "its name is not UTF-8; choose another") from error
 
 
 def _begin(part: Path, path: Path) -> None:

@@ -117,27 +117,40 @@ def told_by(info: Mapping[str, Any]) -> ObjectInfo:
     return ObjectInfo(size if isinstance(size, int) and size >= 0 else None, True, etag, modified)
 
 
+_KNOWN = "there are s3, http, https, gs, abfs, sftp and others of fsspec"
+
+
 def filesystem(url: str) -> Any:
     """The file system of fsspec for a URL, with bounded patience. Raises StorageUnknown, StorageFailed."""
     protocol = protocol_of(url)
     try:
         with explained(url):
             # Whether a URL is quoted already decides what is sent: a signature must arrive as it was made.
-            return _filesystem(protocol, url.isascii() and " " not in url)
+            return _filesystem(protocol, url.isascii() and " " not in url, _login(protocol, url))
     except StorageFailed as failure:
         if isinstance(failure.__cause__, ImportError):
             raise StorageUnknown(redacted(url), f"{protocol}:// needs a package more: {failure.reason}") from None
         if isinstance(failure.__cause__, ValueError):
-            known = "s3, http, https, gs, abfs, sftp and others of fsspec"
-            raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; there are {known}") from None
+            raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
+        if isinstance(failure.__cause__, TypeError):
+            # Its class asks for more than its options.
+            raise StorageUnknown(redacted(url), f"{protocol}:// is none that quadlog reads; {_KNOWN}") from None
         raise
 
 
-@cache
-def _filesystem(protocol: str, quoted: bool) -> Any:
+def _login(protocol: str, url: str) -> tuple[tuple[str, Any], ...]:
+    """The server and the user that a URL names, for systems like ftp that have one connection for each."""
     import fsspec
 
-    system = fsspec.get_filesystem_class(protocol)(**_patience(protocol, quoted))
+    found = fsspec.get_filesystem_class(protocol)._get_kwargs_from_urls(url)
+    return tuple((name, found[name]) for name in ("host", "port", "username", "password") if found.get(name))
+
+
+@cache
+def _filesystem(protocol: str, quoted: bool, login: tuple[tuple[str, Any], ...]) -> Any:
+    import fsspec
+
+    system = fsspec.get_filesystem_class(protocol)(**_patience(protocol, quoted), **dict(login))
     if hasattr(system, "call_s3"):
         system.retries = _TRIES
     return system

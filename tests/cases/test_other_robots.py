@@ -268,6 +268,12 @@ CASES = {
     ),
     "clock-set-back-odometry": Case(set_back(odometry), 3, "odometry"),
     "clock-set-back-tf": Case(set_back(tf("odom", "base_link")), 3, "tf"),
+    "clock-set-back-scans": Case(
+        set_back(together(odometry, lambda log, room: add_scans(log, room, 8.0, frame="base_link"))),
+        *(3, "odometry"),
+        says=("/odom", "/scan"),
+        walls=True,
+    ),
     "wheels-and-gripper": Case(
         together(odometry, joints(*WHEELS, *ARM, *GRIPPER)), 0, "odometry", never=("lost", "joint_states", "torque_")
     ),

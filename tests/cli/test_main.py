@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 import sys
@@ -65,6 +66,39 @@ def test_completing_asks_for_no_version(capsys):
 def test_unknown_commands_and_missing_arguments_are_usage(refused):
     assert "replya" in refused(2, "replya")
     refused(2, "replay")
+
+
+def test_standard_streams_that_the_shell_closed_are_no_bug():
+    command = f"{shlex.quote(sys.executable)} -m quadlog"
+    script = f"{command} --help >&- && {command} --help <&- >&- 2>&- && {command} --nothing >&-"
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "Error: No such option '--nothing'."
+
+
+@pytest.mark.parametrize("arguments", [["synthesize", "follow"], ["simulate", "line", "--controller", "kinematic"]])
+def test_an_output_whose_name_is_not_utf_8_is_one_line(tmp_path, refused, arguments):
+    assert "its name is not UTF-8" in refused(1, *arguments, "-o", os.fsdecode(os.fsencode(tmp_path) + b"/q\xff.mcap"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_code_that_cannot_be_kept_is_compiled_in_memory(tmp_path):
+    """A read-only installation without a writable home: numba finds no folder."""
+    (tmp_path / "file").touch()
+    places = {
+        "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
+        "NUMBA_CACHE_DIR": str(tmp_path / "file" / "in"),
+    }
+    code = (
+        "import numpy as np\nfrom quadlog.compiled import kernel\n"
+        "@kernel\ndef double(x):\n    return 2 * x\n@kernel\ndef half(x):\n    return x / 2\nprint(half(double(3)))"
+    )
+    (tmp_path / "kernels.py").write_text(code)
+    command = [sys.executable, str(tmp_path / "kernels.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **places})
+    assert done.stdout == "3.0\n"
+    assert done.stderr.count("\n") == 1
+    assert "NUMBA_CACHE_DIR" in done.stderr
 
 
 def test_a_known_error_is_one_line_and_the_exit_code_is_one(tmp_path, refused):

@@ -4,6 +4,7 @@ the file is damaged.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from quadlog.errors import NothingReadable
 from quadlog.recordings.containers.bounded_reader import (
     MAX_INDEX_BYTES,
+    MAX_TIME_NS,
     Cursor,
     Damaged,
     name_of,
@@ -43,6 +45,10 @@ from quadlog.storage.byte_ranges import ByteSource
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _MAX_HEADER_BYTES = 1 << 20
+_BEHIND_CHUNKS = (INDEX, CHUNK, CHUNK_INFO, CONNECTION)
+_MOST_HEADER_BYTES = 128
+"""Of a chunk's or an index's record, which has three or four short fields."""
+_TOO_LONG = "a record reaches beyond the end of the file"
 HEAD_BYTES = 512
 _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
@@ -79,8 +85,8 @@ class Frame:
         return self.data_offset + self.data_length
 
 
-def read_frame(file: ByteSource, position: int, size: int) -> Frame:
-    """The record at position, without its data. Raises Damaged where there is none."""
+def read_frame(file: ByteSource, position: int, size: int = MAX_TIME_NS) -> Frame:
+    """The record at position, without its data, that ends before size. Raises Damaged where there is none."""
     (length,) = _U32.unpack(read_at(file, position, 4))
     return parse_frame(read_at(file, position, length + 8, _MAX_HEADER_BYTES), position, size)
 
@@ -92,7 +98,7 @@ def parse_frame(head: bytes, position: int, size: int) -> Frame:
     data_length = cursor.u32()
     data_offset = position + cursor.position
     if data_offset + data_length > size:
-        raise Damaged("a record reaches beyond the end of the file")
+        raise Damaged(_TOO_LONG)
     return Frame(number(fields, b"op"), fields, data_offset, data_length)
 
 
@@ -222,8 +228,11 @@ class BagScan(Scan):
     `.active` bag) are found too.
     """
 
+    _chunk_mark = re.compile(rb"\x04\0{3}op=\x05")
+    _end_mark = re.compile(rb"\x04\0{3}op=[\x04\x05]")
+
     def __init__(self, file: ByteSource, size: int) -> None:
-        super().__init__(file, size)
+        super().__init__(file, size, len(MAGIC))
         self.connections: dict[int, Connection] = {}
         self._walk()
 
@@ -233,29 +242,65 @@ class BagScan(Scan):
             try:
                 position = self._step(position)
             except Damaged as damage:
-                self._close_loose()
-                self._lose_stretch(position, self._size, damage)
-                return
+                resume = self._resync(position, damage)
+                if resume is None:
+                    return
+                position = resume
         self._close_loose()
 
     def _step(self, position: int) -> int:
-        frame = read_frame(self._file, position, self._size)
+        frame = read_frame(self._file, position)
+        if frame.op == CHUNK:
+            self._close_loose()
+            frame = self._to_its_end(frame)
+            self._trusted = frame.end
+            self._take_chunk(position, frame)
+            return frame.end
+        if frame.end > self._size:
+            raise Damaged(_TOO_LONG)
         if frame.op == MESSAGE:
             t_ns = time_ns(frame.fields, b"time")
             self._take_loose(position, frame.end, t_ns, number(frame.fields, b"conn"))
             return frame.end
         self._close_loose()
-        if frame.op == CHUNK:
-            self._take_chunk(position, frame)
-        elif frame.op == CONNECTION:
+        if frame.op == CONNECTION:
             data = memoryview(read_at(self._file, frame.data_offset, frame.data_length))
             self._connect(read_connection(frame.fields, data))
         elif frame.op not in (BAG_HEADER, INDEX, CHUNK_INFO):
             raise Damaged("there are no records from here on")
         return frame.end
 
-    def _take_chunk(self, position: int, frame: Frame) -> None:
+    def _to_its_end(self, frame: Frame) -> Frame:
+        """A chunk up to the next record that only stands outside chunks, if its own length does not lead to one.
+
+        Raises Damaged.
+        """
         # A chunk that the recorder had not yet closed has no length: its messages follow as records of their own.
+        if frame.data_length == 0 or self._leads_on(frame.end):
+            return frame
+        end = self._find(self._end_mark, frame.data_offset)
+        if end is None:
+            if frame.end > self._size:
+                raise Damaged(_TOO_LONG)
+            return frame
+        return replace(frame, data_length=end - frame.data_offset)
+
+    def _leads_on(self, end: int) -> bool:
+        try:
+            return end == self._size or read_frame(self._file, end, self._size).op in _BEHIND_CHUNKS
+        except Damaged:
+            return False
+
+    def _begin_of(self, mark: int) -> int | None:
+        low = max(mark - _MOST_HEADER_BYTES, 0)
+        before = read_at(self._file, low, mark - low)
+        for begin in range(mark - 4, low - 1, -1):
+            (length,) = _U32.unpack_from(before, begin - low)
+            if mark + 8 <= begin + 4 + length <= begin + _MOST_HEADER_BYTES and self._leads_on(begin):
+                return begin
+        return None
+
+    def _take_chunk(self, position: int, frame: Frame) -> None:
         try:
             body = read_chunk(self._file, frame)
             entries = message_entries(body)
@@ -293,7 +338,9 @@ class BagFormat(PieceFormat):
     """How a piece of a bag is read."""
 
     def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
-        frame = chunk_of(read_frame(self.file, piece.offset, self.file.size))
+        frame = chunk_of(read_frame(self.file, piece.offset))
+        if piece.length:  # found by a walk, which knows where it ends whatever the record says
+            frame = replace(frame, data_length=piece.offset + piece.length - frame.data_offset)
         if at_most is not None and number(frame.fields, b"size") > at_most:
             return None
         return read_chunk(self.file, frame)

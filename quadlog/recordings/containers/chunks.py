@@ -4,6 +4,7 @@ lost of them.
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -22,6 +23,7 @@ from quadlog.storage.byte_ranges import ByteSource
 
 _ALWAYS_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
+_BLOCK_BYTES, _MARK_BYTES = 1 << 20, 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,9 +190,17 @@ class LooseRun:
 
 
 class Scan:
-    """What is found on the way through a file, and what of it could not be read."""
+    """What is found on the way through a file, and what of it could not be read.
 
-    def __init__(self, file: ByteSource, size: int) -> None:
+    trusted: the offset behind the last chunk whose end is certain. Where records stop making sense behind it, the walk
+    goes on at the next chunk.
+    """
+
+    _chunk_mark: re.Pattern[bytes]
+    """Begins where every chunk has its mark, and reads no more than _MARK_BYTES."""
+
+    def __init__(self, file: ByteSource, size: int, trusted: int) -> None:
+        self._trusted = trusted
         self.pieces: list[Piece] = []
         self.counts: Counter[int] = Counter()
         self.lost: list[LostPiece] = []
@@ -210,6 +220,38 @@ class Scan:
         if self._loose.counts:
             self.pieces.append(self._loose.piece())
         self._loose = LooseRun()
+
+    def _find(self, mark: re.Pattern[bytes], position: int) -> int | None:
+        """Where the first record from position on begins that has a mark and is whole; None where there is none."""
+        while position < self._size:
+            try:
+                block = read_at(self._file, position, min(_BLOCK_BYTES, self._size - position))
+            except Damaged:
+                return None
+            for found in mark.finditer(block):
+                begin = self._begin_of(position + found.start())
+                if begin is not None:
+                    return begin
+            position += max(len(block) - _MARK_BYTES, 1) if position + len(block) < self._size else len(block)
+        return None
+
+    def _begin_of(self, mark: int) -> int | None:
+        """Where the record begins whose mark lies there, None where there is no whole one."""
+        raise NotImplementedError
+
+    def _resync(self, position: int, damage: Damaged) -> int | None:
+        """The next chunk after the last trusted one, where position makes no sense; what lies before is a loss."""
+        self._close_loose()
+        resume = self._find(self._chunk_mark, self._trusted)
+        if resume == position:
+            resume = self._find(self._chunk_mark, position + 1)
+        if resume is not None and resume < position:  # a record before it has a wrong length
+            while self.pieces and self.pieces[-1].offset + self.pieces[-1].length > resume:
+                self.counts.subtract(self.pieces.pop().counts or {})
+            position = self._trusted
+        self._lose_stretch(position, self._size if resume is None else resume, damage)
+        self._trusted = self._size if resume is None else resume + 1
+        return resume
 
     def _lose_stretch(self, begin: int, end: int, damage: Damaged) -> None:
         last_ns = max((piece.end_ns for piece in self.pieces if not piece.is_empty), default=None)

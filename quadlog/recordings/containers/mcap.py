@@ -51,8 +51,8 @@ class McapSummary:
         )
 
 
-def read_summary(file: ByteSource, size: int) -> tuple[McapSummary, list[Loss]]:
-    """The summary, or an empty one and the loss that says why it is not there."""
+def read_summary(file: ByteSource, size: int) -> tuple[McapSummary | None, list[Loss]]:
+    """The summary, None where none was written, or an empty one and the loss that says why it cannot be read."""
     try:
         footer_offset = size - len(mcap.MAGIC) - _FOOTER_BYTES
         footer = read_at(file, footer_offset, _FOOTER_BYTES + len(mcap.MAGIC))
@@ -64,7 +64,7 @@ def read_summary(file: ByteSource, size: int) -> tuple[McapSummary, list[Loss]]:
         cursor = Cursor(footer[mcap.FRAME.size :])
         start, _, crc = cursor.u64(), cursor.u64(), cursor.u32()
         if start == 0:
-            raise Damaged("the file was written without a summary", "summary")
+            return None, []
         if start > footer_offset:
             raise Damaged("the footer points beyond the file", "summary")
         section = read_at(file, start, footer_offset - start, MAX_INDEX_BYTES)
@@ -112,7 +112,9 @@ class McapFormat(PieceFormat):
         record = memoryview(read_at(self.file, piece.offset, piece.length))
         if len(record) < mcap.FRAME.size:
             raise Damaged("the index gives it no room")
-        if mcap.FRAME.unpack_from(record) != (mcap.CHUNK, len(record) - mcap.FRAME.size):
+        opcode, length = mcap.FRAME.unpack_from(record)
+        # Without an index the walk has found where it ends, whatever the record says.
+        if opcode != mcap.CHUNK or (piece.index_end and length != len(record) - mcap.FRAME.size):
             raise Damaged("where the index has a chunk there is none")
         content = record[mcap.FRAME.size :]
         if at_most is not None and mcap.chunk_size(content) > at_most:
@@ -138,10 +140,11 @@ class McapFormat(PieceFormat):
 
 
 def _contents(file: ByteSource, size: int) -> Contents:
-    summary, losses = read_summary(file, size)
+    written, losses = read_summary(file, size)
+    summary = written or McapSummary()
     indexed, statistics = summary.is_complete(), summary.statistics
-    told = "the summary is not complete enough to search by; the whole file was read to open it"
-    warnings = [] if indexed or losses else [told]
+    told = "the file was written without a summary" if written is None else "the summary is not complete"
+    warnings = [] if indexed or losses else [f"{told}; the whole file was read to open it"]
     scan = McapScan(file, size, summary.chunks if indexed else [])
     losses += losses_of(scan.lost) + scan.losses
     if read_at(file, 0, len(mcap.MAGIC)) != mcap.MAGIC:

@@ -15,7 +15,7 @@ from quadlog.recordings.containers.compression import decompress
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
+MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x07, 0x08, 0x09, 0x0B, 0x0C, 0x0F
 FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 STATISTICS_HEAD = struct.Struct("<QHIIIIQQ")
@@ -126,16 +126,38 @@ def chunk_size(content: memoryview) -> int:
     return Cursor(content[16:]).u64()
 
 
+def chunk_length(head: bytes) -> int:
+    """How long the content of a chunk is by the length of its data; head: its first bytes. Raises Damaged."""
+    cursor = Cursor(head)
+    cursor.take(28)  # start, end, size and checksum
+    cursor.text()
+    length = cursor.u64()
+    return cursor.position + length
+
+
 def read_chunk(content: memoryview) -> Body:
-    """The decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum."""
+    """The decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum.
+
+    Its data end where they say, or where the content does, if one of the two lengths is damaged.
+    """
     cursor = Cursor(content)
     cursor.take(16)  # start and end
     size, crc = cursor.u64(), cursor.u32()
     compression = cursor.text()
-    data = decompress(compression, cursor.take(cursor.u64()), size)
+    length = cursor.u64()
+    stored = content[cursor.position :]
+    try:
+        return Body(_checked(decompress(compression, stored[:length], size), crc), len(content))
+    except Damaged:
+        if length == len(stored):
+            raise
+    return Body(_checked(decompress(compression, stored, size), crc), len(content))
+
+
+def _checked(data: memoryview, crc: int) -> memoryview:
     if crc and crc32(data) != crc:
         raise Damaged("its checksum (CRC) does not match", "crc")
-    return Body(data, len(content))
+    return data
 
 
 def message_entries(body: Body) -> Entries:

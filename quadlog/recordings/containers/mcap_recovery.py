@@ -6,6 +6,7 @@ Without one it is the recovery: every chunk is read, checked and counted.
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 
 from quadlog.recordings.containers import mcap_records as mcap
@@ -16,6 +17,11 @@ from quadlog.recordings.containers.mcap_records import ChunkIndex, McapChannel, 
 from quadlog.recordings.formatting import several
 from quadlog.storage.byte_ranges import ByteSource
 
+_HEAD_BYTES = 128
+_DATA_END_BYTES = 4
+_BEHIND_CHUNKS = (mcap.CHUNK, mcap.MESSAGE_INDEX, mcap.ATTACHMENT, mcap.METADATA, mcap.DATA_END)
+_CUT_OFF = "the file is cut off here, or holds no records from here on"
+
 
 class McapScan(Scan):
     """The pieces of a file's data section in file order, and the definitions found on the way.
@@ -24,8 +30,10 @@ class McapScan(Scan):
     the data section's end mark, None when there is none.
     """
 
+    _chunk_mark = re.compile(rb"\x06(?=.{7}\0.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))", re.DOTALL)
+
     def __init__(self, file: ByteSource, size: int, known: list[ChunkIndex]) -> None:
-        super().__init__(file, size)
+        super().__init__(file, size, len(mcap.MAGIC))
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, McapChannel] = {}
         self.ended_at: int | None = None
@@ -46,10 +54,11 @@ class McapScan(Scan):
                     raise Damaged("a record reaches into a chunk that the index knows")
                 position = following
             except Damaged as damage:
-                self._close_loose()
                 resume = self._next_known(position)
-                self._lose_stretch(position, self._size if resume is None else resume, damage)
-                if resume is None:
+                if resume is not None:
+                    self._close_loose()
+                    self._lose_stretch(position, resume, damage)
+                elif (resume := self._resync(position, damage)) is None:
                     return
                 # The end mark may have been the damaged byte itself.
                 self.ended_at = None
@@ -65,8 +74,13 @@ class McapScan(Scan):
         opcode, length = mcap.FRAME.unpack(frame)
         begin = position + mcap.FRAME.size
         end = begin + length
+        if opcode == mcap.CHUNK:
+            self._close_loose()
+            end = self._chunk_end(position, begin, end)
+            self._take_chunk(position, begin, end)
+            return end
         if opcode == 0 or end > self._size:
-            raise Damaged("the file is cut off here, or holds no records from here on")
+            raise Damaged(_CUT_OFF)
         if opcode == mcap.MESSAGE:
             self._take_message(position, begin, end)
         elif opcode in (mcap.SCHEMA, mcap.CHANNEL):
@@ -74,16 +88,15 @@ class McapScan(Scan):
                 self._define(opcode, memoryview(read_at(self._file, begin, length)))
             except Damaged as damage:
                 self._lose_record(damage.cause, "message definition", damage.reason, position)
-        elif opcode == mcap.CHUNK:
-            self._close_loose()
-            self._take_chunk(position, begin, end)
-        elif opcode == mcap.DATA_END:
+        elif opcode == mcap.DATA_END and length == _DATA_END_BYTES:
             self.data_crc = Cursor(read_at(self._file, begin, length)).u32()
             self.ended_at = position
             if self._next_known(position) is not None:
                 raise Damaged("the data section's end mark stands before its last chunk")
         elif opcode == mcap.FOOTER:
             raise Damaged("the data section has no end mark")
+        elif opcode == mcap.DATA_END or (not self._known and self._begin_of(position) is not None):
+            raise Damaged("the kind of a record is damaged")
         return end
 
     def _take_indexed(self, chunk: ChunkIndex) -> int:
@@ -92,12 +105,50 @@ class McapScan(Scan):
         # Pieces never overlap, so no index can make quadlog read a byte twice.
         if end > (self._next_known(chunk.offset) or self._size):
             raise Damaged("the index gives a chunk more room than there is")
+        self._trusted = end
         start_ns, end_ns = min(chunk.start_ns, MAX_TIME_NS), min(chunk.end_ns, MAX_TIME_NS)
         channels = chunk.channels or None
         self.pieces.append(
             Piece(chunk.offset, chunk.length, start_ns, end_ns, chunk.compression, channels, index_end=end)
         )
         return end
+
+    def _chunk_end(self, position: int, begin: int, end: int) -> int:
+        """Where a chunk's record ends: by its length, or where its data's length disagrees, by that which leads to the
+        next record. Raises Damaged.
+        """
+        try:
+            by_data = begin + mcap.chunk_length(self._head(begin))
+        except Damaged:
+            by_data = end
+        found = [each for each in dict.fromkeys((end, by_data)) if end == by_data or self._leads_on(each)]
+        if not found or found[0] > self._size:
+            raise Damaged(_CUT_OFF if end == by_data else "a chunk's length is damaged")
+        if found[0] != end:
+            self._lose_record("damaged", "length of a chunk", "its data tell where it ends", position)
+        self._trusted = found[0]
+        return found[0]
+
+    def _head(self, begin: int) -> bytes:
+        return read_at(self._file, begin, min(_HEAD_BYTES, max(self._size - begin, 0)))
+
+    def _leads_on(self, end: int) -> bool:
+        """Whether what may follow a chunk begins there."""
+        if end >= self._size:
+            return end == self._size
+        head = self._head(end)
+        if len(head) < mcap.FRAME.size:
+            return False
+        opcode, length = mcap.FRAME.unpack_from(head)
+        return opcode in _BEHIND_CHUNKS and end + mcap.FRAME.size + length <= self._size
+
+    def _begin_of(self, mark: int) -> int | None:
+        _, length = mcap.FRAME.unpack_from(head := self._head(mark))
+        try:
+            whole = length == mcap.chunk_length(head[mcap.FRAME.size :])
+        except Damaged:
+            return None
+        return mark if whole and mark + mcap.FRAME.size + length <= self._size else None
 
     def _next_known(self, position: int) -> int | None:
         place = bisect_right(self._offsets, position)

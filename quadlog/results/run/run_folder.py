@@ -17,7 +17,7 @@ import tomli_w
 from quadlog.errors import CannotWrite, NotARun, RunExists, UnknownRunFormat
 from quadlog.results.run.names import OWN_FILES
 from quadlog.results.run.record import RUN_FORMAT, InputRecord, RunRecord
-from quadlog.storage.atomic_write import is_part, move_whole, remove_stale_parts, uninterrupted, write_whole
+from quadlog.storage.atomic_write import check_name, is_part, move_whole, remove_stale_parts, uninterrupted, write_whole
 from quadlog.version import __version__
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
@@ -71,6 +71,7 @@ class RunFolder:
         Raises RunExists without the flag; CannotWrite if the folder is not a run but has files, is a symbolic link, or
         cannot be made.
         """
+        check_name(path)
         try:
             path.mkdir(parents=True, exist_ok=True)
             names = {entry.name for entry in path.iterdir()}

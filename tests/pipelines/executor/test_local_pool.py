@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import CancelledError
+from pathlib import Path
 
 import pytest
 
@@ -55,6 +56,15 @@ def test_a_task_that_ends_its_process_is_one_that_died():
     with LocalPool(1) as pool:
         assert pool.submit(os._exit, 7).exception().died_with == 7
         assert pool.submit(abs, -3).result() == 3
+
+
+def test_a_worker_starts_although_the_working_folder_was_deleted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    with LocalPool(1) as pool:
+        assert pool.submit(abs, -3).result() == 3
+    with pytest.raises(FileNotFoundError):
+        Path.cwd()
 
 
 def test_what_a_task_printed_is_not_lost(capfd, monkeypatch):

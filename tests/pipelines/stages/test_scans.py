@@ -128,7 +128,7 @@ def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, imu, odometry, 
 def test_where_nothing_else_tells_the_tilt_moving_tf_does(look):
     tree = TransformTree()
     values = np.concatenate([np.zeros((21, 3)), tilted(8.0)], axis=1)
-    tree.add_moving("map", "base_link", at(21), values)
+    tree.add_moving("/tf", "map", "base_link", np.arange(21), at(21), values)
     seen = look(imu=None, tree=tree)
     assert tilt_deg(seen.take(cloud(roll_deg=8.0))) == pytest.approx(0.0, abs=0.3)
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -8,7 +9,15 @@ from types import SimpleNamespace
 import pytest
 
 from quadlog.config import plugins
-from quadlog.config.plugins import DECODERS, PLANNERS, all_plugins, find_plugin, is_installed, plugin_names
+from quadlog.config.plugins import (
+    DECODERS,
+    PLANNERS,
+    all_plugins,
+    find_plugin,
+    foreign_code,
+    is_installed,
+    plugin_names,
+)
 from quadlog.errors import PluginNameTaken, PluginUnusable
 
 SAYS = "raise RuntimeError('imported')\n"
@@ -33,6 +42,8 @@ def test_names_are_found_without_an_import(plugin_site, install):
         (SAYS, "RuntimeError: imported"),
         ("import no_such_module_anywhere\n", "ModuleNotFoundError: No module named 'no_such_module_anywhere'"),
         ("raise SystemExit('three\\nlines\\nlong')\n", "SystemExit: three lines long"),
+        ("import os\nos._exit(0)\n", "SystemExit: os._exit(0)"),
+        ("class E(BaseException):\n    pass\nraise E('gone')\n", "E: gone"),
         ("this is no python\n", "SyntaxError: "),
         ("class E(Exception):\n    __str__ = None\nraise E\n", "E: without a readable message"),
         ("other = 1\n", "AttributeError: "),
@@ -98,3 +109,13 @@ def test_a_distribution_without_metadata_has_no_name_either_for_the_backport():
             raise FileNotFoundError("No package metadata was found.")
 
     assert plugins._owner(SimpleNamespace(dist=Nameless())) == ("an unnamed distribution", "?")
+
+
+def test_a_process_that_a_plugin_forks_may_end_and_an_interrupt_passes():
+    with foreign_code(RuntimeError):
+        child = os.fork()
+        if child == 0:
+            os._exit(7)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    with pytest.raises(KeyboardInterrupt), foreign_code(RuntimeError):
+        raise KeyboardInterrupt

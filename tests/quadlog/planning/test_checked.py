@@ -141,7 +141,7 @@ def test_an_exception_is_one_line_that_keeps_its_cause():
     assert isinstance(raised.value.__cause__, KeyError)
 
 
-@pytest.mark.parametrize("kind", [SystemExit, Unreadable])
+@pytest.mark.parametrize("kind", [SystemExit, GeneratorExit, Unreadable])
 def test_a_planner_neither_ends_quadlog_nor_hides_why_it_failed(kind):
     def fail(_):
         raise kind(0)

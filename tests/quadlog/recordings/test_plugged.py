@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from typing import Any
 
 import numpy as np
@@ -211,7 +212,21 @@ def leave(*_: Any) -> Any:
     raise SystemExit(0)
 
 
-@pytest.mark.parametrize(("decode", "said"), [(leave, "SystemExit: 0"), (lambda *_: None, "TypeError")])
+def stop(*_: Any) -> Any:
+    raise BaseException("enough")
+
+
+def stamped(t_ns: int) -> Any:
+    return lambda *_: [Pose(t_ns, "map", "base", XYZ, QUAT)]
+
+
+@pytest.mark.parametrize(
+    ("decode", "said"),
+    [
+        *((leave, "SystemExit: 0"), (stop, "BaseException: enough"), (lambda *_: os._exit(0), r"os._exit\(0\)")),
+        *((lambda *_: None, "TypeError"), (stamped(2**63), f"stamp_ns of {2**63}"), (stamped(-(10**30)), "64 bits")),
+    ],
+)
 def test_a_decoder_cannot_end_quadlog_and_gives_something_iterable(decode, said):
     with pytest.raises(DecodeError, match=said):
         interpreter(MessageDecoder(Pose, decode))(None, "/topic")

@@ -146,6 +146,7 @@ def test_copies_are_whole_and_bounded(bucket: Any, tmp_path: Path, monkeypatch: 
     ("url", "words"),
     [
         ("xyz://a/b", "unknown protocol 'xyz'"),
+        ("github://a/b", "github:// is none that quadlog reads"),
         ("gs://a/b", "gcsfs"),
         ("s3://bucket-that-nobody-made/x", ""),
     ],
@@ -156,6 +157,11 @@ def test_unknown_protocols_and_missing_buckets(bucket: Any, url: str, words: str
         return
     with pytest.raises(StorageUnknown, match=words):
         RemotePath(url).exists()
+
+
+def test_the_server_of_an_ftp_url_is_asked() -> None:
+    with pytest.raises(StorageFailed, match="the server cannot be reached"):
+        RemotePath("ftp://127.0.0.1:9/b.mcap").exists()
 
 
 def test_missing_credentials_are_explained(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,6 +47,28 @@ def test_messages_of_a_chunk_that_was_never_closed_are_recovered(tmp_path, recor
         assert recordings.causes(container) == ["index", "truncated"]
 
 
+@pytest.mark.parametrize("compression", ["", "lz4"])
+def test_without_index_a_flipped_bit_of_a_length_costs_one_chunk_at_most(tmp_path, recordings, compression):
+    """None where it is the length of a chunk's data: they end at the next record."""
+    messages = recordings.some()
+    path = recordings.bag(tmp_path / "a.bag", messages, compression)
+    begin, following = chunk_offsets(path)[2:4]
+    sound = recordings.unindex(path).read_bytes()
+    (header_bytes,) = struct.unpack_from("<I", sound, begin)
+    inside = [each for each in messages if begin < sound.find(each[2]) < following] if not compression else []
+    for place in (begin, begin + 4 + header_bytes):
+        for bit in range(0, 32, 3):
+            data = bytearray(sound)
+            data[place + bit // 8] ^= 1 << bit % 8
+            path.write_bytes(bytes(data))
+            with open_container(path) as container:
+                got = recordings.read(container)
+                lost = [each for each in messages if each not in got]
+                assert lost == [] if place != begin else 0 < len(lost) <= 7
+                assert not inside or set(lost) <= set(inside)
+                assert not lost or "damaged" in recordings.causes(container)
+
+
 def test_a_flipped_byte_in_a_real_lz4_bag_is_seen(tmp_path, recordings, edge_cases, flip):
     # roslz4 closes its frames with a checksum; what rosbags writes has none.
     path = tmp_path / "a.bag"
