@@ -10,20 +10,21 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
+from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.tag_errors import (
     PositionErrors,
     TagErrors,
     body_tags_of,
     dilution_of,
     errors_of_tags,
+    lever_of,
     levers_on_robot,
     roles_of,
 )
 from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
-from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
-from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
+from quadlog.positioning.locate import Located, TagResult, locate
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams, gather
@@ -67,34 +68,11 @@ def uwb_diagnostics(
         "dilution": _dilution(located, robot, config),
     }
     first_ns = int(streams.ranges.t_ns.min())
-    places = survey_warnings(check_located(located, anchors, settings), anchors) if whole else []
+    levers_m = {tag: lever_of(config, tag) for tag in body}
+    places = []
+    if whole:
+        places = fault_warnings(check_located(located, anchors, settings, levers_m, streams.odometry), anchors)
     return found, [*streams.warnings, *located_warnings(located, config, first_ns), *places]
-
-
-def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyFaults:
-    """The check, by all tags that were located."""
-    logs = [
-        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
-        for result in located.tags
-    ]
-    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
-
-
-def survey_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
-    """A line for each thing that seems to be wrong; several are alternatives."""
-    ids = anchors.ids.tolist()
-    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
-    for steps in faults.turned:
-        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
-    for shifted in faults.shifted:
-        x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
-        texts.append(
-            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
-            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
-        )
-    if len(texts) > 1:
-        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
-    return texts
 
 
 def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[str, Any]]:
