@@ -63,7 +63,10 @@ def uwb_diagnostics(
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),
-        "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
+        "uwb_tags": [
+            _tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference, located.why_no_bias)
+            for each in located.tags
+        ],
         "uwb_body": body if len(body) > 1 else [],
         "dilution": _dilution(located, robot, config),
     }
@@ -81,7 +84,9 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     rows = []
     for result in located.tags:
-        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+        links = link_quality(
+            result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, located.why_no_bias
+        )
         weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor_ids)
         rows += [
             {
@@ -102,7 +107,9 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     return rows
 
 
-def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
+def _tag_row(
+    result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None, why_no_bias: str
+) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
     major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])
@@ -119,7 +126,7 @@ def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, refe
         "ellipse_major_median_m": _median(major_m),
         "ellipse_minor_median_m": _median(minor_m),
         "nis": float(np.mean(result.nis)) if len(result.nis) else None,
-        "calibration": "calibration is off" if result.bias is None else result.bias.reason,
+        "calibration": why_no_bias if result.bias is None else result.bias.reason,
     }
     if errors is None:
         return row | {"reference": None, "fix_error": None, "track_error": None}

@@ -64,7 +64,9 @@ def _write_links(walk: ReplayContext, uwb: UwbPositions) -> None:
     places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
     with TableWriter(walk.run.path / "links.parquet", TABLES["links"]) as links:
         for result in uwb.located.tags:
-            quality = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+            quality = link_quality(
+                result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, uwb.located.why_no_bias
+            )
             columns = {
                 "tag": result.tag,
                 "anchor": anchor_ids,
@@ -141,7 +143,8 @@ def _located_notes(located: Located, config: Config) -> list[str]:
         first, *_, last = (anchor.id for anchor in config.uwb.anchors)
         texts.append(
             f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
-            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well"
+            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well; uwb.calibrate, uwb.method "
+            "and uwb.height do not apply"
         )
     for result in _described(located, config):
         if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
@@ -275,7 +278,7 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     located, body = locate(ranges, anchors, list(tags.values()), settings), None
     if len(robot) > 1:
         located, body = solve_body(walk, located, robot, anchors, settings, motion)
-    tell_roles(walk, list(tags))
+    tell_roles(walk, located)
     levers_m = {tag: lever_of(config, tag) for tag in robot}
     for text in fault_warnings(check_located(located, anchors, settings, levers_m, walk.streams.odometry), anchors):
         walk.warn(text)

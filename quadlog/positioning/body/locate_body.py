@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.geometry import wrap_angle
+from quadlog.geometry import interpolate_poses, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.body.body_tracker import (
     BodyLog,
@@ -34,6 +34,10 @@ LEVER_STD_M = 0.02
 START_NEAR_S = 1.0
 MISPLACED_STD = 1.5
 """Lever arms are contradicted where tags lie, in rms, so many std of their own tracks from where these have them."""
+
+LONGEST_BODY_M, LEAST_MOTION_M = 1.5, 0.5
+STEADY_M, MOST_UNSTEADY_M = 0.1, 0.25
+"""Half the spread of the distance between two tags of one body: the first, or what the tracks claim up to the second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,22 @@ class LocatedBody:
     yaw: TagsYaw | None
     misplaced: tuple[MisplacedTag, ...]
     velocity: MeasuredVelocity | None
+
+
+def keep_distance(first: Track, second: Track) -> bool:
+    """Whether two tags that move stay as far apart as two on one body."""
+    if min(len(first), len(second)) < 2:
+        return False
+    no_yaw = np.zeros(len(second))
+    place_m, _, _ = interpolate_poses(first.t_ns, second.t_ns, second.position_m, no_yaw, START_NEAR_S)
+    distance_m = np.hypot(*(first.position_m - place_m).T)
+    known = np.isfinite(distance_m)
+    if not known.any() or np.sqrt(first.position_m[known].var(axis=0).sum()) < LEAST_MOTION_M:
+        return False
+    low_m, middle_m, high_m = np.percentile(distance_m[known], [16, 50, 84])
+    claimed_m2 = sum(np.trace(each.covariance_m2, axis1=1, axis2=2).mean() / 2 for each in (first, second))
+    steady_m = np.clip(np.sqrt(claimed_m2), STEADY_M, MOST_UNSTEADY_M)
+    return bool(middle_m < LONGEST_BODY_M and (high_m - low_m) / 2 < steady_m)
 
 
 def locate_body(
