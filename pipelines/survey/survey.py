@@ -106,12 +106,12 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
             walk.warn(text)
     z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, z_given, tuple(walk.losses))
-    _tell(walk, outcome)
+    _tell(walk, outcome, float(np.sqrt(np.mean(np.sum(problem.velocity_mps**2, axis=1)))))
     return outcome
 
 
-def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
-    """Choices and what is not observed, on stderr."""
+def _tell(walk: ReplayContext, outcome: SurveyOutcome, speed_mps: float) -> None:
+    """Choices and what is not observed, on stderr; speed_mps: rms of the tags'."""
     survey, ids = outcome.survey, outcome.anchor_ids
     drift_m, drift_rad = survey.drift
     walk.note(
@@ -120,7 +120,11 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
         f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
     )
     if abs(survey.delay_s) > NOTED_DELAY_S:
-        walk.note(f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's")
+        walk.note(
+            f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's, or the tags sit "
+            f"{survey.delay_s * speed_mps:+.2f} m ahead of where [[uwb.tags]] has them (x_m): at a constant speed "
+            "both fit alike"
+        )
     known = len(outcome.configured.keys() & set(ids))
     if survey.aligned_to:
         walk.note(f"frame: map, by {survey.aligned_to} known anchors of [[uwb.anchors]]")
