@@ -146,5 +146,9 @@ def _radio_skeleton(seen: Survey) -> str:
         role = ("robot", "person", "none")[min(index, 2)]
         lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", f'# role = "{role}"']
         height_m = PERSON_HEIGHT_M if role == "person" else TAG_HEIGHT_M
-        lines += [f"# height_m = {height_m}   # above map's floor", "# x_m = 0.0   # where it sits in base", "# y_m = 0.0"]
+        lines += [
+            f"# height_m = {height_m}   # above map's floor",
+            "# x_m = 0.0   # where it sits in base",
+            "# y_m = 0.0",
+        ]
     return "\n".join(lines) + "\n"

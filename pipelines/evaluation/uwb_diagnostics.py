@@ -84,9 +84,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     rows = []
     for result in located.tags:
-        links = link_quality(
-            result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, located.why_no_bias
-        )
+        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, located.why_no_bias)
         weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor_ids)
         rows += [
             {

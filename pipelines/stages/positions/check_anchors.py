@@ -55,9 +55,7 @@ def _by_odometry(
         np.concatenate([each.ranges.t_ns for each in tags]),
         np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
         np.concatenate(index),
-        np.concatenate(
-            [each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]
-        ),
+        np.concatenate([each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]),
     )
     on_robot = RobotTags(np.array([levers_m[each.tag] for each in tags]), np.array([each.height_m for each in tags]))
     heights = HeightPrior(anchors.position_m[:, 2], np.full(len(anchors.ids), HEIGHT_STD_M))

@@ -204,8 +204,8 @@ def _late_links(result: TagResult, config: Config) -> list[str]:
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     share = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m).nlos_share
     return [
-        f"anchor {anchor_ids[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was blocked, "
-        "or its place in [[uwb.anchors]] or that of another anchor is wrong"
+        f"anchor {anchor_ids[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
+        "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
         for k in np.flatnonzero(share > MOSTLY_LATE)
     ]
 

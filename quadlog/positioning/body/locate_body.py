@@ -37,7 +37,7 @@ MISPLACED_STD = 1.5
 
 LONGEST_BODY_M, LEAST_MOTION_M = 1.5, 0.5
 STEADY_M, MOST_UNSTEADY_M = 0.1, 0.25
-"""Half the spread of the distance between two tags of one body: the first, or what the tracks claim up to the second."""
+"""Half the spread of the distance between two tags of one body: the first, or, up to the second, what tracks claim."""
 
 
 @dataclass(frozen=True, slots=True)
