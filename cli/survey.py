@@ -61,11 +61,12 @@ def command(
 ) -> int:
     """Estimate the position and range bias of every UWB anchor, with 95 % bounds.
 
-    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, the legs' joints, the lidar's scans, or
-    what topics.position names. The frame is base at the first pose, or map where [[uwb.anchors]] has two anchors and
-    more; only three reveal an odometry that turns to the wrong side, which mirrors all positions. Without known heights
-    anchors are taken to hang above the tag. Refused with exit code 1: a walk that does not determine the positions
-    (walk a loop of 10 m or more, several metres each way), an odometry or known anchors that the ranges contradict.
+    The bounds hold on walks whose errors of ranges and odometry are like the model's. Uses the ranges of the robot's
+    tags and any odometry: tf, an odometry topic, the legs' joints, the lidar's scans, or what topics.position names.
+    The frame is base at the first pose, or map where [[uwb.anchors]] has two anchors and more; only three reveal an
+    odometry that turns to the wrong side, which mirrors all positions. Without known heights anchors are taken to
+    hang above the tag. Refused with exit code 1: a walk that does not determine the positions (walk a loop of 10 m or
+    more, several metres each way), an odometry or known anchors that the ranges contradict.
     """
     given = _heights(heights)
     from quadlog.cli.terminal.progress_bars import open_progress

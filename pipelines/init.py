@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import commented_toml
-from quadlog.config.schema import Config
+from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import printable
 from quadlog.messages import Float
 from quadlog.pipelines.stages.mount import lidar_in_base
@@ -27,6 +27,7 @@ ALWAYS = ("topics", "results")
 NEEDS_RANGES = ("uwb",)
 NEEDS_CLOUDS = tuple(name for name in Config.model_fields if name not in (*ALWAYS, *NEEDS_RANGES))
 """Sections of the configuration by what a log must have for them."""
+TAG_HEIGHT_M, PERSON_HEIGHT_M = UwbConfig().tag_height_m, UwbConfig().person_height_m
 SINGLE_TOPICS = ("lidar", "odometry", "imu", "joints", "reference")
 
 
@@ -142,5 +143,10 @@ def _radio_skeleton(seen: Survey) -> str:
         count = sum(link.messages for link in links if link.tag == tag)
         role = ("robot", "person", "none")[min(index, 2)]
         lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", f'# role = "{role}"']
-        lines += ["# height_m = 0.6   # above map's floor", "# x_m = 0.0   # where it sits in base", "# y_m = 0.0"]
+        height_m = PERSON_HEIGHT_M if role == "person" else TAG_HEIGHT_M
+        lines += [
+            f"# height_m = {height_m}   # above map's floor",
+            "# x_m = 0.0   # where it sits in base",
+            "# y_m = 0.0",
+        ]
     return "\n".join(lines) + "\n"

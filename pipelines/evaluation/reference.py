@@ -10,13 +10,14 @@ from typing import Self
 import numpy as np
 from pydantic import ValidationError
 
-from quadlog.config.schema import Config
+from quadlog.config.file import load_config
+from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
 from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, fix_error_samples
-from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, ReferenceComparison, compare_trajectories
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.run.run_folder import read_run_json
@@ -135,6 +136,8 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
         raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
     n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
     dimensions = _dimension_words(planar, how, why_planar)
+    if how.planar is None and planar:
+        dimensions += _left_out_words(truth, estimate, compared)
     summary = f"errors in {dimensions}; {compared.summary()}"
     said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {summary}"]
     warnings = tuple(compared.warnings())
@@ -147,7 +150,7 @@ def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:
     if planar:
         return f"2-D ({why_planar if how.planar is None else '--project-to-plane xy'})"
     if why_planar:
-        return f"3-D ({why_planar}, and what is not known counts as 0; --project-to-plane xy leaves heights out)"
+        return f"3-D ({why_planar}; heights that are not known count as 0; --project-to-plane xy leaves heights out)"
     return "3-D"
 
 
@@ -157,7 +160,9 @@ def _is_planar(trajectory: Trajectory) -> bool:
 
 
 def compare_with_own_reference(run: Path) -> Compared | None:
-    """The saved poses against the recording's own reference, in space where both tell heights, else in the plane.
+    """The saved poses against the recording's own reference, in space where both have heights, else in the plane.
+
+    In the plane too where the height of the tag, from which that of base follows, is only the default.
 
     None without either, or without a pair.
     """
@@ -200,7 +205,17 @@ def _trajectory_of_poses(run: Path) -> tuple[Trajectory, str]:
     trajectory = Trajectory(table["t_ns"], position_m, quat_xyzw).rows(known)
     if not np.isfinite(table["z_m"][known]).all():
         return trajectory, "heights of the poses are not known"
+    if set(table["source"]) == {"uwb"} and _tag_height_is_default(run):
+        return trajectory, "the tag's height_m in [[uwb.tags]] is not set"
     return trajectory, "the poses lie in a plane" if _is_planar(trajectory) else ""
+
+
+def _tag_height_is_default(run: Path) -> bool:
+    """Whether nothing in the run's configuration gives the height of the robot's tags, from which base's follows."""
+    path = run / "config.toml"
+    uwb = (load_config(path, environ={}) if path.is_file() else Config()).uwb
+    own = [tag.height_m for tag in uwb.tags if tag.role == "robot"]
+    return uwb.tag_height_m == UwbConfig().tag_height_m and (not own or None in own)
 
 
 def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str, Samples]:
@@ -242,6 +257,16 @@ def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:
 
 def _seconds(t_ns: int) -> str:
     return f"{t_ns / _NS:.3f}"
+
+
+def _left_out_words(truth: Trajectory, estimate: Trajectory, compared: ReferenceComparison) -> str:
+    """What errors in the plane leave out: the mean difference in height of the pairs, where both have heights."""
+    pairs = (truth, compared.truth), (estimate, compared.estimate)
+    true_m, own_m = (all_.position_m[np.searchsorted(all_.t_ns, paired.t_ns), 2] for all_, paired in pairs)
+    if min(np.ptp(truth.position_m[:, 2]), np.ptp(estimate.position_m[:, 2])) == 0:
+        return ""
+    off_m = own_m - true_m
+    return f", without the difference in height: {off_m.mean():+.2f} m on average, std {off_m.std():.2f} m"
 
 
 def _height_words(truth: Trajectory, estimate: Trajectory) -> list[str]:

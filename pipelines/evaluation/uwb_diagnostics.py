@@ -10,20 +10,21 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
+from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.tag_errors import (
     PositionErrors,
     TagErrors,
     body_tags_of,
     dilution_of,
     errors_of_tags,
+    lever_of,
     levers_on_robot,
     roles_of,
 )
 from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
-from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.link_quality import link_quality, weak_first_path_share
-from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagResult, locate
+from quadlog.positioning.locate import Located, TagResult, locate
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams, gather
@@ -62,40 +63,20 @@ def uwb_diagnostics(
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),
-        "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
+        "uwb_tags": [
+            _tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference, located.why_no_bias)
+            for each in located.tags
+        ],
         "uwb_body": body if len(body) > 1 else [],
         "dilution": _dilution(located, robot, config),
     }
     first_ns = int(streams.ranges.t_ns.min())
-    places = survey_warnings(check_located(located, anchors, settings), anchors) if whole else []
+    levers_m = {tag: lever_of(config, tag) for tag in body}
+    places = []
+    if whole:
+        places = fault_warnings(check_located(located, anchors, settings, levers_m, streams.odometry), anchors)
     lost = [f"{each.topic}: {each.detail}" for each in streams.losses]
     return found, [*streams.warnings, *lost, *located_warnings(located, config, first_ns), *places]
-
-
-def check_located(located: Located, anchors: Anchors, settings: LocateSettings) -> SurveyFaults:
-    """The check, by all tags that were located."""
-    logs = [
-        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
-        for result in located.tags
-    ]
-    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
-
-
-def survey_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
-    """A line for each thing that seems to be wrong; several are alternatives."""
-    ids = anchors.ids.tolist()
-    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
-    for steps in faults.turned:
-        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
-    for shifted in faults.shifted:
-        x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
-        texts.append(
-            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
-            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
-        )
-    if len(texts) > 1:
-        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
-    return texts
 
 
 def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[str, Any]]:
@@ -104,7 +85,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     rows = []
     for result in located.tags:
-        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, located.why_no_bias)
         weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor_ids)
         rows += [
             {
@@ -125,7 +106,9 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     return rows
 
 
-def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
+def _tag_row(
+    result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None, why_no_bias: str
+) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
     major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])
@@ -142,7 +125,7 @@ def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, refe
         "ellipse_major_median_m": _median(major_m),
         "ellipse_minor_median_m": _median(minor_m),
         "nis": float(np.mean(result.nis)) if len(result.nis) else None,
-        "calibration": "calibration is off" if result.bias is None else result.bias.reason,
+        "calibration": why_no_bias if result.bias is None else result.bias.reason,
     }
     if errors is None:
         return row | {"reference": None, "fix_error": None, "track_error": None}

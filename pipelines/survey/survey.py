@@ -14,6 +14,7 @@ from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.ingest import OpenLog, open_log, open_walk
+from quadlog.pipelines.stages.positions.check_anchors import fault_warnings
 from quadlog.pipelines.stages.positions.position import robot_track
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.scans import wants_lidar_track
@@ -30,6 +31,7 @@ from quadlog.pipelines.survey.inputs import (
     usable_ranges,
 )
 from quadlog.pipelines.survey.output import SurveyOutcome
+from quadlog.positioning.locate import Anchors
 from quadlog.positioning.self_survey.problem import RobotTags, make_problem
 from quadlog.positioning.self_survey.survey import survey_anchors
 
@@ -98,14 +100,18 @@ def _survey_walk(walk: ReplayContext, given_heights: Mapping[int | None, float])
     if survey.misplaced_m:
         misplaced_m = {ids[index]: off_m for index, off_m in survey.misplaced_m.items()}
         raise KnownAnchorsContradict(misplaced_m, survey.mirrored)
+    if survey.faults is not None:
+        positions_m = np.column_stack([known_m, np.zeros(len(ids))])
+        for text in fault_warnings(survey.faults, Anchors(anchor_ids, positions_m, np.zeros(len(ids)))):
+            walk.warn(text)
     z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, walk.config, z_given, tuple(walk.losses))
-    _tell(walk, outcome)
+    _tell(walk, outcome, float(np.sqrt(np.mean(np.sum(problem.velocity_mps**2, axis=1)))))
     return outcome
 
 
-def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
-    """Choices and what is not observed, on stderr."""
+def _tell(walk: ReplayContext, outcome: SurveyOutcome, speed_mps: float) -> None:
+    """Choices and what is not observed, on stderr; speed_mps: rms of the tags'."""
     survey, ids = outcome.survey, outcome.anchor_ids
     drift_m, drift_rad = survey.drift
     walk.note(
@@ -114,7 +120,11 @@ def _tell(walk: ReplayContext, outcome: SurveyOutcome) -> None:
         f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
     )
     if abs(survey.delay_s) > NOTED_DELAY_S:
-        walk.note(f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's")
+        walk.note(
+            f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's, or the tags sit "
+            f"{survey.delay_s * speed_mps:+.2f} m ahead of where [[uwb.tags]] has them (x_m): at a constant speed "
+            "both fit alike"
+        )
     known = len(outcome.configured.keys() & set(ids))
     if survey.aligned_to:
         walk.note(f"frame: map, by {survey.aligned_to} known anchors of [[uwb.anchors]]")

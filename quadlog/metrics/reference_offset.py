@@ -357,7 +357,7 @@ def compare_trajectories(
     align, planar: as evo's --align and --project_to_plane xy, for every one of the errors. None without a pair. Raises
     PosesOnLine where poses on one line are to be aligned.
     """
-    offset = estimate_time_offset(reference, estimate)
+    offset = estimate_time_offset(*((_flat(reference), _flat(estimate)) if planar else (reference, estimate)))
     told_s = offset_s if offset.offset_s is None else offset.offset_s
     pairs = [_paired(reference, estimate, max_difference_s, each_s, align, planar) for each_s in (offset_s, told_s)]
     given, corrected = pairs
@@ -366,6 +366,11 @@ def compare_trajectories(
     if corrected is None:
         offset, corrected = _unknown("too few poses at common times"), given
     return ReferenceComparison(offset_s, offset, *given, *corrected)
+
+
+def _flat(trajectory: Trajectory) -> Trajectory:
+    """Its positions in the plane z = 0."""
+    return Trajectory(trajectory.t_ns, trajectory.position_m * [1, 1, 0], trajectory.quat_xyzw)
 
 
 def _paired(

@@ -36,7 +36,13 @@ class LinkQuality:
     why_not: tuple[str, ...]
 
 
-def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: float) -> LinkQuality:
+def link_quality(
+    rows: RangeRows,
+    anchor_ids: Int,
+    bias: AnchorBias | None,
+    range_std_m: float,
+    why_no_bias: str = "calibration is off",
+) -> LinkQuality:
     """The links of a tag to anchors (A,), whose bias, in the same order, is None when it was not estimated."""
     count = len(anchor_ids)
     n = np.zeros(count, dtype=np.int64)
@@ -59,7 +65,7 @@ def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, rang
         bias_m=unknown if bias is None else bias.bias_m,
         bias_std_m=unknown if bias is None else bias.std_m,
         bias_applied=np.zeros(count, dtype=bool) if bias is None else bias.significant,
-        why_not=("calibration is off",) * count if bias is None else why_not_applied(bias),
+        why_not=(why_no_bias,) * count if bias is None else why_not_applied(bias),
     )
 
 

@@ -125,6 +125,11 @@ class Located:
     counts: RangeCounts
     on_line: bool
 
+    @property
+    def why_no_bias(self) -> str:
+        """Why tags without an estimate of biases have none."""
+        return "biases are not estimated with anchors on a line" if self.on_line else "calibration is off"
+
 
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
     """Fixes and tracks of each tag by itself, from all ranges of a log.
@@ -189,7 +194,10 @@ def _measure_velocity(tag: TagInfo, tracked: TrackedRanges, settings: LocateSett
 
 
 def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
-    """With anchors on a line: the track keeps to the side it starts on, and the fixes to the track's."""
+    """With anchors on a line: the track keeps to the side it starts on, and the fixes to the track's.
+
+    Heights are as given, fixes are of maximum likelihood, and biases are not estimated.
+    """
     assert settings.mirror != "refuse"
     epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
     unbiased_m = epochs.range_m - anchors.known_bias_m
@@ -197,10 +205,13 @@ def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, setting
     first = solve_on_side(*seen, settings.outlier_m, start_on_side(*seen, settings.mirror))
     known = _Known(_rows(ranges, anchors, tag), anchors, tag, settings, 0.0, anchors.known_bias_m, None)
     tracked = known.track(epochs, first)
+    velocity = _measure_velocity(tag, tracked, settings)
+    if velocity is not None and velocity.series is not None:
+        tracked = known.track(epochs, first, velocity.series)
     track = tracked.track
     start_m, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, np.zeros(len(track)), epoch_s)
     fixes = solve_on_side(*seen, settings.outlier_m, start_m)
-    return _result(known, epoch_s, epochs, fixes, tracked, None)
+    return _result(known, epoch_s, epochs, fixes, tracked, velocity)
 
 
 def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> tuple[float, Epochs]:

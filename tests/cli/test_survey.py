@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -80,18 +81,23 @@ CIRCLE_M = 3.0
 
 @pytest.fixture
 def circle(tmp_path):
-    """A function that writes 30 s of a walk in a circle with good odometry: ids of its tags, heard in turn."""
+    """A function that writes 30 s of a walk in a circle with good odometry: ids of its tags, heard in turn.
 
-    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M) -> Path:
+    With ahead_m, where the tags sit, an eight: a circle would be turned by it.
+    """
+
+    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M, ahead_m=0.0) -> Path:
         rng, messages = np.random.default_rng(0), []
         for step in range(600):
-            t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / 500
-            place_m = np.array([radius_m * np.sin(angle), radius_m * (1 - np.cos(angle)), 0.0])
+            t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / (300 if ahead_m else 500)
+            side = -1 if ahead_m and step >= 300 else 1
+            place_m = np.array([radius_m * np.sin(angle), side * radius_m * (1 - np.cos(angle)), 0.0])
             if radius_m == 0:
                 place_m = np.array([0.02 * step, 0.0, 0.0])
-            yaw_rad = angle if radius_m else 0.0
+            yaw_rad = side * angle if radius_m else 0.0
             pose = Odometry(t_ns, "odom", "base", place_m, quat_from_yaw(np.array(yaw_rad)), np.zeros(3), np.zeros(3))
-            range_m = np.linalg.norm(anchors_m - place_m - [0, 0, 0.6], axis=1) + rng.normal(0.1, 0.05, len(anchors_m))
+            tag_m = place_m + np.array([ahead_m * np.cos(yaw_rad), ahead_m * np.sin(yaw_rad), 0.6])
+            range_m = np.linalg.norm(anchors_m - tag_m, axis=1) + rng.normal(0.1, 0.05, len(anchors_m))
             if spoiled is not None and step % 10 == 0:
                 range_m[0] = spoiled
             ranges = UwbRanges(t_ns, tags[step % len(tags)], np.arange(len(anchors_m)), range_m)
@@ -114,6 +120,14 @@ def test_two_anchors_are_surveyed_and_are_not_enough(circle, quadlog):
     assert (done.code, [row["observed"] for row in rows]) == (0, [True, True])
     assert "fewer than three anchors are surveyed: that is not enough for positions" in done.err
     np.testing.assert_allclose([[row["x_m"], row["y_m"]] for row in rows], ANCHORS_M[:2, :2], atol=0.3)
+
+
+def test_a_tag_ahead_of_base_is_named_beside_a_delay_of_the_stamps(circle, quadlog):
+    """At a constant speed they fit alike."""
+    said = quadlog("survey", circle(ahead_m=-0.3), "--json").err
+    found = re.search(r"are (\S+) s too early for the odometry's, or the tags sit (\S+) m ahead", said)
+    assert -0.4 < float(found[2]) < -0.1
+    assert float(found[1]) < -0.05
 
 
 def test_ranges_that_are_no_numbers_are_counted(circle, quadlog):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import RangeSeries
-from quadlog.pipelines.evaluation.uwb_diagnostics import check_located, survey_warnings
+from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.positioning.anchor_survey import AnchorShift, SurveyFaults
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
@@ -26,7 +26,7 @@ def walk_log(seed: int = 0) -> RangeSeries:
 def warnings_with(anchors_m: np.ndarray) -> list[str]:
     anchors, settings = Anchors(IDS, anchors_m, np.zeros(6)), LocateSettings()
     located = locate(walk_log(), anchors, [TagInfo(0, 0.6)], settings)
-    return survey_warnings(check_located(located, anchors, settings), anchors)
+    return fault_warnings(check_located(located, anchors, settings, {}, None), anchors)
 
 
 def test_a_right_survey_raises_nothing() -> None:
@@ -50,7 +50,7 @@ def test_a_displaced_anchor_is_named_with_the_place_it_seems_to_stand_at() -> No
 def test_alternatives_are_said_to_be_such() -> None:
     anchors = Anchors(IDS, ANCHORS_M, np.zeros(6))
     shifted = AnchorShift(3, np.array([0.3, 0.4]), 0.01 * np.eye(2), 60.0)
-    texts = survey_warnings(SurveyFaults(((0, 5),), (2,), (shifted,)), anchors)
+    texts = fault_warnings(SurveyFaults(((0, 5),), (2,), (shifted,)), anchors)
     assert len(texts) == 4
     assert "anchors 10 and 15" in texts[0]
     assert "turned around by 2" in texts[1]

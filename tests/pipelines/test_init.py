@@ -55,6 +55,11 @@ def test_a_real_uwb_log(tmp_path: Path) -> None:
     config = Config.model_validate(table)
     assert [anchor.id for anchor in config.uwb.anchors] == list(range(8))
     assert [(tag.id, tag.role) for tag in config.uwb.tags] == [(0, "robot"), (1, "person"), (2, "none")]
+    assert [tag.height_m for tag in config.uwb.tags] == [0.6, 1.3, 0.6]
+    # The README's example is pasted below what init wrote.
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    path.write_text(text + readme.split("```toml\n")[1].split("```")[0])
+    assert len(load_config(path).uwb.anchors) == 3
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")

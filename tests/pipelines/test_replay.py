@@ -205,14 +205,23 @@ def test_what_a_causal_run_says_of_the_past_does_not_depend_on_the_future(tmp_pa
         np.testing.assert_allclose(early[name][:count], late[name][:count], atol=1e-9)
 
 
-def test_swapped_anchors_are_told_from_ranges_that_fit_nowhere(tmp_path, located_run, follow_request):
-    request = follow_request(tmp_path / "run", until="position")
-    first, second, *others = request.config.uwb.anchors
-    exchanged = [first.model_copy(update={"id": second.id}), second.model_copy(update={"id": first.id}), *others]
-    uwb = request.config.uwb.model_copy(update={"anchors": exchanged})
-    replay(replace(request, config=request.config.model_copy(update={"uwb": uwb})), kept := Kept())
-    assert any("check [[uwb.anchors]]" in line for line in kept.lines)
-    assert "check [[uwb.anchors]]" not in (located_run.run / "run.json").read_text()
+def test_anchors_at_wrong_places_are_named(tmp_path, follow_request):
+    """Silence where they are right; two that are swapped; one that is displaced by a metre."""
+    request = follow_request(tmp_path, until="position", duration_s=12.0)
+    right = request.config.uwb.anchors
+    swapped = [right[0], right[1].model_copy(update={"id": 2}), right[2].model_copy(update={"id": 1}), right[3]]
+    displaced = [*right[:2], right[2].model_copy(update={"x_m": 18.4, "y_m": 15.4}), right[3]]
+    said = []
+    for k, anchors in enumerate((right, swapped, displaced)):
+        uwb = request.config.uwb.model_copy(update={"anchors": anchors})
+        config = request.config.model_copy(update={"uwb": uwb})
+        replay(replace(request, run=tmp_path / str(k), config=config), kept := Kept())
+        said.append([line for line in kept.lines if "[[uwb.anchors]]" in line])
+    assert said[0] == []
+    assert any("anchors 2 and 1 seem to be swapped" in line for line in said[1])
+    assert any("to tag 0 count as NLOS" in line for line in said[1])
+    assert len(said[2]) == 1
+    assert "anchor 2 seems to stand at x_m = 17.5" in said[2][0]
 
 
 def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(tmp_path, follow_request, fixtures):

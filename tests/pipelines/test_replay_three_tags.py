@@ -64,5 +64,6 @@ def test_tags_of_the_table_that_never_range_and_tags_without_a_role(lias, tmp_pa
     _, lines = run(lias, tmp_path / "silent", config, duration_s=5.0)
     assert any("tags with a role in [[uwb.tags]] that never range: 9" in line for line in lines)
     config.uwb.tags.clear()
-    _, lines = run(lias, tmp_path / "without", config, duration_s=5.0)
+    _, lines = run(lias, tmp_path / "without", config, duration_s=10.0)
     assert any("tags without a role: 2; not used" in line for line in lines)
+    assert any('below [uwb]: tags = [{id = 0, role = "robot", x_m = 0.0' in line for line in lines)

@@ -426,11 +426,13 @@ def test_the_side_of_anchors_on_a_line_is_said(tmp_path, replayed, side):
     t_ns, _ = measure()
     xyz_m = np.column_stack([walk(t_ns), np.full(len(t_ns), 0.6)])
     path = write_frames(tmp_path / "line.mcap", frames_of(t_ns, np.linalg.norm(xyz_m[:, None] - line_m, axis=2)))
-    flags = ["--set", f"uwb.mirror={side}", "--set", "uwb.method=huber", "--set", "uwb.calibrate=false"]
+    flags = ["--set", f"uwb.mirror={side}", "--set", "uwb.method=huber", "--set", "uwb.calibrate=true"]
     result = replayed(path, anchor_table(position_m=line_m), *flags)
     assert result.code == 0
     assert f"tracks start to the {side} of the way from anchor 0 to anchor 3" in result.err
     assert "needs calibrated ranges" not in result.err
+    assert "uwb.calibrate, uwb.method and uwb.height do not apply" in result.err
+    assert set(result.table("links")["why_not"]) == {"biases are not estimated with anchors on a line"}
     assert (result.table("poses")["y_m"] > 0).all() == (side == "left")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of
-from quadlog.positioning.body.locate_body import LocatedBody, locate_body
+from quadlog.positioning.body.locate_body import LocatedBody, keep_distance, locate_body
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
 from quadlog.recordings.formatting import listed
@@ -56,8 +56,9 @@ def velocity_words(velocity: MeasuredVelocity, track: str) -> str:
     return f"velocities by {velocity.source} steady {track}, known to {velocity.std_mps:.2f} m/s from the log"
 
 
-def tell_roles(walk: ReplayContext, tags: list[int]) -> None:
-    """Tags of the table that never range, and tags of the recording that have no role."""
+def tell_roles(walk: ReplayContext, located: Located) -> None:
+    """Tags of the table that never range; without a table, tags that have no role or seem to sit on one body."""
+    tags = [result.tag for result in located.tags]
     table = walk.config.uwb.tags
     silent = [tag.id for tag in table if tag.role != "none" and tag.id not in tags]
     if silent:
@@ -66,3 +67,11 @@ def tell_roles(walk: ReplayContext, tags: list[int]) -> None:
     idle = sorted(tag for tag in tags if tag not in roles)
     if idle and not table:
         walk.note(f"tags without a role: {listed(idle)}; not used for robot or target: add [[uwb.tags]]")
+    first, *others = sorted(located.tags, key=lambda result: result.tag)
+    same = [each.tag for each in others if keep_distance(first.track, each.track)]
+    if same and not table:
+        rows = ", ".join(f'{{id = {tag}, role = "robot", x_m = 0.0, y_m = 0.0}}' for tag in (first.tag, *same))
+        walk.warn(
+            f"tags {listed([first.tag, *same])} keep their distance, as on one body: if the robot carries them, give "
+            f"their places in base below [uwb]: tags = [{rows}]"
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -167,16 +167,20 @@ def _orientations(walk: ReplayContext) -> list[_YawSensor]:
 
 
 def _rate_only(walk: ReplayContext) -> ImuSeries | None:
-    """The IMU where it gives yaw rates, but no orientation; gaps, in which turns are lost, are told."""
+    """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are told."""
     imu = walk.streams.imu
     if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
         return None
     if imu.quat_xyzw is not None:
         walk.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
+    known = np.isfinite(imu.angular_radps[:, 2])
+    if not known.all():
+        walk.warn(f"imu: {np.sum(~known)} of {len(imu)} messages without a number as yaw rate are left out")
+        imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known], quat_xyzw=None)
     gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
     if gap_s > SILENT_S:
         walk.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
-    return imu
+    return imu if len(imu) else None
 
 
 def frozen(imu: ImuSeries) -> bool:

@@ -94,6 +94,7 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
     else:
         track = uwb.body.track
         x_m, y_m = uwb.body.middle_m.tolist()
+    tags = [uwb.robot] if uwb.body is None else uwb.body.tags
     yaw_rad, yaw_std_rad = find_heading(walk, track, x_m, None if uwb.body is None else uwb.body.yaw)
     return RobotTrack(
         track.t_ns,
@@ -102,8 +103,8 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
         "uwb",
         covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
         yaw_std_rad=yaw_std_rad,
-        # base is on the ground, below the tag by the height that was given for it.
-        z_m=track.z_m - uwb.robot.height_m if uwb.robot.height_solved else None,
+        # base is on the ground, below the tags by the heights that were given for them.
+        z_m=track.z_m - np.mean([tag.height_m for tag in tags]) if all(tag.height_solved for tag in tags) else None,
         tilt_rad=_tilt(walk, track.t_ns),
     )
 

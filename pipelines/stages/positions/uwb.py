@@ -14,12 +14,14 @@ from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.positions.body import solve_body, tell_roles, velocity_words
+from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.tag_errors import (
     TagErrors,
     body_tags_of,
     dilution_of,
     errors_of_tags,
+    lever_of,
     levers_on_robot,
     roles_of,
 )
@@ -62,7 +64,9 @@ def _write_links(walk: ReplayContext, uwb: UwbPositions) -> None:
     places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
     with TableWriter(walk.run.path / "links.parquet", TABLES["links"]) as links:
         for result in uwb.located.tags:
-            quality = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
+            quality = link_quality(
+                result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, uwb.located.why_no_bias
+            )
             columns = {
                 "tag": result.tag,
                 "anchor": anchor_ids,
@@ -93,6 +97,8 @@ def _write_errors(run: Path, errors: dict[int, TagErrors]) -> None:
 MOST_DESCRIBED = 10
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
+MOSTLY_LATE = 0.5
+"""A link with a larger share of NLOS is warned of."""
 
 
 def tell_located(walk: ReplayContext, located: Located) -> None:
@@ -137,7 +143,8 @@ def _located_notes(located: Located, config: Config) -> list[str]:
         first, *_, last = (anchor.id for anchor in config.uwb.anchors)
         texts.append(
             f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
-            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well"
+            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well; uwb.calibrate, uwb.method "
+            "and uwb.height do not apply"
         )
     for result in _described(located, config):
         if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
@@ -172,6 +179,7 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
     misfit = _misfit_warning(result, config)
     if misfit is not None:
         texts.append(misfit)
+    texts += _late_links(result, config)
     n = len(result.restart_ns)
     if n:
         seconds = ", ".join(f"{(t_ns - first_ns) * 1e-9:.1f} s" for t_ns in result.restart_ns[:5].tolist())
@@ -180,17 +188,26 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
 
 
 def _misfit_warning(result: TagResult, config: Config) -> str | None:
-    """Ranges that fit no position at all: ids or places of anchors are wrong, and the worst anchor is named."""
+    """Ranges that fit no position at all: ids or places of anchors are wrong."""
     residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
     known = np.isfinite(residual_m)
     if not known.any() or np.median(residual_m[known]) < MISFIT_STD * config.uwb.range_std_m:
         return None
-    anchors = np.unique(result.ranges.anchor[known])
-    worst = max(anchors, key=lambda anchor: np.median(residual_m[known & (result.ranges.anchor == anchor)]))
     return (
         f"tag {result.tag}: half of its ranges miss its track by more than {np.median(residual_m[known]):.2f} m "
-        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check [[uwb.anchors]], anchor {worst} first"
+        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check ids and places in [[uwb.anchors]]"
     )
+
+
+def _late_links(result: TagResult, config: Config) -> list[str]:
+    """Links most of whose ranges count as NLOS."""
+    anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
+    share = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m).nlos_share
+    return [
+        f"anchor {anchor_ids[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
+        "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
+        for k in np.flatnonzero(share > MOSTLY_LATE)
+    ]
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
@@ -261,7 +278,10 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     located, body = locate(ranges, anchors, list(tags.values()), settings), None
     if len(robot) > 1:
         located, body = solve_body(walk, located, robot, anchors, settings, motion)
-    tell_roles(walk, list(tags))
+    tell_roles(walk, located)
+    levers_m = {tag: lever_of(config, tag) for tag in robot}
+    for text in fault_warnings(check_located(located, anchors, settings, levers_m, walk.streams.odometry), anchors):
+        walk.warn(text)
     tell_located(walk, located)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))

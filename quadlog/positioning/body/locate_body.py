@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.geometry import wrap_angle
+from quadlog.geometry import interpolate_poses, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.body.body_tracker import (
     BodyLog,
@@ -35,6 +35,10 @@ START_NEAR_S = 1.0
 MISPLACED_STD = 1.5
 """Lever arms are contradicted where tags lie, in rms, so many std of their own tracks from where these have them."""
 
+LONGEST_BODY_M, LEAST_MOTION_M = 1.5, 0.5
+STEADY_M, MOST_UNSTEADY_M = 0.1, 0.25
+"""Half the spread of the distance between two tags of one body: the first, or, up to the second, what tracks claim."""
+
 
 @dataclass(frozen=True, slots=True)
 class MisplacedTag:
@@ -55,8 +59,8 @@ class LocatedBody:
     """One track of a body from all of its tags.
 
     tags: of each tag, its fixes by itself, and the body's track at its place. middle_m: (2,) in base, the mean of the
-    lever arms. track: of that point. yaw: of base; None where the lever arms do not show it. misplaced: tags that
-    contradict their lever arms. velocity: of the middle, by odometry.
+    lever arms. track: of that point, at the mean of the tags' heights. yaw: of base; None where the lever arms do not
+    show it. misplaced: tags that contradict their lever arms. velocity: of the middle, by odometry.
     """
 
     tags: tuple[TagResult, ...]
@@ -65,6 +69,22 @@ class LocatedBody:
     yaw: TagsYaw | None
     misplaced: tuple[MisplacedTag, ...]
     velocity: MeasuredVelocity | None
+
+
+def keep_distance(first: Track, second: Track) -> bool:
+    """Whether two tags that move stay as far apart as two on one body."""
+    if min(len(first), len(second)) < 2:
+        return False
+    no_yaw = np.zeros(len(second))
+    place_m, _, _ = interpolate_poses(first.t_ns, second.t_ns, second.position_m, no_yaw, START_NEAR_S)
+    distance_m = np.hypot(*(first.position_m - place_m).T)
+    known = np.isfinite(distance_m)
+    if not known.any() or np.sqrt(first.position_m[known].var(axis=0).sum()) < LEAST_MOTION_M:
+        return False
+    low_m, middle_m, high_m = np.percentile(distance_m[known], [16, 50, 84])
+    claimed_m2 = sum(np.trace(each.covariance_m2, axis1=1, axis2=2).mean() / 2 for each in (first, second))
+    steady_m = np.clip(np.sqrt(claimed_m2), STEADY_M, MOST_UNSTEADY_M)
+    return bool(middle_m < LONGEST_BODY_M and (high_m - low_m) / 2 < steady_m)
 
 
 def locate_body(
@@ -89,12 +109,12 @@ def locate_body(
     segments = _follow(log, bounds, starts, smooth=settings.smooth)
     constant = _spread(LEVER_STD_M**2, arms_m)
     lasting = constant + _spread(_lasting_variance(tags), arms_m)
-    track = _track(log, segments, lasting)
+    track = _track(log, segments, lasting, tags)
     velocity = None if motion is None else measure_velocity(motion, track, *middle_m, causal=not settings.smooth)
     if velocity is not None and velocity.series is not None:
         log = _log(rows, settings, velocity.series)
         segments = _follow(log, bounds, starts, smooth=settings.smooth)
-        track = _track(log, segments, lasting)
+        track = _track(log, segments, lasting, tags)
     states, covariances = _poses(segments, lasting)
     own = tuple(_tag_result(tag, k, arms_m[k], rows, log, segments, covariances) for k, tag in enumerate(tags))
     seen = bool(np.hypot(*arms_m.T).max() > LEAST_LEVER_M)
@@ -130,8 +150,7 @@ def _gather_rows(tags: Sequence[TagResult], arms_m: Float, anchors: Anchors) -> 
         column = order[np.searchsorted(anchors.ids, tag.ranges.anchor[row], sorter=order)]
         anchor_m = anchors.position_m[column].copy()
         if len(tag.track):
-            since_s, known_s = ((t - tag.track.t_ns[0]) * 1e-9 for t in (tag.ranges.t_ns[row], tag.track.t_ns))
-            anchor_m[:, 2] = np.interp(since_s, known_s, tag.track.z_m) - anchor_m[:, 2]
+            anchor_m[:, 2] = _height_at(tag.ranges.t_ns[row], tag.track) - anchor_m[:, 2]
         unbiased_m = tag.ranges.range_m[row] - (tag.bias_m + tag.shared_m)[column]
         number = np.full(len(row), k, dtype=np.int64)
         lever_m = np.broadcast_to(arms_m[k], (len(row), 2))
@@ -140,6 +159,12 @@ def _gather_rows(tags: Sequence[TagResult], arms_m: Float, anchors: Anchors) -> 
     whole = [np.concatenate(each) for each in zip(*parts, strict=True)]
     in_time = np.argsort(whole[0], kind="stable")
     return _BodyRows(*(each[in_time] for each in whole))
+
+
+def _height_at(t_ns: Int, track: Track) -> Float:
+    """(N,) the track's height at instants (N,), held beyond its ends."""
+    since_s, known_s = ((each - track.t_ns[0]) * 1e-9 for each in (t_ns, track.t_ns))
+    return np.interp(since_s, known_s, track.z_m)
 
 
 def _log(rows: _BodyRows, settings: LocateSettings, velocity: VelocitySeries | None) -> BodyLog:
@@ -222,19 +247,20 @@ def _yaw(states: Float, covariances: Float, constant_std_rad: float) -> TagsYaw:
     return TagsYaw(wrap_angle(states[:, 2]), std_rad, min(constant_std_rad, UNKNOWN_YAW_STD_RAD))
 
 
-def _track(log: BodyLog, segments: list[BodySegment], lasting: Float) -> Track:
-    """Of the middle of the tags."""
+def _track(log: BodyLog, segments: list[BodySegment], lasting: Float, tags: Sequence[TagResult]) -> Track:
+    """Of the middle of the tags; its height is the mean of those that the tags have by themselves."""
     states, raised = _poses(segments, lasting)
     own = np.concatenate([np.empty((0, 6, 6)), *(each.covariances for each in segments)])
     t_ns = np.concatenate([np.empty(0, np.int64), *(log.instant_ns[each.begin : each.end] for each in segments)])
     place_m2 = raised[:, :2, :2]
+    heights_m = [_height_at(t_ns, tag.track) for tag in tags if len(tag.track)]
     return Track(
         t_ns=t_ns,
         position_m=states[:, :2].copy(),
         velocity_mps=states[:, 3:5].copy(),
         covariance_m2=place_m2,
         velocity_covariance_m2ps2=own[:, 3:5, 3:5].copy(),
-        z_m=np.zeros(len(t_ns)),
+        z_m=np.mean(heights_m, axis=0) if heights_m else np.zeros(len(t_ns)),
         z_std_m=np.zeros(len(t_ns)),
         position_excess=np.trace(place_m2, axis1=1, axis2=2) / np.trace(own[:, :2, :2], axis1=1, axis2=2),
     )

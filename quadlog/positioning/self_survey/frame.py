@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from quadlog.messages import Float, Int
+from quadlog.positioning.anchor_survey import MATTERS_M, SIGNIFICANT_STD, AnchorShift, SurveyFaults
 from quadlog.positioning.self_survey.batch import OdometryPrior, SurveySolution
 
 CHI2_95 = 5.991
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""
+RIVAL_CHI2 = 6.0
+"""Faults whose misfits differ by less are alternatives: the likelihoods' ratio is below 20."""
+EXPLAINED_CHI2 = 5.0
+"""Misfit for each degree of freedom up to which a single fault explains the places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +85,49 @@ def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[
     misplaced_m = {int(known[row]): float(found_m[row]) for row in np.flatnonzero(found_m > far_m)}
     mirrored = len(known) > 2 and bool((off_m(anchors_m[known, :2] * [1, -1]) <= far_m).all())
     return misplaced_m, bool(misplaced_m) and mirrored
+
+
+def find_faults(framed: FramedAnchors, known_m: Float) -> SurveyFaults | None:
+    """Two known anchors (A, 2) that are exchanged, or one elsewhere, by generalised least squares of all places.
+
+    Each fault is fitted together with the turn and shift of the frame. None where no single fault explains the places,
+    and with fewer than three known anchors, which say nothing of one another.
+    """
+    known = np.flatnonzero(np.isfinite(known_m[:, 0]))
+    if len(known) < 3:
+        return None
+    rows = (3 * known[:, None] + np.arange(2)).ravel()
+    covariance_m2 = framed.covariance[np.ix_(rows, rows)] + KNOWN_STD_M**2 / 2 * np.eye(len(rows))
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance_m2))
+    gauge = _gauge(framed.anchors_m).reshape(-1, 3, 3)[known, :2].reshape(-1, 3)
+    freedom = len(rows) - 3
+
+    def fit(places_m: Float, free: Float) -> tuple[float, Float, Float]:
+        """The misfit with columns (2A, K) free, their values (K,) and covariance (K, K)."""
+        design, off = whiten @ np.hstack([gauge, free]), whiten @ (framed.anchors_m[known, :2] - places_m).ravel()
+        inverse = np.linalg.pinv(design.T @ design)
+        value = inverse @ design.T @ off
+        return float(np.sum((off - design @ value) ** 2)), value[3:], inverse[3:, 3:]
+
+    nothing, places_m, index = np.empty((len(rows), 0)), known_m[known], np.arange(len(known))
+    as_given, _, _ = fit(places_m, nothing)
+    swaps = {
+        (i, j): fit(places_m[np.where(index == i, j, np.where(index == j, i, index))], nothing)[0]
+        for i, j in combinations(index.tolist(), 2)
+    }
+    shifts = {k: fit(places_m, np.eye(len(rows))[:, 2 * k : 2 * k + 2]) for k in index.tolist()}
+    best = min([*swaps.values(), *(misfit for misfit, _, _ in shifts.values())])
+    if as_given - best <= SIGNIFICANT_STD**2:
+        return SurveyFaults()
+    if best > EXPLAINED_CHI2 * freedom:
+        return None
+    swapped = sorted((pair for pair in swaps if swaps[pair] < best + RIVAL_CHI2), key=lambda pair: swaps[pair])
+    likely = sorted((k for k in shifts if shifts[k][0] < best + RIVAL_CHI2), key=lambda k: shifts[k][0])
+    shifted = [AnchorShift(int(known[k]), *shifts[k][1:], 0.0) for k in likely]
+    return SurveyFaults(
+        tuple((int(known[i]), int(known[j])) for i, j in swapped),
+        shifted=tuple(each for each in shifted if each.distance_m > MATTERS_M),
+    )
 
 
 def radius_95(covariance_m2: Float) -> float:

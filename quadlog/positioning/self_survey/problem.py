@@ -123,18 +123,22 @@ class SurveyProblem:
 
 
 def make_problem(
-    odometry: OdometryPoses, ranges: MeasuredRanges, tags: RobotTags, n_anchors: int
+    odometry: OdometryPoses,
+    ranges: MeasuredRanges,
+    tags: RobotTags,
+    n_anchors: int,
+    most_ranges: int = MOST_RANGES,
 ) -> tuple[SurveyProblem, int]:
     """The problem, and the number of ranges left out because the odometry has no pose near them.
 
-    Of more than MOST_RANGES ranges an even selection of each link's is used. The odometry has two poses or more.
+    Of more than most_ranges ranges an even selection of each link's is used. The odometry has two poses or more.
     """
     begin_ns, end_ns = int(odometry.t_ns[0]), int(odometry.t_ns[-1])
     pose = odometry.at(ranges.t_ns)
     used = np.isfinite(pose[:, 0]) & (ranges.t_ns >= begin_ns) & (ranges.t_ns <= end_ns)
     rows = np.flatnonzero(used)
-    if len(rows) > MOST_RANGES:
-        rows = _even_selection(rows, ranges.tag[rows] * n_anchors + ranges.anchor[rows])
+    if len(rows) > most_ranges:
+        rows = _even_selection(rows, ranges.tag[rows] * n_anchors + ranges.anchor[rows], most_ranges)
     kept, pose = ranges.rows(rows), pose[rows]
     knot_ns, length_m = _knots(odometry)
     knots = _held(odometry, knot_ns)
@@ -174,10 +178,10 @@ def _tags_at(poses: Float, tags: RobotTags, tag: Int) -> Float:
     return base_to_tag(poses[:, :2], poses[:, 2], x_m, y_m)
 
 
-def _even_selection(rows: Int, link: Int) -> Int:
-    """Of rows (N,) with their links (N,) about MOST_RANGES: as many of every link, evenly spread, all of rare ones."""
+def _even_selection(rows: Int, link: Int, most: int) -> Int:
+    """Of rows (N,) with their links (N,) about `most`: as many of every link, evenly spread, all of rare ones."""
     links, counts = np.unique(link, return_counts=True)
-    limit = MOST_RANGES // len(links)
+    limit = max(most // len(links), 1)
     kept = []
     for each, count in zip(links, counts, strict=True):
         mine = rows[link == each]

@@ -12,9 +12,11 @@ import numpy as np
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
+from quadlog.positioning.anchor_survey import SurveyFaults
 from quadlog.positioning.self_survey.batch import Batch, HeightPrior, OdometryPrior, SurveySolution
 from quadlog.positioning.self_survey.frame import (
     FramedAnchors,
+    find_faults,
     misplaced,
     place_in_frame,
     radius_95,
@@ -88,7 +90,8 @@ class AnchorSurvey:
     delay_s: by how much the ranges' stamps are too early by the odometry's clock. way_m: length of the way. start
     (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors; aligned_to: how many known anchors give
     that frame, 0 where the first pose does. misplaced_m: index -> distance of known anchors from their surveyed
-    places, if larger than the bounds allow; mirrored: whether they fit the mirror image of the survey.
+    places, if larger than the bounds allow; mirrored: whether they fit the mirror image of the survey. faults: what is
+    wrong with known anchors, by index; None where no single fault explains it.
     """
 
     anchors: tuple[SurveyedAnchor, ...]
@@ -103,6 +106,7 @@ class AnchorSurvey:
     aligned_to: int
     misplaced_m: dict[int, float]
     mirrored: bool
+    faults: SurveyFaults | None
 
 
 def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: OdometryPrior, known_m: Float) -> AnchorSurvey:
@@ -152,6 +156,17 @@ def survey_anchors(problem: SurveyProblem, heights: HeightPrior, drift: Odometry
         aligned_to=framed.aligned_to,
         misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
         mirrored=mirrored,
+        faults=_of_all(find_faults(framed, known_m[heard]), heard),
+    )
+
+
+def _of_all(faults: SurveyFaults | None, heard: Int) -> SurveyFaults | None:
+    """Faults of the anchors heard (B,), by their indices among all."""
+    if faults is None:
+        return None
+    return SurveyFaults(
+        tuple((int(heard[i]), int(heard[j])) for i, j in faults.swapped),
+        shifted=tuple(replace(each, anchor=int(heard[each.anchor])) for each in faults.shifted),
     )
 
 

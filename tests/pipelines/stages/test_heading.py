@@ -48,6 +48,7 @@ class Made:
     imu_yaw: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     gyro_sign: float = 1.0
     gyro_bias_radps: float = 0.01
+    gyro_nan_at: int | None = None
     odometry_yaw: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     reference_shift_m: tuple[float, float] = (0.0, 0.0)
     silent_s: tuple[float, float] = (0.0, 0.0)
@@ -84,6 +85,8 @@ class Made:
         t_s = t_s[(t_s < self.silent_s[0]) | (t_s >= self.silent_s[1])]
         _, yaw = self.base(t_s)
         rate = self.gyro_sign * np.gradient(yaw, t_s) + self.gyro_bias_radps + 0.01 * self.rng.standard_normal(len(t_s))
+        if self.gyro_nan_at is not None:
+            rate[self.gyro_nan_at] = np.nan
         quat = np.zeros((len(t_s), 4)) if self.imu_yaw is None else quat_from_yaw(self.imu_yaw(t_s, yaw))
         for k, t_ns in enumerate(START_NS + np.rint(t_s * 1e9).astype(np.int64).astype(object)):
             imu = Imu(t_ns, "base", quat[k], np.array([0.0, 0.0, rate[k]]), np.array([0.0, 0.0, 9.81]))
@@ -166,6 +169,13 @@ def test_an_imu_without_orientation_is_summed_up_and_its_bias_found(tmp_path):
         assert np.sqrt(np.mean((error / walk.robot.yaw_std_rad) ** 2)) < 2
         assert "its drift of -" in note(walk, "heading from imu")
         assert not [each for each in walk.notes if "upside down" in each]
+
+
+def test_one_yaw_rate_that_is_no_number_costs_one_message(tmp_path):
+    made = Made(gyro_nan_at=200)
+    with located(tmp_path, made) as walk:
+        assert np.abs(yaw_error(walk, made)).max() < np.radians(4)
+        assert any("imu: 1 of 1000 messages" in each for each in walk.warnings)
 
 
 @pytest.mark.parametrize("smooth", ["true", "false"])

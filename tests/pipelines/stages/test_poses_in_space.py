@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.geometry import roll_pitch_from_quat, seconds_since
 from quadlog.lidar.levelling import tilt_at, up_in_base
+from quadlog.messages import UwbRanges
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
 from quadlog.pipelines.executor.progress import Silent
@@ -91,7 +93,7 @@ def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, plana
     assert said_of(outcome.run) == [f"{outcome.run}: errors in {words}"]
     assert explain_runs("rpe_rmse_m", [run], None).endswith(f"  errors in {words}\n")
     told = said_of(outcome.run, Reference.read(outcome.run / "reference.tum", OnTime()))
-    assert f"errors in {'3-D (the poses lie in a plane, and what is not' if planar else '3-D;'}" in told[1]
+    assert f"errors in {'3-D (the poses lie in a plane; heights that are not' if planar else '3-D;'}" in told[1]
 
 
 def said_of(run: Path, reference: Reference | None = None) -> list[str]:
@@ -110,14 +112,23 @@ def test_a_run_of_before_has_no_heights_and_is_compared_in_the_plane(short_run, 
     assert said_of(short_run.run) == [f"{short_run.run}: errors in 2-D (heights of the poses are not known)"]
 
 
-def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path, without_pictures):
-    """Synthetic, over rough ground between anchors of several heights; base is on the ground."""
+@pytest.mark.parametrize(("n_tags", "height_m"), [(1, 0.6), (2, 0.6), (1, None)])
+def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(
+    tmp_path, without_pictures, n_tags, height_m
+):
+    """Synthetic, over rough ground between anchors of several heights; base is on the ground. Tag 7 repeats tag 0."""
     walk, path = forest.synthesize(3, 12.0, azimuth_steps=8), tmp_path / "walk.mcap"
     topics = {UWB_TOPIC, IMU_TOPIC, TF_STATIC_TOPIC, "/truth/robot/pose"}
-    write_recording(WRITERS["mcap"](path), (each for each in walk.messages() if each.topic in topics))
+    messages = [each for each in walk.messages() if each.topic in topics]
+    messages += [
+        each._replace(message=replace(each.message, tag=7))
+        for each in messages
+        if isinstance(each.message, UwbRanges) and each.message.tag == 0
+    ]
+    write_recording(WRITERS["mcap"](path), sorted(messages, key=lambda each: each.log_time_ns))
     anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
-    tag = {"id": 0, "role": "robot", "height_m": 0.6, "x_m": -0.2}
-    config = Config.model_validate({"uwb": {"anchors": anchors, "tags": [tag], "height": "solved"}})
+    tags = [{"id": tag, "role": "robot", "height_m": height_m, "x_m": -0.2} for tag in (0, 7)[:n_tags]]
+    config = Config.model_validate({"uwb": {"anchors": anchors, "tags": tags, "height": "solved"}})
     outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
     poses = read_table(outcome.run, "poses")
     truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
@@ -125,4 +136,7 @@ def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(t
     np.testing.assert_allclose(poses["pitch_rad"], truth.pitch_rad, atol=1e-6)
     assert np.sqrt(np.mean((poses["z_m"] - truth.height_m) ** 2)) < 0.45  # its std is told to be 0.29 m
     found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
-    assert found == pytest.approx(by_evo(outcome.run, planar=False), abs=1e-9)
+    # Where nobody gave the tag's height, base's is not known: errors are those in the plane.
+    assert found == pytest.approx(by_evo(outcome.run, planar=height_m is None), abs=1e-9)
+    said = "".join(said_of(outcome.run))
+    assert ("without the difference in height: " in said) == (height_m is None), said

@@ -114,3 +114,12 @@ def test_positions_between_poses():
     assert np.isnan(found[[0, 4, 6]]).all()
     nobody = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
     assert np.isnan(positions_at(np.array([3]), nobody, 10)).all()
+
+
+def test_the_interval_of_a_bias_excludes_zero_in_a_twentieth_of_the_logs_that_have_none():
+    rng = np.random.default_rng(5)
+    lows = []
+    for _ in range(400):
+        bias = fix_error_samples(np.arange(200), rng.normal(0, [0.1, 0.1], (200, 2)))["uwb_bias_m"]
+        lows.append(summarise(bias).interval[0])
+    assert 0.02 < np.mean(np.array(lows) > 0) < 0.08

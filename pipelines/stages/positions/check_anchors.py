@@ -1,0 +1,86 @@
+"""Whether the configured anchors stand where they are: by the robot's odometry where it tells, else by ranges alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from quadlog.errors import AnchorsNotObserved
+from quadlog.geometry import yaw_from_quat
+from quadlog.messages import PoseSeries
+from quadlog.pipelines.survey.inputs import HEIGHT_STD_M, PRIORS
+from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
+from quadlog.positioning.locate import Anchors, Located, LocateSettings
+from quadlog.positioning.self_survey.batch import HeightPrior
+from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
+from quadlog.positioning.self_survey.survey import survey_anchors
+
+CHECK_RANGES = 1500
+"""An even selection of so many ranges shows an anchor that is a metre off, in half a second."""
+
+
+def check_located(
+    located: Located,
+    anchors: Anchors,
+    settings: LocateSettings,
+    levers_m: Mapping[int, tuple[float, float]],
+    odometry: PoseSeries | None,
+) -> SurveyFaults:
+    """What the ranges say against the anchors' places. levers_m: x_m, y_m in base of the tags on the robot."""
+    found = None if odometry is None else _by_odometry(located, anchors, levers_m, odometry)
+    if found is not None:
+        return found
+    if located.on_line:
+        return SurveyFaults()
+    logs = [
+        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
+        for result in located.tags
+    ]
+    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
+
+
+def _by_odometry(
+    located: Located, anchors: Anchors, levers_m: Mapping[int, tuple[float, float]], odometry: PoseSeries
+) -> SurveyFaults | None:
+    """The check of a survey along the odometry; None where that does not show the places of all anchors heard."""
+    tags = [result for result in located.tags if result.tag in levers_m]
+    poses = OdometryPoses(odometry.t_ns, odometry.position_m[:, :2], yaw_from_quat(odometry.quat_xyzw))
+    if not tags or len(odometry) < 2 or not np.isfinite(np.column_stack([poses.xy_m, poses.yaw_rad])).all():
+        return None
+    order = np.argsort(anchors.ids)
+    index = [order[np.searchsorted(anchors.ids, each.ranges.anchor, sorter=order)] for each in tags]
+    measured = MeasuredRanges(
+        np.concatenate([each.ranges.t_ns for each in tags]),
+        np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
+        np.concatenate(index),
+        np.concatenate([each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]),
+    )
+    on_robot = RobotTags(np.array([levers_m[each.tag] for each in tags]), np.array([each.height_m for each in tags]))
+    heights = HeightPrior(anchors.position_m[:, 2], np.full(len(anchors.ids), HEIGHT_STD_M))
+    in_time = measured.rows(np.argsort(measured.t_ns, kind="stable"))
+    problem, _ = make_problem(poses, in_time, on_robot, len(anchors.ids), CHECK_RANGES)
+    try:
+        survey = survey_anchors(problem, heights, PRIORS["odometry"], anchors.position_m[:, :2])
+    except (AnchorsNotObserved, np.linalg.LinAlgError):
+        return None
+    unseen = any(each.why_not and each.n_ranges for each in survey.anchors)
+    return None if unseen else survey.faults
+
+
+def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
+    """A line for each thing that seems to be wrong; several are alternatives."""
+    ids = anchors.ids.tolist()
+    texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
+    for steps in faults.turned:
+        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
+    for shifted in faults.shifted:
+        x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
+        texts.append(
+            f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
+            f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
+        )
+    if len(texts) > 1:
+        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+    return texts
