@@ -14,17 +14,23 @@ import numpy as np
 from quadlog.messages import Float, Float32, Int
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 
-FEWEST_POINTS = 50
-"""After thinning; a scan with fewer is no place."""
-FEWEST_MATCHED = 0.4
+FEWEST_POINTS = 30
+"""After thinning; scans with fewer points are not matched."""
+FEWEST_MATCHED = 0.5
 """Share of a scan's points that find their voxel, below which it shows another place than the map."""
 FARTHEST_MATCH_M = 1.0
 MAX_SPEED_MPS, MAX_TURN_RADPS = 5.0, np.pi
 """Faster than a quadruped is a wrong match."""
 DEGENERATE_RATIO = 0.35
 """Least over greatest horizontal spread of the surfaces' normals: .2-.3 in a corridor, .5-.9 among trees or boxes."""
+MOST_SCANS_UNSEEN = 100
+"""What the map has not shown for so many scans is removed from it."""
 MAX_GAP_NS = 1_000_000_000
 """After a longer one the last speed says nothing."""
+
+
+GIVE_UP_NS, GIVE_UP_SCANS = 5_000_000_000, 10
+"""The track ends when more than half of the scans of so long, and of at least so many, match nothing."""
 
 
 class ScanMatch(IntEnum):
@@ -32,17 +38,36 @@ class ScanMatch(IntEnum):
 
     MATCHED = 0
     DEGENERATE = 1  # surfaces face one way: along them the pose slides
-    LOST = 2  # the pose is that of constant speed
+    LOST = 2  # no pose was measured; the one given is that of constant speed
+
+
+FLAT_M = 0.03
+"""RMS distance from a level plane below which a scan is that of a planar scanner."""
+LEVEL = 0.9
+"""Least share of the vertical in the normal of such a plane: it is tilted by up to 25 degrees."""
+NEIGHBOURS = 10
+"""Points that a surface's normal is estimated from."""
+STEP_RAD, STEP_M = 0.01, 0.005
+"""A match whose last step was smaller is not improved further."""
 
 
 @dataclass(frozen=True, slots=True)
 class LidarOdometrySettings:
-    """Points farther or nearer do not count; they are thinned to one per cube of thinned_m; voxel_m is the map's."""
+    """Points nearer or farther are not used."""
 
-    min_range_m: float = 0.5
+    min_range_m: float = 0.3
     max_range_m: float = 60.0
-    thinned_m: float = 0.5
-    voxel_m: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ScanGrain:
+    """How finely scans are matched: one point per cube of thinned_m, with a map of cubes of voxel_m."""
+
+    thinned_m: float
+    voxel_m: float
+
+
+SPATIAL, PLANAR = ScanGrain(0.25, 0.25), ScanGrain(0.1, 0.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +87,14 @@ class LidarOdometry:
         import small_gicp  # only where a lidar has to tell the position
 
         self._settings, self._gicp = settings, small_gicp
-        self._map = small_gicp.GaussianVoxelMap(settings.voxel_m)
+        self._grain, self._map = SPATIAL, None  # both by the first scan
         self._t_ns: list[int] = []
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
+        self._last_match = 0, np.eye(4)
+        self._tried: list[tuple[int, bool]] = []
+        self.gave_up_ns: int | None = None
 
     def __len__(self) -> int:
         """Number of poses so far."""
@@ -81,20 +109,22 @@ class LidarOdometry:
         middle_ns = t_ns if offset_ns is None or len(offset_ns) == 0 else t_ns + _middle(offset_ns)
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
-        points = self._thinned(xyz_m, None if offset_ns is None else t_ns + offset_ns - middle_ns)
+        if self.gave_up_ns is not None:
+            self._keep(middle_ns, self._poses[-1], ScanMatch.LOST, ())
+            return
+        clouds = self._thinned(xyz_m, offset_ns, middle_ns - t_ns)
         if not self._poses:
-            if points is not None:
-                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, points)
+            if clouds:
+                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, clouds)
             return
-        gap_ns = middle_ns - self._t_ns[-1]
-        if gap_ns > MAX_GAP_NS:
+        if middle_ns - self._last_match[0] > MAX_GAP_NS:
             self._per_s[:] = 0.0
+        gap_ns = middle_ns - self._t_ns[-1]
         guess = self._poses[-1] @ _motion(self._per_s * (gap_ns * 1e-9))
-        if points is None:
-            self._keep(middle_ns, guess, ScanMatch.LOST, None)
-            return
-        pose, match = self._matched(points, guess, gap_ns)
-        self._keep(middle_ns, pose, match, None if match is ScanMatch.LOST else points)
+        pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
+        self._keep(middle_ns, pose, match, () if match is ScanMatch.LOST else clouds)
+        if clouds:
+            self._give_up_unless_matched(middle_ns, match)
 
     def track(self) -> LidarTrack:
         """All of it so far."""
@@ -102,46 +132,75 @@ class LidarOdometry:
         match = np.array(self._match, dtype=np.int64)
         return LidarTrack(np.array(self._t_ns, dtype=np.int64), poses[:, :3, 3], poses[:, :3, :3], match)
 
-    def _thinned(self, xyz_m: Float32, since_middle_ns: Int | None) -> object | None:
-        """small_gicp's cloud with normals and covariances, None of a scan with too little in it."""
+    def _thinned(self, xyz_m: Float32, offset_ns: Int | None, middle_ns: int) -> tuple[object, ...]:
+        """small_gicp's clouds with normals and covariances: the one to match, then others for the map.
+
+        Empty for a scan with too few points.
+        """
         range2_m2 = np.einsum("ij,ij->i", xyz_m, xyz_m)
         near_m, far_m = self._settings.min_range_m, self._settings.max_range_m
         used = (range2_m2 > near_m * near_m) & (range2_m2 < far_m * far_m)  # NaN fails both comparisons
         points = xyz_m[used]
-        if len(points) < FEWEST_POINTS:
-            return None
-        if since_middle_ns is not None and self._per_s.any():
-            points = self._deskewed(points, (since_middle_ns[used] * 1e-9).astype(np.float32))
-        thinned, _ = self._gicp.preprocess_points(points.astype(np.float64), self._settings.thinned_m, 10, 1)
-        return thinned if thinned.size() >= FEWEST_POINTS else None
+        if len(points) < NEIGHBOURS:
+            return ()
+        if offset_ns is not None and self._per_s.any():
+            points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))
+        if self._map is None:
+            self._grain = PLANAR if _is_planar(points) else SPATIAL
+            self._map = self._gicp.GaussianVoxelMap(self._grain.voxel_m)
+            self._map.set_lru(MOST_SCANS_UNSEEN * (2 if self._grain is PLANAR else 1))
+        made = [_walls(points, self._grain), _flat(points, self._grain)] if self._grain is PLANAR else [points]
+        thinned = [
+            self._gicp.preprocess_points(each.astype(np.float64), self._grain.thinned_m, NEIGHBOURS, 1)[0]
+            for each in made
+        ]
+        return tuple(thinned) if thinned[0].size() >= FEWEST_POINTS else ()
 
     def _deskewed(self, xyz_m: Float32, since_s: Float32) -> Float32:
         """Points (N, 3) at the instants since_s (N,) from the middle of the sweep, where they were in the middle."""
         speed_mps, turn_rad = self._per_s[:3].astype(np.float32), np.float32(self._per_s[5]) * since_s
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
         x_m, y_m, z_m = xyz_m.T
-        moved = [cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m]
-        return np.stack([each + speed * since_s for each, speed in zip(moved, speed_mps, strict=True)], axis=1)
+        moved_m = np.empty_like(xyz_m)
+        moved_m[:, 0] = cos * x_m - sin * y_m + speed_mps[0] * since_s
+        moved_m[:, 1] = sin * x_m + cos * y_m + speed_mps[1] * since_s
+        moved_m[:, 2] = z_m + speed_mps[2] * since_s
+        return moved_m
 
-    def _matched(self, points: object, guess: Float, gap_ns: int) -> tuple[Float, ScanMatch]:
-        found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20)
+    def _matched(self, points: object, guess: Float, t_ns: int) -> tuple[Float, ScanMatch]:
+        found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20, STEP_RAD, STEP_M)
         pose = np.array(found.T_target_source)
-        step, count = _vector(np.linalg.inv(self._poses[-1]) @ pose), points.size()  # type: ignore[attr-defined]
-        per_s = np.abs(step) / (gap_ns * 1e-9)
+        if self._grain is PLANAR:
+            pose = _level(pose)
+        per_s, count = np.abs(self._speed(t_ns, pose)), points.size()  # type: ignore[attr-defined]
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
         if not np.isfinite(pose).all() or too_fast or found.num_inliers < FEWEST_MATCHED * count:
             return guess, ScanMatch.LOST
         return pose, ScanMatch.DEGENERATE if _faces_one_way(points) else ScanMatch.MATCHED
 
-    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, points: object | None) -> None:
-        if self._poses and match is not ScanMatch.LOST:
-            step = np.linalg.inv(self._poses[-1]) @ pose
-            self._per_s = _vector(step) / ((t_ns - self._t_ns[-1]) * 1e-9)
-        if points is not None:
-            self._map.insert(points, pose)
+    def _speed(self, t_ns: int, pose: Float) -> Float:
+        """(6,) shift and rotation vector per second since the last match."""
+        since_ns, matched = self._last_match
+        return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
+
+    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, clouds: tuple[object, ...]) -> None:
+        if match is not ScanMatch.LOST:
+            if self._poses:
+                self._per_s = self._speed(t_ns, pose)
+            self._last_match = t_ns, pose
+        for cloud in clouds:
+            self._map.insert(cloud, pose)
         self._t_ns.append(t_ns)
         self._poses.append(pose)
         self._match.append(match)
+
+    def _give_up_unless_matched(self, t_ns: int, match: ScanMatch) -> None:
+        """Scans without points are not counted: a covered scanner is no wrong track."""
+        self._tried = [each for each in self._tried if each[0] > t_ns - GIVE_UP_NS]
+        self._tried.append((t_ns, match is ScanMatch.LOST))
+        lost = sum(lost for _, lost in self._tried)
+        if len(self._tried) >= GIVE_UP_SCANS and 2 * lost > len(self._tried):
+            self.gave_up_ns = t_ns
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -150,6 +209,34 @@ def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
     usable = matched[1:] & matched[:-1] & (np.diff(track.t_ns) <= MAX_GAP_NS)
     yaw_rad = np.unwrap(np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0]))
     return motion_between(track.t_ns, track.position_m[:, :2], yaw_rad, usable, "lidar", causal=causal)
+
+
+def _is_planar(xyz_m: Float32) -> bool:
+    """Whether points (N, 3) lie in one plane that is about level."""
+    spread_m2, axes = np.linalg.eigh(np.cov(xyz_m.T))
+    return bool(spread_m2[0] < FLAT_M * FLAT_M and abs(axes[2, 0]) > LEVEL)
+
+
+def _walls(xyz_m: Float32, grain: ScanGrain) -> Float32:
+    """(3 N, 3) points of upright walls through points (N, 3), so that normals lie in the plane.
+
+    All are in one layer of the map's cubes, whatever the scanner's height.
+    """
+    heights_m = grain.voxel_m / 2 + grain.thinned_m * np.array([-1, 0, 1], np.float32)
+    walls_m = np.tile(xyz_m, (3, 1))
+    walls_m[:, 2] = np.repeat(heights_m, len(xyz_m))
+    return walls_m
+
+
+def _flat(xyz_m: Float32, grain: ScanGrain) -> Float32:
+    """(N, 3) points in the middle of that layer: their covariances hold a match along walls, where it would slide."""
+    return np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), grain.voxel_m / 2)])
+
+
+def _level(pose: Float) -> Float:
+    """The motion in the plane of a transform (4, 4)."""
+    turn_rad = np.arctan2(pose[1, 0], pose[0, 0])
+    return _motion(np.array([pose[0, 3], pose[1, 3], 0.0, 0.0, 0.0, turn_rad]))
 
 
 def _middle(offset_ns: Int) -> int:
