@@ -57,13 +57,14 @@ def read_all(
     tilt: Tilt,
     clock: StageClock,
     progress: Progress,
-) -> int | None:
+) -> tuple[int, int] | None:
     """Read the small topics and all clouds; a cloud waits until the body's tilt is known up to its last point.
 
-    takers: what each cloud is given to, by the stage whose time it takes. Returns the instant of the first cloud, None
-    where there was none.
+    takers: what each cloud is given to, by the stage whose time it takes. Returns the instants of the first and the
+    latest cloud, None where there was none.
     """
     start_ns: int | None = None
+    latest_ns = 0
     waiting: deque[tuple[int, PointCloud]] = deque()
     with clock.laps("ingest", *takers) as lap:
 
@@ -83,6 +84,7 @@ def read_all(
             lap("ingest")
             t_ns = gathered.t_ns
             start_ns = t_ns if start_ns is None else start_ns
+            latest_ns = max(latest_ns, t_ns)
             waiting.append((t_ns, gathered.message))
             while len(waiting) > MOST_WAITING or (waiting and tilt.reaches(end_of_sweep_ns(*waiting[0]))):
                 take_first()
@@ -90,7 +92,7 @@ def read_all(
         lap("ingest")
         while waiting:
             take_first()
-    return start_ns
+    return None if start_ns is None else (start_ns, latest_ns)
 
 
 Clouds = Literal["filter", "map"] | None
@@ -217,7 +219,7 @@ def _read(
         streams = wanted.streams()
         if streams.imu is not None:
             streams = replace(streams, imu=imu_in_base(streams.imu, streams.tf, config.topics.base_frame))
-        first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
+        first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.span_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
     return ReplayContext(
@@ -242,11 +244,11 @@ def _read(
 
 
 class _CloudsRead(NamedTuple):
-    """What took the clouds, None where it was not asked for, and the instant of the first one."""
+    """What took the clouds, None where it was not asked for, and the instants of the first and the latest one."""
 
     scanner: Scanner | None
     tracker: LidarTracker | None
-    first_ns: int | None
+    span_ns: tuple[int, int] | None
 
 
 def _read_clouds(
@@ -276,8 +278,8 @@ def _read_clouds(
             tracker = LidarTracker(config, mount, tilt)
             takers["position"] = tracker.take
     progress.begin("ingest", expected)
-    first_ns = read_all(log.recording, wanted, lidar, window, takers, tilt, clock, progress)
-    return _CloudsRead(scanner, tracker, first_ns)
+    span_ns = read_all(log.recording, wanted, lidar, window, takers, tilt, clock, progress)
+    return _CloudsRead(scanner, tracker, span_ns)
 
 
 def _expected(recording: Recording, topic: str, window: tuple[int | None, int | None]) -> int | None:
@@ -354,18 +356,21 @@ def _first_ns(recording: Recording, topics: list[str]) -> int:
 
 
 def _seen(
-    recording: Recording, roles: Roles, streams: Streams, window: tuple[int | None, int | None], cloud_ns: int | None
+    recording: Recording,
+    roles: Roles,
+    streams: Streams,
+    window: tuple[int | None, int | None],
+    clouds_ns: tuple[int, int] | None,
 ) -> tuple[int, int]:
-    """First and last instant of the small topics, or the first cloud's, cloud_ns, where there are none.
+    """First and last instant of the small topics and of the clouds that were read, clouds_ns.
 
     Raises EmptyWindow when --start and --duration leave nothing, NothingReadable when there never was anything.
     """
     series = [streams.ranges, streams.odometry, streams.imu, streams.reference, streams.target]
     filled = [each.t_ns for each in series if each is not None and len(each)]
-    if filled:
-        return min(int(t_ns[0]) for t_ns in filled), max(int(t_ns[-1]) for t_ns in filled)
-    if cloud_ns is not None:
-        return cloud_ns, cloud_ns
+    spans_ns = [(int(t_ns[0]), int(t_ns[-1])) for t_ns in filled] + ([] if clouds_ns is None else [clouds_ns])
+    if spans_ns:
+        return min(first for first, _ in spans_ns), max(last for _, last in spans_ns)
     lidar = _unless_ambiguous(roles, "lidar")
     clouds = recording.messages([lidar], *window) if lidar else iter(())
     first = next((each.t_ns for each in clouds if isinstance(each.message, PointCloud)), None)

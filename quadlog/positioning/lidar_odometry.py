@@ -14,8 +14,8 @@ import numpy as np
 from quadlog.messages import Float, Float32, Int
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 
-FEWEST_POINTS = 30
-"""After thinning; scans with fewer points are not matched."""
+FEWEST_RETURNS_MATCHED, FEWEST_POINTS = 10, 30
+"""Of a scan, and of what is left after thinning; scans with fewer are not matched."""
 FEWEST_MATCHED = 0.5
 """Share of a scan's points that find their voxel, below which it shows another place than the map."""
 FARTHEST_MATCH_M = 1.0
@@ -79,6 +79,11 @@ class LidarTrack:
     rotation: Float
     match: Int
 
+    def measured(self) -> LidarTrack:
+        """The same without the poses of lost scans."""
+        rows = self.match != ScanMatch.LOST
+        return LidarTrack(self.t_ns[rows], self.position_m[rows], self.rotation[rows], self.match[rows])
+
 
 class LidarOdometry:
     """The track of a lidar, scan by scan, as causal as the robot's own would be."""
@@ -141,7 +146,7 @@ class LidarOdometry:
         near_m, far_m = self._settings.min_range_m, self._settings.max_range_m
         used = (range2_m2 > near_m * near_m) & (range2_m2 < far_m * far_m)  # NaN fails both comparisons
         points = xyz_m[used]
-        if len(points) < NEIGHBOURS:
+        if len(points) < FEWEST_RETURNS_MATCHED:
             return ()
         if offset_ns is not None and self._per_s.any():
             points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))

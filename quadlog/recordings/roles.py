@@ -193,7 +193,7 @@ def look_at_clouds(recording: Recording, topics: Sequence[str]) -> list[Candidat
 
 
 def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Candidate:
-    """Rank 4 a 3-D scan, 3 a flat cloud, 2 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
+    """Rank 4 a 3-D scan, 3 a flat cloud, 2 a planar scanner's, 1 a radar or few points, 0 nothing to see."""
     clouds = _clouds(samples)
     if not clouds:
         return Candidate((topic,), 0, "its first messages cannot be decoded")
@@ -202,7 +202,8 @@ def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Can
     if len(points) == 0:
         return Candidate((topic,), 0, "its first scans are empty")
     if "radar" in topic.lower() or len(points) < FEW_POINTS:
-        return Candidate((topic,), _POOR, f"only {described}: a radar rather than a lidar")
+        radar = "" if PLANAR_SCANS.issuperset(types) else ": a radar rather than a lidar"
+        return Candidate((topic,), _POOR, f"only {described}{radar}")
     if np.ptp(points[:, 2]) < FLAT_M:
         # Drivers publish the same scan as a cloud, too.
         rank = 2 if PLANAR_SCANS.issuperset(types) else 3

@@ -17,6 +17,8 @@ from quadlog.pipelines.stages.positions.joints import write_joints
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
+from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
+from quadlog.recordings.containers.container import Loss
 from quadlog.results.run.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
@@ -36,6 +38,7 @@ def locate_walk(walk: ReplayContext) -> None:
         uwb = locate_tags(walk)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
+        _tell_unlocated(walk, walk.robot)
         other = _other_track(walk, uwb, walk.robot.source)
         if walk.streams.reference is not None:
             walk.use("reference")
@@ -47,6 +50,24 @@ def locate_walk(walk: ReplayContext) -> None:
             write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
         write_joints(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
+
+
+def _tell_unlocated(walk: ReplayContext, robot: RobotTrack) -> None:
+    """Count the time without positions, which is a loss where it is much of the log."""
+    spanned_ns = walk.last_ns - walk.first_ns
+    if robot.source == "fixed":
+        lost_ns = spanned_ns if walk.tracker is not None else 0
+    else:
+        lost_ns = unlocated_ns(robot.t_ns, walk.first_ns, walk.last_ns)
+        if robot.source == "lidar" and walk.tracker is not None:
+            # Scans that are lost for less than a second leave no gap, but positions there are between measured ones.
+            lost_ns = max(lost_ns, round(walk.tracker.lost_share() * spanned_ns))
+    walk.count("unlocated_ms", lost_ns // 1_000_000)
+    if lost_ns > MOST_UNLOCATED * spanned_ns:
+        why = f": {walk.tracker.why_lost()}" if robot.source in ("lidar", "fixed") and walk.tracker is not None else ""
+        detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position{why}"
+        walk.own_losses.append(Loss("positions", detail))
+        walk.say_what_is_new()
 
 
 def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
@@ -63,7 +84,9 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            walk.warn("no pose source in the recording: the robot is taken to stand at the origin all the time")
+            tried = f"the lidar gives no positions, as {walk.tracker.why_lost()}" if walk.tracker is not None else ""
+            why = tried or "no pose source in the recording"
+            walk.warn(f"{why}: the robot is taken to stand at the origin all the time")
         return track
     if wanted in sources:
         chosen = sources[wanted]()
@@ -82,6 +105,8 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
 def _why_not(walk: ReplayContext, source: str) -> str:
     if source == "uwb" and not walk.config.uwb.anchors:
         return "no [[uwb.anchors]] are configured"
+    if source == "lidar" and walk.tracker is not None and (why := walk.tracker.why_lost()):
+        return why
     return "the recording gives no such poses"
 
 
@@ -149,6 +174,7 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
         walk.use("imu")
     tell_legs(walk, track)
     rows = rows_apart(track, STEP_S)
+    rows = rows[located_rows(track.t_ns, track.standing)[rows]]
     yaw_rad = track.rpy_rad[rows, 2] - track.rpy_rad[0, 2]
     cos, sin = np.cos(track.rpy_rad[0, 2]), np.sin(track.rpy_rad[0, 2])
     xy_m = track.position_m[rows, :2] @ np.array([[cos, -sin], [sin, cos]])
@@ -158,7 +184,7 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
 
 
 def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
-    track = None if walk.tracker is None else walk.tracker.track()
+    track = None if walk.tracker is None else walk.tracker.track().measured()
     if walk.tracker is None or track is None or len(track.t_ns) == 0:
         return None
     walk.use("lidar")

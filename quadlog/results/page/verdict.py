@@ -213,7 +213,14 @@ def _positions(run: RunData) -> VerdictLine | None:
         coverage = run.metric("uwb_coverage_95")
         holds = "" if coverage is None else f" (95 % bound, holds on {short(100 * coverage, 3)} %)"
         text += f", ±{short(bound_m, 2)} m{holds or ' (95 % bound)'}"
-    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}")])
+    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}"), *_unlocated(run)])
+
+
+def _unlocated(run: RunData) -> Iterator[Sentence]:
+    lost_s, recorded_s = run.record.counts.get("unlocated_ms", 0) * 1e-3, run.record.recorded_s
+    if lost_s > 0 and recorded_s > 0:
+        alarm = any(loss.cause == "positions" for loss in run.record.losses)
+        yield Sentence(f"{short(100 * lost_s / recorded_s, 2)} % of the log has no measured position.", alarm)
 
 
 def _against_truth(run: RunData) -> str:
