@@ -54,19 +54,21 @@ def locate_walk(walk: ReplayContext) -> None:
 
 def _tell_unlocated(walk: ReplayContext, robot: RobotTrack) -> None:
     """Count the time without positions, which is a loss where it is much of the log."""
-    spanned_ns = walk.last_ns - walk.first_ns
-    if robot.source == "fixed":
-        lost_ns = spanned_ns if walk.tracker is not None else 0
-    else:
+    spanned_ns, lost_ns = walk.last_ns - walk.first_ns, 0
+    tried = walk.tracker is not None or walk.legs is not None
+    if robot.source != "fixed":
         lost_ns = unlocated_ns(robot.t_ns, walk.first_ns, walk.last_ns)
-        if robot.source == "lidar" and walk.tracker is not None:
-            # Scans that are lost for less than a second leave no gap, but positions there are between measured ones.
-            lost_ns = max(lost_ns, round(walk.tracker.lost_share() * spanned_ns))
-    walk.count("unlocated_ms", lost_ns // 1_000_000)
+    elif tried and walk.config.topics.position == "auto":
+        lost_ns = spanned_ns
+    if robot.source == "lidar" and walk.tracker is not None:
+        # Scans that are lost for less than a second leave no gap, but positions there are between measured ones.
+        lost_ns = max(lost_ns, round(walk.tracker.lost_share() * spanned_ns))
+    if lost_ns:
+        walk.count("unlocated_ms", lost_ns // 1_000_000)
     if lost_ns > MOST_UNLOCATED * spanned_ns:
-        why = f": {walk.tracker.why_lost()}" if robot.source in ("lidar", "fixed") and walk.tracker is not None else ""
-        detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position{why}"
-        walk.own_losses.append(Loss("positions", detail))
+        why = _why_failed(walk, robot.source)
+        detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
+        walk.own_losses.append(Loss("positions", f"{detail}: {why}" if why else detail))
         walk.say_what_is_new()
 
 
@@ -84,8 +86,8 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            tried = f"the lidar gives no positions, as {walk.tracker.why_lost()}" if walk.tracker is not None else ""
-            why = tried or "no pose source in the recording"
+            tried = [f"{name} gives no position: {why}" for name in ("legs", "lidar") if (why := _why_failed(walk, name))]
+            why = "; ".join(tried) or "no pose source in the recording"
             walk.warn(f"{why}: the robot is taken to stand at the origin all the time")
         return track
     if wanted in sources:
@@ -105,9 +107,14 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
 def _why_not(walk: ReplayContext, source: str) -> str:
     if source == "uwb" and not walk.config.uwb.anchors:
         return "no [[uwb.anchors]] are configured"
-    if source == "lidar" and walk.tracker is not None and (why := walk.tracker.why_lost()):
-        return why
-    return "the recording gives no such poses"
+    return _why_failed(walk, source) or "the recording gives no such poses"
+
+
+def _why_failed(walk: ReplayContext, source: str) -> str:
+    """Why a source that is in the recording gives no position, or not all of the time; empty where it was not tried."""
+    if source == "legs" and walk.legs is not None:
+        return "no foot stands"
+    return walk.tracker.why_lost() if source == "lidar" and walk.tracker is not None else ""
 
 
 def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | None:
@@ -175,6 +182,8 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
     tell_legs(walk, track)
     rows = rows_apart(track, STEP_S)
     rows = rows[located_rows(track.t_ns, track.standing)[rows]]
+    if len(rows) == 0:
+        return None
     yaw_rad = track.rpy_rad[rows, 2] - track.rpy_rad[0, 2]
     cos, sin = np.cos(track.rpy_rad[0, 2]), np.sin(track.rpy_rad[0, 2])
     xy_m = track.position_m[rows, :2] @ np.array([[cos, -sin], [sin, cos]])
