@@ -27,10 +27,16 @@ MOST_SCANS_UNSEEN = 100
 """What the map has not shown for so many scans is removed from it."""
 MAX_GAP_NS = 1_000_000_000
 """After a longer one the last speed says nothing."""
-
-
 GIVE_UP_NS, GIVE_UP_SCANS = 5_000_000_000, 10
 """The track ends when more than half of the scans of so long, and of at least so many, match nothing."""
+FLAT_M = 0.001
+"""RMS distance from a level plane below which a scan is that of a planar scanner: theirs are in it exactly."""
+LEVEL = 0.9
+"""Least upright part of that plane's normal: it is tilted by up to 25 degrees."""
+NEIGHBOURS = 10
+"""Points that a surface's normal is estimated from."""
+STEP_RAD, STEP_M = 0.01, 0.005
+"""A match whose last step was smaller is not improved further."""
 
 
 class ScanMatch(IntEnum):
@@ -39,16 +45,6 @@ class ScanMatch(IntEnum):
     MATCHED = 0
     DEGENERATE = 1  # surfaces face one way: along them the pose slides
     LOST = 2  # no pose was measured; the one given is that of constant speed
-
-
-FLAT_M = 0.03
-"""RMS distance from a level plane below which a scan is that of a planar scanner."""
-LEVEL = 0.9
-"""Least share of the vertical in the normal of such a plane: it is tilted by up to 25 degrees."""
-NEIGHBOURS = 10
-"""Points that a surface's normal is estimated from."""
-STEP_RAD, STEP_M = 0.01, 0.005
-"""A match whose last step was smaller is not improved further."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +57,15 @@ class LidarOdometrySettings:
 
 @dataclass(frozen=True, slots=True)
 class ScanGrain:
-    """How finely scans are matched: one point per cube of thinned_m, with a map of cubes of voxel_m."""
+    """How finely scans are matched: a point per cube of thinned_m, with a map of cubes of voxel_m."""
 
     thinned_m: float
     voxel_m: float
 
 
 SPATIAL, PLANAR = ScanGrain(0.25, 0.25), ScanGrain(0.1, 0.25)
+"""Of scans in space, and of those in a level plane. Where points are thinned more coarsely than the map, the first scan
+leaves gaps in it, and the next ones are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +90,13 @@ class LidarOdometry:
         import small_gicp  # only where a lidar has to tell the position
 
         self._settings, self._gicp = settings, small_gicp
-        self._grain, self._map = SPATIAL, None  # both by the first scan
+        self._grain, self._map = SPATIAL, small_gicp.GaussianVoxelMap(SPATIAL.voxel_m)
         self._t_ns: list[int] = []
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
-        self._last_match = 0, np.eye(4)
-        self._tried: list[tuple[int, bool]] = []
+        self._last_match: tuple[int, Float] = (0, np.eye(4))
+        self._tried: list[tuple[int, bool]] = []  # instants of scans with points, and whether they were lost
         self.gave_up_ns: int | None = None
 
     def __len__(self) -> int:
@@ -150,16 +148,13 @@ class LidarOdometry:
             return ()
         if offset_ns is not None and self._per_s.any():
             points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))
-        if self._map is None:
-            self._grain = PLANAR if _is_planar(points) else SPATIAL
-            self._map = self._gicp.GaussianVoxelMap(self._grain.voxel_m)
-            self._map.set_lru(MOST_SCANS_UNSEEN * (2 if self._grain is PLANAR else 1))
-        made = [_walls(points, self._grain), _flat(points, self._grain)] if self._grain is PLANAR else [points]
-        thinned = [
-            self._gicp.preprocess_points(each.astype(np.float64), self._grain.thinned_m, NEIGHBOURS, 1)[0]
-            for each in made
-        ]
-        return tuple(thinned) if thinned[0].size() >= FEWEST_POINTS else ()
+        if not self._poses and _is_planar(points):
+            self._grain, self._map = PLANAR, self._gicp.GaussianVoxelMap(PLANAR.voxel_m)
+            self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice
+        parts = _walls_and_points(points) if self._grain is PLANAR else (points,)
+        thinned_m = self._grain.thinned_m
+        clouds = [self._gicp.preprocess_points(part.astype(np.float64), thinned_m, NEIGHBOURS, 1)[0] for part in parts]
+        return tuple(clouds) if clouds[0].size() >= FEWEST_POINTS else ()
 
     def _deskewed(self, xyz_m: Float32, since_s: Float32) -> Float32:
         """Points (N, 3) at the instants since_s (N,) from the middle of the sweep, where they were in the middle."""
@@ -222,20 +217,15 @@ def _is_planar(xyz_m: Float32) -> bool:
     return bool(spread_m2[0] < FLAT_M * FLAT_M and abs(axes[2, 0]) > LEVEL)
 
 
-def _walls(xyz_m: Float32, grain: ScanGrain) -> Float32:
-    """(3 N, 3) points of upright walls through points (N, 3), so that normals lie in the plane.
+def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
+    """Points of a planar scan (N, 3) as upright walls (3 N, 3), and as they are (N, 3), in one layer of the map's cubes.
 
-    All are in one layer of the map's cubes, whatever the scanner's height.
+    Normals of walls lie in the plane. The bare points' covariances are round in it: with both in the map, a match is
+    held along a wall, too, where by the walls alone it slides.
     """
-    heights_m = grain.voxel_m / 2 + grain.thinned_m * np.array([-1, 0, 1], np.float32)
-    walls_m = np.tile(xyz_m, (3, 1))
-    walls_m[:, 2] = np.repeat(heights_m, len(xyz_m))
-    return walls_m
-
-
-def _flat(xyz_m: Float32, grain: ScanGrain) -> Float32:
-    """(N, 3) points in the middle of that layer: their covariances hold a match along walls, where it would slide."""
-    return np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), grain.voxel_m / 2)])
+    points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), PLANAR.voxel_m / 2)])
+    up_m = np.float32([0.0, 0.0, PLANAR.thinned_m])
+    return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
 
 
 def _level(pose: Float) -> Float:

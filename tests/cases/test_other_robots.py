@@ -153,7 +153,9 @@ CASES = {
     "scans-10m": Case(scans_only(360), 0, "lidar", 0.05, size_m=10.0),
     "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
     "scans-covered": Case(covered, 3, "lidar", np.inf, says=("have no measured position",), nowhere_s=(3.0, 6.0)),
-    "odometry-interrupted": Case(interrupted, 3, "odometry", says=("25% of 8.0 s have no measured position",), nowhere_s=(3.0, 4.9)),
+    "odometry-interrupted": Case(
+        interrupted, 3, "odometry", says=("25% of 8.0 s have no measured position",), nowhere_s=(3.0, 4.9)
+    ),
     "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
     "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
     "tf-prefix": Case(
