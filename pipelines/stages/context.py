@@ -175,6 +175,7 @@ class ReplayContext:
     body: WalkedBody | None = None
     notes: list[str] = field(default_factory=list)
     own_warnings: list[str] = field(default_factory=list)
+    own_losses: list[Loss] = field(default_factory=list)
     reused: tuple[str, ...] = ()
     keep: tuple[str, ...] = ()
     left: set[str] = field(default_factory=set)
@@ -185,10 +186,15 @@ class ReplayContext:
     _said: set[str] = field(default_factory=set)
 
     @property
-    def losses(self) -> list[Loss]:
+    def read_losses(self) -> list[Loss]:
         """Losses of the recording so far, without repetition."""
         read = self.recording.losses if self.read_before is None else self.read_before.losses
         return list(dict.fromkeys([*read, *self.streams.losses]))
+
+    @property
+    def losses(self) -> list[Loss]:
+        """All losses so far: those of the recording, and of positions."""
+        return [*self.read_losses, *self.own_losses]
 
     @property
     def read_warnings(self) -> list[str]:

@@ -46,13 +46,14 @@ def read_all(
     awaited: Sequence[Tilt | CloudMover],
     clock: StageClock,
     progress: Progress,
-) -> int | None:
+) -> tuple[int, int] | None:
     """Read the small topics and all clouds; a cloud waits until what is awaited is known up to its last point.
 
-    takers: what each cloud is given to, by the stage whose time it takes. Returns the instant of the first cloud, None
-    where there was none.
+    takers: what each cloud is given to, by the stage whose time it takes. Returns the instants of the first and the
+    latest cloud, None where there was none.
     """
     start_ns: int | None = None
+    latest_ns = 0
     waiting: deque[tuple[int, PointCloud]] = deque()
     with clock.laps("ingest", *takers) as lap:
 
@@ -75,6 +76,7 @@ def read_all(
             t_ns = gathered.t_ns
             start_ns = t_ns if start_ns is None else start_ns
             wanted.note_cloud(lidar, t_ns)
+            latest_ns = max(latest_ns, t_ns)
             waiting.append((t_ns, gathered.message))
             while len(waiting) > MOST_WAITING or (waiting and _known(awaited, end_of_sweep_ns(*waiting[0]))):
                 take_first()
@@ -82,7 +84,7 @@ def read_all(
         lap("ingest")
         while waiting:
             take_first()
-    return start_ns
+    return None if start_ns is None else (start_ns, latest_ns)
 
 
 def _known(awaited: Sequence[Tilt | CloudMover], t_ns: int) -> bool:
@@ -217,7 +219,7 @@ def _read(
     with clock.stage("ingest"):
         streams = _with_imu_in_base(wanted.streams(), roles.frames, config.topics.base_frame, wrong)
         streams.warnings.extend(_of_mounts(mount, streams, roles.frames, config.topics.base_frame))
-        first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.first_ns)
+        first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.span_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
     return ReplayContext(
@@ -262,11 +264,11 @@ def _of_mounts(mount: LidarMount, streams: Streams, frames: TransformTree, base_
 
 
 class _CloudsRead(NamedTuple):
-    """What took the clouds, None where it was not asked for, and the instant of the first one."""
+    """What took the clouds, None where it was not asked for, and the instants of the first and the latest one."""
 
     scanner: Scanner | None
     tracker: LidarTracker | None
-    first_ns: int | None
+    span_ns: tuple[int, int] | None
 
 
 def _read_clouds(
@@ -298,8 +300,8 @@ def _read_clouds(
             takers["position"] = mount.behind(tracker.take)
     progress.begin("ingest", expected)
     awaited = (tilt,) if mount.mover is None else (tilt, mount.mover)
-    first_ns = read_all(log.recording, wanted, lidar, window, takers, awaited, clock, progress)
-    return _CloudsRead(scanner, tracker, first_ns)
+    span_ns = read_all(log.recording, wanted, lidar, window, takers, awaited, clock, progress)
+    return _CloudsRead(scanner, tracker, span_ns)
 
 
 def _expected(recording: Recording, topic: str, window: tuple[int | None, int | None]) -> int | None:
@@ -374,21 +376,23 @@ def _first_ns(recording: Recording, topics: list[str]) -> int:
 
 
 def _seen(
-    recording: Recording, roles: Roles, streams: Streams, window: tuple[int | None, int | None], cloud_ns: int | None
+    recording: Recording,
+    roles: Roles,
+    streams: Streams,
+    window: tuple[int | None, int | None],
+    clouds_ns: tuple[int, int] | None,
 ) -> tuple[int, int]:
-    """First and last instant of the small topics, or the first cloud's, cloud_ns, where there are none.
+    """First and last instant of the small topics and of the clouds that were read, clouds_ns.
 
     Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
     """
     series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.reference, streams.target]
     series += streams.estimates.values()
-    spans = [(int(each.t_ns[0]), int(each.t_ns[-1])) for each in series if each is not None and len(each)]
-    if (tf_span := streams.tf.span_ns()) is not None:
-        spans.append(tf_span)
-    if spans:
-        return min(first_ns for first_ns, _ in spans), max(last_ns for _, last_ns in spans)
-    if cloud_ns is not None:
-        return cloud_ns, cloud_ns
+    filled = [each.t_ns for each in series if each is not None and len(each)]
+    spans_ns = [(int(t_ns[0]), int(t_ns[-1])) for t_ns in filled]
+    spans_ns += [span_ns for span_ns in (streams.tf.span_ns(), clouds_ns) if span_ns is not None]
+    if spans_ns:
+        return min(first_ns for first_ns, _ in spans_ns), max(last_ns for _, last_ns in spans_ns)
     lidar = _unless_ambiguous(roles, "lidar")
     clouds = recording.messages([lidar], *window) if lidar else iter(())
     first = next((each.t_ns for each in clouds if isinstance(each.message, PointCloud)), None)

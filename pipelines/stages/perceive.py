@@ -50,6 +50,7 @@ class ScanPoses:
         self.skewed: Counter[Skewed] = Counter()
         self._walk, self._gap_s = walk, walk.config.lidar.pose_gap_s
         self._moves = walk.robot is not None and walk.robot.source != "fixed"
+        self._matched = walk.robot is not None and walk.robot.source == "lidar"
 
     def of(self, rows: Sequence[ScanRow]) -> list[ScanPlace]:
         """The places of scans; counts those that are not deskewed."""
@@ -58,6 +59,8 @@ class ScanPoses:
         targets_m = self._walk.solid_targets_at(np.array([row.t_ns for row in rows], np.int64))
         places = []
         for row, target_m, begin, end in zip(rows, targets_m, bounds[:-1], bounds[1:], strict=True):
+            if self._matched and not self._is_matched(row):
+                found[begin:end] = np.nan
             at_slots, skewed = slot_poses(row.t_ns, row.slot_ns, found[begin:end])
             reason = row.skewed or (skewed if self._moves else Skewed.NO_TIMES)
             if reason is not None and not row.shows_nothing:
@@ -70,10 +73,21 @@ class ScanPoses:
         found = self._poses(np.concatenate([[t_ns], slot_ns]))
         return found[0], slot_poses(t_ns, slot_ns, found)[0]
 
+    def _is_matched(self, row: ScanRow) -> bool:
+        """Whether the scan itself gave a pose, at its middle: one that was lost shows another place than the map's."""
+        assert self._walk.robot is not None
+        middle_ns = int(row.slot_ns[0]) + (int(row.slot_ns[-1]) - int(row.slot_ns[0])) // 2
+        at = np.searchsorted(self._walk.robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
+        return bool(at[1] > at[0])
+
     def _poses(self, t_ns: Int) -> Float:
         if self._walk.robot is None:
             return np.full((len(t_ns), 3), np.nan)
         return self._walk.robot.poses_at(np.asarray(t_ns, dtype=np.int64), self._gap_s)
+
+
+ROUNDING_NS = 1_000_000
+"""Of a scan's middle, which is found from its times in two ways."""
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:

@@ -126,6 +126,7 @@ class Known(Marked):
     counts: dict[str, int]
     notes: list[str]
     warnings: list[str]
+    own_losses: list[Loss]
     losses: list[Loss]
     read_warnings: list[str]
     body: WalkedBody | None
@@ -144,7 +145,8 @@ def note_known(walk: ReplayContext, stage: Stage) -> Known:
         counts={name: int(count) for name, count in walk.counts.items()},
         notes=walk.notes,
         warnings=walk.own_warnings,
-        losses=walk.losses,
+        own_losses=walk.own_losses,
+        losses=walk.read_losses,
         read_warnings=walk.read_warnings,
         body=None if body is None else WalkedBody(float(body.mass_kg), int(body.ticks), _plain(body.effort)),
         stages={
@@ -174,6 +176,7 @@ def hand_over(known: Known, stage: Stage, walk: ReplayContext) -> None:
     walk.used = {role: tuple(topics) for role, topics in known.used.items()}
     walk.counts = dict(known.counts)
     walk.notes, walk.own_warnings = list(known.notes), list(known.warnings)
+    walk.own_losses = list(known.own_losses)
     walk.body = known.body
     if "filter" in stage.names:
         walk.read_before = WhatWasRead(known.losses, known.read_warnings)

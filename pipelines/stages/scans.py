@@ -28,7 +28,13 @@ from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.pipelines.stages.tilt import Tilt
-from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySettings, LidarTrack, ScanMatch
+from quadlog.positioning.lidar_odometry import (
+    FEWEST_RETURNS_MATCHED,
+    LidarOdometry,
+    LidarOdometrySettings,
+    LidarTrack,
+    ScanMatch,
+)
 from quadlog.recordings.roles import Roles
 from quadlog.storage.atomic_write import part_prefix
 
@@ -253,9 +259,11 @@ class LidarTracker:
         self._odometry, self._deskew = LidarOdometry(settings), lidar.deskew
         self._mount, self._tilt = transform_lidar_to_base, tilt
         self._levelled: list[Float] = []
+        self._scans = 0
 
     def take(self, t_ns: int, cloud: PointCloud) -> None:
         """The next cloud."""
+        self._scans += 1
         known = len(self._odometry)
         span = sweep_span(cloud.times, len(cloud.xyz_m)) if self._deskew else Skewed.NO_TIMES
         offset_ns, middle_ns = None, t_ns
@@ -275,15 +283,30 @@ class LidarTracker:
         matched = self._odometry.track()
         return replace(matched, rotation=matched.rotation @ np.array(self._levelled).reshape(-1, 3, 3))
 
+    def lost_share(self) -> float:
+        """Share of the scans that tell no pose."""
+        return 1 - (self._odometry.track().match != ScanMatch.LOST).sum() / max(self._scans, 1)
+
+    def why_lost(self) -> str:
+        """Why scans tell no pose; empty where all do."""
+        track = self._odometry.track()
+        lost = self._scans - int((track.match != ScanMatch.LOST).sum())
+        if not lost:
+            return ""
+        text = (
+            f"{lost} of {self._scans} scans have fewer than {FEWEST_RETURNS_MATCHED} returns "
+            "or match nothing seen before"
+        )
+        gave_up_ns = self._odometry.gave_up_ns
+        if gave_up_ns is None:
+            return text
+        return f"{text}; the track ends {(gave_up_ns - track.t_ns[0]) * 1e-9:.1f} s after its start, where most do"
+
     def warnings(self) -> list[str]:
         """How many scans do not tell the whole pose, and why."""
         match = self._odometry.track().match
-        lost, sliding = (match == ScanMatch.LOST).sum(), (match == ScanMatch.DEGENERATE).sum()
-        lines = []
-        if lost:
-            lines.append(
-                f"{lost} of {len(match)} scans match nothing seen before: their poses are those of constant speed"
-            )
+        sliding = (match == ScanMatch.DEGENERATE).sum()
+        lines = [f"{why}: no pose is given there"] if (why := self.why_lost()) else []
         if sliding:
             lines.append(
                 f"{sliding} of {len(match)} scans show surfaces that face one way, as a corridor does: along them "

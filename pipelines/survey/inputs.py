@@ -37,7 +37,7 @@ def odometry_poses(walk: ReplayContext, track: RobotTrack) -> OdometryPoses:
     """The robot's track; poses of the lidar are doubtful where a scan does not tell all of the motion."""
     doubtful: np.ndarray | None = None
     if track.source == "lidar" and walk.tracker is not None:
-        doubtful = walk.tracker.track().match != ScanMatch.MATCHED
+        doubtful = walk.tracker.track().measured().match != ScanMatch.MATCHED
     return OdometryPoses(track.t_ns, track.xy_m, track.yaw_rad, doubtful)
 
 

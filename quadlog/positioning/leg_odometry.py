@@ -90,6 +90,12 @@ class LegTrack:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    @property
+    def standing(self) -> NDArray[np.bool_]:
+        """(N,) whether a foot stands."""
+        stands: NDArray[np.bool_] = self.contact.sum(axis=1) >= FEWEST_CONTACT
+        return stands
+
 
 def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> LegTrack:
     """The track of the body that these joints moved; imu: in the body's axes, None where there is none.

@@ -14,17 +14,29 @@ import numpy as np
 from quadlog.messages import Float, Float32, Int
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 
-FEWEST_POINTS = 50
-"""After thinning; a scan with fewer is no place."""
-FEWEST_MATCHED = 0.4
+FEWEST_RETURNS_MATCHED, FEWEST_POINTS = 10, 30
+"""Of a scan, and of what is left after thinning; scans with fewer are not matched."""
+FEWEST_MATCHED = 0.5
 """Share of a scan's points that find their voxel, below which it shows another place than the map."""
 FARTHEST_MATCH_M = 1.0
 MAX_SPEED_MPS, MAX_TURN_RADPS = 5.0, np.pi
 """Faster than a quadruped is a wrong match."""
 DEGENERATE_RATIO = 0.35
 """Least over greatest horizontal spread of the surfaces' normals: .2-.3 in a corridor, .5-.9 among trees or boxes."""
+MOST_SCANS_UNSEEN = 100
+"""What the map has not shown for so many scans is removed from it."""
 MAX_GAP_NS = 1_000_000_000
 """After a longer one the last speed says nothing."""
+GIVE_UP_NS, GIVE_UP_SCANS = 5_000_000_000, 10
+"""The track ends when more than half of the scans of so long, and of at least so many, match nothing."""
+FLAT_M = 0.001
+"""RMS distance from a level plane below which a scan is that of a planar scanner: theirs are in it exactly."""
+LEVEL = 0.9
+"""Least upright part of that plane's normal: it is tilted by up to 25 degrees."""
+NEIGHBOURS = 10
+"""Points that a surface's normal is estimated from."""
+STEP_RAD, STEP_M = 0.01, 0.005
+"""A match whose last step was smaller is not improved further."""
 
 
 class ScanMatch(IntEnum):
@@ -32,17 +44,28 @@ class ScanMatch(IntEnum):
 
     MATCHED = 0
     DEGENERATE = 1  # surfaces face one way: along them the pose slides
-    LOST = 2  # the pose is that of constant speed
+    LOST = 2  # no pose was measured; the one given is that of constant speed
 
 
 @dataclass(frozen=True, slots=True)
 class LidarOdometrySettings:
-    """Points farther or nearer do not count; they are thinned to one per cube of thinned_m; voxel_m is the map's."""
+    """Points nearer or farther are not used."""
 
-    min_range_m: float = 0.5
+    min_range_m: float = 0.3
     max_range_m: float = 60.0
-    thinned_m: float = 0.5
-    voxel_m: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ScanGrain:
+    """How finely scans are matched: a point per cube of thinned_m, with a map of cubes of voxel_m."""
+
+    thinned_m: float
+    voxel_m: float
+
+
+SPATIAL, PLANAR = ScanGrain(0.25, 0.25), ScanGrain(0.1, 0.25)
+"""Of scans in space, and of those in a level plane. Where points are thinned more coarsely than the map, the first scan
+leaves gaps in it, and the next ones are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +77,11 @@ class LidarTrack:
     rotation: Float
     match: Int
 
+    def measured(self) -> LidarTrack:
+        """The same without the poses of lost scans."""
+        rows = self.match != ScanMatch.LOST
+        return LidarTrack(self.t_ns[rows], self.position_m[rows], self.rotation[rows], self.match[rows])
+
 
 class LidarOdometry:
     """The track of a lidar, scan by scan, as causal as the robot's own would be."""
@@ -62,11 +90,14 @@ class LidarOdometry:
         import small_gicp  # only where a lidar has to tell the position
 
         self._settings, self._gicp = settings, small_gicp
-        self._map = small_gicp.GaussianVoxelMap(settings.voxel_m)
+        self._grain, self._map = SPATIAL, small_gicp.GaussianVoxelMap(SPATIAL.voxel_m)
         self._t_ns: list[int] = []
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
+        self._last_match: tuple[int, Float] = (0, np.eye(4))
+        self._tried: list[tuple[int, bool]] = []  # instants of scans with points, and whether they were lost
+        self.gave_up_ns: int | None = None
 
     def __len__(self) -> int:
         """Number of poses so far."""
@@ -81,20 +112,22 @@ class LidarOdometry:
         middle_ns = t_ns if offset_ns is None or len(offset_ns) == 0 else t_ns + _middle(offset_ns)
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
-        points = self._thinned(xyz_m, None if offset_ns is None else t_ns + offset_ns - middle_ns)
+        if self.gave_up_ns is not None:
+            self._keep(middle_ns, self._poses[-1], ScanMatch.LOST, ())
+            return
+        clouds = self._thinned(xyz_m, offset_ns, middle_ns - t_ns)
         if not self._poses:
-            if points is not None:
-                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, points)
+            if clouds:
+                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, clouds)
             return
-        gap_ns = middle_ns - self._t_ns[-1]
-        if gap_ns > MAX_GAP_NS:
+        if middle_ns - self._last_match[0] > MAX_GAP_NS:
             self._per_s[:] = 0.0
+        gap_ns = middle_ns - self._t_ns[-1]
         guess = self._poses[-1] @ _motion(self._per_s * (gap_ns * 1e-9))
-        if points is None:
-            self._keep(middle_ns, guess, ScanMatch.LOST, None)
-            return
-        pose, match = self._matched(points, guess, gap_ns)
-        self._keep(middle_ns, pose, match, None if match is ScanMatch.LOST else points)
+        pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
+        self._keep(middle_ns, pose, match, () if match is ScanMatch.LOST else clouds)
+        if clouds:
+            self._give_up_unless_matched(middle_ns, match)
 
     def track(self) -> LidarTrack:
         """All of it so far."""
@@ -102,46 +135,72 @@ class LidarOdometry:
         match = np.array(self._match, dtype=np.int64)
         return LidarTrack(np.array(self._t_ns, dtype=np.int64), poses[:, :3, 3], poses[:, :3, :3], match)
 
-    def _thinned(self, xyz_m: Float32, since_middle_ns: Int | None) -> object | None:
-        """small_gicp's cloud with normals and covariances, None of a scan with too little in it."""
+    def _thinned(self, xyz_m: Float32, offset_ns: Int | None, middle_ns: int) -> tuple[object, ...]:
+        """small_gicp's clouds with normals and covariances: the one to match, then others for the map.
+
+        Empty for a scan with too few points.
+        """
         range2_m2 = np.einsum("ij,ij->i", xyz_m, xyz_m)
         near_m, far_m = self._settings.min_range_m, self._settings.max_range_m
         used = (range2_m2 > near_m * near_m) & (range2_m2 < far_m * far_m)  # NaN fails both comparisons
         points = xyz_m[used]
-        if len(points) < FEWEST_POINTS:
-            return None
-        if since_middle_ns is not None and self._per_s.any():
-            points = self._deskewed(points, (since_middle_ns[used] * 1e-9).astype(np.float32))
-        thinned, _ = self._gicp.preprocess_points(points.astype(np.float64), self._settings.thinned_m, 10, 1)
-        return thinned if thinned.size() >= FEWEST_POINTS else None
+        if len(points) < FEWEST_RETURNS_MATCHED:
+            return ()
+        if offset_ns is not None and self._per_s.any():
+            points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))
+        if not self._poses and _is_planar(points):
+            self._grain, self._map = PLANAR, self._gicp.GaussianVoxelMap(PLANAR.voxel_m)
+            self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice
+        parts = _walls_and_points(points) if self._grain is PLANAR else (points,)
+        thinned_m = self._grain.thinned_m
+        clouds = [self._gicp.preprocess_points(part.astype(np.float64), thinned_m, NEIGHBOURS, 1)[0] for part in parts]
+        return tuple(clouds) if clouds[0].size() >= FEWEST_POINTS else ()
 
     def _deskewed(self, xyz_m: Float32, since_s: Float32) -> Float32:
         """Points (N, 3) at the instants since_s (N,) from the middle of the sweep, where they were in the middle."""
         speed_mps, turn_rad = self._per_s[:3].astype(np.float32), np.float32(self._per_s[5]) * since_s
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
         x_m, y_m, z_m = xyz_m.T
-        moved = [cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m]
-        return np.stack([each + speed * since_s for each, speed in zip(moved, speed_mps, strict=True)], axis=1)
+        moved_m = np.empty_like(xyz_m)
+        moved_m[:, 0] = cos * x_m - sin * y_m + speed_mps[0] * since_s
+        moved_m[:, 1] = sin * x_m + cos * y_m + speed_mps[1] * since_s
+        moved_m[:, 2] = z_m + speed_mps[2] * since_s
+        return moved_m
 
-    def _matched(self, points: object, guess: Float, gap_ns: int) -> tuple[Float, ScanMatch]:
-        found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20)
+    def _matched(self, points: object, guess: Float, t_ns: int) -> tuple[Float, ScanMatch]:
+        found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20, STEP_RAD, STEP_M)
         pose = np.array(found.T_target_source)
-        step, count = _vector(np.linalg.inv(self._poses[-1]) @ pose), points.size()  # type: ignore[attr-defined]
-        per_s = np.abs(step) / (gap_ns * 1e-9)
+        if self._grain is PLANAR:
+            pose = _level(pose)
+        per_s, count = np.abs(self._speed(t_ns, pose)), points.size()  # type: ignore[attr-defined]
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
         if not np.isfinite(pose).all() or too_fast or found.num_inliers < FEWEST_MATCHED * count:
             return guess, ScanMatch.LOST
         return pose, ScanMatch.DEGENERATE if _faces_one_way(points) else ScanMatch.MATCHED
 
-    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, points: object | None) -> None:
-        if self._poses and match is not ScanMatch.LOST:
-            step = np.linalg.inv(self._poses[-1]) @ pose
-            self._per_s = _vector(step) / ((t_ns - self._t_ns[-1]) * 1e-9)
-        if points is not None:
-            self._map.insert(points, pose)
+    def _speed(self, t_ns: int, pose: Float) -> Float:
+        """(6,) shift and rotation vector per second since the last match."""
+        since_ns, matched = self._last_match
+        return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
+
+    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, clouds: tuple[object, ...]) -> None:
+        if match is not ScanMatch.LOST:
+            if self._poses:
+                self._per_s = self._speed(t_ns, pose)
+            self._last_match = t_ns, pose
+        for cloud in clouds:
+            self._map.insert(cloud, pose)
         self._t_ns.append(t_ns)
         self._poses.append(pose)
         self._match.append(match)
+
+    def _give_up_unless_matched(self, t_ns: int, match: ScanMatch) -> None:
+        """Scans without points are not counted: a covered scanner is no wrong track."""
+        self._tried = [each for each in self._tried if each[0] > t_ns - GIVE_UP_NS]
+        self._tried.append((t_ns, match is ScanMatch.LOST))
+        lost = sum(lost for _, lost in self._tried)
+        if len(self._tried) >= GIVE_UP_SCANS and 2 * lost > len(self._tried):
+            self.gave_up_ns = t_ns
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -150,6 +209,29 @@ def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
     usable = matched[1:] & matched[:-1] & (np.diff(track.t_ns) <= MAX_GAP_NS)
     yaw_rad = np.unwrap(np.arctan2(track.rotation[:, 1, 0], track.rotation[:, 0, 0]))
     return motion_between(track.t_ns, track.position_m[:, :2], yaw_rad, usable, "lidar", causal=causal)
+
+
+def _is_planar(xyz_m: Float32) -> bool:
+    """Whether points (N, 3) lie in one plane that is about level."""
+    spread_m2, axes = np.linalg.eigh(np.cov(xyz_m.T))
+    return bool(spread_m2[0] < FLAT_M * FLAT_M and abs(axes[2, 0]) > LEVEL)
+
+
+def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
+    """Points of a planar scan (N, 3) as upright walls (3 N, 3), and as they are (N, 3), in one layer of cubes.
+
+    Normals of walls lie in the plane. The bare points' covariances are round in it: with both in the map, a match is
+    held along a wall, too, where by the walls alone it slides.
+    """
+    points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), PLANAR.voxel_m / 2)])
+    up_m = np.float32([0.0, 0.0, PLANAR.thinned_m])
+    return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
+
+
+def _level(pose: Float) -> Float:
+    """The motion in the plane of a transform (4, 4)."""
+    turn_rad = np.arctan2(pose[1, 0], pose[0, 0])
+    return _motion(np.array([pose[0, 3], pose[1, 3], 0.0, 0.0, 0.0, turn_rad]))
 
 
 def _middle(offset_ns: Int) -> int:

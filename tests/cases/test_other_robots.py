@@ -30,6 +30,8 @@ class Case(NamedTuple):
     size_m: float = 6.0
     never: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
+    nowhere_s: tuple[float, float] | None = None
+    """No pose lies between these seconds of the log."""
 
 
 def tf(parent: str, child: str, duration_s: float = 8.0) -> Callable[[Log, Room], None]:
@@ -81,6 +83,12 @@ def covered(log: Log, room: Room) -> None:
     for t_ns, _, scan in log.messages:
         if ns(3.0) <= t_ns < ns(6.0):
             scan.ranges[:] = 0.0
+
+
+def interrupted(log: Log, room: Room) -> None:
+    """Odometry that is silent for two of eight seconds."""
+    odometry(log, room)
+    log.messages = [row for row in log.messages if not ns(3.0) < row[0] < ns(5.0)]
 
 
 def pose_topics(*topics: str) -> Callable[[Log, Room], None]:
@@ -179,9 +187,12 @@ CASES = {
     "scans-5m-60-beams": Case(scans_only(60), 0, "lidar", 0.06, size_m=5.0),
     "scans-10m": Case(scans_only(360), 0, "lidar", 0.05, size_m=10.0),
     "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
-    "scans-covered": Case(covered, 3, "lidar", np.inf),
+    "scans-covered": Case(covered, 3, "lidar", np.inf, says=("have no measured position",), nowhere_s=(3.0, 6.0)),
     "scans-and-odometry": Case(
         lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True
+    ),
+    "odometry-interrupted": Case(
+        interrupted, 3, "odometry", says=("25% of 8.0 s have no measured position",), nowhere_s=(3.0, 4.9)
     ),
     "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
     "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
@@ -312,6 +323,10 @@ def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.Cap
     run = tmp_path / "runs" / "log"
     poses = read_table(run, "poses")
     assert set(poses["source"]) == {case.source}
+    if case.nowhere_s is not None:
+        t_s = (poses["t_ns"] - ns(0.0)) * 1e-9
+        assert not ((t_s > case.nowhere_s[0]) & (t_s < case.nowhere_s[1])).any()
+        assert "of the log has no measured position" in (run / "report.html").read_text()
     found_m = np.column_stack([poses["x_m"], poses["y_m"]])
     assert rms_after_alignment_m(found_m, room.way_m(poses["t_ns"])) < case.rms_m
     if case.walls:

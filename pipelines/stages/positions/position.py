@@ -18,7 +18,9 @@ from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apa
 from quadlog.pipelines.stages.positions.other_estimates import settle_reference
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
-from quadlog.pipelines.stages.positions.ways_out import ways_out, why_none
+from quadlog.pipelines.stages.positions.ways_out import ways_out, why_failed, why_none
+from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
+from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.roles import kinds_of
 from quadlog.results.run.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
@@ -41,6 +43,7 @@ def locate_walk(walk: ReplayContext) -> None:
         uwb = locate_tags(walk)
         walk.robot = _robot(walk, uwb)
         walk.target = _target(walk, uwb, walk.robot)
+        _tell_unlocated(walk, walk.robot)
         other = _other_track(walk, uwb, walk.robot.source)
         settle_reference(walk, walk.robot)
         walk.begin_folder()
@@ -51,6 +54,26 @@ def locate_walk(walk: ReplayContext) -> None:
             write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
         write_joints(walk)
     walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
+
+
+def _tell_unlocated(walk: ReplayContext, robot: RobotTrack) -> None:
+    """Count the time without positions, which is a loss where it is much of the log."""
+    spanned_ns, lost_ns = walk.last_ns - walk.first_ns, 0
+    tried = walk.tracker is not None or walk.legs is not None
+    if robot.source != "fixed":
+        lost_ns = unlocated_ns(robot.t_ns, walk.first_ns, walk.last_ns)
+    elif tried and walk.config.topics.position == "auto":
+        lost_ns = spanned_ns
+    if robot.source == "lidar" and walk.tracker is not None:
+        # Scans that are lost for less than a second leave no gap, but positions there are between measured ones.
+        lost_ns = max(lost_ns, round(walk.tracker.lost_share() * spanned_ns))
+    if lost_ns:
+        walk.count("unlocated_ms", lost_ns // 1_000_000)
+    if lost_ns > MOST_UNLOCATED * spanned_ns:
+        why = why_failed(walk, robot.source)
+        detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
+        walk.own_losses.append(Loss("positions", f"{detail}: {why}" if why else detail))
+        walk.say_what_is_new()
 
 
 def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
@@ -163,6 +186,9 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
         walk.use("imu")
     tell_legs(walk, track)
     rows = rows_apart(track, STEP_S)
+    rows = rows[located_rows(track.t_ns, track.standing)[rows]]
+    if len(rows) == 0:
+        return None
     yaw_rad = track.rpy_rad[rows, 2] - track.rpy_rad[0, 2]
     cos, sin = np.cos(track.rpy_rad[0, 2]), np.sin(track.rpy_rad[0, 2])
     xy_m = track.position_m[rows, :2] @ np.array([[cos, -sin], [sin, cos]])
@@ -172,7 +198,7 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
 
 
 def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
-    track = None if walk.tracker is None else walk.tracker.track()
+    track = None if walk.tracker is None else walk.tracker.track().measured()
     if walk.tracker is None or track is None or len(track.t_ns) == 0:
         return None
     walk.use("lidar")

@@ -15,6 +15,8 @@ def ways_out(walk: ReplayContext) -> str:
     flags += [set_flag("topics.position", [each]) for each in position_topics(walk.recording) if each not in taken]
     more = [f"one of {len(flags) - MAX_LISTED} more"] if len(flags) > MAX_LISTED else []
     words = [f"what could give it:  {'  or  '.join(flags[:MAX_LISTED] + more)}"] if flags else []
+    if why := why_failed(walk, "legs"):
+        words.append(f"legs: {why}")
     if "uwb" in walk.roles.found and not walk.config.uwb.anchors:
         words.append("UWB ranges need [[uwb.anchors]], see  quadlog survey")
     if walk.config.topics.position != "lidar":
@@ -35,15 +37,22 @@ def why_none(walk: ReplayContext, source: str) -> str:
     if source == "pose":
         return f"{len(walk.roles.topics('pose')) or 'no'} topics could be the pose"
     if source == "legs":
-        return "no angles of twelve leg joints are known"
+        return why_failed(walk, source) or "no angles of twelve leg joints are known"
     if source == "lidar":
         return _why_no_lidar(walk)
     return walk.roles.why_none(source) if source == "odometry" else "it holds no poses"
 
 
+def why_failed(walk: ReplayContext, source: str) -> str:
+    """Why a source that was tried gives no position, or not all of the time; empty where it was not tried."""
+    if source == "legs" and walk.legs is not None:
+        return "no foot stands"
+    return walk.tracker.why_lost() if source == "lidar" and walk.tracker is not None else ""
+
+
 def _why_no_lidar(walk: ReplayContext) -> str:
     if walk.tracker is not None:
-        return "; ".join(walk.tracker.warnings()) or "it took no scan"
+        return why_failed(walk, "lidar") or "it took no scan"
     if "lidar" in walk.roles.found:
         return f"its scans were not matched; they are with  {set_flag('topics.position', ['lidar'])}"
     return walk.roles.choices("lidar") or walk.roles.why_none("lidar")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.metrics.catalogue import CATALOGUE, LONGEST_GAP_S
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.page.metric_cards import bound_words, held_bounds, in_words, missed_alarms, plain_name
 from quadlog.results.plots.run_data import STANDS_M, RunData, Table
 from quadlog.results.plots.uwb_position import SCALE_95
@@ -220,16 +220,14 @@ def _positions(run: RunData) -> VerdictLine | None:
         coverage = run.metric("uwb_coverage_95")
         holds = "" if coverage is None else f" (95 % bound, holds on {short(100 * coverage, 3)} %)"
         text += f", ±{short(bound_m, 2)} m{holds or ' (95 % bound)'}"
-    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}"), *_gaps(poses)])
+    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}"), *_unlocated(run)])
 
 
-def _gaps(poses: Table) -> Iterator[Sentence]:
-    """An alarm where there were no positions for long."""
-    gaps_s = np.diff(np.sort(poses["t_ns"])) / 1e9
-    long_s = gaps_s[gaps_s > LONGEST_GAP_S]
-    if len(long_s):
-        many = f"{count(len(long_s))} gap{'s' * (len(long_s) > 1)}"
-        yield Sentence(f"{many} of more than {LONGEST_GAP_S:g} s, the longest {short(long_s.max(), 3)} s.", alarm=True)
+def _unlocated(run: RunData) -> Iterator[Sentence]:
+    lost_s, recorded_s = run.record.counts.get("unlocated_ms", 0) * 1e-3, run.record.recorded_s
+    if lost_s > 0 and recorded_s > 0:
+        alarm = any(loss.cause == "positions" for loss in run.record.losses)
+        yield Sentence(f"{short(100 * lost_s / recorded_s, 2)} % of the log has no measured position.", alarm)
 
 
 def _against_truth(run: RunData) -> str:

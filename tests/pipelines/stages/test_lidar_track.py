@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.positioning.lidar_odometry import LidarOdometry
 from quadlog.results.run.run_folder import read_run_json
 from quadlog.results.run.tables import read_table
 from quadlog.simulation.synthetic import follow
@@ -119,6 +121,51 @@ def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk
     with pytest.raises(MissingInput, match="no topic is fit to be the lidar"):
         replayed(tmp_path, walk, topics, until="map", existing=Existing.FORCE)
     assert read_run_json(tmp_path / "run") == record
+
+
+@pytest.mark.parametrize(("name", "poses", "within_m"), [("lidarme", 485, 0.1), ("anlam_hallway", 881, 17.0)])
+def test_real_planar_scans_are_matched_without_a_loss(tmp_path, name, poses, within_m):
+    """A scanner that stands, and one that is carried along a hallway: along its walls a match must not slide."""
+    recording = Path(os.environ.get("QUADLOG_DATASETS", "")) / "other_robots" / f"{name}.bag"
+    if not recording.exists():
+        pytest.skip(f"{recording} is not there")
+    options = ReplayOptions(until="position")
+    outcome = replay(ReplayRequest(recording, tmp_path / "run", load_config(None, [], {}), options), Silent())
+    found = read_table(tmp_path / "run", "poses", ["t_ns", "x_m", "y_m"])
+    assert outcome.exit_code == 0
+    assert len(found["t_ns"]) == poses
+    assert np.hypot(found["x_m"], found["y_m"]).max() < within_m
+
+
+def test_where_the_lidar_was_tried_and_failed_the_message_says_why(tmp_path, walk):
+    """From nearer than any return on, no scan has points to match."""
+    topics, few = {TF_STATIC_TOPIC, LIDAR_TOPIC}, ("lidar.min_range_m=28", "lidar.max_range_m=29")
+    outcome = replayed(tmp_path, walk, topics, *few, until="position")
+    assert outcome.exit_code == 3
+    record = read_run_json(tmp_path / "run")
+    (why,) = [text for text in record["warnings"] if "origin" in text]
+    assert why.startswith("lidar gives no position: 50 of 50 scans")
+    assert "no pose source" not in why
+    assert record["losses"][0]["detail"].startswith("100% of")
+    with pytest.raises(MissingInput, match="50 of 50 scans"):
+        replayed(tmp_path, walk, topics, *few, "topics.position=lidar", until="position", existing=Existing.FORCE)
+
+
+def test_a_scan_that_was_lost_is_in_no_map(tmp_path, walk, monkeypatch):
+    take = LidarOdometry.take
+
+    def blind(self: LidarOdometry, t_ns: int, xyz_m: np.ndarray, offset_ns: np.ndarray | None) -> None:
+        """Six of fifty scans, one at a time, have nothing to match."""
+        take(self, t_ns, xyz_m[: 5 if len(self) % 8 == 7 else None], offset_ns)
+
+    monkeypatch.setattr(LidarOdometry, "take", blind)
+    topics = {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC}
+    outcome = replayed(tmp_path, walk, topics, "lidar.deskew=false", until="map")
+    assert outcome.exit_code == 3
+    assert read_run_json(tmp_path / "run")["counts"]["scans_without_pose"] == 6
+    assert len(read_table(tmp_path / "run", "poses", ["t_ns"])["t_ns"]) == 44
+    again = replayed(tmp_path, walk, topics, "lidar.deskew=false", until="map", existing=Existing.RESUME)
+    assert again.exit_code == 3
 
 
 def test_compiled_code_that_the_log_cannot_use_is_not_compiled(tmp_path, walk, monkeypatch):

@@ -1,0 +1,25 @@
+"""Where a track tells no position: the one rule on how long a position may go without a measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadlog.messages import Int
+
+MAX_UNMEASURED_NS = 1_000_000_000
+"""Past so long without a match, a stance or a message there is no position."""
+MOST_UNLOCATED = 0.05
+"""Share of a log without positions above which they count as lost."""
+
+
+def located_rows(t_ns: Int, measured: np.ndarray) -> np.ndarray:
+    """(N,) bool: rows of a track at most MAX_UNMEASURED_NS after one that was measured, (N,) bool."""
+    last_ns = np.maximum.accumulate(np.where(measured, t_ns, np.iinfo(np.int64).min // 2))
+    located: np.ndarray = t_ns - last_ns <= MAX_UNMEASURED_NS
+    return located
+
+
+def unlocated_ns(t_ns: Int, first_ns: int, last_ns: int) -> int:
+    """Time of a log from first_ns to last_ns in gaps of more than MAX_UNMEASURED_NS between positions (N,)."""
+    gaps_ns = np.diff(np.concatenate([[first_ns], np.clip(t_ns, first_ns, last_ns), [last_ns]]))
+    return int(gaps_ns[gaps_ns > MAX_UNMEASURED_NS].sum())
