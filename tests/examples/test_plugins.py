@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -132,7 +132,6 @@ def test_the_comparison_asks_the_planner(example, capsys):
     assert "Planner greedy is of quadlog-examples 1.0." in captured.err
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32), density=st.floats(0, 0.6), corner_cutting=st.booleans())
 def test_the_planner_finds_a_way_exactly_where_there_is_one(example, seed, density, corner_cutting):
     """With corners cut, scipy's labels of eight neighbours tell where; without, four neighbours do."""

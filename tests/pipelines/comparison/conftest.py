@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,7 @@ from quadlog.pipelines.request import ReplayRequest
 def planned_run(follow_request: Callable[..., ReplayRequest], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder up to its stage `plan`; not to be changed."""
     run = tmp_path_factory.mktemp("planned") / "follow"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
-        replay(follow_request(run, duration_s=1.0, until="plan"), Silent())
+    replay(replace(follow_request(run, duration_s=1.0, until="plan"), plots=False), Silent())
     return run
 
 
