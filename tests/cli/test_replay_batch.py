@@ -27,7 +27,7 @@ def two(tmp_path):
     for name in ("a", "b"):
         shutil.copy(FIXTURES / "follow.mcap", tmp_path / f"{name}.mcap")
     recordings = [str(tmp_path / f"{name}.mcap") for name in "ab"]
-    return [*recordings, "-c", str(FIXTURES / "follow.toml"), "-o", str(tmp_path / "runs")]
+    return [*recordings, "--no-plots", "-c", str(FIXTURES / "follow.toml"), "-o", str(tmp_path / "runs")]
 
 
 def test_failures_are_the_last_lines_with_a_count(tmp_path, two, quadlog):

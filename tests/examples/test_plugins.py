@@ -79,7 +79,17 @@ def _as_distances(store, frame) -> bytes:
 
 
 def replayed(recording: Path, output: Path, *words: str) -> quadlog.Run:
-    command = ["replay", str(recording), "-c", str(FIXTURES / "follow.toml"), "-o", str(output), "--duration", "2"]
+    command = [
+        "replay",
+        str(recording),
+        "-c",
+        str(FIXTURES / "follow.toml"),
+        "-o",
+        str(output),
+        "--duration",
+        "2",
+        "--no-plots",
+    ]
     assert run([*command, *words]) == 0
     return quadlog.load_run(output / "follow")
 
@@ -154,7 +164,7 @@ class Broken(AStar):
     def plan(self, *_):
         raise ValueError("lost")
 """
-REPLAY = ["replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "1"]
+REPLAY = ["replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "1", "--no-plots"]
 
 
 @pytest.mark.parametrize(
@@ -191,5 +201,5 @@ def test_every_command_of_its_readme_runs(example, tmp_path, monkeypatch):
     for words in told:
         shortened = [str(tmp_path / word) if word.startswith("runs") else word for word in words]
         if words[0] == "replay":
-            shortened += ["--duration", "1.5", "--until", "plan"]
+            shortened += ["--duration", "1.5", "--until", "plan", "--no-plots"]
         assert run(shortened) == 0

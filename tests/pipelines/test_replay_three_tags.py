@@ -24,7 +24,9 @@ def config_of(lias, levers_m) -> Config:
 
 def run(lias, folder: Path, config: Config, **options):
     kept = Kept()
-    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder, config, ReplayOptions(until="position", **options))
+    request = ReplayRequest(
+        lias.folder / "lias_fast.mcap", folder, config, ReplayOptions(until="position", **options), plots=False
+    )
     return replay(request, kept), kept.lines
 
 

@@ -42,26 +42,22 @@ def ask(fixtures: Path, follow_request: Callable[..., ReplayRequest]) -> Ask:
 
 
 @pytest.fixture(scope="module")
-def fresh(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def fresh(ask: Ask, once: Callable[..., ReplayOutcome]) -> Callable[..., Path]:
     """The run folder of a request that was replayed in one go, once for all tests."""
-    made: dict[tuple[Any, ...], Path] = {}
 
     def run(*sets: str, **options: Any) -> Path:
-        key = (sets, tuple(options.items()))
-        if key not in made:
-            made[key] = tmp_path_factory.mktemp("fresh") / "follow"
-            replay(ask(made[key], *sets, existing=Existing.REFUSE, **options), Silent())
-        return made[key]
+        def make(runs: Path) -> ReplayOutcome:
+            return replay(ask(runs / "follow", *sets, existing=Existing.REFUSE, **options), Silent())
+
+        return once("-".join(("fresh", *sets, *(f"{key}={value}" for key, value in options.items()))), make).run
 
     return run
 
 
 @pytest.fixture(scope="module")
-def walked(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walked(ask: Ask, once: Callable[..., ReplayOutcome]) -> Path:
     """A run whose report alone is missing; not to be changed."""
-    run = tmp_path_factory.mktemp("walked") / "follow"
-    replay(ask(run, until="control"), Silent())
-    return run
+    return once("resumed", lambda runs: replay(ask(runs / "follow", until="control"), Silent())).run
 
 
 def resumed(request: ReplayRequest) -> tuple[ReplayOutcome, tuple[str, ...]]:

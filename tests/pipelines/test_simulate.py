@@ -78,8 +78,9 @@ def test_an_interrupted_walk_leaves_no_folder_in_the_way(path, tmp_path, monkeyp
 
 
 @pytest.fixture(scope="module")
-def walked(path, tmp_path_factory) -> SimulatedRun:
-    return _simulate(_request(path, tmp_path_factory.mktemp("runs"), "simulation.terrain=3cm", "results.frames=2"))
+def walked(path, once) -> SimulatedRun:
+    settings = ("simulation.terrain=3cm", "results.frames=2")
+    return once("simulated", lambda runs: _simulate(_request(path, runs, *settings)))
 
 
 def test_a_run_folder_has_what_the_contract_promises(walked):

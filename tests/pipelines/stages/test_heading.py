@@ -118,7 +118,7 @@ def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext
     (folder / "quadlog.toml").write_text(CONFIG.format(anchors=anchors))
     write_recording(WRITERS["mcap"](folder / "walk.mcap"), made.messages())
     config = load_config(folder / "quadlog.toml", list(overrides), {})
-    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"))
+    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"), plots=False)
     clock = StageClock()
     with open_log(request, clock, Silent()) as log, open_walk(log, request, clock, Silent()) as walk:
         locate_walk(walk)

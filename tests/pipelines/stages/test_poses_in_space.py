@@ -61,14 +61,13 @@ def replayed(lias: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any
     """A real walk whose poses come from a file, against the recording's motion capture."""
     write_tum_poses(folder / "poses.tum", t_ns, position_m, quat_xyzw)
     config = load_config(None, [f"topics.position={folder / 'poses.tum'}"], {})
-    request = ReplayRequest(
-        lias.folder / "lias_fast.mcap", folder / "run", config, ReplayOptions(until="position", duration_s=12.0)
-    )
+    options = ReplayOptions(until="position", duration_s=12.0)
+    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder / "run", config, options, plots=False)
     return replay(request, Silent())
 
 
 @pytest.mark.parametrize("planar", [False, True])
-def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, planar, without_pictures):
+def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, planar):
     truth, rng = read_tum(lias.folder / "lias_fast_mocap.tum"), np.random.default_rng(0)
     position_m = truth.position_m + rng.normal(0, [0.02, 0.02, 0.2], truth.position_m.shape)
     turned = Rotation.from_quat(truth.quat_xyzw) * Rotation.from_rotvec(rng.normal(0, 0.1, position_m.shape))
@@ -109,7 +108,7 @@ def test_a_run_of_before_has_no_heights_and_is_compared_in_the_plane(short_run, 
     assert said_of(short_run.run) == [f"{short_run.run}: errors in 2-D (heights of the poses are not known)"]
 
 
-def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path, without_pictures):
+def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path):
     """Synthetic, over rough ground between anchors of several heights; base is on the ground."""
     walk, path = forest.synthesize(3, 12.0, azimuth_steps=8), tmp_path / "walk.mcap"
     topics = {UWB_TOPIC, IMU_TOPIC, TF_STATIC_TOPIC, "/truth/robot/pose"}
@@ -117,7 +116,9 @@ def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(t
     anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
     tag = {"id": 0, "role": "robot", "height_m": 0.6, "x_m": -0.2}
     config = Config.model_validate({"uwb": {"anchors": anchors, "tags": [tag], "height": "solved"}})
-    outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
+    outcome = replay(
+        ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position"), plots=False), Silent()
+    )
     poses = read_table(outcome.run, "poses")
     truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
     np.testing.assert_allclose(poses["roll_rad"], truth.roll_rad, atol=1e-6)
