@@ -59,7 +59,8 @@ def pytest_sessionstart() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What needs a Dask cluster, an object storage or the long real recording is nightly."""
+    """The tour of the pages, the longest, begins; what needs a cluster, object storage or the trolley is nightly."""
+    items.sort(key=lambda item: item.path.name != "test_docs.py")
     for item in items:
         if {"cluster", "empty_cluster", "bucket", "trolley"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.nightly)

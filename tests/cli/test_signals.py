@@ -10,6 +10,7 @@ import time
 import pytest
 
 from quadlog.cli.main import run
+from quadlog.results.planner_comparison import folder as _  # noqa: F401 (has format_rows before a test replaces it)
 from quadlog.results.planner_comparison import tables as comparison_text
 
 # They would take hours.
