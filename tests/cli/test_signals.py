@@ -10,7 +10,7 @@ import time
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results.planner_comparison import folder as _  # noqa: F401 (has format_rows before a test replaces it)
+from quadlog.results.planner_comparison import folder
 from quadlog.results.planner_comparison import tables as comparison_text
 
 # They would take hours.
@@ -65,6 +65,7 @@ def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_p
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
+    assert folder.format_rows is comparison_text.format_rows  # imported before it is replaced
     monkeypatch.setattr(comparison_text, "format_rows", interrupted)  # what is printed on stdout in the end
     assert run(SHORT["compare-planners"]) == 1
     assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
