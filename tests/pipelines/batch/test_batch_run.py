@@ -128,6 +128,7 @@ def full_disk():
     return error
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("error", [full_disk(), OSError(errno.EDQUOT, "Disk quota exceeded", "tmp")])
 @pytest.mark.usefixtures("in_this_process")
 def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_path, monkeypatch, error):
