@@ -160,6 +160,7 @@ def test_the_page_speaks_of_a_simulation_and_can_be_made_again(walked):
     assert (walked.run / "report.html").read_bytes() == page
 
 
+@pytest.mark.nightly
 def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path, undrawn):
     request = _request(path, tmp_path / "one", "simulation.terrain=6cm", *DISTURBED_OVERRIDES, seeds=(3, 4))
     one = simulate(request, 1, Silent())
