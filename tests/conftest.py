@@ -1,9 +1,13 @@
-"""Distributions that add planners and decoders to quadlog, as an installer would leave them on the path."""
+"""What all tests share: how hypothesis draws, what has to be there, what is built once; plug-ins, stores, a walk."""
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import os
+import pickle
+import shutil
+import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -13,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from quadlog.config import plugins
 
@@ -20,6 +25,65 @@ if TYPE_CHECKING:
     from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 Installer = Callable[..., Path]
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"))), None
+)
+DATASETS = ("edge_cases", "lidar_16beam", "odometry", "uwb_labyrinth", "uwb_lias", "uwb_tiers")
+
+ANY_FIXTURE: Any = {"deadline": None, "suppress_health_check": list(HealthCheck)}
+settings.register_profile("dev", max_examples=15, **ANY_FIXTURE)
+settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=True, **ANY_FIXTURE)
+settings.register_profile("nightly", max_examples=500, **ANY_FIXTURE)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+# nohup, and a shell that runs the tests in the background, have signals ignored, and what a test starts inherits that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+for number in (signal.SIGHUP, signal.SIGTERM):
+    signal.signal(number, signal.SIG_DFL)
+
+
+def pytest_sessionstart() -> None:
+    """Fails where a part is missing that QUADLOG_REQUIRE names; without it the tests that need that part skip."""
+    datasets = Path(os.environ.get("QUADLOG_DATASETS", "/nowhere"))
+    missing = {
+        "chromium": [] if CHROMIUM else ["chromium"],
+        "datasets": [str(datasets / name) for name in DATASETS if not (datasets / name).is_dir()],
+    }
+    for part in filter(None, os.environ.get("QUADLOG_REQUIRE", "").split(",")):
+        if part not in missing:
+            raise pytest.UsageError(f"QUADLOG_REQUIRE: no part {part!r}; choose from {', '.join(missing)}")
+        if missing[part]:
+            raise pytest.UsageError(f"QUADLOG_REQUIRE={part}: not found: {', '.join(missing[part])}")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The tour of the pages, the longest, begins; what needs a cluster, object storage or the trolley is nightly."""
+    items.sort(key=lambda item: item.path.name != "test_docs.py")
+    for item in items:
+        if {"cluster", "empty_cluster", "bucket", "trolley"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.nightly)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], Any]], Any]:
+    """What make(folder) gives, called once for all workers of pytest-xdist; the folder is not to be changed."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shared"
+
+    def made(name: str, make: Callable[[Path], Any]) -> Any:
+        folder, given = shared / name, shared / f"{name}.pickle"
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not given.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                given.write_bytes(pickle.dumps(make(folder)))
+        return pickle.loads(given.read_bytes())
+
+    return made
 
 
 def write_distribution(

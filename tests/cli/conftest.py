@@ -61,8 +61,11 @@ def refused(quadlog: Callable[..., Done]) -> Callable[..., str]:
 
 
 @pytest.fixture(scope="session")
-def follow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def follow(once: Callable[[str, Callable[[Path], Path]], Path]) -> Path:
     """A run of half a second of the committed recording, up to its maps; not to be changed."""
-    folder = tmp_path_factory.mktemp("out") / "runs"
-    assert run(["replay", *FOLLOW, "-o", str(folder), "--until", "map", "--duration", "0.5"]) == 0
-    return folder / "follow"
+
+    def make(folder: Path) -> Path:
+        assert run(["replay", *FOLLOW, "-o", str(folder / "runs"), "--until", "map", "--duration", "0.5"]) == 0
+        return folder / "runs" / "follow"
+
+    return once("follow", make)

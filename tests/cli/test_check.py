@@ -109,7 +109,19 @@ def test_a_recording_without_a_run_is_no_success(bounds, tmp_path, quadlog, ok):
     shutil.copy(FIXTURES / "follow.mcap", tmp_path / "season" / "follow.mcap")
     (tmp_path / "season" / "broken.bag").write_text("no bag")
     runs = tmp_path / "runs"
-    what = ["-c", FIXTURES / "follow.toml", "-o", runs, "--until", "position", "--duration", "0.5", "--jobs", "1"]
+    what = [
+        "-c",
+        FIXTURES / "follow.toml",
+        "-o",
+        runs,
+        "--until",
+        "position",
+        "--duration",
+        "0.5",
+        "--jobs",
+        "1",
+        "--no-plots",
+    ]
     assert quadlog("replay", tmp_path / "season", *what).code == 3
     done = quadlog("check", runs, "--expect", bounds, "--junit", tmp_path / "junit.xml")
     assert done.code == 1

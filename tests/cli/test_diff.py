@@ -16,7 +16,7 @@ def other(tmp_path_factory):
     """A run of the same seconds that sees less of them."""
     folder = tmp_path_factory.mktemp("other")
     recording = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--until", "map"]
-    what = ["--duration", "0.5", "-o", str(folder), "--set", "grid.min_height_m=0.3"]
+    what = ["--duration", "0.5", "-o", str(folder), "--set", "grid.min_height_m=0.3", "--no-plots"]
     assert run(["replay", *recording, *what]) == 0
     return folder / "follow"
 

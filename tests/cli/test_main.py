@@ -130,7 +130,7 @@ def test_options_of_one_meaning_are_declared_alike():
 
 
 def test_a_closed_pipe_ends_quietly():
-    script = f"{sys.executable} -c 'from quadlog.cli.main import main; main()' --help | head -n 1"
+    script = f"{sys.executable} -m quadlog --help | head -n 1"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout.startswith("Usage: quadlog")

@@ -27,7 +27,7 @@ def two(tmp_path):
     for name in ("a", "b"):
         shutil.copy(FIXTURES / "follow.mcap", tmp_path / f"{name}.mcap")
     recordings = [str(tmp_path / f"{name}.mcap") for name in "ab"]
-    return [*recordings, "-c", str(FIXTURES / "follow.toml"), "-o", str(tmp_path / "runs")]
+    return [*recordings, "--no-plots", "-c", str(FIXTURES / "follow.toml"), "-o", str(tmp_path / "runs")]
 
 
 def test_failures_are_the_last_lines_with_a_count(tmp_path, two, quadlog):
@@ -79,12 +79,12 @@ def start(arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)])
 def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, ok, number):
     process = start([*two, "--jobs", "2", "--until", "map"], start_new_session=True)
     while not list(tmp_path.glob("runs/*/poses.parquet")):  # at least one worker is in the midst of its work
         assert process.poll() is None, process.communicate()
-        time.sleep(0)
+        time.sleep(0.002)
     if number is signal.SIGINT:
         os.killpg(process.pid, number)  # as a terminal does: to the workers, too
     else:
@@ -99,6 +99,7 @@ def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path
     ok("replay", *two, "--jobs", "1", "--until", "position", "--resume")
 
 
+@pytest.mark.nightly
 def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, ok):
     """A limit on the size of files stands for the disk: what writes gets the same kind of error."""
     most = 40_000  # more than the page of the folder has, and less than a run's ranges

@@ -44,7 +44,7 @@ def without_times(run: Path) -> dict[str, list]:
 
 def test_a_run_is_what_a_single_replay_gives(swept, tmp_path):
     setting = ["--set", "topics.target=uwb", "--set", "planner.name=ia_star"]
-    assert run(["replay", *PLANNED, *setting, "-o", str(tmp_path)]) == 0
+    assert run(["replay", "--no-plots", *PLANNED, *setting, "-o", str(tmp_path)]) == 0
     single, shared = tmp_path / "follow", swept / IA_STAR
     one, other = saved(single), saved(shared)
     del one["plans.parquet"], other["plans.parquet"]

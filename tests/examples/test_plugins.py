@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -79,7 +79,17 @@ def _as_distances(store, frame) -> bytes:
 
 
 def replayed(recording: Path, output: Path, *words: str) -> quadlog.Run:
-    command = ["replay", str(recording), "-c", str(FIXTURES / "follow.toml"), "-o", str(output), "--duration", "2"]
+    command = [
+        "replay",
+        str(recording),
+        "-c",
+        str(FIXTURES / "follow.toml"),
+        "-o",
+        str(output),
+        "--duration",
+        "2",
+        "--no-plots",
+    ]
     assert run([*command, *words]) == 0
     return quadlog.load_run(output / "follow")
 
@@ -132,7 +142,6 @@ def test_the_comparison_asks_the_planner(example, capsys):
     assert "Planner greedy is of quadlog-examples 1.0." in captured.err
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32), density=st.floats(0, 0.6), corner_cutting=st.booleans())
 def test_the_planner_finds_a_way_exactly_where_there_is_one(example, seed, density, corner_cutting):
     """With corners cut, scipy's labels of eight neighbours tell where; without, four neighbours do."""
@@ -155,7 +164,7 @@ class Broken(AStar):
     def plan(self, *_):
         raise ValueError("lost")
 """
-REPLAY = ["replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "1"]
+REPLAY = ["replay", str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "1", "--no-plots"]
 
 
 @pytest.mark.parametrize(
@@ -192,5 +201,5 @@ def test_every_command_of_its_readme_runs(example, tmp_path, monkeypatch):
     for words in told:
         shortened = [str(tmp_path / word) if word.startswith("runs") else word for word in words]
         if words[0] == "replay":
-            shortened += ["--duration", "1.5", "--until", "plan"]
+            shortened += ["--duration", "1.5", "--until", "plan", "--no-plots"]
         assert run(shortened) == 0

@@ -33,6 +33,8 @@ from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHORT_S = 3.0
+Once = Callable[[str, Callable[[Path], Any]], Any]
+"""See tests/conftest.py."""
 
 
 def fixture_request(run: Path, **options: object) -> ReplayRequest:
@@ -175,14 +177,17 @@ def saved() -> Callable[[Path], dict[str, object]]:
 
 
 @pytest.fixture(scope="session")
-def season(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def season(once: Once) -> Path:
     """Three recordings of the same second in the three containers, and a file that is no recording."""
-    folder = tmp_path_factory.mktemp("season")
-    recording = make_recording("follow", seed=1, duration_s=1.0, azimuth_steps=90)
-    for suffix in ("mcap", "bag", "db3"):
-        synthesize(recording, folder / f"walk.{suffix}")
-    (folder / "broken.bag").write_text("not a bag at all")
-    return folder
+
+    def make(folder: Path) -> Path:
+        recording = make_recording("follow", seed=1, duration_s=1.0, azimuth_steps=90)
+        for suffix in ("mcap", "bag", "db3"):
+            synthesize(recording, folder / f"walk.{suffix}")
+        (folder / "broken.bag").write_text("not a bag at all")
+        return folder
+
+    return once("season", make)
 
 
 @pytest.fixture(scope="session")
@@ -196,28 +201,31 @@ def season_config() -> Config:
 
 @pytest.fixture(scope="session")
 def planned(season: Path, season_config: Config) -> Callable[..., list[Planned]]:
-    """Plans to replay all of `season`, or what of it is named, into a folder."""
+    """Plans to replay all of `season`, or what of it is named, into a folder, without plots."""
 
     def plan(output: Path, *names: str, until: str = "ingest", existing: Existing = Existing.REFUSE) -> list[Planned]:
         arguments = [str(season / name) for name in names] or [str(season)]
-        return plan_batch(arguments, output, season_config, ReplayOptions(until=until), existing, ("quadlog",))
+        options = ReplayOptions(until=until)
+        return plan_batch(arguments, output, season_config, options, existing, ("quadlog",), plots=False)
 
     return plan
 
 
 @pytest.fixture(scope="session")
-def replayed_season(planned: Callable[..., list[Planned]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def replayed_season(planned: Callable[..., list[Planned]], once: Once) -> Path:
     """All of `season` until positions, one after the other in a worker; not to be changed."""
-    output = tmp_path_factory.mktemp("replayed")
-    batch.replay_batch(planned(output, until="position"), 1, None, BatchLines([].append))
-    return output
+
+    def make(output: Path) -> Path:
+        batch.replay_batch(planned(output, until="position"), 1, None, BatchLines([].append))
+        return output
+
+    return once("replayed", make)
 
 
 @pytest.fixture(scope="session")
-def located_run(tmp_path_factory: pytest.TempPathFactory) -> ReplayOutcome:
+def located_run(once: Once) -> ReplayOutcome:
     """The same seconds as far as positions; not to be changed."""
-    request = fixture_request(tmp_path_factory.mktemp("runs") / "follow", until="position")
-    return replay(request, Silent())
+    return once("located", lambda runs: replay(fixture_request(runs / "follow", until="position"), Silent()))
 
 
 @pytest.fixture(scope="session")
@@ -250,11 +258,10 @@ def cut() -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def short_run(tmp_path_factory: pytest.TempPathFactory) -> ReplayOutcome:
-    return replay(fixture_request(tmp_path_factory.mktemp("runs") / "follow"), Silent())
+def short_run(once: Once) -> ReplayOutcome:
+    return once("short", lambda runs: replay(fixture_request(runs / "follow"), Silent()))
 
 
 @pytest.fixture(scope="session")
-def whole_run(tmp_path_factory: pytest.TempPathFactory) -> ReplayOutcome:
-    request = fixture_request(tmp_path_factory.mktemp("runs") / "follow", duration_s=None)
-    return replay(request, Silent())
+def whole_run(once: Once) -> ReplayOutcome:
+    return once("whole", lambda runs: replay(fixture_request(runs / "follow", duration_s=None), Silent()))

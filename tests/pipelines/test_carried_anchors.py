@@ -90,7 +90,7 @@ def make(store: Any, ros1: bool, i: int, t_ns: int, anchor: int, range_m: float,
 
 def run(path: Path, config: Config | None = None, name: str = "run", **options: Any) -> tuple[Any, list[str]]:
     kept = Kept()
-    request = ReplayRequest(path, path.parent / name, config or Config(), ReplayOptions(until="position"))
+    request = ReplayRequest(path, path.parent / name, config or Config(), ReplayOptions(until="position"), plots=False)
     return replay(replace(request, **options), kept), kept.lines
 
 

@@ -146,9 +146,13 @@ def replayed_in_full(log, tmp_path: Path, replay_command: Callable[..., Any]) ->
 
 
 @pytest.fixture
-def replayed(replayed_in_full, without_pictures) -> Callable[..., Any]:
-    """The same, without pictures."""
-    return replayed_in_full
+def replayed(replayed_in_full) -> Callable[..., Any]:
+    """The same, without plots."""
+
+    def go(change: Change | dict[int, Change] = lambda points: points, *flags: str, **options: Any) -> Any:
+        return replayed_in_full(change, "--no-plots", *flags, **options)
+
+    return go
 
 
 @pytest.fixture(scope="module")

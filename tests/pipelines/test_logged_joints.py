@@ -93,7 +93,7 @@ def test_a_go2_log_gives_joints_imu_and_odometry(tmp_path: Path, replay_command:
     log = go2_log(tmp_path / "walk")
     roles = {row["name"]: row["role"] for row in describe_recording(log, Config())["topics"]}
     assert roles == {"/lowstate": "imu, joints", "/lf/lowstate": None, "/sportmodestate": "odometry"}
-    result = replay_command(log)
+    result = replay_command(log, "--no-plots")
     assert result.code == 0
     assert set(result.table("poses")["source"]) == {"odometry"}
     position_rad, force_n = trot()
@@ -126,10 +126,10 @@ def test_swapped_feet_are_warned_of_with_the_order_that_fits(
     tmp_path: Path, replay_command: Callable[..., Any]
 ) -> None:
     log = go2_log(tmp_path / "walk", feet=(0, 1, 2, 3))
-    result = replay_command(log)
+    result = replay_command(log, "--no-plots")
     assert result.code == 0
     assert "--set robot.feet=[0,1,2,3]" in result.err
-    mended = replay_command(log, "--set", "robot.feet=[0,1,2,3]", "--force")
+    mended = replay_command(log, "--no-plots", "--set", "robot.feet=[0,1,2,3]", "--force")
     assert "foot forces" not in mended.err
     np.testing.assert_array_equal(mended.table("joints")["foot_force_0_n"], trot()[1][:, 0])
 
@@ -139,13 +139,13 @@ def test_joints_of_unknown_names_are_told_with_the_key_to_paste(
 ) -> None:
     names = [f"drive_{chr(97 + i)}" for i in range(12)]
     log = joint_bag(tmp_path / "walk.bag", numbered(names))
-    result = replay_command(log)
+    result = replay_command(log, "--no-plots")
     assert result.code == 1  # there is nothing else in the log
     assert "/joint_states names no joint of four legs, but drive_a, drive_b" in result.err
-    chosen = replay_command(log, "--set", "topics.joints=/joint_states")
+    chosen = replay_command(log, "--no-plots", "--set", "topics.joints=/joint_states")
     assert (chosen.code, "topics.joints: /joint_states cannot be used" in chosen.err) == (1, True)
     flag = result.err.partition("--set ")[2]
-    known = replay_command(log, "--set", shlex.split(flag)[0], "--force")
+    known = replay_command(log, "--no-plots", "--set", shlex.split(flag)[0], "--force")
     assert known.code == 0
     assert known.table("joints")["q_05_rad"].tolist() == [5.0 + i for i in range(200)]
 
@@ -168,7 +168,7 @@ def test_broken_messages_are_counted_and_torques_that_are_no_numbers_said(
     rows[90] = ([*NAMES, "arm_1"], np.zeros(13), np.full(13, np.nan))
     rows[100] = ([*NAMES, "arm_1"], np.zeros(13), np.full(13, np.inf))
     log = joint_bag(tmp_path / "walk.bag", rows)
-    result = replay_command(log)
+    result = replay_command(log, "--no-plots")
     assert result.code == 3
     assert "3 messages could not be decoded; the first: names 12 joints, but has 11 positions" in result.err
     assert "24 of 2352 torques are no finite numbers" in result.err
@@ -182,6 +182,6 @@ def test_broken_messages_are_counted_and_torques_that_are_no_numbers_said(
 )
 def test_an_order_that_is_none_is_refused(setting: str, tmp_path: Path, replay_command: Callable[..., Any]) -> None:
     log = joint_bag(tmp_path / "walk.bag", numbered(NAMES, 3))
-    result = replay_command(log, "--set", setting)
+    result = replay_command(log, "--no-plots", "--set", setting)
     assert result.code in (1, 2)
     assert setting.partition("=")[0] in result.err

@@ -50,10 +50,9 @@ def maps_of(recorded, tmp_path_factory) -> Callable[..., dict[int, Cells]]:
             sources = [f"topics.position={ROBOT_TRUTH_TOPIC}", "topics.target=ahead"]
             config = load_config(None, [*sources, *settings], {})
             run = tmp_path_factory.mktemp("runs") / "run"
-            request = ReplayRequest(recorded, run, config, replace(ReplayOptions(until="map"), **options))
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
-                assert replay(request, Silent()).exit_code == 0
+            chosen = replace(ReplayOptions(until="map"), **options)
+            request = ReplayRequest(recorded, run, config, chosen, plots=False)
+            assert replay(request, Silent()).exit_code == 0
             known[key] = {each.t_ns: on_lattice(each) for each in load_maps(run)}
         return known[key]
 

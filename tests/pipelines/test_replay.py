@@ -322,9 +322,8 @@ def test_log_stamps_shift_the_scans_by_their_latency(tmp_path, follow_request):
 def test_a_truncated_recording_is_replayed_as_far_as_it_goes(tmp_path, fixtures):
     damaged = tmp_path / "follow.mcap"
     damaged.write_bytes((fixtures / "follow.mcap").read_bytes()[:2_500_000])
-    request = ReplayRequest(
-        damaged, tmp_path / "run", load_config(fixtures / "follow.toml", environ={}), ReplayOptions(until="map")
-    )
+    config = load_config(fixtures / "follow.toml", environ={})
+    request = ReplayRequest(damaged, tmp_path / "run", config, ReplayOptions(until="map"), plots=False)
     kept = Kept()
     outcome = replay(request, kept)
     assert outcome.exit_code == 3

@@ -40,7 +40,7 @@ class Run:
 def run(lias, tmp_path_factory: pytest.TempPathFactory) -> Run:
     kept, folder = Kept(), tmp_path_factory.mktemp("lias") / "run"
     options = ReplayOptions(until="position")
-    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder, lias.config(ROBOT), options)
+    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder, lias.config(ROBOT), options, plots=False)
     return Run(replay(request, kept), kept.lines, np.loadtxt(lias.folder / "lias_fast_mocap.tum"))
 
 

@@ -15,6 +15,8 @@ from quadlog.pipelines.executor.progress import Kept
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 
+pytestmark = pytest.mark.nightly
+
 
 def config_of(lias, levers_m) -> Config:
     anchors = [{"id": i, "x_m": x, "y_m": y, "z_m": z} for i, (x, y, z) in enumerate(lias.anchors_m.tolist())]
@@ -24,7 +26,9 @@ def config_of(lias, levers_m) -> Config:
 
 def run(lias, folder: Path, config: Config, **options):
     kept = Kept()
-    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder, config, ReplayOptions(until="position", **options))
+    request = ReplayRequest(
+        lias.folder / "lias_fast.mcap", folder, config, ReplayOptions(until="position", **options), plots=False
+    )
     return replay(request, kept), kept.lines
 
 

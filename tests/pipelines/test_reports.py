@@ -17,6 +17,7 @@ def run(located_run, tmp_path) -> Path:
     return Path(shutil.copytree(located_run.run, tmp_path / "follow"))
 
 
+@pytest.mark.nightly
 def test_two_processes_write_what_one_does(run, monkeypatch):
     pages = {}
     for count in (1, 2):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from quadlog.pipelines.stages.positions import position
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.compare.differences import Tolerance
 from quadlog.results.compare.run_diff import diff_runs, first_difference
-from quadlog.results.page.report import write_plots, write_report
+from quadlog.results.page.report import write_report
 
 Ask = Callable[..., ReplayRequest]
 UNTIL = {"ingest": 0, "position": 1, "map": 3}
@@ -31,45 +31,33 @@ KINEMATIC = "simulation.controller=kinematic"
 
 @pytest.fixture(scope="module")
 def ask(fixtures: Path, follow_request: Callable[..., ReplayRequest]) -> Ask:
-    """A request for one second of the recording and a robot without a body, which is quick."""
+    """A request for one second of the recording and a robot without a body, which is quick, and without plots."""
 
     def request(run: Path, *sets: str, existing: Existing = Existing.RESUME, **options: Any) -> ReplayRequest:
         config = load_config(fixtures / "follow.toml", [KINEMATIC, *sets], {})
         made = follow_request(run, **({"duration_s": 1.0} | options))
-        return replace(made, config=config, existing=existing)
+        return replace(made, config=config, existing=existing, plots=False)
 
     return request
 
 
 @pytest.fixture(scope="module")
-def fresh(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def fresh(ask: Ask, once: Callable[..., ReplayOutcome]) -> Callable[..., Path]:
     """The run folder of a request that was replayed in one go, once for all tests."""
-    made: dict[tuple[Any, ...], Path] = {}
 
     def run(*sets: str, **options: Any) -> Path:
-        key = (sets, tuple(options.items()))
-        if key not in made:
-            made[key] = tmp_path_factory.mktemp("fresh") / "follow"
-            replay(ask(made[key], *sets, existing=Existing.REFUSE, **options), Silent())
-        return made[key]
+        def make(runs: Path) -> ReplayOutcome:
+            return replay(ask(runs / "follow", *sets, existing=Existing.REFUSE, **options), Silent())
+
+        return once("-".join(("fresh", *sets, *(f"{key}={value}" for key, value in options.items()))), make).run
 
     return run
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _no_pictures() -> Iterator[None]:
-    """They take longest, and show saved files alone, which are compared; one test below draws them."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "write_plots", lambda run, record: {})
-        yield
 
 
 @pytest.fixture(scope="module")
-def walked(ask: Ask, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walked(ask: Ask, once: Callable[..., ReplayOutcome]) -> Path:
     """A run whose report alone is missing; not to be changed."""
-    run = tmp_path_factory.mktemp("walked") / "follow"
-    replay(ask(run, until="control"), Silent())
-    return run
+    return once("resumed", lambda runs: replay(ask(runs / "follow", until="control"), Silent())).run
 
 
 def resumed(request: ReplayRequest) -> tuple[ReplayOutcome, tuple[str, ...]]:
@@ -150,7 +138,7 @@ def test_the_run_of_another_recording_is_refused(ask, fixtures, fresh, tmp_path)
 
 
 def test_a_file_that_is_taken_away_before_the_end_is_missed(ask, monkeypatch, tmp_path):
-    request = ask(tmp_path / "run", until="position")
+    request = replace(ask(tmp_path / "run", until="position"), plots=True)
 
     def draw(run, record):
         (run / "poses.parquet").unlink()
@@ -277,10 +265,9 @@ def test_a_replay_whose_first_stage_fails_harms_no_earlier_run(existing, ask, sa
     assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir() if path.is_file()} == before
 
 
-def test_whoever_reads_runs_sees_no_difference(ask, walked, fresh, monkeypatch, tmp_path):
-    monkeypatch.setattr(report, "write_plots", write_plots)
+def test_whoever_reads_runs_sees_no_difference(ask, walked, fresh, tmp_path):
     shutil.copytree(walked, tmp_path / "run")
-    outcome, _ = resumed(ask(tmp_path / "run"))
+    outcome, _ = resumed(replace(ask(tmp_path / "run"), plots=True))
     assert first_difference(diff_runs(outcome.run, fresh(), Tolerance())) is None
     pictures = {path.name: path.read_bytes() for path in (outcome.run / "plots").iterdir()}
     assert len(pictures) > 10
@@ -309,3 +296,26 @@ def test_a_stage_whose_file_another_process_has_removed_is_not_marked(ask, monke
     with pytest.raises(CannotWrite, match=r"uwb_errors\.parquet: .* another process has removed it; --resume goes on"):
         replay(ask(tmp_path / "run"), Silent())
     assert reusable_stages(ask(tmp_path / "run")) == ()
+
+
+def test_what_only_the_clouds_told_is_not_forgotten_where_they_are_not_read_again(ask, cut, fixtures, saved, tmp_path):
+    """A cloud that cannot be decoded, and how long the recording is."""
+    recording = cut(
+        *(fixtures / "follow.mcap", tmp_path / "clouds.mcap", 1.0),
+        keep=lambda schema, _: schema == "sensor_msgs/msg/PointCloud2",
+        changed=lambda count, data: data[:100] if count == 2 else data,
+    )
+    config = load_config(settings={"topics.target": "fixed", "simulation.controller": "kinematic"}, environ={})
+    requests = [
+        replace(ask(tmp_path / name, duration_s=None), recording=recording, config=config)
+        for name in ("one", "resumed")
+    ]
+    one = replay(requests[0], Silent())
+    replay(replace(requests[1], options=replace(requests[1].options, until="plan")), Silent())
+    again = replay(requests[1], Silent())
+    assert json.loads((again.run / "run.json").read_text())["reused"] == list(ALL[:4])
+    assert (again.exit_code, again.reason) == (one.exit_code, one.reason)
+    assert again.exit_code == 3
+    assert "1 messages could not be decoded" in again.reason
+    assert json.loads((one.run / "run.json").read_text())["recorded_s"] == pytest.approx(0.9, abs=0.11)
+    assert saved(again.run) == saved(one.run)

@@ -78,8 +78,9 @@ def test_an_interrupted_walk_leaves_no_folder_in_the_way(path, tmp_path, monkeyp
 
 
 @pytest.fixture(scope="module")
-def walked(path, tmp_path_factory) -> SimulatedRun:
-    return _simulate(_request(path, tmp_path_factory.mktemp("runs"), "simulation.terrain=3cm", "results.frames=2"))
+def walked(path, once) -> SimulatedRun:
+    settings = ("simulation.terrain=3cm", "results.frames=2")
+    return once("simulated", lambda runs: _simulate(_request(path, runs, *settings)))
 
 
 def test_a_run_folder_has_what_the_contract_promises(walked):
@@ -159,6 +160,7 @@ def test_the_page_speaks_of_a_simulation_and_can_be_made_again(walked):
     assert (walked.run / "report.html").read_bytes() == page
 
 
+@pytest.mark.nightly
 def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path, undrawn):
     request = _request(path, tmp_path / "one", "simulation.terrain=6cm", *DISTURBED_OVERRIDES, seeds=(3, 4))
     one = simulate(request, 1, Silent())

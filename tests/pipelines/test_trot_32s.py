@@ -30,8 +30,8 @@ def short(monkeypatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def walked(tmp_path_factory) -> list[SimulatedRun]:
-    return trot_32s(_request(tmp_path_factory.mktemp("runs"), "payload_kg=1.2"), 1, Silent())
+def walked(once) -> list[SimulatedRun]:
+    return once("trotted", lambda runs: trot_32s(_request(runs, "payload_kg=1.2"), 1, Silent()))
 
 
 def test_there_is_a_run_for_each_curve(walked):
@@ -92,12 +92,11 @@ def test_the_page_can_be_made_again(walked):
     assert (walked[0].run / "report.html").read_bytes() == page
 
 
-def test_the_written_config_gives_the_same_walks(walked, tmp_path, monkeypatch):
-    monkeypatch.setattr(trot_folder, "write_plots", lambda *_: {})
+def test_the_written_config_gives_the_same_walks(tmp_path, short):
+    walked = trot_32s(_request(tmp_path / "first", "payload_kg=1.2"), 1, Silent())
     config = load_config(walked[0].run / "config.toml", [], {})
-    for before, after in zip(
-        walked, trot_32s(SimulateRequest("trot-32s", config, output=tmp_path), 1, Silent()), strict=True
-    ):
+    again = trot_32s(SimulateRequest("trot-32s", config, output=tmp_path / "again"), 1, Silent())
+    for before, after in zip(walked, again, strict=True):
         for name in ("control.parquet", "config.toml", "trajectory.tum"):
             assert (after.run / name).read_bytes() == (before.run / name).read_bytes(), name
 
@@ -116,6 +115,7 @@ def test_many_seeds_have_folders_below_the_curves(tmp_path, short):
         assert summary["forward_m"][0] != summary["forward_m"][1]
 
 
+@pytest.mark.nightly
 def test_many_processes_give_the_same_bytes(walked, tmp_path):
     request = _request(tmp_path, "payload_kg=1.2", seeds=(0, 1))
     there = [each for each in trot_32s(request, 2, Silent()) if each.seed == 0]

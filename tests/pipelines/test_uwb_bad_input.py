@@ -86,12 +86,14 @@ def poses_error_m(result: Any) -> np.ndarray:
 
 
 @pytest.fixture
-def replayed(tmp_path: Path, replay_command: Callable[..., Any], without_pictures: None) -> Callable[..., Any]:
+def replayed(tmp_path: Path, replay_command: Callable[..., Any]) -> Callable[..., Any]:
     """`replay --until position` with a configuration."""
 
     def go(recording: Path, config: str, *flags: str) -> Any:
         (tmp_path / "quadlog.toml").write_text(config)
-        return replay_command(recording, "-c", str(tmp_path / "quadlog.toml"), "--until", "position", *flags)
+        return replay_command(
+            recording, "-c", str(tmp_path / "quadlog.toml"), "--until", "position", "--no-plots", *flags
+        )
 
     return go
 

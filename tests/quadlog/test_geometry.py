@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation, Slerp
@@ -25,14 +25,12 @@ from quadlog.geometry import (
 numbers = st.floats(-1e3, 1e3).map(lambda x: round(x, 3))
 
 
-@settings(deadline=None)
 @given(arrays(float, (5, 4), elements=numbers).filter(lambda quat: (np.abs(quat).max(axis=1) > 0).all()))
 def test_rotations_of_quaternions_of_any_length(quat):
     np.testing.assert_allclose(rotation_from_quat(quat), Rotation.from_quat(quat).as_matrix(), atol=1e-14)
     np.testing.assert_array_equal(transform_from_quat(np.ones(3), quat[0])[:3, :3], rotation_from_quat(quat[0]))
 
 
-@settings(deadline=None)
 @given(st.tuples(*[st.floats(-7, 7)] * 3))
 def test_roll_pitch_and_yaw_turn_in_this_order(rpy):
     got = transform_from_rpy(np.array([1.0, 2.0, 3.0]), *rpy)
@@ -77,7 +75,6 @@ def test_no_poses_and_no_wishes():
     assert interpolate_poses(none, seconds(1), np.zeros((1, 2)), np.zeros(1), 1.0)[0].shape == (0, 2)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=20, unique=True), st.lists(st.integers(-20, 70), max_size=20))
 def test_validity_against_brute_force(known, wanted):
     known = sorted(known)

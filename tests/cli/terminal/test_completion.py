@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from typing import get_args
 
 import pytest
@@ -17,10 +18,10 @@ from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.results.run.stages import STAGES
 
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "numba", "pydantic", "rich", "rosbags", "mcap", "mujoco", "jinja2")
-MAIN = "from quadlog.cli.main import main; main()"
+MAIN = ("-m", "quadlog")
 
 
-def press_tab(typed: str, shell: str = "bash", code: str = MAIN) -> list[str]:
+def press_tab(typed: str, shell: str = "bash", python: Sequence[str] = MAIN) -> list[str]:
     """What the command answers to a line that ends where the cursor is; a space at its end begins another word."""
     words = ["quadlog", *typed.split()]
     if typed.endswith(" ") or not typed:
@@ -28,7 +29,7 @@ def press_tab(typed: str, shell: str = "bash", code: str = MAIN) -> list[str]:
     at = {"fish": words[-1], "bash": str(len(words) - 1), "zsh": str(len(words) - 1)}[shell]
     environment = {"_QUADLOG_COMPLETE": f"{shell}_complete", "COMP_WORDS": " ".join(words), "COMP_CWORD": at}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, check=False
+        [sys.executable, *python], env=os.environ | environment, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.splitlines()
@@ -89,9 +90,10 @@ def test_planners_of_plugins_are_offered_and_not_imported(install):
 def test_nothing_heavy_is_imported(typed):
     code = (
         "import atexit, sys\n"
-        f"atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stdout))\n{MAIN}"
+        f"atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stdout))\n"
+        "from quadlog.cli.main import main; main()"
     )
-    *offered, heavy = press_tab(typed, code=code)
+    *offered, heavy = press_tab(typed, python=("-c", code))
     assert heavy == "[]"
     assert "plain,--help" in offered or not typed.endswith("--h")
 
@@ -99,7 +101,7 @@ def test_nothing_heavy_is_imported(typed):
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_of_every_shell_asks_this_command(shell):
     done = subprocess.run(
-        [sys.executable, "-c", MAIN],
+        [sys.executable, *MAIN],
         env=os.environ | {"_QUADLOG_COMPLETE": f"{shell}_source"},
         capture_output=True,
         text=True,
@@ -113,7 +115,7 @@ def test_the_script_of_every_shell_asks_this_command(shell):
 def test_bash_itself_completes(tmp_path):
     """The script is sourced and its function called as bash calls it; what it fills in is what a user sees."""
     command = tmp_path / "quadlog"
-    command.write_text(f'#!/bin/sh\nexec {sys.executable} -c "{MAIN}"\n')
+    command.write_text(f"#!/bin/sh\nexec {sys.executable} -m quadlog\n")
     command.chmod(0o755)
     script = (
         'eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"\n'

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pyarrow.parquet as pq
 import pytest
@@ -35,6 +36,7 @@ class Assassin(BatchLines):
             os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.nightly
 def test_a_recording_whose_worker_is_killed_is_replayed_to_the_same_bytes(planned, replayed_season, saved, tmp_path):
     assassin = Assassin("walk.bag", times=1)
     outcome = replay_batch(planned(tmp_path / "runs", until="position"), 2, None, assassin)
@@ -45,6 +47,7 @@ def test_a_recording_whose_worker_is_killed_is_replayed_to_the_same_bytes(planne
     assert not list((tmp_path / "runs").rglob(".*"))
 
 
+@pytest.mark.nightly
 def test_a_recording_that_kills_two_workers_is_named_and_resumed(planned, tmp_path):
     assassin = Assassin("walk.bag", times=2)
     outcome = replay_batch(planned(tmp_path / "runs"), 2, None, assassin)
@@ -125,6 +128,7 @@ def full_disk():
     return error
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("error", [full_disk(), OSError(errno.EDQUOT, "Disk quota exceeded", "tmp")])
 @pytest.mark.usefixtures("in_this_process")
 def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_path, monkeypatch, error):
@@ -157,14 +161,15 @@ def test_an_interrupt_says_how_many_are_done(planned, tmp_path, monkeypatch):
     assert lines[-1] == "interrupted with 3 of 4 recordings done"
 
 
+@pytest.mark.nightly
 def test_ctrl_c_many_times_is_one(planned, tmp_path):
     """As typed, since a process has one way to take signals: until it has ended, which may be by the last of them."""
     recordings = [str(each.request.recording) for each in planned(tmp_path / "unused", "walk.bag", "walk.mcap")]
-    command = ["-m", "quadlog", "replay", *recordings, "-o", str(tmp_path / "runs")]
+    command = ["-m", "quadlog", "replay", "--no-plots", *recordings, "-o", str(tmp_path / "runs")]
     process = subprocess.Popen([sys.executable, *command, "--jobs", "2"], stderr=subprocess.PIPE, text=True)
     while not list(tmp_path.glob("runs/*/config.toml")):
         assert process.poll() is None, process.communicate()
-        os.sched_yield()
+        time.sleep(0.002)
     while process.poll() is None:
         process.send_signal(signal.SIGINT)
     _, err = process.communicate()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,17 @@ import pytest
 
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
-from quadlog.pipelines.request import ReplayRequest
+from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 
 
 @pytest.fixture(scope="session")
-def planned_run(follow_request: Callable[..., ReplayRequest], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def planned_run(follow_request: Callable[..., ReplayRequest], once: Callable[..., ReplayOutcome]) -> Path:
     """A run folder up to its stage `plan`; not to be changed."""
-    run = tmp_path_factory.mktemp("planned") / "follow"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
-        replay(follow_request(run, duration_s=1.0, until="plan"), Silent())
-    return run
+
+    def make(runs: Path) -> ReplayOutcome:
+        return replay(replace(follow_request(runs / "follow", duration_s=1.0, until="plan"), plots=False), Silent())
+
+    return once("planned", make).run
 
 
 @pytest.fixture

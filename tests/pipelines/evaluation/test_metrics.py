@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError, UnknownRunFormat
@@ -183,7 +183,6 @@ def test_runs_of_different_settings_are_not_averaged(run):
     assert [line.partition(":")[0] for line in outcome.differing] == ["planner.name"]
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(
         ["run.json", "metrics.json", "control.parquet", "plans.parquet", "fixes.parquet", "reference.tum"]

@@ -14,7 +14,7 @@ from quadlog.pipelines.executor.executor import Engine, open_engine, side_by_sid
 from quadlog.pipelines.executor.progress import Kept, tell, told_to, worker_name
 
 
-@pytest.mark.parametrize("place", ["one process", "processes", "cluster"])
+@pytest.mark.parametrize("place", ["one process", "processes", pytest.param("cluster", marks=pytest.mark.nightly)])
 def test_every_engine_does_each_task_once_and_hears_what_is_told(tasks, request, place):
     heard, said, todo = [], [], deque([[n] for n in range(9)])
     scheduler = request.getfixturevalue("cluster").scheduler_address if place == "cluster" else None

@@ -5,6 +5,7 @@ import queue
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import CancelledError
 from pathlib import Path
 
@@ -198,7 +199,7 @@ def test_workers_end_and_clean_up_when_their_parent_is_killed_amid_a_task(tasks,
     with pipe.open("rb") as until_its_end:
         while len(list(folder.iterdir())) < 2:  # both files are there: it is amid its task
             assert parent.poll() is None
-            os.sched_yield()
+            time.sleep(0.002)
         parent.kill()
         parent.wait()
         until_its_end.read()

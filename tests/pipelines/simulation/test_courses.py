@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config.file import commented_toml, load_config
@@ -158,7 +158,6 @@ def test_cells_that_were_seen_often_enough_are_taken_and_the_rest_is_as_the_near
     np.testing.assert_allclose(heights, [0.0, 0.0, 0.0, 0.02], atol=1e-7)
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.floats(-8, 8), st.floats(-8, 8)), min_size=2, max_size=5, unique=True),
     st.integers(0, 2**32 - 1),

@@ -99,11 +99,13 @@ def test_an_unknown_scenario_lists_the_known():
 
 
 @pytest.mark.parametrize("scenario", ["forest", "corridor"])
-def test_a_replay_finds_the_robot_with_ranges_that_fit(tmp_path, scenario, without_pictures):
+def test_a_replay_finds_the_robot_with_ranges_that_fit(tmp_path, scenario):
     path, config_path = tmp_path / "walk.mcap", tmp_path / "walk.toml"
     synthesize(make_recording(scenario, seed=2, duration_s=30.0, azimuth_steps=24), path, config_output=config_path)
     config = load_config(config_path, environ={})
-    outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
+    outcome = replay(
+        ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position"), plots=False), Silent()
+    )
     assert outcome.exit_code == 0
     record = json.loads((outcome.run / "run.json").read_text())
     assert not [each for each in record["warnings"] if "check [[uwb.anchors]]" in each or "epochs" in each]

@@ -121,7 +121,7 @@ def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext
     (folder / "quadlog.toml").write_text(CONFIG.format(anchors=anchors))
     write_recording(WRITERS["mcap"](folder / "walk.mcap"), made.messages())
     config = load_config(folder / "quadlog.toml", list(overrides), {})
-    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"))
+    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"), plots=False)
     clock = StageClock()
     with open_log(request, clock, Silent()) as log, open_walk(log, request, clock, Silent()) as walk:
         locate_walk(walk)
@@ -142,7 +142,7 @@ def test_an_imu_is_turned_and_what_is_left_of_the_error_is_said_and_saved(tmp_pa
     with located(tmp_path, made) as walk:
         error, std = yaw_error(walk, made), walk.robot.yaw_std_rad
         assert np.abs(error).max() < np.radians(3)
-        assert np.sqrt(np.mean((error / std) ** 2)) < 2
+        assert 0.25 < np.sqrt(np.mean((error / std) ** 2)) < 2  # measured 0.37
         words = note(walk, "heading from imu, turned by 11")
         assert f"+- {np.degrees(np.median(std)):.1f} degrees" in words
         assert f"an obstacle 10 m away is off by {10 * np.median(std):.2f} m" in words

@@ -48,9 +48,8 @@ def replayed(
     recording = folder / "walk.mcap"
     write_recording(WRITERS["mcap"](recording), (each for each in messages if each.topic in topics))
     file = next(folder.glob("*.toml"), None)
-    request = ReplayRequest(
-        recording, folder / "run", load_config(file, list(overrides), {}), ReplayOptions(until=until)
-    )
+    config, options = load_config(file, list(overrides), {}), ReplayOptions(until=until)
+    request = ReplayRequest(recording, folder / "run", config, options, plots=False)
     return replay(request, Silent())
 
 

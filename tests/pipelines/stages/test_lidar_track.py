@@ -52,7 +52,7 @@ def replayed(
         write_recording(WRITERS["mcap"](recording), (each for each in walk.messages() if each.topic in topics))
     config = load_config(None, list(overrides), {})
     options = ReplayOptions(until=until)
-    return replay(ReplayRequest(recording, folder / "run", config, options, existing), Silent())
+    return replay(ReplayRequest(recording, folder / "run", config, options, existing, plots=False), Silent())
 
 
 @pytest.mark.parametrize("until", ["position", "map"])

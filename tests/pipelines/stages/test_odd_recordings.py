@@ -41,12 +41,11 @@ EXPECTED: dict[str, tuple[int, int, str, list[tuple[str, int]]]] = {
 
 
 @pytest.fixture
-def go(tmp_path, monkeypatch) -> Callable[..., Path]:
-    monkeypatch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
-
+def go(tmp_path) -> Callable[..., Path]:
     def replayed(recording: Path, **options: Any) -> tuple[int, Path]:
         run = tmp_path / "run"
-        request = ReplayRequest(recording, run, load_config(None, SETTINGS, {}), ReplayOptions(until="map", **options))
+        chosen = ReplayOptions(until="map", **options)
+        request = ReplayRequest(recording, run, load_config(None, SETTINGS, {}), chosen, plots=False)
         return replay(request, Silent()).exit_code, run
 
     return replayed

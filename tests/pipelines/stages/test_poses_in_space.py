@@ -14,7 +14,7 @@ from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.core.trajectory import Plane
 from evo.tools import file_interface
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +39,6 @@ from quadlog.storage.formats.tum import read_tum, write_tum_poses
 IN_SPACE = ("z_m", "roll_rad", "pitch_rad")
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-0.6, 0.6), st.floats(-0.3, 0.3))
 def test_angles_are_those_of_scipy(yaw_rad: float, pitch_rad: float, roll_rad: float) -> None:
     quat_xyzw = Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]).as_quat()[None]
@@ -64,14 +63,13 @@ def replayed(lias: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any
     """A real walk whose poses come from a file, against the recording's motion capture."""
     write_tum_poses(folder / "poses.tum", t_ns, position_m, quat_xyzw)
     config = load_config(None, [f"topics.position={folder / 'poses.tum'}"], {})
-    request = ReplayRequest(
-        lias.folder / "lias_fast.mcap", folder / "run", config, ReplayOptions(until="position", duration_s=12.0)
-    )
+    options = ReplayOptions(until="position", duration_s=12.0)
+    request = ReplayRequest(lias.folder / "lias_fast.mcap", folder / "run", config, options, plots=False)
     return replay(request, Silent())
 
 
 @pytest.mark.parametrize("planar", [False, True])
-def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, planar, without_pictures):
+def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, planar):
     truth, rng = read_tum(lias.folder / "lias_fast_mocap.tum"), np.random.default_rng(0)
     position_m = truth.position_m + rng.normal(0, [0.02, 0.02, 0.2], truth.position_m.shape)
     turned = Rotation.from_quat(truth.quat_xyzw) * Rotation.from_rotvec(rng.normal(0, 0.1, position_m.shape))
@@ -113,9 +111,7 @@ def test_a_run_of_before_has_no_heights_and_is_compared_in_the_plane(short_run, 
 
 
 @pytest.mark.parametrize(("n_tags", "height_m"), [(1, 0.6), (2, 0.6), (1, None)])
-def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(
-    tmp_path, without_pictures, n_tags, height_m
-):
+def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(tmp_path, n_tags, height_m):
     """Synthetic, over rough ground between anchors of several heights; base is on the ground. Tag 7 repeats tag 0."""
     walk, path = forest.synthesize(3, 12.0, azimuth_steps=8), tmp_path / "walk.mcap"
     topics = {UWB_TOPIC, IMU_TOPIC, TF_STATIC_TOPIC, "/truth/robot/pose"}
@@ -129,7 +125,9 @@ def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(
     anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
     tags = [{"id": tag, "role": "robot", "height_m": height_m, "x_m": -0.2} for tag in (0, 7)[:n_tags]]
     config = Config.model_validate({"uwb": {"anchors": anchors, "tags": tags, "height": "solved"}})
-    outcome = replay(ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position")), Silent())
+    outcome = replay(
+        ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position"), plots=False), Silent()
+    )
     poses = read_table(outcome.run, "poses")
     truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
     np.testing.assert_allclose(poses["roll_rad"], truth.roll_rad, atol=1e-6)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -43,7 +43,6 @@ def test_range_limits_are_inclusive() -> None:
     assert valid_points(cloud, 0.5, 8.0).tolist() == [True, False, True, False]
 
 
-@settings(deadline=None)
 @given(arrays(np.float64, (20, 3), elements=st.floats(-40, 40)))
 def test_range_agrees_with_the_norm(cloud: np.ndarray) -> None:
     range_m = np.linalg.norm(cloud, axis=1)
@@ -51,7 +50,6 @@ def test_range_agrees_with_the_norm(cloud: np.ndarray) -> None:
     assert (valid_points(cloud, 1.0, 30.0) == ((range_m >= 1) & (range_m <= 30)))[clear].all()
 
 
-@settings(deadline=None)
 @given(st.floats(1, 359.9), st.floats(-179.9, 180), st.floats(0.1, 50))
 def test_field_of_view_agrees_with_the_azimuth(field_of_view_deg: float, azimuth_deg: float, range_m: float) -> None:
     if abs(abs(azimuth_deg) - field_of_view_deg / 2) < 1e-6:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots
@@ -12,7 +12,6 @@ T_NS = 1_767_225_600_123_456_789
 SWEEP_NS = 100_000_000
 
 
-@settings(deadline=None)
 @given(st.integers(2, 40), st.integers(-SWEEP_NS, 0), st.integers(1000, 10**9 - SWEEP_NS), st.randoms())
 def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, random):
     first_ns = max(first_ns, -lasts_ns)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -29,7 +29,6 @@ def at(*ms: float) -> np.ndarray:
     return T_NS + np.array([round(each * MS) for each in ms], dtype=np.int64)
 
 
-@settings(deadline=None)
 @given(heading, tilt, tilt, st.booleans())
 def test_roll_and_pitch_are_taken_out_whatever_the_heading(yaw, pitch, roll, flipped):
     quat = quats([yaw, pitch, roll]) * (-1 if flipped else 1)
@@ -115,7 +114,6 @@ def test_two_opposite_orientations_have_no_mean():
     assert np.isfinite(rotations).all()
 
 
-@settings(deadline=None)
 @given(tilt, tilt, heading, heading, st.floats(-1.4, 1.4), heading)
 def test_a_rotated_imu_mount_gives_the_tilt_of_base(pitch, roll, yaw, mount_yaw, mount_pitch, mount_roll):
     imu_to_base = Rotation.from_euler("ZYX", [mount_yaw, mount_pitch, mount_roll])

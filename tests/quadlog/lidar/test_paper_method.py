@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -70,7 +70,6 @@ def test_bad_points_change_nothing_about_the_good_ones(ring_scan, bad: float) ->
     assert counts(scan)[1:] == counts(clean)[1:]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     arrays(np.float32, st.tuples(st.integers(0, 150), st.just(3)), elements=st.floats(width=32))
     | st.builds(np.full, st.tuples(st.integers(0, 500), st.just(3)), st.sampled_from(NO_RETURN), st.just(np.float32)),

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -20,7 +20,6 @@ RANGES_M = (0.3, 30.0)
 LEVEL = np.stack([np.eye(4, dtype=np.float32)[:3], np.zeros((3, 4), np.float32)])
 
 
-@settings(max_examples=100, deadline=None)
 @given(arrays(np.float32, (30, 3), elements=st.floats(-40, 40, width=32) | st.sampled_from([0, np.nan, np.inf, 1e30])))
 def test_directions_agree_with_numpy(cloud: np.ndarray) -> None:
     polar = to_polar(tuple(cloud.T.copy()), (0.3, 30.0))

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -367,7 +367,6 @@ def test_bad_points_change_nothing_about_the_good_ones(scans, bad: float) -> Non
     assert (result.label[::2] == PointClass.INVALID).all()
 
 
-@settings(max_examples=150, deadline=None)
 @given(
     arrays(np.float32, st.tuples(st.integers(0, 150), st.just(3)), elements=EXTREMES | st.floats(width=32))
     | st.builds(np.full, st.tuples(st.integers(0, 500), st.just(3)), EXTREMES, st.just(np.float32)),

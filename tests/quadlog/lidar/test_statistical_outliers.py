@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
@@ -44,7 +44,6 @@ def by_scipy(xyz_m: np.ndarray, neighbours: int) -> np.ndarray:
     return distances[:, 1:].mean(axis=1)
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.sampled_from(SHAPES), st.integers(2, 900), st.integers(1, 60), st.integers(0, 2**32), st.integers(-30, 30))
 def test_any_cloud_agrees_with_scipy(shape: str, n_points: int, neighbours: int, seed: int, power: int) -> None:
     xyz_m = make_cloud(shape, n_points, np.random.default_rng(seed)) * 10.0**power

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.geometry import apply_transform, transform_from_rpy
@@ -30,7 +30,6 @@ def plane(normal: tuple[float, float, float], point: tuple[float, float, float])
     return GroundPlane(unit, float(-unit @ np.array(point)), np.zeros(0, dtype=np.bool_))
 
 
-@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32), st.floats(-3, 3), st.floats(-1, 1), st.floats(-1.5, 1.5))
 def test_points_lie_where_the_pose_of_their_time_puts_them(compacted, placed, seed, yaw_rad, speed, turn) -> None:
     """Thinning moves no point by more than its cell, and neither invents nor loses one."""
@@ -110,7 +109,6 @@ def test_ground_is_averaged_by_cell(compacted) -> None:
     assert mean_m == pytest.approx(xyz_m.mean(axis=0), abs=2e-3)
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 300), st.integers(0, 2**32), st.sampled_from([5.0, 15.0, 300.0, 3000.0]))
 def test_compact_scans_round_trip_through_bytes(compacted, n, seed, reach_m) -> None:
     random = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, dijkstra
@@ -35,7 +35,6 @@ def reachable_by_scipy(blocked: np.ndarray, start: tuple[int, int]) -> np.ndarra
     return np.isin(np.arange(rows * cols), order).reshape(rows, cols)
 
 
-@settings(deadline=None)
 @given(grids(), st.data())
 def test_projection_is_reachable_and_the_nearest_such_cell(blocked: np.ndarray, data: st.DataObject) -> None:
     rows, cols = blocked.shape
@@ -140,7 +139,6 @@ def costs_by_scipy(occupied: np.ndarray, start: tuple[int, int]) -> np.ndarray:
     return dijkstra(graph.tocsr(), indices=start[1] * cols + start[0]).reshape(rows, cols)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.3), st.floats(0, 4))
 def test_agrees_with_scipys_dijkstra(seed: int, rows: int, cols: int, share: float, radius: float) -> None:
     random = np.random.default_rng(seed)
@@ -173,7 +171,6 @@ def test_walled_in_or_outside_is_none() -> None:
     assert escape_start(occupied, occupied, (-1, 2)) is None
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.2), st.floats(1, 4))
 def test_towards_a_goal_it_takes_the_shortest_way_there_within_a_detour(seed, rows, cols, share, radius) -> None:
     random = np.random.default_rng(seed)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import Window, crop, window_around, window_at
@@ -12,7 +12,6 @@ places = st.integers(-(10**6), 10**6)
 metres = st.floats(-1e4, 1e4)
 
 
-@settings(deadline=None)
 @given(places, places, cells_m, st.integers(-50, 250), st.integers(-50, 250))
 def test_centre_of_a_cell_lies_in_that_cell(col0: int, row0: int, cell_m: float, col: int, row: int) -> None:
     window = Window(col0, row0, cell_m, (30, 200))
@@ -21,7 +20,6 @@ def test_centre_of_a_cell_lies_in_that_cell(col0: int, row0: int, cell_m: float,
     assert bool(window.contains(cell)) == (0 <= col < 200 and 0 <= row < 30)
 
 
-@settings(deadline=None)
 @given(metres, metres, cells_m, st.integers(1, 300))
 def test_a_point_lies_within_half_a_cell_of_its_cells_centre(x_m: float, y_m: float, cell_m: float, size: int) -> None:
     window = window_around(np.array([x_m, y_m]), cell_m, size)
@@ -32,7 +30,6 @@ def test_a_point_lies_within_half_a_cell_of_its_cells_centre(x_m: float, y_m: fl
     assert window.shape == (size, size)
 
 
-@settings(deadline=None)
 @given(metres, metres, metres, metres, cells_m)
 def test_shift_moves_cells_between_windows(x0: float, y0: float, x1: float, y1: float, cell_m: float) -> None:
     before, after = (window_around(np.array(xy), cell_m, 200) for xy in ((x0, y0), (x1, y1)))

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
@@ -18,7 +18,6 @@ def by_distance(occupied: np.ndarray, radius_cells: float) -> np.ndarray:
     return ndimage.distance_transform_edt(~occupied) <= radius_cells + 1e-9
 
 
-@settings(deadline=None)
 @given(grids, st.one_of(st.floats(0, 12), st.integers(0, 12).map(float)))
 def test_euclidean_agrees_with_scipy(occupied: np.ndarray, radius_cells: float) -> None:
     before = occupied.copy()
@@ -26,7 +25,6 @@ def test_euclidean_agrees_with_scipy(occupied: np.ndarray, radius_cells: float) 
     assert (occupied == before).all()
 
 
-@settings(deadline=None)
 @given(grids, st.integers(0, 12))
 def test_square_agrees_with_scipy(occupied: np.ndarray, radius_cells: int) -> None:
     expected = ndimage.binary_dilation(occupied, np.ones((2 * radius_cells + 1,) * 2))

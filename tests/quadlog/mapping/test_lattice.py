@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import Window
@@ -16,7 +16,6 @@ windows = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(windows, min_size=1, max_size=8))
 def test_layers_keep_their_values_when_the_lattice_grows(added: list[Window]) -> None:
     lattice = GrowingLattice(0.1, {"count": np.int32})

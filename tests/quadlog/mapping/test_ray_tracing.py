@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.lidar.classified_scan import PointClass
@@ -135,7 +135,6 @@ def test_one_short_ray_holds_back_its_sector(lowest_rays) -> None:
     assert at(lowest_mm, 0.08, 4.05) < NO_RAY
 
 
-@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32), st.floats(-3, 3), st.floats(-3, 3), st.floats(-4, 4))
 def test_a_cell_called_crossed_has_a_ray_through_its_neighbourhood(
     compacted, placed, seed: int, x_m: float, y_m: float, yaw_rad: float

@@ -6,14 +6,9 @@ from pathlib import Path
 import pytest
 
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.run.tables import METRIC_NAMES
 
 REFERENCES = (Path(__file__).parents[3] / "docs" / "references.md").read_text()
 UNITS = {"_m": "m", "_s": "s", "_rad": "rad", "_nm": "N·m", "_degps": "deg/s", "_hz": "Hz"}
-
-
-def test_the_catalogue_is_the_contract():
-    assert tuple(CATALOGUE) == METRIC_NAMES
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -38,7 +38,6 @@ def in_another_frame(poses, turn=TILT):
     return Trajectory(poses.t_ns, turn.apply(poses.position_m) + np.array([3.0, -2, 1]), poses.quat_xyzw)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.floats(0, 10),
     st.floats(45, 60),
@@ -57,7 +56,6 @@ def test_the_offset_is_found_in_whatever_frame(first_s, last_s, hz, clock_s, tur
         assert found.residual_m < 0.02
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.floats(-1e6, 1e6), st.integers(0, 9))
 def test_a_steady_walk_is_told_by_its_turns_though_its_speed_tells_nothing(clock_s, seed):
     """With noise of which speeds are mostly made: 0.2 m/s of its 0.6."""

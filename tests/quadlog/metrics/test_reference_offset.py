@@ -12,7 +12,7 @@ from evo import main_ape
 from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -56,7 +56,6 @@ def moved(poses: Trajectory, turn_rad: float, shift_m) -> Trajectory:
     return Trajectory(poses.t_ns, turn.apply(poses.position_m) + shift_m, poses.quat_xyzw)
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.floats(-0.9, 0.9),
     st.floats(-np.pi, np.pi),

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
@@ -63,7 +63,6 @@ def test_a_path_that_goes_on_as_planned_has_not_changed(path: np.ndarray) -> Non
     assert path_change_m(path, beyond) == pytest.approx(0.0, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(paths, paths)
 def test_the_change_is_the_distance_to_the_nearest_of_many_points(before: np.ndarray, after: np.ndarray) -> None:
     """Of those points of the new path that the old one reaches from where the new one begins."""

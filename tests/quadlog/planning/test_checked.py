@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config.plugins import PLANNERS as GROUP
@@ -54,7 +54,6 @@ def fault_of(answer, blocked=FREE, start=(0, 0), goal=(7, 5), rules: Rules = USU
 
 
 @pytest.mark.parametrize("name", sorted(PLANNERS))
-@settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
     density=st.floats(0, 0.6),

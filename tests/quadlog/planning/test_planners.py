@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.planning.planners.ia_star import MAX_EXCESS
@@ -45,7 +45,6 @@ def test_every_kind_of_map(grids, cells_of, costs_from, assert_plan, name, rules
 
 
 @each_planner
-@settings(max_examples=100, deadline=None)
 @given(SEEDS, DENSITIES, MOVES, st.sampled_from(RULES))
 def test_sequences_of_changes(assert_throughout, name, seed, density, moves, rules):
     """Obstacles, window, its shape, start and goal change."""
@@ -54,7 +53,6 @@ def test_sequences_of_changes(assert_throughout, name, seed, density, moves, rul
 
 
 @pytest.mark.parametrize(("name", "moving"), [("d_star_lite", "start"), ("lpa_star", "goal")])
-@settings(max_examples=60, deadline=None)
 @given(SEEDS, DENSITIES, st.sampled_from(RULES))
 def test_optimal_while_the_root_of_the_search_keeps_its_cell(assert_throughout, name, moving, seed, density, rules):
     """What these two are made for: the search before is used, on call after call."""

@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.geometry import arc_lengths
 from quadlog.planning.path import is_free, largest_curvature, resample, turning
 
 
-@settings(max_examples=300, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_is_free_against_dense_samples(seed):
     """Free means that no sample is blocked; blocked, that cutting the cells finely finds one (or a sliver of one)."""
@@ -63,7 +62,6 @@ def test_a_point_and_a_straight_line_turn_nowhere(points):
     assert largest_curvature(points.astype(np.float64)) == 0.0
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     radius_m=st.floats(0.1, 50),
     steps=st.integers(16, 300),

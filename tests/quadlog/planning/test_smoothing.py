@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
@@ -116,7 +116,6 @@ def test_only_the_corner_at_an_obstacle_stays_sharp():
     assert np.hypot(*(curve_m - points_m[2]).T).min() > 0.1  # round the other
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     merge_m=st.sampled_from([0.0, 0.3, 1.0]),

@@ -106,7 +106,7 @@ def test_covariance_is_honest_about_links_that_wander(lab):
         got = fit_anchor_shift(log, IRREGULAR_M, seed % 5, 0.1, 1.0)
         assert got is not None
         normalised.append(got.significance**2)
-    assert 0.2 < np.mean(normalised) < 4.0
+    assert 0.8 < np.mean(normalised) < 4.0  # measured 1.4
 
 
 def test_too_few_ranges_together(lab):

@@ -154,7 +154,7 @@ def test_std_is_the_scatter_over_many_logs(lab, bursts):
         )
         got = estimate(lab, simulated, lab.SQUARE_M).bias
         z.append((got.bias_m - BIAS_M) / got.std_m)
-    assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.2
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.2  # measured 0.81, in bursts 1.0
 
 
 def test_a_short_walk_through_bursts_is_not_made_worse(lab):

@@ -4,7 +4,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import TooLarge
@@ -90,7 +90,6 @@ def grouped(rows: list[tuple[int, int]], epoch_ns: int) -> list[list[int]]:
     return epochs
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 3)), max_size=40).map(sorted), st.integers(0, 30))
 def test_epochs_follow_the_rule_stamp_by_stamp(rows, epoch_ns):
     got = group_epochs(
@@ -103,7 +102,6 @@ def test_epochs_follow_the_rule_stamp_by_stamp(rows, epoch_ns):
 row = st.tuples(st.integers(0, 400), st.integers(0, 1), st.integers(0, 4))
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(row, max_size=60), st.integers(0, 100))
 def test_no_range_is_lost_or_doubled(rows, epoch_ns):
     """Every range gets a number of its own as its value; the epochs must hold exactly those of the tag and anchors."""

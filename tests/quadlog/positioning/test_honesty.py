@@ -22,7 +22,7 @@ LAYOUTS_M = {
 @pytest.mark.parametrize("smooth", [True, False])
 def test_ellipses_hold_errors_that_depend_on_the_place(lab, layout, smooth):
     """Reflections lengthen ranges by what depends on the place, 0.06 m, beside constant biases: no noise shows that."""
-    anchors_m, inside = LAYOUTS_M[layout], []
+    anchors_m, inside, squares = LAYOUTS_M[layout], [], []
     anchors = Anchors(np.arange(len(anchors_m)), anchors_m, np.zeros(len(anchors_m)))
     for seed in range(100, 110):
         simulated = lab.simulate(
@@ -35,7 +35,10 @@ def test_ellipses_hold_errors_that_depend_on_the_place(lab, layout, smooth):
         simulated.series.range_m[:] += (0.06 * np.sqrt(2 / 20) * field).ravel()
         got = locate(simulated.series, anchors, [TagInfo(0, lab.TAG_HEIGHT_M)], LocateSettings(smooth=smooth)).tags[0]
         track = got.track
-        inside.append(lab.share_in_ellipses(track.position_m - simulated.truth_at(track.t_ns), track.covariance_m2))
+        error_m = track.position_m - simulated.truth_at(track.t_ns)
+        inside.append(lab.share_in_ellipses(error_m, track.covariance_m2))
+        squares += list(np.einsum("ni,nij,nj->n", error_m, np.linalg.inv(track.covariance_m2), error_m))
+    assert 0.8 < np.mean(squares) < 2.6  # of two coordinates; measured 1.0 to 1.9
     assert np.mean(inside) > 0.93
     assert np.min(inside) > 0.75
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -151,7 +151,6 @@ def test_an_empty_series_is_an_empty_track():
 waves = st.tuples(*(st.floats(-1, 1) for _ in range(12)))
 
 
-@settings(max_examples=10, deadline=None)
 @given(waves)
 def test_feet_fixed_in_the_world_give_back_any_motion_of_the_body_exactly(wave):
     t_s = np.arange(0.0, 1.0, 0.005)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.messages import RangeSeries
@@ -44,7 +44,6 @@ def test_every_cause_is_counted_and_every_stranger_named():
 range_m = st.floats(-1, 400) | st.sampled_from([np.nan, np.inf, -np.inf, 0.0])
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 4), st.integers(9, 13), range_m), min_size=1, max_size=40))
 def test_every_range_is_counted_exactly_once(rows):
     kept, counts = screen(rows)

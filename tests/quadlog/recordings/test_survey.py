@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import IndexType
@@ -122,7 +122,6 @@ MESSAGES = st.lists(
 
 
 @pytest.mark.parametrize("form", ["mcap", "mcap-loose", "bag", "bag-lz4", "db3", "db3-unindexed", "split"])
-@settings(deadline=None, max_examples=40)
 @given(steps=MESSAGES, start_s=st.sampled_from([0, 100, 1_700_000_000]))
 def test_survey_by_index_equals_survey_of_all_messages(
     recordings: Any, form: str, steps: list[tuple[str, int, int]], start_s: int

@@ -4,7 +4,7 @@ import hashlib
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.storage import shared_digest
@@ -14,7 +14,6 @@ from quadlog.storage.shared_digest import SharedDigest
 stretches = st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 2000)), max_size=30)
 
 
-@settings(deadline=None)
 @given(size=st.integers(0, 5000), read=stretches, in_order=st.booleans(), gap=st.sampled_from([0, 100, 10_000]))
 def test_whatever_is_read_the_digest_is_that_of_the_file(size, read, in_order, gap, tmp_path_factory):
     content = bytes(index * 7 % 251 for index in range(size))

@@ -2,14 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.pipelines.tables.planning.ea_star import clearance_cells, clearance_m, draw_crossings
 from quadlog.simulation.worlds.scenes import SCENES
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_clearance_is_the_least_of_all_pairs(seed):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.following.path import (
@@ -52,7 +52,6 @@ def test_even_in_a_wall_it_looks_ahead_a_little():
     assert y_m == 0.0
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_chord_is_free_and_no_longer_than_asked(seed):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import skfuzzy.control
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.following.lookahead import (
@@ -52,7 +52,6 @@ def clipped_sets(e, ec, rules_of_one):
     return heights
 
 
-@settings(max_examples=60, deadline=None)
 @given(universe, universe, rules)
 def test_both_centroids_against_all_49_rules(e, ec, tables):
     z = np.linspace(-3, 3, 6001)

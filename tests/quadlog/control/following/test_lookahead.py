@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.following.lookahead import (
@@ -33,7 +33,6 @@ def test_fixed():
             FixedLookahead(l_m)
 
 
-@settings(max_examples=100, deadline=None)
 @given(errors=st.lists(st.floats(-2, 2), min_size=1, max_size=6), speed=st.floats(0, 1.2), signed=st.booleans())
 def test_equations_17_and_18(errors, speed, signed):
     """Against infer on the errors and their differences; the table's error is far below the tolerance."""

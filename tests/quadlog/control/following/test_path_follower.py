@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.following import pure_pursuit as path_follower
@@ -47,7 +47,6 @@ def test_state_on_a_corner():
     assert PathFollower(CORNER).step(0.0, 0.0, 3.5).heading_error_rad == pytest.approx(3.5 - 2 * math.pi)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_nearest_within_its_window_against_dense_samples(seed):
     rng = np.random.default_rng(seed)
@@ -113,7 +112,6 @@ def test_the_look_ahead_does_not_leave_out_a_turn():
     assert PathFollower(path, start_m=9.0).step(9.0, 0.1, 0.0).progress_m == pytest.approx(9.0)
 
 
-@settings(max_examples=100, deadline=None)
 @given(x=st.floats(-1, 3), y=st.floats(-1, 1), yaw=st.floats(-3.2, 3.2), lookahead_m=st.floats(1.2, 3))
 def test_commands_are_pure_pursuits(x, y, yaw, lookahead_m):
     """On a path that does not come near itself both see the same."""
@@ -155,7 +153,6 @@ def test_one_point_and_repeated_points():
     assert repeated.step(4.0, 1.0, 0.0).near.heading_rad == pytest.approx(math.pi / 2)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_references_against_interpolation(seed):
     rng = np.random.default_rng(seed)
@@ -201,7 +198,6 @@ def test_paths_of_absurd_length_are_refused(monkeypatch):
         checked_path(np.zeros((11, 2)))
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.floats(), st.floats()), max_size=6))
 def test_any_points_are_a_path_that_can_be_followed_or_refused(points):
     try:

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +39,6 @@ def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
     return START_M + radius_m * aside, turned
 
 
-@settings(deadline=None, max_examples=30)
 @given(angle, st.floats(-1, 1), st.sampled_from([-0.8, -0.1, 0.3, 1.0]))
 def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
     dt_s = 0.002
@@ -64,7 +63,6 @@ def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
     assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
 
 
-@settings(deadline=None)
 @given(angle, angle, st.floats(-1, 1), st.floats(-2, 2), st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
 def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_mps, yaw_rate_radps, away_m):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
@@ -82,7 +80,6 @@ def test_past_half_a_turn_it_goes_on_turning():
     assert math.remainder(float(reference.rpy[2]), 2 * math.pi) == pytest.approx(-math.pi + 0.09)
 
 
-@settings(deadline=None, max_examples=30)
 @given(angle, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-1, 1))
 def test_on_a_slope_it_is_parallel_to_the_plane_and_goes_along_it(yaw_rad, a, b, speed_mps):
     plane = np.array([a, b, 0.1])
@@ -109,7 +106,6 @@ def test_uphill_is_nose_up_and_the_slope_is_taken_gradually():
     assert reference.position_m[2] - HEIGHT_M == pytest.approx(math.tan(0.2) * START_M[0] * taken, rel=0.01)
 
 
-@settings(deadline=None, max_examples=30)
 @given(angle, st.sampled_from([-0.3, 0.0, 0.0, 0.2]), st.floats(-1, 1), st.floats(-1, 1))
 def test_ahead_is_stepping_on(yaw_rad, slope, speed_mps, yaw_rate_radps):
     # Straight up a slope, or turning on level ground: what is ahead of a turn on a slope is not foreseen.

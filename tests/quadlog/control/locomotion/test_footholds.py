@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,6 @@ def landing(position, yaw, velocity, wanted, yaw_rate=0.0, until_s=0.1, stance_s
     return foot
 
 
-@settings(deadline=None)
 @given(speed, speed, st.floats(-3, 3))
 def test_in_mid_stance_the_foot_is_where_it_stands_under_a_body_that_goes_as_wanted(vx, vy, yaw):
     velocity = np.array([vx, vy, 0.0])
@@ -54,7 +53,6 @@ def test_the_height_is_the_grounds():
 contacts = st.lists(st.tuples(*[st.floats(-2, 2)] * 3), min_size=3, max_size=6).map(np.array)
 
 
-@settings(deadline=None)
 @given(contacts)
 def test_the_plane_is_numpys_least_squares(contacts):
     rows = np.column_stack([contacts[:, :2], np.ones(len(contacts))])
@@ -73,7 +71,6 @@ def test_contacts_on_a_line_or_a_point_are_level_across():
     np.testing.assert_allclose(plane, [0, 0, 0.3], atol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-3.1, 3.1))
 def test_a_body_with_these_angles_stands_upright_on_the_plane(a, b, yaw):
     roll, pitch = slope_angles(np.array([a, b, 0.7]), yaw)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.locomotion.gait import GAITS, Gait, contact_schedule, contact_state
@@ -39,7 +39,6 @@ def test_a_walk_lifts_left_hind_left_fore_right_hind_right_fore():
     assert order[start:] + order[:start] == [2, 0, 3, 1]
 
 
-@settings(deadline=None)
 @given(gaits, st.floats(-100, 100))
 def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
     stance, phase = state(gait, t_s)
@@ -49,7 +48,6 @@ def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
 
 
-@settings(deadline=None)
 @given(gaits, st.floats(0, 100), st.floats(0.001, 0.1))
 def test_a_schedule_is_the_states_one_after_the_other(gait, t_s, step_s):
     contacts = np.empty((12, 4), np.bool_)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.locomotion.kinematics import (
@@ -39,7 +39,6 @@ def turned(axis, angle):
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-@settings(deadline=None)
 @given(ANGLES, side, lengths)
 def test_the_foot_is_at_the_end_of_three_turned_links(joints, side, lengths):
     abduction, hip, knee = (
@@ -50,7 +49,6 @@ def test_the_foot_is_at_the_end_of_three_turned_links(joints, side, lengths):
     np.testing.assert_allclose(position(joints, side, lengths), expected, atol=1e-15)
 
 
-@settings(deadline=None)
 @given(ANGLES, side, lengths)
 def test_joints_for_a_foot_bring_it_back(joints, side, lengths):
     foot = position(joints, side, lengths)
@@ -60,7 +58,6 @@ def test_joints_for_a_foot_bring_it_back(joints, side, lengths):
     assert 0 <= again[2] <= math.pi
 
 
-@settings(deadline=None)
 @given(st.floats(-0.8, 0.8), st.floats(-0.6, 0.3), st.floats(0.3, 2.5), side)
 def test_joints_come_back_where_the_leg_hangs_below_its_hip(abduction, hip, knee, side):
     joints = np.array([abduction, hip - knee / 2, knee])
@@ -71,7 +68,6 @@ def test_joints_come_back_where_the_leg_hangs_below_its_hip(abduction, hip, knee
 everywhere = st.floats(-1e9, 1e9) | st.floats(-0.6, 0.6) | st.sampled_from([0.0, -0.0, 1e-300, 0.075, 0.44])
 
 
-@settings(deadline=None)
 @given(st.tuples(everywhere, everywhere, everywhere), side, lengths)
 def test_any_target_gets_joints_and_the_nearest_distance(foot, side, lengths):
     joints, reached = inverse(foot, side, lengths)
@@ -102,7 +98,6 @@ def test_a_foot_too_near_stays_on_the_inner_shell():
     np.testing.assert_allclose(position(joints, 1.0, UNEVEN), [0.0, 0.08, -0.05], atol=1e-9)
 
 
-@settings(deadline=None)
 @given(ANGLES, side, lengths)
 def test_the_jacobian_is_the_derivative(joints, side, lengths):
     jacobian, step = np.empty((3, 3)), 1e-6

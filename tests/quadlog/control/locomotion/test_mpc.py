@@ -7,7 +7,7 @@ import numpy as np
 import piqp
 import pytest
 import quadprog
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
@@ -187,7 +187,6 @@ def test_numerical_trouble_is_survived(size):
     assert mpc.solve(STANDING, reference, ARMS_M, ALL_STAND).status == MpcStatus.SOLVED
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     arrays(np.float64, 12, elements=st.floats(-1e3, 1e3)),
     arrays(np.float64, (STEPS, 12), elements=st.floats(-1e3, 1e3)),

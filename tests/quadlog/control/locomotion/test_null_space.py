@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.locomotion.null_space import prioritised
@@ -45,7 +45,6 @@ def hierarchy(rng, dependent=False):
     return tasks, [rng.normal(size=(size, 2)) for size in sizes]
 
 
-@settings(max_examples=150, deadline=None)
 @given(seed=SEEDS, dependent=st.booleans())
 def test_against_the_printed_recursion(seed, dependent):
     """Dependent rows, more rows than columns, and tasks without rows included."""
@@ -54,7 +53,6 @@ def test_against_the_printed_recursion(seed, dependent):
     np.testing.assert_allclose(out, printed(tasks, wanted, 1e-6), rtol=0, atol=1e-6)
 
 
-@settings(max_examples=150, deadline=None)
 @given(seed=SEEDS, weakest=st.sampled_from([0.03, 0.3, 1.0, 3.0]))
 def test_weak_directions_against_numpy(seed, weakest):
     tasks, wanted = hierarchy(np.random.default_rng(seed), dependent=True)

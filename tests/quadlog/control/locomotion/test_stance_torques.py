@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.locomotion.kinematics import leg_position
@@ -46,7 +46,6 @@ def test_fig_3s_numbers(knee):
     assert (knee * right[:, 2] < 0).all()
 
 
-@settings(deadline=None)
 @given(ANGLES, side, FORCE, st.tuples(*[st.floats(-1, 1)] * 3))
 def test_motors_and_ground_do_no_work_together(joints, side, force, rates):
     joints, rates, step = np.array(joints), np.array(rates), 1e-6
@@ -58,7 +57,6 @@ def test_motors_and_ground_do_no_work_together(joints, side, force, rates):
     assert motors_w + ground_w == pytest.approx(0.0, abs=1e-6)
 
 
-@settings(deadline=None)
 @given(ANGLES, side, FORCE)
 def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force):
     joints, force, foot = np.array(joints), np.array(force), np.empty(3)
@@ -69,7 +67,6 @@ def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force)
     np.testing.assert_allclose([-couple[0], -(couple @ hip_axis)], motors[:2], atol=1e-12)
 
 
-@settings(deadline=None)
 @given(ANGLES, side, st.sampled_from([KNEE_BEHIND, KNEE_IN_FRONT]))
 def test_joints_for_a_foot_bring_it_back_with_the_knee_where_it_is_wanted(joints, side, knee):
     foot, again = np.empty(3), np.empty(3)

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import quadprog
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -151,7 +151,6 @@ def any_forces(rng):
     return rng.normal(size=(4, 3)) * 30 + [0.0, 0.0, 50.0]
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=SEEDS)
 def test_tasks_get_the_accelerations_they_ask_for(robot, seed):
     """Velocities in map are differentiated in MuJoCo: that qvel is partly in the body is none of its concern."""
@@ -176,7 +175,6 @@ def test_tasks_get_the_accelerations_they_ask_for(robot, seed):
     np.testing.assert_allclose(robot.velocities(), wanted_speeds, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=SEEDS)
 def test_the_hierarchy_is_one_18_by_18_solve(robot, seed):
     rng = np.random.default_rng(seed)
@@ -194,7 +192,6 @@ def test_the_hierarchy_is_one_18_by_18_solve(robot, seed):
     np.testing.assert_allclose(velocity, np.linalg.solve(rows, speeds), rtol=0, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=SEEDS, angle=st.floats(1e-9, 3.1))
 def test_rotation_error_against_scipy(seed, angle):
     rng = np.random.default_rng(seed)
@@ -212,7 +209,6 @@ def residual(robot, state, targets, stance, mpc_forces_n, qp=PLAIN):
     return float(np.abs(found - command.qddot_cmd).max() / max(1.0, np.abs(command.qddot_cmd).max()))
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=SEEDS)
 def test_forward_dynamics_gives_the_commanded_accelerations(robot, seed):
     rng = np.random.default_rng(seed)
@@ -220,7 +216,6 @@ def test_forward_dynamics_gives_the_commanded_accelerations(robot, seed):
     assert residual(robot, state, near(rng, state), rng.random(4) < 0.6, any_forces(rng)) < 1e-12
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, weight=st.sampled_from([0.1, 10.0, 1e4]))
 def test_forces_against_the_qp_with_its_equality(robot, seed, weight):
     """Both unknowns, change of forces and of base acceleration, and the base's six rows between them; quadprog."""
@@ -255,7 +250,6 @@ def test_forces_against_the_qp_with_its_equality(robot, seed, weight):
     np.testing.assert_allclose(command.qddot_cmd[6:], acceleration[6:])
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, mu=st.floats(0.05, 1.5))
 def test_forces_keep_to_the_pyramid_and_torques_to_the_limits(robot, seed, mu):
     """Whatever the MPC asks for, and with targets far away."""
@@ -382,7 +376,6 @@ def test_joint_feedback_is_the_change_of_q_and_the_velocity_commanded(robot):
     np.testing.assert_allclose(with_it.torques_nm - without.torques_nm, expected, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
 @given(seed=SEEDS)
 def test_without_whole_body_control_legs_do_the_forces_virtual_work(robot, seed):
     """A small turn of a joint against the torque is a small way of the foot along the force; MuJoCo moves the foot."""
@@ -404,7 +397,6 @@ def test_without_whole_body_control_legs_do_the_forces_virtual_work(robot, seed)
         assert torques_nm[joint] == pytest.approx(-work, abs=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
 @given(seed=SEEDS)
 def test_without_whole_body_control_a_foot_in_swing_accelerates_as_told(robot, seed):
     """On its curve, the body held; off it by 1 mm, the spring adds 0.7 N."""

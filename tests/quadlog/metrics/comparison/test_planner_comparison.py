@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -165,7 +165,6 @@ cells_of_three = st.integers(1, 5).flatmap(
 
 
 @given(cells_of_three, st.integers(1, 7), st.randoms(use_true_random=False))
-@settings(max_examples=25, deadline=None)
 def test_invariants(make_replans: Any, cells: list[np.ndarray], factor: int, shuffle: Any) -> None:
     named = dict(zip(("astar", "ia_star", "d_star_lite"), cells, strict=True))
     found = {name: each % 5 != 0 for name, each in named.items()}
@@ -198,7 +197,6 @@ def _ratio_of(row: PlannerRow) -> np.ndarray:
 
 
 @given(cells_of_three)
-@settings(max_examples=25, deadline=None)
 def test_every_figure_is_that_of_a_plain_loop(make_replans: Any, cells: list[np.ndarray]) -> None:
     named = dict(zip(("astar", "ia_star", "d_star_lite"), cells, strict=True))
     found = {name: each % 3 != 1 for name, each in named.items()}

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.metrics.comparison.planner_verdict import notes, verdict
@@ -105,7 +105,6 @@ figures = st.lists(st.lists(st.integers(0, 30), min_size=4, max_size=4), min_siz
 
 
 @given(figures, st.lists(st.integers(1, 9), **four), st.lists(st.sampled_from([0, 3]), **four))
-@settings(max_examples=60, deadline=None)
 def test_what_it_says_is_true_of_every_table(
     make_replans: Any, cells: list[list[int]], us: list[int], excess: list[int]
 ) -> None:

@@ -4,7 +4,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_cdt
@@ -22,7 +22,6 @@ INTEGER_RULES = [rules for rules in RULES if rules.costs == "integer"]
 both = pytest.mark.parametrize("make", [EAStar, ClearanceAStar])
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     arrays(bool, st.tuples(st.integers(1, 15), st.integers(1, 15)), elements=st.sampled_from([False] * 9 + [True])),
     st.integers(0, 5),
@@ -77,7 +76,6 @@ def test_a_search_that_never_ends_early_returns_the_length_of_astar(steps_betwee
     assert best == 100 * AStar(rules).plan(blocked, start, goal).cost
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]), st.integers(0, 4), st.sampled_from(RULES))
 def test_steps_and_charges_equal_dijkstras(steps_between, seed, density, rings, rules):
     """On the directed graph in which a step costs its length, and 14.01 for each level of the cell it enters."""

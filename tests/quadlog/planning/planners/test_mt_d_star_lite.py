@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.planning.planners.astar import AStar
@@ -13,7 +13,6 @@ from quadlog.planning.search.lifelong_search import FAR_COSTS, RHS
 RULES = st.builds(Rules, costs=st.sampled_from(COSTS), ties=st.sampled_from(TIES), corner_cutting=st.booleans())
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.15, 0.25, 0.4]), RULES)
 def test_optimal_along_a_walk_that_follows_its_paths(costs_from, assert_legal, seed, density, rules):
     """The window goes with the robot, which walks its path and at times leaves it; goal and obstacles move."""

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.planning.planners.ea_star import danger_levels
@@ -112,7 +112,6 @@ def any_map(seed, density):
     return blocked, start, goal
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.15, 0.3, 0.45]), st.sampled_from(RULES))
 def test_step_by_step_against_plain_python(seed, density, rules):
     """The overrating heuristic as well: what is closed stays closed in both."""
@@ -120,7 +119,6 @@ def test_step_by_step_against_plain_python(seed, density, rules):
     assert_same(HeapSearch(rules).search(blocked, start, goal), reference(blocked, start, goal, rules))
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.02, 0.1, 0.3]),

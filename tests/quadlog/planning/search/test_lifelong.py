@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.planning.planners.astar import AStar
@@ -90,7 +90,6 @@ def least_f(costs_from, blocked, root, target, rules):
 
 
 @pytest.mark.parametrize("name", [name for name in COUNTED if name != "ara_star"])
-@settings(max_examples=60, deadline=None)
 @given(*ENDS_AND_MAPS)
 def test_a_first_search_closes_the_cells_that_scipy_knows_the_goal_among_them(costs_from, name, seed, density, costs):
     """With ties to the smaller g, whatever the order among equals: all cells with g + h up to the optimal cost.
@@ -106,7 +105,6 @@ def test_a_first_search_closes_the_cells_that_scipy_knows_the_goal_among_them(co
 
 
 @pytest.mark.parametrize("name", COUNTED)
-@settings(max_examples=60, deadline=None)
 @given(*ENDS_AND_MAPS)
 def test_no_first_search_closes_fewer_cells_than_any_optimal_one_must(costs_from, name, seed, density, costs):
     """Ties to the larger g: every cell with g + h below the optimal cost, and the goal; none with more."""

@@ -3,7 +3,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.compiled import kernel
@@ -83,7 +83,6 @@ def reference(blocked, route, start, goal, cutting, units, from_end):
     return path[: waypoint + 1], len(way) - 1
 
 
-@settings(max_examples=400, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     density=st.sampled_from([0.0, 0.05, 0.15]),

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.geometry import wrap_angle
@@ -20,7 +20,6 @@ def line(offset_rad: float, drift_radps: float, n: int = 300, noise_rad=0.0, see
     )
 
 
-@settings(max_examples=50)
 @given(st.floats(-3.2, 3.2), st.floats(-0.07, 0.07), st.integers(60, 3000))
 def test_any_line_is_found_however_often_it_goes_round(offset_rad, drift_radps, n):
     # A prior as wide as the search: the line is exact, so that the prior has no say.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -150,7 +150,6 @@ def assert_fares_as(oracle: Any, row: list[Columns] | None) -> None:
         np.testing.assert_array_equal(got.values, want.values)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.data())
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_random_messages_decode_as_with_rosbags(kind: str, name: str, data: st.DataObject) -> None:
@@ -190,7 +189,6 @@ VERSIONS = [
 ]
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.data())
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("text", VERSIONS)

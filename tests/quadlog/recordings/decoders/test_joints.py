@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -118,7 +118,6 @@ def same_columns(message: Any, columns: Columns) -> None:
 
 
 @pytest.mark.parametrize("style", STYLES)
-@settings(max_examples=15, deadline=None)
 @given(data=st.data())
 def test_joints_are_found_by_name_in_any_order(style: str, data: Any) -> None:
     names = STYLES[style]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
@@ -72,7 +72,6 @@ def layouts(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layout=layouts(), encoding=st.sampled_from(["ros1", "cdr"]))
 def test_any_layout_is_read_like_a_structured_array(
     both_ros: SimpleNamespace, layout: dict[str, Any], encoding: str

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.results.compare.differences import Tolerance, ValueDifference, compare_values, flatten, unequal
@@ -14,7 +14,6 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([0.0,
 AMOUNTS = st.just(0.0) | st.floats(0, 10)
 
 
-@settings(max_examples=300, deadline=None)
 @given(NUMBERS, NUMBERS, AMOUNTS, st.just(0.0) | st.floats(0, 0.5))
 def test_numbers_are_the_same_where_math_isclose_says_so(a: float, b: float, absolute: float, relative: float) -> None:
     differ, apart = unequal(np.array([a]), np.array([b]), Tolerance(absolute, relative))
@@ -24,7 +23,6 @@ def test_numbers_are_the_same_where_math_isclose_says_so(a: float, b: float, abs
         assert apart[0] == abs(a - b)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1))
 def test_integers_are_apart_what_python_says(a: int, b: int) -> None:
     differ, apart = unequal(np.array([a]), np.array([b]), Tolerance())

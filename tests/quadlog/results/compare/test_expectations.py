@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import InvalidConfigValue, QuadlogError, TooLarge, UnknownConfigKey, UnreadableConfig
@@ -29,7 +29,6 @@ def parse(text: str) -> Any:
     return parse_expectations(text, "bounds.toml", METRIC_NAMES)
 
 
-@settings(max_examples=150, deadline=None)
 @given(BOUNDS, st.dictionaries(NAMES, BOUNDS, max_size=3), NUMBERS)
 def test_what_is_written_is_what_is_expected(default: Any, recordings: Any, value: float) -> None:
     expectations = parse(tomli_w.dumps({"default": default, "recordings": recordings}))
@@ -48,7 +47,6 @@ PIECES = [
 ]
 
 
-@settings(max_examples=500, deadline=None)
 @given(st.lists(st.sampled_from(PIECES) | st.text(max_size=3), max_size=25).map("".join))
 def test_any_text_gives_bounds_or_one_of_our_errors(text: str) -> None:
     try:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.results.compare.check_text import junit_xml
@@ -40,7 +40,6 @@ def follow_schema(element: ET.Element) -> None:
         follow_schema(child)
 
 
-@settings(max_examples=200, deadline=None)
 @given(RUNS)
 def test_any_checks_are_valid_xml_whose_counts_are_right(runs: list[RunCheck]) -> None:
     root = ET.fromstring(junit_xml(runs, [run.run for run in runs]))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import CannotWrite
@@ -164,7 +164,6 @@ def test_runs_of_one_name_share_bounds_on_what_all_have() -> None:
     assert bounds == {"a": (Bound("eta_m", most=0.33),), "b": (Bound("eta_m", most=1.1),)}
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(METRICS, min_size=1, max_size=3))
 def test_runs_hold_the_bounds_proposed_from_them(metrics: list[dict[str, float]]) -> None:
     bounds = propose([run("a", **each) for each in metrics])
@@ -234,7 +233,6 @@ NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8)
 SECTIONS = st.dictionaries(NAMES, st.dictionaries(st.sampled_from(METRIC_NAMES), st.just({"max": 1.5}), max_size=3))
 
 
-@settings(max_examples=150, deadline=None)
 @given(SECTIONS, st.dictionaries(NAMES, st.lists(st.sampled_from(METRIC_NAMES), unique=True), max_size=3))
 def test_merging_is_what_dict_update_does(sections: Any, names: Any) -> None:
     text = tomli_w.dumps({"recordings": sections})

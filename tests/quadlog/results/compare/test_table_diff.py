@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import TooLarge
@@ -40,7 +40,6 @@ def without(columns: dict[str, Any], rows: Any) -> dict[str, Any]:
     return {name: np.delete(values, rows) for name, values in columns.items()}
 
 
-@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_what_was_changed_is_what_is_found(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Values moved at random rows of random columns, rows taken out at random: exactly that, by brute force."""
@@ -140,7 +139,6 @@ def columns(rows: list[tuple[int, int, str]]) -> dict[str, Any]:
     return {name: np.array([row[k] for row in rows], kind) for k, (name, kind) in enumerate(kinds.items())}
 
 
-@settings(max_examples=200, deadline=None)
 @given(ROWS, ROWS)
 def test_of_rows_with_one_key_the_first_belongs_to_the_first(a: list[Any], b: list[Any]) -> None:
     match = match_rows("x", columns(a), columns(b))

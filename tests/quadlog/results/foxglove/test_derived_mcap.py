@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
@@ -244,7 +244,6 @@ def test_anchors_stand_where_the_links_say(tiny_run: Path, derived: Any) -> None
         assert (at.x, at.y, at.z) == tuple(links[name][k] for name in ("x_m", "y_m", "z_m"))
 
 
-@settings(max_examples=15, deadline=None)
 @given(
     xy_m=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
     yaw_rad=st.floats(-10, 10),

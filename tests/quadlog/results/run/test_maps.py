@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import NotARun, TooLarge
@@ -37,7 +37,6 @@ def write(path: Path, count: int, shape: tuple[int, int], seed: int = 0) -> np.n
     return occupied
 
 
-@settings(max_examples=30, deadline=None)
 @given(count=st.integers(0, 12), rows=st.integers(1, 20), columns=st.integers(1, 20), block=st.integers(1, 200))
 def test_any_sequence_comes_back(
     tmp_path_factory: pytest.TempPathFactory, count: int, rows: int, columns: int, block: int
@@ -119,7 +118,6 @@ def test_an_index_outside_is_an_index_error(tmp_path: Path) -> None:
         load_maps(tmp_path).occupied(-1)
 
 
-@settings(max_examples=60, deadline=None)
 @given(place=st.integers(0, 10_000), flip=st.integers(1, 255), end=st.integers(0, 10_000))
 def test_a_damaged_file_is_refused_or_right(
     tmp_path_factory: pytest.TempPathFactory, place: int, flip: int, end: int

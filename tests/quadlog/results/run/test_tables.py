@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
@@ -38,7 +38,6 @@ def cut(columns: dict[str, Any], first: int, last: int) -> dict[str, Any]:
     return {name: values[first:last] for name, values in columns.items()}
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     t_ns=stn.arrays(np.int64, st.shared(st.integers(0, 40), key="n")),
     x_m=stn.arrays(
@@ -199,7 +198,6 @@ def test_unknown_tables_and_columns_are_named(tiny_run: Path, tmp_path: Path) ->
     assert not has_table(tmp_path, "poses")
 
 
-@settings(max_examples=80, deadline=None)
 @given(place=st.integers(0, 10_000), flip=st.integers(1, 255), end=st.integers(0, 10_000))
 def test_a_damaged_table_is_refused_or_right(
     tmp_path_factory: pytest.TempPathFactory, place: int, flip: int, end: int

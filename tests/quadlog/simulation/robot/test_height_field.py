@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
@@ -23,7 +23,6 @@ from quadlog.simulation.robot.height_field import (
 SMALL = Extent(-6.0, -5.0, 6.0, 7.0)
 
 
-@settings(deadline=None)
 @given(st.integers(2, 9), st.integers(3, 9), st.integers(0, 1000))
 def test_heights_between_corners_are_scipys(rows, cols, seed):
     rng = np.random.default_rng(seed)
@@ -102,7 +101,6 @@ def test_a_runs_height_map_becomes_ground():
         from_height_map(np.full((2, 2), np.nan), 0.2, np.zeros(2))
 
 
-@settings(deadline=None)
 @given(
     st.integers(0, 1000),
     st.tuples(st.floats(-9, 9), st.floats(-9, 9)),

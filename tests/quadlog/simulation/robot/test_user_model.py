@@ -4,7 +4,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.control.locomotion.robot import ROBOTS, SIDES, Robot
@@ -285,7 +285,6 @@ def test_a_missing_file_is_refused(tmp_path: Path):
         load_user_model(tmp_path / "absent.xml", flat())
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 7000), st.integers(1, 200), st.binary(max_size=20))
 def test_a_damaged_file_is_read_or_refused(tmp_path: Path, at: int, cut: int, instead: bytes):
     content = urdf(ROBOT).encode()

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import Window
@@ -37,7 +37,6 @@ def brute_force(window, covers):
     return np.array([[covers(x, y) for x, y in row] for row in centres])
 
 
-@settings(max_examples=60, deadline=None)
 @given(DISCS)
 def test_discs_cover_the_centres_in_them_and_the_cell_of_their_own(discs):
     window = Window(-17, -12, 0.1, (23, 31))
@@ -49,7 +48,6 @@ def test_discs_cover_the_centres_in_them_and_the_cell_of_their_own(discs):
     np.testing.assert_array_equal(discs_in(window, np.array(discs).reshape(-1, 3)), brute_force(window, covers))
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(COORDINATES, COORDINATES, COORDINATES, COORDINATES), max_size=3))
 def test_rectangles_cover_the_centres_in_them(corners):
     window = Window(-17, -12, 0.1, (23, 31))
@@ -67,7 +65,6 @@ def somewhere(rng, moving=()):
     return World(Window(-11, 7, 0.1, occupied.shape), occupied, start_m, standing(1.0, 1.0), moving)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), col0=st.integers(-60, 60), row0=st.integers(-60, 60))
 def test_a_window_shows_what_lies_at_its_places(seed, col0, row0):
     """Looked up by each cell's place in map; outside of the world nothing is occupied."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import QuadlogError, TooLarge, UnreadableFile
@@ -65,7 +65,6 @@ def names_a_line(error: QuadlogError, content: bytes) -> bool:
     return isinstance(error, TooLarge) and ", line " in error.what
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     rows=terrains,
     header=st.permutations([0, 1, 2]),
@@ -163,7 +162,6 @@ cells = st.tuples(st.integers(0, 48), st.integers(0, 30))
 rows_of_scen = st.tuples(st.integers(0, 10**6), names, cells, cells, st.floats(0, 1e6))
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     queries=st.lists(rows_of_scen, min_size=1, max_size=8),
     tabs=st.booleans(),

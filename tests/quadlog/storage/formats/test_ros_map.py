@@ -12,7 +12,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 from PIL import Image
@@ -61,7 +61,6 @@ def as_nav2_does(pixel: tuple[int, ...], mode: str, negate: bool, occupied: floa
     return round((occupancy - free) / (occupied - free) * 100) if mode == "Scale" else -1
 
 
-@settings(max_examples=80, deadline=None)
 @given(
     pixels=stn.arrays(np.uint8, st.tuples(st.integers(1, 5), st.integers(1, 5), st.just(4))),
     opaque=st.booleans(),
@@ -150,7 +149,6 @@ def test_a_huge_description_is_refused(folder: Path) -> None:
 CELLS = np.array([[0, 100, -1], [100, 100, 0]], np.int8)  # the first row is the lowest y
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     cells=stn.arrays(np.int8, stn.array_shapes(min_dims=2, max_dims=2), elements=st.sampled_from([-1, 0, 100])),
     x_m=st.floats(-1e4, 1e4),
@@ -205,7 +203,6 @@ def saved(image: Image.Image, kind: str, **options: object) -> bytes:
 
 
 @given(greys=stn.arrays(np.uint8, stn.array_shapes(min_dims=2, max_dims=2, max_side=6)))
-@settings(max_examples=30, deadline=None)
 def test_a_pgm_in_plain_text_is_read(tmp_path_factory: pytest.TempPathFactory, greys: np.ndarray) -> None:
     path = tmp_path_factory.mktemp("picture") / "a.pgm"
     path.write_bytes(plain_pgm(greys))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from evo.core.trajectory import PoseTrajectory3D
 from evo.tools import file_interface
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +19,6 @@ from quadlog.storage.formats.tum import read_tum, write_tum
 LINE = "1.5 1 2 3 0 0 0 1\n"
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     t_ns=st.lists(st.integers(-(10**18), 2**63 - 1 - 10**18), min_size=1, max_size=20, unique=True),
     x_m=st.floats(-1e6, 1e6),
