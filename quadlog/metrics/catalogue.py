@@ -225,8 +225,7 @@ _ENTRIES = (
     ),
     MetricEntry(
         *("ate_rmse_m", "m"),
-        "absolute trajectory error, in 3-D where heights are known and no tag's is a default; evo_ape's rmse "
-        "(2-D: --project_to_plane xy)",
+        "absolute trajectory error, in 3-D where heights are known (no tag's is a default); evo_ape's rmse",
         *("√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
     ),
     MetricEntry(

@@ -224,7 +224,7 @@ def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
     held along a wall, too, where by the walls alone it slides.
     """
     points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), PLANAR.voxel_m / 2)])
-    up_m = np.float32([0.0, 0.0, PLANAR.thinned_m])
+    up_m = np.array([0.0, 0.0, PLANAR.thinned_m], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
 
 

@@ -103,8 +103,9 @@ def test_without_expected_bounds_a_page_warns_of_what_is_unusual(
     assert "Check clearance_min_m: nearest obstacle is \u22120.2 m, usual is at least 0.05 m." in alarms(tiny_run)
     change_json(tiny_run / "run.json", {"config.expect": {"uwb_nees": {"min": 0.5}, "clearance_min_m": {"min": -1.0}}})
     assert alarms(tiny_run) == before
-    change(tiny_run, "poses", t_ns=lambda t_ns: t_ns + 1_500_000_000 * (np.arange(len(t_ns)) > 9))
-    assert "1 gap of more than 1 s, the longest 1.6 s." in alarms(tiny_run)
+    loss = {"cause": "positions", "detail": "38% of 4.0 s have no measured position"}
+    change_json(tiny_run / "run.json", {"counts.unlocated_ms": 1520, "losses": [loss]})
+    assert "38 % of the log has no measured position." in alarms(tiny_run)
 
 
 def test_every_metric_has_one_theme() -> None:
