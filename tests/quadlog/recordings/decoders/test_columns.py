@@ -151,9 +151,10 @@ def assert_fares_as(oracle: Any, row: list[Columns] | None) -> None:
 
 
 @given(st.data())
-@pytest.mark.parametrize(("kind", "name"), CASES)
-def test_random_messages_decode_as_with_rosbags(kind: str, name: str, data: st.DataObject) -> None:
+@pytest.mark.parametrize("name", sorted({name for _, name in CASES}))
+def test_random_messages_decode_as_with_rosbags(name: str, data: st.DataObject) -> None:
     """Sound, padded, with bytes flipped and cut, all in one batch."""
+    kind = data.draw(st.sampled_from([kind for kind, other in CASES if other == name]))
     channel = channel_of(kind, name)
     sound = serialised(kind, message_of(data.draw, STORES[kind], name))
     decoder = column_decoder_of(channel, sound)
@@ -190,10 +191,10 @@ VERSIONS = [
 
 
 @given(st.data())
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("text", VERSIONS)
-def test_other_definitions_of_a_standard_type_are_kept_to(kind: str, text: bytes, data: st.DataObject) -> None:
+def test_other_definitions_of_a_standard_type_are_kept_to(text: bytes, data: st.DataObject) -> None:
     """A Point of other fields or another order inside a PoseStamped: read by its own definition, or refused."""
+    kind = data.draw(st.sampled_from(KINDS))
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     own = get_typestore(Stores.EMPTY)
     own.register({name: store.fielddefs[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")})
