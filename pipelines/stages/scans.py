@@ -292,7 +292,8 @@ class LidarTracker:
         lost = self._scans - int((track.match != ScanMatch.LOST).sum())
         if not lost:
             return ""
-        text = f"{lost} of {self._scans} scans have fewer than {FEWEST_RETURNS_MATCHED} returns or match nothing seen before"
+        few = f"have fewer than {FEWEST_RETURNS_MATCHED} returns"
+        text = f"{lost} of {self._scans} scans {few} or match nothing seen before"
         gave_up_ns = self._odometry.gave_up_ns
         if gave_up_ns is None:
             return text

@@ -218,13 +218,13 @@ def _is_planar(xyz_m: Float32) -> bool:
 
 
 def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
-    """Points of a planar scan (N, 3) as upright walls (3 N, 3), and as they are (N, 3), in one layer of the map's cubes.
+    """Points of a planar scan (N, 3) as upright walls (3 N, 3), and as they are, in one layer of the map's cubes.
 
     Normals of walls lie in the plane. The bare points' covariances are round in it: with both in the map, a match is
     held along a wall, too, where by the walls alone it slides.
     """
     points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), PLANAR.voxel_m / 2)])
-    up_m = np.float32([0.0, 0.0, PLANAR.thinned_m])
+    up_m = np.array([0.0, 0.0, PLANAR.thinned_m], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
 
 

@@ -86,10 +86,9 @@ def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            tried = [
-                f"{name} gives no position: {why}" for name in ("legs", "lidar") if (why := _why_failed(walk, name))
-            ]
-            why = "; ".join(tried) or "no pose source in the recording"
+            failed = [(name, _why_failed(walk, name)) for name in ("legs", "lidar")]
+            tried = "; ".join(f"topics.position={name} gives no position: {why}" for name, why in failed if why)
+            why = tried or "no pose source in the recording"
             walk.warn(f"{why}: the robot is taken to stand at the origin all the time")
         return track
     if wanted in sources:

@@ -144,7 +144,7 @@ def test_where_the_lidar_was_tried_and_failed_the_message_says_why(tmp_path, wal
     assert outcome.exit_code == 3
     record = read_run_json(tmp_path / "run")
     (why,) = [text for text in record["warnings"] if "origin" in text]
-    assert why.startswith("lidar gives no position: 50 of 50 scans")
+    assert why.startswith("topics.position=lidar gives no position: 50 of 50 scans")
     assert "no pose source" not in why
     assert record["losses"][0]["detail"].startswith("100% of")
     with pytest.raises(MissingInput, match="50 of 50 scans"):
