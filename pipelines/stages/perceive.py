@@ -199,16 +199,16 @@ def _count_scan(walk: ReplayContext, row: ScanRow) -> None:
 def _tell_routes(walk: ReplayContext, scanner: Scanner, skewed: Counter[Skewed]) -> None:
     """Notes on the classification, and warnings of scans that were not deskewed or levelled."""
     routes, tilted = scanner.tally.routes, scanner.tally.tilted
-    n = routes.total()
+    scans = walk.counts.get("scans", 0)
     for route, count in routes.most_common():
-        walk.note(f"{count} of {n} scans classified {ROUTE_WORDS[route]}")
+        walk.note(f"{count} of {scans} scans classified {ROUTE_WORDS[route]}")
     for reason, count in skewed.items():
         walk.count("scans_not_deskewed", count)
         if reason is not Skewed.NO_TIMES and walk.config.lidar.deskew:
-            walk.warn(f"{count} of {n} scans keep the robot's motion: {reason.value}")
+            walk.warn(f"{count} of {scans} scans keep the robot's motion: {reason.value}")
     for why_not, count in tilted.items():
         walk.count("scans_not_levelled", count)
-        walk.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
+        walk.warn(f"{count} of {scans} scans keep the robot's tilt: {why_not.value}")
 
 
 def _tell_of_scans(walk: ReplayContext) -> None:
