@@ -201,7 +201,7 @@ def _tell_routes(walk: ReplayContext, scanner: Scanner, skewed: Counter[Skewed])
     routes, tilted = scanner.tally.routes, scanner.tally.tilted
     scans = walk.counts.get("scans", 0)
     for route, count in routes.most_common():
-        walk.note(f"{count} of {scans} scans classified {ROUTE_WORDS[route]}")
+        walk.note(f"{count} of {routes.total()} scans classified {ROUTE_WORDS[route]}")
     for reason, count in skewed.items():
         walk.count("scans_not_deskewed", count)
         if reason is not Skewed.NO_TIMES and walk.config.lidar.deskew:
