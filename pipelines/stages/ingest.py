@@ -382,15 +382,18 @@ def _seen(
     window: tuple[int | None, int | None],
     clouds_ns: tuple[int, int] | None,
 ) -> tuple[int, int]:
-    """First and last instant of the small topics and of the clouds that were read, clouds_ns.
+    """First and last instant of the small topics and of the clouds that were read, clouds_ns, not of a reference alone.
 
     Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
     """
-    series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.reference, streams.target]
+    series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.target]
     series += streams.estimates.values()
     filled = [each.t_ns for each in series if each is not None and len(each)]
     spans_ns = [(int(t_ns[0]), int(t_ns[-1])) for t_ns in filled]
     spans_ns += [span_ns for span_ns in (streams.tf.span_ns(), clouds_ns) if span_ns is not None]
+    reference = streams.reference
+    if not spans_ns and reference is not None and len(reference):
+        spans_ns.append((int(reference.t_ns[0]), int(reference.t_ns[-1])))
     if spans_ns:
         return min(first_ns for first_ns, _ in spans_ns), max(last_ns for _, last_ns in spans_ns)
     lidar = _unless_ambiguous(roles, "lidar")
