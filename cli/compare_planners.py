@@ -26,39 +26,43 @@ class Cell(click.ParamType):
 
 @click.command(
     name="compare-planners",
-    short_help="Compare planners on the same maps, with intervals.",
+    short_help="Compare planners on the same maps.",
     epilog=parameters.examples(
         "quadlog compare-planners runs/walk",
-        "quadlog compare-planners forest:0.1 forest:0.2 --preset paper -o comparison",
-        "quadlog compare-planners brc202d.map --scen brc202d.map.scen --planner astar --planner ia_star",
+        "quadlog compare-planners forest:0.2 --preset paper -o comparison",
+        "quadlog compare-planners brc202d.map --scen brc202d.map.scen --planner astar",
     ),
 )
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, shell_complete=parameters.files("forest:"))
 @click.option(
-    "--planner", "planners", multiple=True, type=parameters.PlannerName(), help="Planner; repeatable. Default: all."
+    "--planner",
+    "planners",
+    multiple=True,
+    type=parameters.PlannerName(),
+    metavar="NAME",
+    help="Planner (astar, …); repeatable. Default: all.",
 )
-@click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline and cell count.")
-@click.option("--costs", type=click.Choice(["integer", "exact"]), help="10 and 14, or 1 and √2 (default with --scen).")
-@click.option("--ties", type=click.Choice(["larger-g", "smaller-g"]), default="larger-g", help="First among equal f.")
+@click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline.")
+@click.option("--costs", type=click.Choice(["integer", "exact"]), help="Steps: 10 and 14, or 1 and √2 (with --scen).")
+@click.option("--ties", type=click.Choice(["larger-g", "smaller-g"]), default="larger-g", help="Order of equal f.")
 @click.option(
     "--count",
     "counted",
     type=click.Choice(["expanded", "generated", "touched"]),
-    help="Which cells the ratio counts. Default: expanded; preset paper: generated.",
+    metavar="CELLS",
+    help="Cells to count: expanded, generated or touched.",
 )
 @click.option("--corner-cutting", is_flag=True, help="Allow diagonal steps past a blocked cell.")
-@click.option("--scen", type=parameters.LOCAL_PATH, help="Queries for a MovingAI .map.")
-@click.option("--start-cell", type=Cell(), help="Start, on a map from a file.")
-@click.option("--goal-cell", type=Cell(), help="Goal, on a map from a file.")
-@click.option("--episodes", type=click.IntRange(1, 100_000), default=40, help="Episodes in each forest.")
-@click.option(
-    "--leader", type=parameters.PlannerName(), help="Leads in forests. Default: astar; preset paper: ia_star."
-)
+@click.option("--scen", type=parameters.LOCAL_PATH, help="MovingAI scenario file with queries.")
+@click.option("--start-cell", type=Cell(), help="Start cell on a map from a file.")
+@click.option("--goal-cell", type=Cell(), help="Goal cell on a map from a file.")
+@click.option("--episodes", type=click.IntRange(1, 100_000), default=40, metavar="N", help="Episodes per forest.")
+@click.option("--leader", type=parameters.PlannerName(), metavar="NAME", help="Planner that drives in forests.")
 @parameters.CONFIG
-@parameters.set_option("grid.dilation_m=0.3")
+@parameters.set_option("grid.cell_m=0.2")
 @parameters.FORMAT
-@click.option("-o", "--output", type=parameters.LOCAL_PATH, help="Folder to write tables, plots and a page to.")
-@parameters.seed_option("Random seed, for forests and intervals.")
+@click.option("-o", "--output", type=parameters.LOCAL_PATH, help="Folder for tables, plots and a page.")
+@parameters.seed_option()
 @parameters.FORCE
 def command(
     sources: tuple[str, ...],
@@ -70,11 +74,13 @@ def command(
     ties: str,
     **options: Any,
 ) -> int:
-    """Run planners on the same problems; compare cells, time, cost and length in pairs, with 95 % intervals.
+    """Run planners on the same problems; compare cells, time, cost and length with 95 % intervals.
 
     A SOURCE is a run folder (its recorded maps), a recording, a MovingAI .map (with --scen, or --start-cell and
     --goal-cell), a ROS map_server .yaml (with --start-cell and --goal-cell, from the lower left), or forest:DENSITY
     (simulated episodes, trees per m²).
+
+    Baseline, --leader and --count are astar, astar and expanded; with --preset paper astar_paper, ia_star, generated.
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import load_config

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from quadlog.cli.terminal.parameters import AS_JSON, PATH_OR_URL, examples
+from quadlog.errors import printable
 
 _AMOUNT = click.FloatRange(min=0)
 
 
 @click.command(
     name="diff",
-    short_help="Where two runs differ first: stage, time, column, and by how much.",
+    short_help="Find the first difference between two runs.",
     epilog=examples(
         "quadlog diff runs/before runs/after",
         "quadlog diff runs/before runs/after --tolerance 1e-6 --json",
@@ -29,8 +28,9 @@ _AMOUNT = click.FloatRange(min=0)
 def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json: bool) -> int:
     """Compare two run folders: how they were made, then the saved results stage by stage.
 
-    For each stage, every table whose values differ is listed: the columns that differ, the time and both values of
-    the first difference, the number of rows, and the largest difference. Rows are matched by their time stamps.
+    The first difference is named by stage, result, column, time and both values; then each column that differs, with
+    the number of rows, the first values, and the largest difference. Rows are matched by their time stamps.
+    --json prints the list of differences.
 
     Exit code 0: all saved results are the same, 4: one differs, 1: a run is unfinished, or a file is damaged.
     Differences in config, seed, options, versions and input are listed, but do not change the exit code, so that
@@ -42,19 +42,19 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     import math
 
     from quadlog.errors import ExitCode, UsageError
-    from quadlog.results.compare.diff_text import diff_json, diff_text
-    from quadlog.results.compare.differences import Tolerance
-    from quadlog.results.compare.run_diff import diff_runs
-    from quadlog.results.run.find_runs import runs_here
+    from quadlog.results.diff import COLUMNS, COMPARED, diff_runs, diff_text, of_results
+    from quadlog.results.run import Run
+    from quadlog.results.saved.find_runs import runs_here
+    from quadlog.results.text import print_table
 
     if not math.isfinite(tolerance + relative):
         raise UsageError("--tolerance and --relative must be finite numbers")
-    with runs_here([run_a, run_b]) as found:
-        here_a, here_b = found
-        runs = diff_runs(here_a, here_b, Tolerance(tolerance, relative))
-        runs = replace(runs, a=found.as_given(runs.a), b=found.as_given(runs.b))
+    with runs_here([run_a, run_b], COMPARED) as found:
+        a, b = map(Run, found)
+        differences = diff_runs(a, b, tolerance, relative)
+        start_ns = min(a.start_ns, b.start_ns)
     if as_json:
-        click.echo(json.dumps(diff_json(runs), indent=2, allow_nan=False))
+        click.echo(print_table(COLUMNS, differences.to_numpy().tolist(), "json"), nl=False)
     else:
-        click.echo(diff_text(runs), nl=False)
-    return ExitCode.DONE if runs.same else ExitCode.CHECK_FAILED
+        click.echo(f"A  {printable(run_a)}\nB  {printable(run_b)}\n{diff_text(differences, start_ns)}", nl=False)
+    return ExitCode.CHECK_FAILED if len(of_results(differences)) else ExitCode.DONE

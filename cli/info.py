@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-from collections.abc import Iterable, Iterator, Sequence
+import textwrap
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,12 @@ from quadlog.cli.terminal.parameters import AS_JSON, CONFIG, MSG_PATH, PATH_OR_U
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 from quadlog.recordings.formatting import listed
 
-COLUMNS = ("topic", "type", "messages", "Hz", "gaps", "offset", "role", "why")
-RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residual m", "median m", "NLOS", "weak path"}
+COLUMNS = ("topic", "messages", "Hz", "gaps", "offset", "role")
 
 
 @click.command(
     name="info",
-    short_help="Describe a recording: topics, rates, roles and why, losses.",
+    short_help="Describe a recording: topics, rates, roles, losses.",
     epilog=examples(
         "quadlog info walk.mcap",
         "quadlog info walk.mcap --full -c quadlog.toml",
@@ -32,7 +30,7 @@ RIGHT = {"messages", "Hz", "gaps", "offset", "tag", "anchor", "ranges", "residua
 @CONFIG
 @set_option("topics.lidar=/points")
 @MSG_PATH
-@click.option("--full", is_flag=True, help="Read all messages, to find all damage and to check the anchor positions.")
+@click.option("--full", is_flag=True, help="Read all messages; also checks the anchor positions.")
 @AS_JSON
 def command(
     recording: Path,
@@ -71,9 +69,11 @@ def report_health(warnings: Iterable[str], losses: Iterable[tuple[str | None, st
 
 def print_info(info: dict[str, Any]) -> None:
     """Print the object of `info --json` as text."""
+    from quadlog.results.text import print_table, terminal_width
+
     _print_lines(_head_lines(info))
     if info["topics"]:
-        _print_table(COLUMNS, [[printable(cell) for cell in _cells(topic)] for topic in info["topics"]])
+        _print_lines(topic_lines(info["topics"]))
     _print_lines(str(AmbiguousTopic(role, choices)) for role, choices in info["ambiguous"].items())
     _print_lines(chain_lines(info["tf"]))
     if links := info["links"]:
@@ -81,12 +81,12 @@ def print_info(info: dict[str, Any]) -> None:
         _print_lines([f"UWB: tags {tags}; anchors {anchors}", *reach_lines(links)])
     _print_lines(anchor_lines(info["anchors"]))
     if info["uwb"]:
-        click.echo("")
-        _print_table(*link_table(info["uwb"][:MOST_LINKS]))
+        said = {row["calibration"] for row in info["uwb_tags"]}
+        click.echo("\n" + print_table(*link_table(info["uwb"][:MOST_LINKS], said), width=terminal_width()), nl=False)
         _print_lines(_left_out(len(info["uwb"]) - MOST_LINKS, "links"))
     if info["uwb_tags"]:
         rows = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
-        _print_lines(["", *(line for row in rows[:MOST_TAGS] for line in tag_lines(row))])
+        _print_lines(["", *(line for row in rows[:MOST_TAGS] for line in _wrapped(tag_lines(row)))])
         _print_lines(_left_out(len(rows) - MOST_TAGS, "tags"))
         if info["uwb_body"]:
             _print_lines([f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"])
@@ -103,48 +103,49 @@ def _print_lines(lines: Iterable[str]) -> None:
 def _head_lines(info: dict[str, Any]) -> Iterator[str]:
     from quadlog.recordings.formatting import instant
 
-    span = ""
-    if info["start_ns"] is not None:
-        seconds = (info["end_ns"] - info["start_ns"]) * 1e-9
-        span = f" in {seconds:.1f} s, {instant(info['start_ns'])} to {instant(info['end_ns'])}"
-    yield f"{info['path']}: {info['messages']} messages{span}"
+    seconds = "" if info["start_ns"] is None else f" in {(info['end_ns'] - info['start_ns']) * 1e-9:.1f} s"
+    yield f"{info['path']}: {info['messages']} messages{seconds}"
+    if seconds:
+        yield f"  {instant(info['start_ns'])} to {instant(info['end_ns'])}"
     if info["sampled"]:
-        read = f"{info['messages_read']} messages alone"
-        yield f"sampled: clock offsets, UWB ranges and damage are known from {read}; --full reads all"
+        yield f"sampled: offsets, ranges and damage are of {info['messages_read']} messages; --full reads all"
 
 
-def _cells(topic: dict[str, Any]) -> list[str]:
+def _wrapped(lines: Iterable[str]) -> Iterator[str]:
+    """The lines, broken at spaces where they do not fit the terminal."""
+    from quadlog.results.text import terminal_width
+
+    for line in lines:
+        indent = "    " if line.startswith(" ") else "  "
+        # Flags to paste are broken nowhere: a topic's name may hold hyphens.
+        yield from textwrap.wrap(
+            printable(line), terminal_width(), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        )
+
+
+def topic_lines(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """A line of numbers for each topic; below it the type, and why the topic has its role or none."""
+    from quadlog.results.text import print_table, terminal_width
+
+    head, *lines = print_table(COLUMNS, [_cells(topic) for topic in topics]).splitlines()
+    yield head
+    for topic, line in zip(topics, lines, strict=True):
+        yield line
+        parts = [printable(part) for part in (topic["type"], topic["why"]) if part]
+        fits = len(": ".join(parts)) + 4 <= terminal_width()
+        yield from (f"    {part}" for part in ([": ".join(parts)] if fits else parts))
+
+
+def _cells(topic: dict[str, Any]) -> list[Any]:
     offset = topic["clock_offset_s"]
     return [
         topic["name"],
-        topic["type"],
         str(topic["messages"]),
         "" if topic["hz_min"] is None else f"{topic['hz_min']:.4g}..{topic['hz_max']:.4g}",
         str(topic["gaps"] or ""),
         "" if offset is None else f"{offset:+.3f} s",
         topic["role"] or "",
-        topic["why"],
     ]
-
-
-def _print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Aligned text; in a terminal with long cells folded."""
-    if not sys.stdout.isatty() or "NO_COLOR" in os.environ:
-        from quadlog.results.text.markup import aligned
-
-        left = [at for at, column in enumerate(columns) if column not in RIGHT]
-        click.echo("\n".join(aligned([columns, *rows], left)))
-        return
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, header_style="bold")
-    for column in columns:
-        table.add_column(column, justify="right" if column in RIGHT else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    Console().print(table)
 
 
 MOST_LINKS, MOST_TAGS, MOST_CHAINS = 40, 10, 6  # that are printed
@@ -188,10 +189,10 @@ def _left_out(count: int, what: str) -> Iterator[str]:
         yield f"  and {count} more {what}, all of them in --json"
 
 
-def link_table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and cells of the table of links; a bias that is not applied has the reason."""
+def link_table(rows: Sequence[dict[str, Any]], said: Collection[str] = ()) -> tuple[list[str], list[list[str]]]:
+    """Header and cells of the table of links; a bias that is not applied has the reason, unless that is said below."""
     columns = ["tag", "anchor", "ranges", "residual m", "median m", "NLOS", "bias m", ""]
-    cells = [_link_cells(row) for row in rows]
+    cells = [_link_cells(row, said) for row in rows]
     if any(row["weak_first_path_share"] is not None for row in rows):
         columns.insert(6, "weak path")
         for row, line in zip(rows, cells, strict=True):
@@ -200,15 +201,16 @@ def link_table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str
     return columns, cells
 
 
-def _link_cells(row: dict[str, Any]) -> list[str]:
+def _link_cells(row: dict[str, Any], said: Collection[str]) -> list[str]:
     bias = "" if row["bias_m"] is None else f"{row['bias_m']:+.3f} +- {row['bias_std_m']:.3f}"
+    why = row["why_not"]
     return [
         *(str(row[name]) for name in ("tag", "anchor", "n")),
         f"{row['residual_m']:.3f}",
         f"{row['residual_median_m']:+.3f}",
         f"{100 * row['nlos_share']:.1f} %",
         bias,
-        "applied" if row["bias_applied"] else f"not applied: {row['why_not']}",
+        "applied" if row["bias_applied"] else "not applied" if why in said else f"not applied: {why}",
     ]
 
 

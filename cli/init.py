@@ -13,7 +13,7 @@ from quadlog.errors import ExitCode
 
 @click.command(
     name="init",
-    short_help="Write a commented config with what was detected filled in.",
+    short_help="Write a commented configuration for a recording.",
     epilog=examples(
         "quadlog init walk.mcap",
         "quadlog init walk.mcap -o lab.toml --force",
@@ -21,13 +21,16 @@ from quadlog.errors import ExitCode
 )
 @click.argument("recording", type=PATH_OR_URL)
 @click.option("-o", "--output", type=LOCAL_PATH, default=Path("quadlog.toml"), help="File to write.")
-@click.option("--all", "everything", is_flag=True, help="Write all sections, also those that the recording cannot use.")
+@click.option("--all", "everything", is_flag=True, help="Write all sections, including unused ones.")
 @MSG_PATH
 @FORCE
 def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Path, ...], force: bool) -> int:
-    """Write a commented config with what was detected in the recording filled in."""
+    """Write a commented configuration file, with detected topics, tags and anchors filled in.
+
+    Keys that are commented out have their default values.
+    """
     from quadlog.pipelines.init import propose_config, write_new
-    from quadlog.results.run.outputs import refuse_existing
+    from quadlog.results.saved.outputs import refuse_existing
 
     refuse_existing(output, force)  # before the recording is read, which may take a while
     proposal = propose_config(recording, msg_path, everything=everything)

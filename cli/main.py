@@ -10,6 +10,7 @@ import time
 
 import click
 
+from quadlog.cli.terminal.parameters import examples
 from quadlog.errors import ExitCode, Interrupted, QuadlogError, clipped, printable
 from quadlog.pipelines.executor.machine import ignore_interrupts, is_out_of_memory, take_one_interrupt
 from quadlog.version import __version__
@@ -21,12 +22,11 @@ def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> 
         return
     from quadlog.config.plugins import all_plugins
     from quadlog.config.version import package_versions
-    from quadlog.results.text.markup import aligned
 
     click.echo(f"quadlog, version {__version__}")
     versions = {"python": platform.python_version(), **package_versions()}
-    for line in aligned([*versions.items()], left=(0, 1)):
-        click.echo(line)
+    for name, version in versions.items():
+        click.echo(f"{name:{max(map(len, versions))}}  {version}")
     for each in all_plugins():
         click.echo(printable(f"{each.kind} {each.name}: {each.distribution} {each.version}"))
     ctx.exit()
@@ -64,6 +64,11 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
+    epilog=examples(
+        "quadlog info walk.mcap",
+        "quadlog replay walk.mcap -c quadlog.toml",
+        "quadlog metrics runs/walk --explain ate_rmse_m",
+    ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.option(
@@ -72,10 +77,10 @@ class LazyGroup(click.Group):
     is_eager=True,
     expose_value=False,
     callback=print_versions,
-    help="Show the versions of quadlog, Python, packages and plug-ins, and exit.",
+    help="Show the versions of quadlog, packages and plug-ins, and exit.",
 )
 def cli() -> None:
-    """Replay recordings of a quadruped robot through positioning, perception, planning and control, and compare.
+    """Replay recordings of a quadruped robot through positioning, mapping, planning and control.
 
     Results go to stdout, messages to stderr. Exit codes: 0 done, 1 failed, 2 usage, 3 done with loss, 4 a check failed.
     """

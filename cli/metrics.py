@@ -12,7 +12,7 @@ from quadlog.cli.terminal.parameters import FORMAT, LOCAL_PATH, PATH_OR_URL, exa
 
 @click.command(
     name="metrics",
-    short_help="Print, compare, check and explain the metrics of runs.",
+    short_help="Print, compare and explain the metrics of runs.",
     epilog=examples(
         "quadlog metrics runs/walk --explain ate_rmse_m",
         "quadlog metrics runs --format csv",
@@ -49,8 +49,8 @@ def command(
 ) -> int:
     """Print the metrics of each RUN, a run folder or a folder of runs, from its saved files; nothing is written.
 
-    One run is shown with the statistics of its samples, several runs side by side with the statistics over the runs.
-    json prints a flat object per run, csv a row per run and metric.
+    One run is shown with 95 % intervals, several side by side and with their mean. json prints a flat object per run,
+    csv a row per run and metric, with the statistics of its samples.
 
     --t-offset and --align are those of evo. A CONDITION is NAME OPERATOR NUMBER with > >= < <= == or !=; a run that
     lacks the metric also fails.
@@ -67,31 +67,28 @@ def command(
         raise UsageError("--fail-if needs a RUN")
     if explain is not None and to != "table":
         raise UsageError(f"--explain prints text; leave out  --format {to}")
-    if not runs:
-        from quadlog.results.text.metrics import explain_text
-
-        click.echo(explain_text(str(explain), []), nl=False)
-        return 0
     from quadlog.errors import printable
-    from quadlog.pipelines.evaluation.metrics import measure_runs
+    from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
     from quadlog.pipelines.evaluation.reference import OnTime, Reference
-    from quadlog.results.run.find_runs import MEASURED, runs_here
-    from quadlog.results.text.metrics import format_metrics
+    from quadlog.results.saved.find_runs import MEASURED, RECORDS, runs_here
+    from quadlog.results.text import metrics_text
     from quadlog.storage.remote_path import to_path
 
+    if not runs:
+        click.echo(explain_runs(str(explain), [], None), nl=False)
+        return 0
     how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
     truth = None if reference is None else Reference.read(reference, how)
+    has_samples = to == "csv"
     report_skipped(runs)
-    with runs_here(runs, MEASURED) as found:
-        outcome = measure_runs(found, truth, conditions, in_detail=True if to == "csv" else None)
+    with runs_here(runs, MEASURED if has_samples or truth or explain else RECORDS) as found:
+        outcome = measure_runs(found, truth, conditions, has_samples)
         for line in (*outcome.said, *outcome.problems):
             click.echo(printable(line), err=True)
         if explain is None:
             shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
-            click.echo(format_metrics(shown, outcome.spreads, to, outcome.differing), nl=False)
+            click.echo(metrics_text(shown, to, outcome.differing), nl=False)
         else:
-            from quadlog.pipelines.evaluation.metrics import explain_runs
-
             click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
     for line in outcome.failing:
         click.echo(f"--fail-if {printable(line)}", err=True)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +13,17 @@ import click
 
 from quadlog.cli.terminal import parameters
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
-from quadlog.errors import UsageError, printable
+from quadlog.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from quadlog.pipelines.batch.plan import Previewed
-    from quadlog.pipelines.request import ReplayOutcome
 
 
 @click.command(
     name="replay",
-    short_help="Replay recordings through all stages, one run folder each.",
+    short_help="Replay recordings through all stages.",
     epilog=parameters.examples(
         "quadlog replay walk.mcap -c quadlog.toml",
         "quadlog replay bags/ -c quadlog.toml --jobs 4 --resume",
@@ -36,21 +37,19 @@ if TYPE_CHECKING:
 @parameters.START
 @parameters.DURATION
 @parameters.PRESET
-@click.option("--planner", type=parameters.PlannerName(), metavar="NAME", help="Planner, as --set planner.name=NAME.")
 @click.option(
-    "--controller",
-    type=click.Choice([*CONTROLLERS, NO_CONTROLLER]),
-    help="Controller, as --set simulation.controller=NAME.",
+    "--planner", type=parameters.PlannerName(), metavar="NAME", help="Planner: astar, ia_star, d_star_lite, …."
 )
+@parameters.controller_option(*CONTROLLERS, NO_CONTROLLER)
 @parameters.UNTIL
-@click.option("--jobs", type=click.IntRange(min=1), help="Recordings in parallel. Default: number of cores.")
+@parameters.jobs_option("Recordings")
 @parameters.SCHEDULER
 @parameters.RESUME
 @parameters.FORCE
 @parameters.STAMP
 @parameters.MSG_PATH
 @parameters.seed_option()
-@click.option("--no-plots", is_flag=True, help="Do not write plots/*.png.")
+@click.option("--no-plots", is_flag=True, help="Write no pictures to plots/.")
 @click.option("--dry-run", is_flag=True, help="List what would be replayed, and stop.")
 @parameters.AS_JSON
 def command(
@@ -70,21 +69,18 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Replay recordings through all stages, one run folder each.
+    """Replay recordings through all stages; print the verdict and the page of each run.
 
-    A RECORDING is a .mcap, .bag or .db3 file, a ROS 2 bag folder, a folder of recordings, or @list.txt.
+    A RECORDING is a .mcap, .bag or .db3 file, a ROS 2 bag folder, a folder of recordings, or @list.txt. Its results
+    are written to OUTPUT/NAME: tables, maps, metrics and report.html.
     """
-    if resume and force:
-        raise UsageError("--resume and --force exclude each other")
-    if scheduler and jobs:
-        raise UsageError("--scheduler and --jobs exclude each other: the cluster sets the number of workers")
-
-    from quadlog.cli.terminal.progress_bars import open_batch_progress, open_progress
+    existing = parameters.what_exists(resume, force, scheduler, jobs)
+    from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import Flag, configure
     from quadlog.pipelines.batch.batch import replay_alone, replay_batch
     from quadlog.pipelines.batch.plan import plan_batch, preview_batch
     from quadlog.pipelines.executor.machine import cores
-    from quadlog.pipelines.request import Existing, ReplayOptions
+    from quadlog.pipelines.request import ReplayOptions
 
     flags = [
         Flag("--planner", "planner.name", planner),
@@ -93,21 +89,21 @@ def command(
     config, notes = configure(config_path, overrides, preset=preset, flags=flags)
     for note in notes:
         click.echo(printable(note), err=True)
-    existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
-
     batch = plan_batch(
         recordings, output, config, ReplayOptions(**options), existing, ("quadlog", *sys.argv[1:]), notes, not no_plots
     )
     if dry_run:
         _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)
         return 0
-    if len(batch) == 1 and scheduler is None:
-        with open_progress() as progress:
+    with open_progress() as progress:
+        if len(batch) == 1 and scheduler is None:
             outcome = replay_alone(batch[0], progress)
+        else:
+            outcome = replay_batch(batch, jobs or cores(), scheduler, progress)
+    if as_json:
+        click.echo(json.dumps([each.to_dict() for each in outcome.runs], indent=2, allow_nan=False))
     else:
-        with open_batch_progress() as batch_progress:
-            outcome = replay_batch(batch, jobs or cores(), scheduler, batch_progress)
-    _print_outcomes(outcome.runs, as_json)
+        _print_verdicts([each.run for each in outcome.runs if not each.failed], in_full=len(batch) == 1)
     for line in outcome.failure_lines():
         click.echo(printable(line), err=True)
     return outcome.exit_code
@@ -139,14 +135,25 @@ def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
     return f"{words}; about {duration_words(expected_s)} with {at_a_time}"
 
 
-def _print_outcomes(outcomes: Sequence[ReplayOutcome], as_json: bool) -> None:
-    if as_json:
-        click.echo(json.dumps([each.to_dict() for each in outcomes], indent=2, allow_nan=False))
-        return
-    for each in outcomes:
-        if each.failed:
-            continue  # on stderr, with the reason
-        click.echo(f"{each.run}")
-        for name, metric in each.metrics.items():
-            click.echo(f"  {name:<26} {metric['value']:>14.6g} {metric['unit']:<8} n={metric['n']}")
-        click.echo(f"  report: {each.run / 'report.html'}")
+def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:
+    """The status of each run and, in full, its verdict; then the page of the run, or the pages of the folders."""
+    from quadlog.results.page.verdict import status, verdict
+    from quadlog.results.run import Run
+    from quadlog.results.saved.find_runs import MEASURED, runs_here
+
+    for path in runs:
+        with runs_here([path], MEASURED) as (here,):
+            run = Run(here)
+            click.echo(f"{path}: {status(run)[0]}")
+            sentences = verdict(run) if in_full else []
+        for sentence in sentences:
+            click.echo(_folded(printable(f"  {sentence.subject}: {sentence.text}")))
+    for folder in dict.fromkeys(path if in_full else path.parent for path in runs):
+        click.echo(f"{folder / 'report.html'}")
+
+
+def _folded(line: str) -> str:
+    """The line, in a terminal broken at spaces to its width."""
+    if not sys.stdout.isatty():
+        return line
+    return textwrap.fill(line, shutil.get_terminal_size().columns, subsequent_indent="    ", break_on_hyphens=False)

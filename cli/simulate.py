@@ -12,7 +12,6 @@ from quadlog.cli.terminal import parameters
 from quadlog.config.controllers import CONTROLLERS
 
 TERRAINS = ("flat", "3cm", "6cm")
-MOST_SEEDS = 1000
 TROT = "trot-32s"
 
 
@@ -27,33 +26,29 @@ def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | N
 
 @click.command(
     name="simulate",
-    short_help="Walk a course with a simulated quadruped in MuJoCo.",
+    short_help="Walk a course with a simulated quadruped (MuJoCo).",
     epilog=parameters.examples(
         "quadlog simulate s-curve --controller fpmw --seeds 10",
         "quadlog simulate path.csv --terrain 3cm --disturbed --json",
     ),
 )
 @click.argument("course", metavar="COURSE", shell_complete=parameters.files("line", "circle", "s-curve", TROT))
-@click.option(
-    "--controller", type=click.Choice(list(CONTROLLERS)), help="Controller, as --set simulation.controller=NAME."
-)
+@parameters.controller_option(*CONTROLLERS)
 @click.option(
     "--terrain",
     metavar=f"{'|'.join(TERRAINS)}|RUN",
     callback=_terrain,
     shell_complete=parameters.files(*TERRAINS),
-    help="Terrain, or a run folder whose ground map to walk on. Default: flat; the s-curve has its own.",
+    help="Terrain, or a run folder with a ground map. Default: flat.",
 )
 @click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
-@click.option("--disturbed", is_flag=True, help="Add pushes, wrong mass and velocity, noisy and delayed poses.")
-@parameters.seed_option("First random seed, for terrain and disturbances.")
-@click.option(
-    "--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="Number of walks, one per seed."
-)
+@click.option("--disturbed", is_flag=True, help="Add pushes, mass and velocity errors, pose noise and lag.")
+@parameters.seed_option("First random seed.")
+@parameters.seeds_option("Number of walks, one per seed.")
 @parameters.CONFIG
 @parameters.set_option("mpc.mu=0.5")
 @click.option("-o", "--output", type=parameters.LOCAL_PATH, default=Path("runs"), help="Folder for the run folders.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Walks in parallel. Default: number of cores.")
+@parameters.jobs_option("Walks")
 @parameters.FORCE
 @parameters.AS_JSON
 def command(
@@ -73,20 +68,19 @@ def command(
 ) -> None:
     """Walk a course with a simulated quadruped, one run folder per seed.
 
-    A COURSE is line, circle or s-curve [Tracking], trot-32s [Foot], or a path: a TUM trajectory, or a CSV file with the
-    columns x_m and y_m.
+    A COURSE is line, circle, s-curve (on its own terrain), trot-32s, or a path: a TUM trajectory, or a CSV file with
+    the columns x_m and y_m.
 
-    Controllers: fpmw has fuzzy look-ahead, MPC and whole-body control; fpm no whole-body control; pmw a fixed
-    look-ahead; kinematic is a point that follows its commands exactly. A fall is a result, not an error.
+    Controllers: fpmw (fuzzy look-ahead, MPC, whole-body control), fpm (without whole-body control), pmw (fixed
+    look-ahead), kinematic (a point without a body). A fall is a result, not an error.
 
-    trot-32s is an experiment without a controller: joints follow a foot curve, once straight and once with a sideways
-    bulge. Its runs are OUTPUT/trot-32s/baseline and OUTPUT/trot-32s/3d-curve, with folders seed-000, … in these if
-    --seeds is above 1. Set payload, leg masses, hips and curve as in --set simulation.trot.payload_kg=1.2.
+    trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
+    keys are simulation.trot.*.
     """
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.config.file import Flag, configure
     from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate, trot_32s
-    from quadlog.results.text.walks import walks_text
+    from quadlog.results.text import values_text
 
     if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
         raise click.UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help.")
@@ -108,6 +102,7 @@ def command(
     for name in dict.fromkeys(each.controller for each in runs):
         mine = [each for each in runs if each.controller == name]
         click.echo(f"{mine[0].run.parent}: {mine[0].course}, {name}")
-        click.echo(walks_text([each.to_dict() for each in mine]), nl=False)
+        by_seed = {f"seed {each.seed}": {name: of["value"] for name, of in each.metrics.items()} for each in mine}
+        click.echo(values_text(by_seed), nl=False)
         for each in mine:
             click.echo(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")

@@ -26,23 +26,23 @@ COLUMNS = ("anchor", "x m", "+-", "y m", "+-", "z m", "+-", "bias m", "+-", "NLO
 
 @click.command(
     name="survey",
-    short_help="Find the positions of UWB anchors from ranges and odometry.",
+    short_help="Estimate the positions of UWB anchors.",
     epilog=examples(
         "quadlog survey walk.mcap -o anchors.toml",
         "quadlog survey walk.mcap -c quadlog.toml --set topics.position=lidar --json",
-        "quadlog survey walk.mcap --anchor-height 2.1 --anchor-height 4=1.6 -o anchors.toml",
+        "quadlog survey walk.mcap --anchor-height 2.1 --anchor-height 4=1.6",
     ),
 )
 @click.argument("recording", type=PATH_OR_URL)
 @CONFIG
 @set_option("topics.position=/mocap/pose")
-@click.option("-o", "--output", type=LOCAL_PATH, help="Config to write, for  quadlog replay -c.")
+@click.option("-o", "--output", type=LOCAL_PATH, help="Configuration file to write, for `quadlog replay -c`.")
 @click.option(
     "--anchor-height",
     "heights",
     multiple=True,
     metavar="[ID=]M",
-    help="Known height above the floor of one anchor or of all others, m; repeatable.",
+    help="Height above the floor of anchor ID or of all others, m; repeatable.",
 )
 @STAMP
 @MSG_PATH
@@ -61,12 +61,15 @@ def command(
 ) -> int:
     """Estimate the position and range bias of every UWB anchor, with 95 % bounds.
 
-    The bounds hold on walks whose errors of ranges and odometry are like the model's. Uses the ranges of the robot's
-    tags and any odometry: tf, an odometry topic, the legs' joints, the lidar's scans, or what topics.position names.
-    The frame is base at the first pose, or map where [[uwb.anchors]] has two anchors and more; only three reveal an
-    odometry that turns to the wrong side, which mirrors all positions. Without known heights anchors are taken to
-    hang above the tag. Refused with exit code 1: a walk that does not determine the positions (walk a loop of 10 m or
-    more, several metres each way), an odometry or known anchors that the ranges contradict.
+    Uses the ranges of the robot's tags and any odometry: tf, an odometry topic, joints, lidar scans, or the source
+    named by topics.position. Walk a loop of 10 m or more, several metres in each direction. The bounds hold on walks
+    whose errors of ranges and odometry are like the model's.
+
+    Positions are in the frame base at the first pose, or in map if [[uwb.anchors]] has two anchors or more. Configure
+    three to detect an odometry that turns to the wrong side, which mirrors all positions. Anchors without a known
+    height are placed above the tag.
+
+    Exit code 1: the walk does not determine the positions, or the ranges contradict the odometry or the known anchors.
     """
     given = _heights(heights)
     from quadlog.cli.terminal.progress_bars import open_progress
@@ -75,7 +78,7 @@ def command(
     from quadlog.pipelines.request import ReplayOptions
     from quadlog.pipelines.survey.output import survey_json, survey_toml
     from quadlog.pipelines.survey.survey import survey_recording
-    from quadlog.results.run.outputs import refuse_existing
+    from quadlog.results.saved.outputs import refuse_existing
 
     if output is not None:
         refuse_existing(output, force)  # before the recording is read, which may take a while
@@ -85,7 +88,7 @@ def command(
     if output is not None:
         write_new(output, survey_toml(outcome), force=force)
     found = survey_json(outcome)
-    click.echo(json.dumps(found, indent=2, allow_nan=False) if as_json else "\n".join(table_lines(found)))
+    click.echo(json.dumps(found, indent=2, allow_nan=False) + "\n" if as_json else table_text(found), nl=False)
     return ExitCode.WITH_LOSS if outcome.losses else ExitCode.DONE
 
 
@@ -104,12 +107,11 @@ def _heights(texts: tuple[str, ...]) -> dict[int | None, float]:
     return given
 
 
-def table_lines(found: dict[str, Any]) -> list[str]:
-    """The object of `survey --json` as an aligned table."""
-    from quadlog.results.text.markup import aligned
+def table_text(found: dict[str, Any]) -> str:
+    """The object of `survey --json` as a table."""
+    from quadlog.results.text import print_table, terminal_width
 
-    rows = [_cells(each) for each in found["anchors"]]
-    return list(aligned([COLUMNS, *rows], left=(len(COLUMNS) - 1,)))
+    return print_table(COLUMNS, [_cells(each) for each in found["anchors"]], width=terminal_width())
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

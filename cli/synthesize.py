@@ -37,19 +37,20 @@ MAX_AZIMUTH_STEPS = 4000
     metavar="S",
     help="Length of the recording.",
 )
-@seed_option("Random seed, for sensor errors and the layout of forest and corridor.")
+@seed_option()
 @click.option(
     "--azimuth-steps",
     type=click.IntRange(min=16, max=MAX_AZIMUTH_STEPS),
     default=1875,
-    help="Azimuths per lidar sweep, 16 rays each.",
+    metavar="N",
+    help="Azimuth steps per lidar sweep (16 beams).",
 )
 @click.option(
     "--body",
     is_flag=True,
-    help="Let a simulated quadruped walk the robot's way; adds its joints, torques and foot forces, /joint_states.",
+    help="Simulate a quadruped on the robot's path; adds /joint_states and foot forces.",
 )
-@click.option("--config-output", type=LOCAL_PATH, help="Also write the quadlog.toml for replaying it.")
+@click.option("--config-output", type=LOCAL_PATH, help="Also write the quadlog.toml for its replay.")
 @FORCE
 def command(
     scenario: str,
@@ -62,17 +63,15 @@ def command(
     config_output: Path | None,
     force: bool,
 ) -> None:
-    """Write a recording with known ground truth.
+    """Write a recording with known ground truth: a robot follows a walking person.
 
-    A robot follows a walking person; their true poses are in the topics
-    /truth/robot/pose and /truth/person/pose.
+    \b
+    follow    boxes, walls and trees on flat ground
+    forest    trees, saplings and low branches on uneven ground
+    corridor  a winding corridor, 2 m wide
 
-    follow: among boxes, walls and trees, on flat ground.
-
-    forest: between trees, saplings and low branches, over uneven ground.
-
-    corridor: through a winding corridor two metres wide.
-    """
+    True poses are in the topics /truth/robot/pose and /truth/person/pose.
+    """  # noqa: D301 - click reads \b as: keep the lines of this paragraph
     from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 

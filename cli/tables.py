@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from quadlog.results.papers.table import PaperTable
 
 NAMES = f"TABLE is any of {', '.join(TABLES)}. Default: all."
-HELP = f"""Measure the tables of the papers again; write README.md, report.html, and CSV, LaTeX and pictures of each.
+HELP = f"""Measure the tables of the papers; print the results beside the printed values.
 
 \b
 {textwrap.fill(NAMES, 76, break_on_hyphens=False)}
@@ -24,7 +24,7 @@ HELP = f"""Measure the tables of the papers again; write README.md, report.html,
 
 @click.command(
     name="tables",
-    short_help="Measure the papers' tables; print both results side by side.",
+    short_help="Measure the tables of the papers.",
     help=HELP,
     epilog=examples(
         "quadlog tables --fast",
@@ -32,8 +32,14 @@ HELP = f"""Measure the tables of the papers again; write README.md, report.html,
     ),
 )
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
-@click.option("-o", "--output", type=LOCAL_PATH, default=Path("tables"), help="Folder to write to.")
-@click.option("--fast", is_flag=True, help="Fewer random draws, wider intervals.")
+@click.option(
+    "-o",
+    "--output",
+    type=LOCAL_PATH,
+    default=Path("tables"),
+    help="Folder for report.html, and CSV, LaTeX and pictures of each table.",
+)
+@click.option("--fast", is_flag=True, help="Use fewer random samples (wider intervals).")
 @seed_option()
 @FORCE
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
@@ -44,22 +50,20 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
     with open_progress() as progress:
         tables = make_tables(names, output, fast=fast, seed=seed, force=force, progress=progress)
     for table in tables:
-        print_table(table)
+        click.echo(table_text(table), nl=False)
     click.echo(f"{output / 'report.html'}: every quantity, with pictures and notes")
     return 0
 
 
-def print_table(table: PaperTable) -> None:
-    """Print the rows that the paper has too; all rows where it has none."""
-    from quadlog.results.papers.page import RIGHT, SHOWN, shown_cells
-    from quadlog.results.text.markup import aligned
+def table_text(table: PaperTable) -> str:
+    """The rows that the paper has too; all rows where it has none."""
+    from quadlog.results.papers.folder import SHOWN, shown_cells
+    from quadlog.results.text import TitledTable, print_tables, terminal_width
 
     if not table.rows:
-        click.echo(f"{table.name}: {table.sizes}")
-        return
+        return f"{table.name}: {table.sizes}\n"
     printed = [row for row in table.rows if row.paper is not None or row.reproduces is not None]
-    click.echo(f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}")
-    left = [at for at, name in enumerate(SHOWN) if name not in RIGHT]
-    for line in aligned([SHOWN, *(shown_cells(row) for row in printed or table.rows)], left):
-        click.echo(f"  {line}")
-    click.echo(f"{table.reproduced}; {len(table.rows)} quantities in all")
+    title = f"{table.name}: {table.title}{' (fast run)' if table.fast else ''}"
+    rows = [shown_cells(row) for row in printed or table.rows]
+    below = f"{table.reproduced}; {len(table.rows)} quantities in all"
+    return print_tables([TitledTable(title, SHOWN, rows)], "plain", [below], terminal_width())

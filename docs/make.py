@@ -71,7 +71,7 @@ Every metric of `metrics.json` and `quadlog metrics`. `make docs` writes this pa
 a test fails when it is out of date. A metric that does not apply to a run is absent, never 0.
 
 ```sh
-quadlog metrics runs/yesterday                          # with mean, std and quantiles of the samples
+quadlog metrics runs/yesterday                          # with n and 95 % intervals
 quadlog metrics --explain eta_m                         # what it means
 quadlog metrics runs/yesterday --explain success_rate   # and when the run was at its worst
 ```

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from quadlog.errors import CannotWrite, ExitCode
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.run.record import InputRecord, describe_input
-from quadlog.results.run.run_folder import RunFolder, place_of_new, publish_new, remove_new
-from quadlog.results.run.stage_marks import MARKS_FILE
-from quadlog.results.run.stages import reused_words
+from quadlog.results.record import InputRecord, describe_input
+from quadlog.results.saved.run_folder import RunFolder, place_of_new, publish_new, remove_new
+from quadlog.results.saved.stage_marks import MARKS_FILE
+from quadlog.results.saved.stages import reused_words
 from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:

@@ -1,92 +1,89 @@
-"""`quadlog report`: draw figures and pages of runs again, in two processes where there are two cores.
-
-This module imports nothing heavy, so that both processes load it at the same time.
-"""
+"""`quadlog report`: pictures and pages of saved runs, drawn again."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quadlog.pipelines.executor.local_pool import LocalPool
-from quadlog.pipelines.executor.machine import cores
-
 if TYPE_CHECKING:
-    from quadlog.results.page.side_by_side import RunPair
-
-_LOADED = ("quadlog.results.page.report", "matplotlib.backends.backend_agg", "matplotlib.figure", "matplotlib.style")
+    from quadlog.results.page.runs_page import Compared
+    from quadlog.results.run import Run
 
 
 def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
-    """The report of each run folder or folder of runs, once it is written; `files_beside_runs` are left out.
+    """The page of each run folder or folder of runs, once it is written; `files_beside_runs` are left out.
 
-    Raises as write_report does.
+    Raises NotARun, CannotWrite.
     """
-    with ExitStack() as stack:
-        helper = stack.enter_context(LocalPool(1)) if cores() > 1 else None
-        if helper is not None:
-            helper.submit(load_drawing)
-        load_drawing()
-        from quadlog.pipelines.batch.summary import rebuild_summary
-        from quadlog.results.page.report import write_report
-        from quadlog.results.run.find_runs import files_beside_runs, is_run
-        from quadlog.results.sweep.page import write_sweep_page
-        from quadlog.results.sweep.table import TABLE
+    from quadlog.pipelines.batch.summary import rebuild_summary
+    from quadlog.results.figures import drawings_of, write_plots
+    from quadlog.results.page.run_page import write_run_page
+    from quadlog.results.page.runs_page import write_sweep_page
+    from quadlog.results.run import Run
+    from quadlog.results.saved.find_runs import files_beside_runs, is_run
+    from quadlog.results.sweep.table import TABLE
 
-        beside = files_beside_runs(runs)
-        for run in (run for run in runs if run not in beside):
-            alone = is_run(run) or not run.is_dir()
-            if alone:
-                yield write_report(run, helper)
-            else:
-                yield write_sweep_page(run) if (run / TABLE).is_file() else rebuild_summary(run)
+    beside = files_beside_runs(runs)
+    for path in (path for path in runs if path not in beside):
+        if not is_run(path) and path.is_dir():
+            yield write_sweep_page(path) if (path / TABLE).is_file() else rebuild_summary(path)
+            continue
+        run = Run(path)
+        drawings = drawings_of(run)
+        write_plots(path, drawings)
+        yield write_run_page(run, drawings)
 
 
-def write_side_by_side(a: Path, b: Path, output: Path, force: bool) -> Path:
-    """Write a page with two finished runs, and return its path. force: replace an existing one.
+def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
+    """Write a page with finished runs, the first one being what the others are compared with; returns its path.
 
-    Raises AlreadyExists, UsageError for an output that is a file of a run, CannotWrite, and what reading the runs
-    raises: NotARun, TooLarge, UnreadableFile.
+    force: replace an existing file. Raises AlreadyExists, UsageError for an output that is a file of one of the runs,
+    CannotWrite, and what reading the runs raises: NotARun, TooLarge, UnreadableFile.
     """
-    from quadlog.results.page.side_by_side import side_by_side_page
-    from quadlog.results.run.outputs import refuse_existing
-    from quadlog.storage.atomic_write import new_folder, write_whole
+    from quadlog.results.page.blocks import write_page
+    from quadlog.results.page.runs_page import side_by_side_page
+    from quadlog.results.saved.outputs import refuse_existing
+    from quadlog.storage.atomic_write import new_folder
 
     refuse_existing(output, force)
-    page = side_by_side_page(_compare(a, b))
+    compared, notes = _compare(runs)
+    page = side_by_side_page(" and ".join(dict.fromkeys(run.title for run in compared.runs.values())), compared, notes)
     with new_folder(output.parent):
-        write_whole(output, page)
-    return output
+        return write_page(output, page)
 
 
-def _compare(a: Path, b: Path) -> RunPair:
-    """Both runs, and what differs between them."""
+def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
+    """The runs by name, what differs between the first and each other one, and why runs cannot be paired."""
     from quadlog.metrics.comparison.paired import paired_differences
     from quadlog.pipelines.evaluation.samples import read_samples
-    from quadlog.results.compare.common_clock import open_runs
-    from quadlog.results.compare.differences import EXACT
-    from quadlog.results.compare.run_diff import compare_origins, diff_runs
-    from quadlog.results.page.side_by_side import RunPair
-    from quadlog.results.run.find_runs import run_labels
+    from quadlog.results.diff import diff_runs, first_moments
+    from quadlog.results.page.runs_page import Compared
+    from quadlog.results.run import Run
+    from quadlog.results.saved.find_runs import run_labels
 
-    run_a, run_b, clock = open_runs((a, b))
-    diff, samples, problems = None, [], []
-    if clock.is_shared:
-        diff = diff_runs(a, b, EXACT)
-        for run in (a, b):
-            found, errors = read_samples(run, run_a.metrics.keys() & run_b.metrics.keys(), may_lack=True)
-            samples.append(found)
-            problems += [str(error) for error in errors]
-    origins = compare_origins(run_a.record.to_dict(), run_b.record.to_dict()) if diff is None else diff.origins
-    differences = paired_differences(*samples) if samples else {}
-    name_a, name_b = run_labels((a, b))
-    return RunPair(run_a, run_b, (name_a, name_b), clock, origins, diff, differences, problems)
+    runs = dict(zip(run_labels(paths), map(Run, paths), strict=True))
+    (first_name, first), *others = runs.items()
+    paired, moments, notes = {}, [], []
+    own, errors = read_samples(first.path, first.metrics.keys(), may_lack=True)
+    for name, run in others:
+        if (why := why_not_paired(first, run)) is not None:
+            notes.append(f"{name} is not paired with {first_name}: {why}")
+            continue
+        run.start_ns = first.start_ns
+        samples, more = read_samples(run.path, run.metrics.keys() & own.keys(), may_lack=True)
+        errors += more
+        paired[name] = paired_differences(own, samples)
+        moments += first_moments(diff_runs(first, run), first)
+    notes += [str(error) for error in errors]
+    return Compared(runs, not notes and len(paired) == len(others), paired, moments), notes
 
 
-def load_drawing() -> None:
-    """Import all that drawing takes: a third of a short report's time."""
-    for name in _LOADED:
-        import_module(name)
+def why_not_paired(a: Run, b: Run) -> str | None:
+    """Why instants of two runs are not the same instants; None where they are."""
+    if a.simulated != b.simulated:
+        return "one is a simulated walk, the other the replay of a recording"
+    if a.record.input.identity != b.record.input.identity:
+        return f"they are of different {'courses' if a.simulated else 'recordings'}"
+    stamps = [str(run.record.options.get("stamp")) for run in (a, b)]
+    return None if a.simulated or stamps[0] == stamps[1] else f"their times are {stamps[0]} and {stamps[1]} stamps"

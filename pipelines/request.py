@@ -12,7 +12,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
 
 if TYPE_CHECKING:
-    from quadlog.results.run.record import InputRecord
+    from quadlog.results.record import InputRecord
 
 GOES_ON = "--resume goes on"
 

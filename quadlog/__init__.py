@@ -3,7 +3,7 @@
 From Python:
 
     run = quadlog.replay("walk.mcap", settings={"planner.name": "astar"})   # or quadlog.load_run("runs/walk")
-    run.metrics["eta_m"], run.tables["poses"], run.maps.occupied(0)
+    run.metric("eta_m"), run.table("poses"), run.maps.occupied(0)
     with quadlog.open_recording("walk.mcap") as recording:
         for t_ns, topic, message in recording.messages(["/points"]): ...
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from quadlog.errors import QuadlogError
     from quadlog.pipelines.api import replay
     from quadlog.recordings.recording import Recording, open_recording
-    from quadlog.results.run.loaded_run import Run, load_run
+    from quadlog.results.run import Run, load_run
 
 _HOMES = {
     "QuadlogError": "quadlog.errors",
     "Recording": "quadlog.recordings.recording",
-    "Run": "quadlog.results.run.loaded_run",
-    "load_run": "quadlog.results.run.loaded_run",
+    "Run": "quadlog.results.run",
+    "load_run": "quadlog.results.run",
     "open_recording": "quadlog.recordings.recording",
     "replay": "quadlog.pipelines.api",
 }

@@ -470,8 +470,9 @@ class UnknownRunFormat(QuadlogError):
     def __init__(self, path: Path | str, found: object, written_by: object, known: int, version: str) -> None:
         self.path, self.found, self.written_by, self.known = path, found, written_by, known
         super().__init__(
-            f"{path}: is a run of format {str(found)[:40]}, written by quadlog {str(written_by)[:40]}; this quadlog, "
-            f"{version}, reads format {known}: use that version, or replay the recording again"
+            f"{path}: is a run of format {printable(found)[:40]}, written by quadlog "
+            f"{printable(written_by)[:40]}; this quadlog, {version}, reads format {known}: use that version, or "
+            "replay the recording again"
         )
 
 

@@ -13,7 +13,7 @@ import yaml
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.errors import ExitCode
-from quadlog.results.run.run_folder import read_metrics
+from quadlog.results.saved.run_folder import read_metrics
 from quadlog.version import __version__
 
 ROOT = Path(__file__).parents[1]
@@ -56,7 +56,7 @@ def printed(words: list[str]) -> str:
 
 def test_make_demo_is_what_the_readme_says(demo):
     folder, said = demo
-    assert "eta_m" in said
+    assert "The robot followed its target" in said
     assert said.splitlines()[-1].endswith("report.html")
     # The robot follows the person round the end of a wall, and touches nothing.
     metrics = {name: each["value"] for name, each in read_metrics(folder).items()}

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 from click.shell_completion import CompletionItem
 
 from quadlog.config.planners import PLANNER_NAMES
-from quadlog.errors import printable
-from quadlog.results.run.stages import STAGES
+from quadlog.errors import UsageError, printable
+from quadlog.results.saved.stages import STAGES
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.request import Existing
 
 
 def examples(*commands: str) -> str:
@@ -82,10 +85,19 @@ PATH_OR_URL = PathType(urls=True)
 LOCAL_PATH = PathType(urls=False)
 
 FORMATS = ("table", "json", "csv", "markdown", "latex")
-FORMAT = click.option("--format", "to", type=click.Choice(FORMATS), default="table", help="Format of the output.")
+FORMAT = click.option(
+    "--format",
+    "to",
+    type=click.Choice(FORMATS),
+    default="table",
+    metavar="FORMAT",
+    help=f"Output format: {', '.join(FORMATS)}.",
+)
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-CONFIG = click.option("-c", "--config", "config_path", type=LOCAL_PATH, help="Configuration, a quadlog.toml.")
-MSG_PATH = click.option("--msg-path", type=LOCAL_PATH, multiple=True, help="Folder of further .msg definitions.")
+CONFIG = click.option("-c", "--config", "config_path", type=LOCAL_PATH, help="Configuration file (quadlog.toml).")
+MSG_PATH = click.option(
+    "--msg-path", type=LOCAL_PATH, multiple=True, help="Folder with more .msg definitions; repeatable."
+)
 FORCE = click.option("--force", is_flag=True, help="Replace existing results.")
 START = click.option("--start", "start_s", type=click.FloatRange(min=0), metavar="S", help="Skip the first S seconds.")
 DURATION = click.option(
@@ -94,11 +106,17 @@ DURATION = click.option(
 PRESET = click.option(
     "--preset",
     type=click.Choice(["paper"]),
-    help="Use the papers' methods and parameters, whatever the config file says.",
+    help="Methods and parameters of the papers; overrides the config file.",
 )
-UNTIL = click.option("--until", type=click.Choice(STAGES), default="report", help="Last stage to run.")
+UNTIL = click.option(
+    "--until",
+    type=click.Choice(STAGES),
+    default="report",
+    metavar="STAGE",
+    help=f"Last stage to run: {', '.join(STAGES)}.",
+)
 SCHEDULER = click.option(
-    "--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, as in tcp://host:8786."
+    "--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler (tcp://host:8786)."
 )
 RESUME = click.option("--resume", is_flag=True, help="Keep finished runs and complete the others.")
 STAMP = click.option(
@@ -107,22 +125,51 @@ STAMP = click.option(
     default="header",
     help="Timestamps to use: message header or log time.",
 )
+MOST_SEEDS = 1000
 
 
 def set_option(example: str) -> Callable[[Any], Any]:
     """The option --set."""
-    text = f"Set one key of the configuration, as in {example}; repeatable."
+    text = f"Set a configuration key ({example}); repeatable."
     return click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help=text)
 
 
 def seed_option(text: str = "Random seed.") -> Callable[[Any], Any]:
     """The option --seed, in the range that numpy's generators take."""
-    return click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help=text)
+    return click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", help=text)
+
+
+def seeds_option(text: str) -> Callable[[Any], Any]:
+    """The option --seeds: the number of seeds from --seed on."""
+    return click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help=text)
+
+
+def jobs_option(what: str) -> Callable[[Any], Any]:
+    """The option --jobs."""
+    text = f"{what} in parallel. Default: number of cores."
+    return click.option("--jobs", type=click.IntRange(min=1), metavar="N", help=text)
+
+
+def controller_option(*choices: str) -> Callable[[Any], Any]:
+    """The option --controller."""
+    text = f"Controller: {', '.join(choices)}."
+    return click.option("--controller", type=click.Choice(choices), metavar="NAME", help=text)
+
+
+def what_exists(resume: bool, force: bool, scheduler: str | None, jobs: int | None) -> Existing:
+    """What happens to existing runs. Raises UsageError for options that exclude each other."""
+    from quadlog.pipelines.request import Existing
+
+    if resume and force:
+        raise UsageError("--resume and --force exclude each other")
+    if scheduler and jobs:
+        raise UsageError("--scheduler and --jobs exclude each other: the cluster sets the number of workers")
+    return Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
 
 
 def report_skipped(runs: Sequence[Path]) -> None:
     """Name on stderr the plain files among the arguments that lie beside run folders, as `runs/*` gives them."""
-    from quadlog.results.run.find_runs import files_beside_runs
+    from quadlog.results.saved.find_runs import files_beside_runs
 
     if skipped := files_beside_runs(runs):
         click.echo(printable(f"skipped, not a run folder: {', '.join(map(str, skipped))}"), err=True)

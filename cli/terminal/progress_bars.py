@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from threading import Lock
@@ -13,86 +12,125 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from quadlog.errors import printable
-from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.batch.progress import BatchLines
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from quadlog.pipelines.batch.progress import BatchCounts, BatchProgress
+    from quadlog.pipelines.batch.progress import BatchCounts
 
-MAX_NAME, MAX_LINES = 28, 32
+MAX_NAME, MAX_LINES = 20, 32
 """Characters shown of a recording's name, and lines of workers."""
 
 
-class WorkerLines(Silent):
-    """A bar of the whole batch and a bar per worker; failures and warnings are printed above.
+def open_progress() -> AbstractContextManager[BatchLines]:
+    """Bars where stderr is a terminal; elsewhere a line for each message and each recording of a batch."""
+    if sys.stderr.isatty():
+        return Bars()
+    return nullcontext(BatchLines(lambda text: click.echo(printable(text), err=True)))
 
-    The report of the whole folder, which follows the batch, has no bar.
-    """
+
+class Bars(BatchLines):
+    """A bar for each stage of a recording; of a batch one for the whole and one for each worker. Lines go above."""
 
     def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn
 
+        super().__init__(self._print)
         self._bars = Progress(
             TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=20),
+            BarColumn(bar_width=12),
             TextColumn("{task.fields[words]}", markup=False),
             console=Console(stderr=True),
         )
-        self._lines: dict[str, TaskID] = {}
-        self._at: dict[str, str] = {}
+        self._first: TaskID | None = None  # the current stage, or the whole batch
+        self._recorded_s: float | None = None
+        self._workers: dict[str, TaskID] = {}
+        self._runs: dict[str, str] = {}
         self._changing = Lock()
 
-    def __enter__(self) -> WorkerLines:
+    def __enter__(self) -> Bars:
         self._bars.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if value is None:
+            self._complete()
         self._bars.stop()
 
-    def say(self, text: str) -> None:
-        """A line above the bars."""
+    def _print(self, text: str) -> None:
         self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
+
+    def begin(self, stage: str, total: int | None) -> None:
+        """A new bar below the others."""
+        self._complete()
+        self._first = self._bars.add_task(f"{stage:<9}", total=total, words="")
+        self._recorded_s = None
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        """One more step, with the mean rate and the time left."""
+        if self._first is None:
+            return
+        self._bars.advance(self._first)
+        self._recorded_s, left_s = recorded_s, self._bars.tasks[-1].time_remaining
+        self._describe(f"{duration_words(left_s)} left" if left_s else "")
+
+    def _complete(self) -> None:
+        """Show the last stage as full, also one of unknown length, with its duration."""
+        if self._first is not None and not self._tally.recordings:
+            task = self._bars.tasks[-1]
+            self._describe(duration_words(task.finished_time or task.elapsed or 0.0))
+            self._bars.update(self._first, total=max(task.completed, 1), completed=max(task.completed, 1))
+
+    def _describe(self, last: str) -> None:
+        """Show steps, rate and the last words of the current stage."""
+        assert self._first is not None
+        task = self._bars.tasks[-1]
+        spent_s = task.finished_time or task.elapsed
+        factor = None if self._recorded_s is None or not spent_s else self._recorded_s / spent_s
+        step = {"steps": round(task.completed), "total": task.total, "realtime_factor": factor}
+        self._bars.update(self._first, words=step_words(step, last))
 
     def expect(self, tally: BatchCounts, workers: int) -> None:
         """Add the bar of the whole batch."""
-        self._tally, self._workers = tally, workers
-        self._total = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, workers))
+        super().expect(tally, workers)
+        self._count = workers
+        self._first = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, workers))
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """Update the bar of a worker."""
         worker, run = step["worker"], printable(step["run"])[:MAX_NAME]
-        described = f"{run:<{MAX_NAME}} {step['stage']:<9}"
-        shown = {"total": step["total"] or None, "completed": step["steps"], "words": step_words(step)}
+        shown = {"total": step["total"] or None, "completed": step["steps"], "words": step_words(step, worker)}
         with self._changing:
-            if worker not in self._lines:
-                if len(self._lines) == MAX_LINES:
+            if worker not in self._workers:
+                if len(self._workers) == MAX_LINES:
                     return
-                self._lines[worker] = self._bars.add_task(described, words="")
-            self._at[worker] = step["run"]
-            self._bars.update(self._lines[worker], description=described, **shown)
+                self._workers[worker] = self._bars.add_task("", words="")
+            self._runs[worker] = step["run"]
+            self._bars.update(self._workers[worker], description=f"{run:<{MAX_NAME}} {step['stage']:<9}", **shown)
 
     def finish(self, run: str, words: str) -> None:
         """Remove the bar of the run's worker; print the outcome unless it is `done`."""
         if words != "done":
             self.say(f"{run}: {words}")
         with self._changing:
-            for worker in [worker for worker, at in self._at.items() if at == run]:
-                del self._at[worker]
-                self._bars.remove_task(self._lines.pop(worker))
-            words = total_words(self._tally, self._workers)
-            self._bars.update(self._total, completed=self._tally.done, words=words)
+            for worker in [worker for worker, at in self._runs.items() if at == run]:
+                del self._runs[worker]
+                self._bars.remove_task(self._workers.pop(worker))
+            assert self._first is not None, "a batch starts with expect"
+            words = total_words(self._tally, self._count)
+            self._bars.update(self._first, completed=self._tally.done, words=words)
 
 
-def step_words(step: Mapping[str, Any]) -> str:
-    """Steps of the stage, real-time factor, and name of the worker."""
-    far = f"{step['steps']}/{step['total']}" if step["total"] else f"{step['steps']}" if step["steps"] else ""
-    factor = step["realtime_factor"]
+def step_words(step: Mapping[str, Any], last: str) -> str:
+    """Steps of the stage, real-time factor, and the last words."""
+    steps, total, factor = step["steps"], step["total"], step["realtime_factor"]
+    far = f"{steps}/{total:g}" if total else f"{steps}" if steps else ""
     rate = "" if factor is None else f"{factor:.1f}x real time"
-    return "  ".join(word for word in (far, rate, str(step["worker"])) if word)
+    return "  ".join(word for word in (far, rate, last) if word)
 
 
 def total_words(tally: BatchCounts, workers: int) -> str:
@@ -109,82 +147,3 @@ def duration_words(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
     return f"{seconds / 60:.0f} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def open_batch_progress() -> AbstractContextManager[BatchProgress]:
-    """A bar per worker where stderr is a terminal, a line per recording elsewhere."""
-    from quadlog.pipelines.batch.progress import BatchLines
-
-    if sys.stderr.isatty():
-        return WorkerLines()
-    return nullcontext(BatchLines(lambda text: click.echo(printable(text), err=True)))
-
-
-class Lines(Silent):
-    """Choices and warnings as plain lines, for a stderr that is not a terminal."""
-
-    def say(self, text: str) -> None:
-        """One line on stderr."""
-        click.echo(printable(text), err=True)
-
-
-class Bars:
-    """A bar per stage."""
-
-    def __init__(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._bars = Progress(
-            TextColumn("{task.description:<9}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[rate]}"),
-            console=Console(stderr=True),
-        )
-        self._task: TaskID | None = None
-        self._steps, self._started = 0, 0.0
-
-    def __enter__(self) -> Bars:
-        self._bars.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if value is None:
-            self._complete()
-        self._bars.stop()
-
-    def begin(self, stage: str, total: int | None) -> None:
-        """A new bar below the others."""
-        self._complete()
-        self._task = self._bars.add_task(stage, total=total, rate="")
-        self._steps, self._started = 0, time.perf_counter()
-
-    def _complete(self) -> None:
-        """Show the last stage as full, also one of unknown length."""
-        if self._task is not None:
-            steps = max(self._steps, 1)
-            self._bars.update(self._task, total=steps, completed=steps)
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        """One more step, with the mean rate."""
-        if self._task is None:
-            return
-        self._steps += 1
-        elapsed_s = max(time.perf_counter() - self._started, 1e-9)
-        rate = f"{self._steps / elapsed_s:.0f}/s"
-        if recorded_s is not None:
-            rate += f", {recorded_s / elapsed_s:.1f}x real time"
-        self._bars.update(self._task, advance=1, rate=rate)
-
-    def say(self, text: str) -> None:
-        """A line above the bars."""
-        self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
-
-
-def open_progress() -> AbstractContextManager[Bars] | AbstractContextManager[Lines]:
-    """Bars where stderr is a terminal, lines elsewhere."""
-    return Bars() if sys.stderr.isatty() else nullcontext(Lines())

@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -16,10 +16,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fuzzing.oracles import command, expect, replaced
+from quadlog.config.schema import Config
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.run.loaded_run import load_run
-from quadlog.results.run.maps import (
+from quadlog.results.foxglove import write_derived
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run, load_run
+from quadlog.results.saved.maps import (
     CloudSample,
     GroundMap,
     MapsWriter,
@@ -29,10 +31,9 @@ from quadlog.results.run.maps import (
     write_cloud_samples,
     write_ground,
 )
-from quadlog.results.run.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.stage_marks import FileMark, StageMark, read_marks, write_marks
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.stage_marks import FileMark, StageMark, read_marks, write_marks
+from quadlog.results.saved.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -68,15 +69,24 @@ def write_run(folder: Path) -> None:
     )
     run.write_metrics({name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
     record = RunRecord(
-        *("1.0.0", ["quadlog", "replay", "walk.mcap"], config, {"seed": 0, "until": "report"}),
-        *(InputRecord("walk.mcap", 1234, "ab" * 32), 0, 4.0),
-        topics=[TopicRecord("lidar", "/points", "sensor_msgs/msg/PointCloud2", 40, "the only one")],
-        losses=[LossRecord("crc", "one chunk is damaged", "/points", 5)],
-        stages=[StageRecord("ingest", 0.5, 120.0)],
+        quadlog_version="1.0.0",
+        command=["quadlog", "replay", "walk.mcap"],
+        config=Config.model_validate(config),
+        options={"seed": 0, "until": "report"},
+        input=InputRecord(path="walk.mcap", size_bytes=1234, sha256="ab" * 32),
+        seed=0,
+        recorded_s=4.0,
+        topics=[
+            TopicRecord(
+                role="lidar", topic="/points", type="sensor_msgs/msg/PointCloud2", messages=40, why="the only one"
+            )
+        ],
+        losses=[LossRecord(cause="crc", detail="one chunk is damaged", topic="/points", count=5)],
+        stages=[StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0)],
         host={"name": "host"},
         packages={"numpy": "2"},
     )
-    write_derived(folder, record=record)
+    write_derived(Run(folder, record))
     run.write_run_json(record)
 
 
@@ -187,8 +197,8 @@ def _read_all(run: Path) -> None:
         lambda: read_cloud_samples(run),
         lambda: read_ground(run),
     ]
-    readers += [lambda: read_marks(run), lambda: load_run(run).metrics, lambda: dict(load_run(run).tables)]
-    readers.append(lambda: load_run(run).config)
+    readers += [lambda: read_marks(run), lambda: load_run(run).metrics]
+    readers += [partial(lambda name: load_run(run).table(name), name) for name in TABLES if name != "summary"]
     for reader in readers:
         try:
             reader()

@@ -7,12 +7,10 @@ from pathlib import Path
 from zlib import crc32
 
 from fuzzing.oracles import command, expect
-from quadlog.config.file import commented_toml, load_config
+from quadlog.config.file import commented_toml, load_config, read_bounds
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
 from quadlog.recordings.find import find_recordings
-from quadlog.results.compare.expectations import read_expectations
-from quadlog.results.run.tables import METRIC_NAMES
 from quadlog.storage.formats.movingai import read_movingai_map, read_movingai_scen
 from quadlog.storage.formats.path_file import read_path
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -31,7 +29,7 @@ def toml(folder: Path, data: bytes) -> None:
         path.write_text(commented_toml(config))
         expect(load_config(path, environ={}) == config, "a configuration does not come back as it was written")
     elif kind == 1:
-        read_expectations(path, METRIC_NAMES)
+        read_bounds(path)
     else:
         load_config(None, [text.decode("utf-8", "replace")], environ={})
 

@@ -20,7 +20,7 @@ from quadlog.pipelines.batch.task import BatchTask, measured
 from quadlog.pipelines.executor.executor import open_engine
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.run.run_folder import place_of_new
+from quadlog.results.saved.run_folder import place_of_new
 from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
 
 SHOWN_FAILURES = 20

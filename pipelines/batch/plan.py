@@ -18,9 +18,8 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
-from quadlog.results.run.names import run_name, run_names
-from quadlog.results.run.record import describe_input, input_bytes, own_files
-from quadlog.results.run.run_folder import read_run_json
+from quadlog.results.record import RunRecord, describe_input, input_bytes, own_files, read_record
+from quadlog.results.saved.names import run_name, run_names
 from quadlog.storage.atomic_write import is_part
 
 
@@ -65,8 +64,8 @@ def _kept(recordings: Sequence[Path], fresh: Sequence[str], output: Path, there:
 
 
 def _family(name: str) -> str:
-    """The common key of all names a recording's run may have: the same for `walk`, `walk.bag` and `walk.bag-2`."""
-    plain = re.sub(r"-[0-9]{1,6}$", "", name)
+    """The common key of all names a recording's run may have: the same for `walk`, `walk.bag` and `walk.bag-2-2`."""
+    plain = re.sub(r"(-[0-9]{1,6})+$", "", name)
     return run_name(stem(Path(plain if stem(Path(plain)) != plain else name))).casefold()
 
 
@@ -80,10 +79,9 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _recording_of(run: Path) -> str | None:
     try:
-        told = read_run_json(run)["input"]["path"]
-    except (NotARun, UnknownRunFormat, LookupError, TypeError):
+        return read_record(run).input.path
+    except (NotARun, UnknownRunFormat):
         return None
-    return told if isinstance(told, str) else None
 
 
 def _place(recording: Path | str) -> str:
@@ -199,19 +197,16 @@ def _seconds_per_byte(folder: Path, batch: Sequence[Planned]) -> float | None:
     until = batch[0].request.options.until
     seconds, size_bytes = 0.0, 0
     for record in islice(_records(folder), SAMPLED_RUNS):
-        try:
-            if record["options"]["until"] == until:
-                took_s = record["startup_s"] + sum(stage["seconds"] for stage in record["stages"])
-                seconds, size_bytes = seconds + took_s, size_bytes + record["input"]["size_bytes"]
-        except (KeyError, TypeError):
-            continue  # not a replay's
+        if record.options.get("until") == until:
+            seconds += record.startup_s + sum(stage.seconds for stage in record.stages)
+            size_bytes += record.input.size_bytes
     return seconds / size_bytes if size_bytes else None
 
 
-def _records(folder: Path) -> Iterator[dict[str, Any]]:
+def _records(folder: Path) -> Iterator[RunRecord]:
     for run in folder.iterdir() if folder.is_dir() else ():
         with suppress(QuadlogError):  # no run, or one of another format
-            yield read_run_json(run)
+            yield read_record(run)
 
 
 def _size(recording: Path) -> int:

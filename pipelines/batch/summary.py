@@ -15,10 +15,11 @@ from typing import Any
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.page.folder_report import MAX_THUMBNAILS
-from quadlog.results.run.names import run_name
-from quadlog.results.run.run_folder import read_metrics, read_run_json
-from quadlog.results.run.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
+from quadlog.results.page.runs_page import MOST_THUMBNAILS
+from quadlog.results.record import RunRecord, read_record
+from quadlog.results.saved.names import run_name
+from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.saved.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
 from quadlog.storage.remote_path import RemotePath, copy_object
 
 _PAGE, _TABLE = "report.html", "summary.parquet"
@@ -52,7 +53,7 @@ def _lay_out(folder: RemotePath, here: Path) -> None:
             continue
         (here / run.name).mkdir(exist_ok=True)
         (here / run.name / _PAGE).touch()
-    for name in sorted(entry.name for entry in here.iterdir() if entry.is_dir())[:MAX_THUMBNAILS]:
+    for name in sorted(entry.name for entry in here.iterdir() if entry.is_dir())[:MOST_THUMBNAILS]:
         for table in _DRAWN:
             _fetch(folder / name / table, here / name / table)
 
@@ -73,7 +74,7 @@ Rows = dict[str, dict[str, Any]]
 
 def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
     """Write both files of each output folder; rows of earlier commands stay, and foreign files are not touched."""
-    from quadlog.results.page.folder_report import write_folder_report
+    from quadlog.results.page.runs_page import write_folder_page
 
     for folder in sorted(folders):
         if not folder.is_dir():
@@ -89,7 +90,7 @@ def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: P
                 rows = _rows(folder, earlier, own)
                 columns = {name: [rows[run][name] for run in sorted(rows)] for name in TABLES["summary"].names}
                 write_table(here / "summary.parquet", TABLES["summary"], columns)
-                write_folder_report(here)
+                write_folder_page(here)
             if not _finished_runs(folder, rows):
                 break
 
@@ -129,21 +130,19 @@ def _finished_runs(folder: Path, known: Any) -> Rows:
         if run.name in known or run.name != run_name(run.name) or not run.is_dir():
             continue
         try:
-            record, metrics = read_run_json(run), read_metrics(run)
-            rows[run.name] = _row_of_run(run.name, record, metrics)
-        except (QuadlogError, LookupError, TypeError, ValueError):
+            rows[run.name] = _row_of_run(run.name, read_record(run), read_metrics(run))
+        except QuadlogError:
             continue  # not finished, of another format, or damaged
     return rows
 
 
-def _row_of_run(name: str, record: Mapping[str, Any], metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    lost = "; ".join(str(loss["detail"]) for loss in record.get("losses", []))
-    stages = record.get("stages", [])
+def _row_of_run(name: str, record: RunRecord, metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    lost = "; ".join(loss.detail for loss in record.losses)
     cost = {
-        "wall_s": record.get("startup_s", 0.0) + sum(float(stage["seconds"]) for stage in stages),
-        "peak_memory_mb": max((float(stage["peak_memory_mb"]) for stage in stages), default=float("nan")),
-        "input_bytes": float(record["input"]["size_bytes"]),
-        "worker": str(record.get("host", {}).get("name", "")),
+        "wall_s": record.startup_s + sum(stage.seconds for stage in record.stages),
+        "peak_memory_mb": max((stage.peak_memory_mb for stage in record.stages), default=float("nan")),
+        "input_bytes": float(record.input.size_bytes),
+        "worker": str(record.host.get("name", "")),
     }
     return _filled(name, ExitCode.WITH_LOSS if lost else ExitCode.DONE, lost, metrics, cost)
 

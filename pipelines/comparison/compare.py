@@ -21,8 +21,8 @@ from quadlog.pipelines.comparison.run_planners import Answers, ask_everything, r
 from quadlog.pipelines.comparison.sources import open_sources
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
+from quadlog.results.page.planners import MOST_DRAWN
 from quadlog.results.planner_comparison.folder import ComparisonFiles
-from quadlog.results.planner_comparison.page import MAX_MAPS
 from quadlog.results.planner_comparison.shown_questions import QuestionSample
 
 
@@ -51,15 +51,15 @@ def compare(
             files = stack.enter_context(ComparisonFiles(folder, force, has_queries=options.scen is not None))
         sources, losses = open_sources(arguments, options, Path(scratch), progress)
         outcome = CompareOutcome([], [], [*rule_lines(names, options)], ExitCode.WITH_LOSS if losses else ExitCode.DONE)
-        kept = min(len(sources), MAX_MAPS) if files is not None else 0
+        kept = min(len(sources), MOST_DRAWN) if files is not None else 0
         for source, comparison, answers in _compared(sources, names, options, progress, kept):
             outcome.rows.extend(_plain(comparison))
             outcome.findings.append(verdict(comparison))
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(answers.columns)])
             if files is not None:
-                files.add(comparison, answers.columns, answers.scenarios, answers.scene, answers.shown)
+                files.add(comparison, answers.columns, answers.scenarios, answers.sample)
         if files is not None:
-            files.finish(outcome.rows, outcome.findings, outcome.about, losses)
+            files.finish(outcome.rows, outcome.about, losses)
     return outcome
 
 
@@ -70,7 +70,8 @@ def _compared(
     incremental = [name for name in names if planner_type(name).incremental]
     for number, source in enumerate(sources):
         progress.begin("compare", source.count)
-        sample = QuestionSample(source.is_static, source.row_zero_on_top, kept) if number < kept else None
+        step = "query" if source.is_static else "replan"
+        sample = QuestionSample(step, source.row_zero_on_top, kept) if number < kept else None
         repeats = repeats_for(source, len(names))
         answers = ask_everything(source, names, options.rules, progress, repeats, sample=sample)
         rng = np.random.default_rng([options.seed, number, *b"intervals"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,9 +18,8 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestions
+from quadlog.results.planner_comparison.shown_questions import QuestionSample
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
-from quadlog.results.plots.planner_comparison import PathScene, around_paths
 
 Columns = dict[str, list[Any]]
 
@@ -29,15 +29,13 @@ class Answers:
     """columns: of replans.parquet, planner by planner at each question; scenarios: of scenarios.parquet.
 
     us_repeats (N, K): microseconds of each time that a row's question was asked, of which column us has the median.
-    scene: the question that took the baseline most cells, of the first episode only where one follows from the other,
-    with all paths. shown: questions for the page, None where none were to be kept.
+    sample: questions for the page, None where none were to be kept.
     """
 
     columns: dict[str, NDArray[Any]]
     scenarios: dict[str, NDArray[Any]]
     us_repeats: NDArray[np.float64]
-    scene: PathScene | None
-    shown: ShownQuestions | None = None
+    sample: QuestionSample | None = None
 
 
 @dataclass(slots=True)
@@ -45,30 +43,23 @@ class _Notebook:
     """What has been answered so far. at: the row of replans.parquet that comes next; a later pass adds times alone."""
 
     source: ProblemSource
-    baseline: str
     sample: QuestionSample | None = None
     replans: Columns = field(default_factory=lambda: {name: [] for name in REPLANS.names})
     scenarios: Columns = field(default_factory=lambda: {name: [] for name in SCENARIOS.names})
     us_repeats: list[list[float]] = field(default_factory=list)
     at: int = 0
-    scene_paths: dict[str, NDArray[np.int32]] = field(default_factory=dict)
-    scene_question: Question | None = None
-    scene_at: tuple[int, int] = (-1, -1)
-    most_cells: int = -1
 
-    def add(self, episode: int, replan: int, question: Question, answers: Sequence[Answer]) -> None:
-        """The answers to one question."""
+    def add(self, number: int, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
+        """The answers to the number-th question, at an episode and replan."""
         is_first_pass = self.at == len(self.us_repeats)
         for answer in answers:
             if not is_first_pass:
                 self.us_repeats[self.at] += answer.us_repeats
             else:
-                self._add_row(episode, replan, question, answer)
+                self._add_row(*at, question, answer)
             self.at += 1
-        if is_first_pass and (episode == 0 or self.source.is_static):
-            self._look_at((episode, replan), question, answers)
         if is_first_pass and self.sample is not None:
-            _keep(self.sample, (episode, replan), question, answers)
+            _keep(self.sample, number, at, question, answers)
 
     def _add_row(self, episode: int, replan: int, question: Question, answer: Answer) -> None:
         self.us_repeats.append(list(answer.us_repeats))
@@ -77,15 +68,6 @@ class _Notebook:
         if self.source.queries:
             for name, value in _scenario_row(self.source, episode, answer).items():
                 self.scenarios[name].append(value)
-
-    def _look_at(self, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
-        """Keep the question for the picture when none before took the baseline more cells, and every answer to it."""
-        first = answers[0]
-        if first.planner == self.baseline and first.plan.expanded > self.most_cells:
-            self.scene_question, self.scene_at, self.most_cells = question, at, first.plan.expanded
-            self.scene_paths = {}
-        if at == self.scene_at:
-            self.scene_paths |= {each.planner: each.plan.cells for each in answers}
 
 
 FEWEST_REPEATS = 3
@@ -117,33 +99,34 @@ def ask_everything(
     curvatures: of smoothed paths, which take longer than the plans; static sources have none. sample: keeps questions
     for the page.
     """
-    book = _Notebook(source, names[0], sample)
+    book = _Notebook(source, sample)
     smoothing = source.smoothing if curvatures and not source.is_static else None
     passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
     for number in range(passes):
         book.at = 0
         for members in [[name] for name in names] if source.is_static else [list(names)]:
             planners, *doubles = ([make_planner(name, rules) for name in members] for _ in range(rounds))
-            panel = Panel(planners, smoothing, doubles)
+            panel, asked = Panel(planners, smoothing, doubles), itertools.count()
             for episode, questions in enumerate(source.episodes()):
                 panel.begin_episode()
                 for replan, question in enumerate(questions):
-                    book.add(episode, replan, question, panel.ask(question.query))
+                    book.add(next(asked), (episode, replan), question, panel.ask(question.query))
                 if number == 0 and members[0] == names[0]:
                     progress.advance()
     columns, us_repeats = _arrays(book.replans), _repeats(book.us_repeats, repeats)
-    asked = np.isfinite(us_repeats).all(axis=1)
-    columns["us"][asked] = np.median(us_repeats[asked], axis=1)
-    shown = None if sample is None else sample.finish()
-    return Answers(columns, _arrays(book.scenarios), us_repeats, _scene(book), shown)
+    timed = np.isfinite(us_repeats).all(axis=1)
+    columns["us"][timed] = np.median(us_repeats[timed], axis=1)
+    return Answers(columns, _arrays(book.scenarios), us_repeats, sample)
 
 
-def _keep(sample: QuestionSample, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
+def _keep(
+    sample: QuestionSample, number: int, at: tuple[int, int], question: Question, answers: Sequence[Answer]
+) -> None:
     """What there was to plan, with every path; there is no map of what could not be asked."""
     query = question.query
     if isinstance(query, Query) and question.occupied is not None:
         layers, ends = (question.occupied, query.blocked), (query.start, query.goal)
-        sample.add(at, query.window, layers, ends, {each.planner: each.plan.cells for each in answers})
+        sample.add(number, at, query.window, layers, ends, {each.planner: each.plan.cells for each in answers})
 
 
 def _repeats(us: list[list[float]], repeats: int) -> NDArray[np.float64]:
@@ -203,25 +186,3 @@ def _scenario_row(source: ProblemSource, episode: int, answer: Answer) -> dict[s
 
 def _arrays(columns: Mapping[str, list[Any]]) -> dict[str, NDArray[Any]]:
     return {name: np.array(values) for name, values in columns.items()}
-
-
-def _scene(book: _Notebook) -> PathScene | None:
-    question = book.scene_question
-    if question is None or not isinstance(question.query, Query) or question.occupied is None:
-        return None
-    query, window = question.query, question.query.window
-    ends = window.centre_of(np.array([query.start, query.goal]))
-    x0_m, y0_m = window.origin_m.tolist()
-    whole = PathScene(
-        title=f"{book.source.name}, where {book.baseline} expanded most",
-        occupied=question.occupied,
-        grown=None if query.blocked is question.occupied else query.blocked,
-        paths={name: window.centre_of(cells) for name, cells in book.scene_paths.items()},
-        start=ends[0],
-        goal=ends[1],
-        cell=window.cell_m,
-        origin=(x0_m, y0_m),
-        unit="cells" if book.source.row_zero_on_top else "m",
-        y_goes_down=book.source.row_zero_on_top,
-    )
-    return around_paths(whole)

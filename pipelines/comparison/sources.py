@@ -26,10 +26,10 @@ from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
 from quadlog.recordings.find import find_recordings
-from quadlog.results.run.find_runs import fetch_runs, is_run
-from quadlog.results.run.maps import load_maps
-from quadlog.results.run.names import run_names
-from quadlog.results.run.tables import has_table
+from quadlog.results.saved.find_runs import fetch_runs, is_run
+from quadlog.results.saved.maps import load_maps
+from quadlog.results.saved.names import run_names
+from quadlog.results.saved.tables import has_table
 from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from quadlog.config.file import read_bounds
 from quadlog.errors import CannotWrite, QuadlogError, UsageError
-from quadlog.results.compare.check_text import junit_xml
-from quadlog.results.compare.expectations import Expectations, read_expectations, read_text
-from quadlog.results.compare.run_check import (
-    HEADER,
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.check import (
     RunCheck,
-    accepted_events,
+    accepted,
     bound_names,
+    bounds_toml,
     check_run,
-    merge_bounds,
+    junit_xml,
     propose,
 )
-from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
-from quadlog.results.run.loaded_run import Run, load_run
-from quadlog.results.run.outputs import refuse_existing
-from quadlog.results.run.tables import METRIC_NAMES
+from quadlog.results.run import Run
+from quadlog.results.saved.find_runs import failed_recordings, find_runs, run_labels
+from quadlog.results.saved.outputs import refuse_existing
+from quadlog.results.saved.run_folder import read_metrics
 from quadlog.storage.atomic_write import write_whole
 
 
@@ -32,51 +32,44 @@ def check_runs(
     A run that cannot be read has an error, and so has a recording that could not be replayed. Raises NotARun for a path
     without runs, AlreadyExists, CannotWrite, UsageError, and what reading the file of bounds raises.
     """
+    if junit is not None and junit.resolve() == expect.resolve():
+        raise UsageError(f"--junit {junit} would replace the bounds of --expect")
     if junit is not None:
-        if junit.resolve() == expect.resolve():
-            raise UsageError(f"--junit {junit} would replace the bounds of --expect")
         refuse_existing(junit, force)
-    runs = [_load_or_explain(run) for run in find_runs(paths)]
-    runs += [RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
-    readable = [run for run in runs if isinstance(run, Run)]
-    expectations = read_expectations(expect, _known_metrics(readable))
-    checks = [check_run(run, expectations) if isinstance(run, Run) else run for run in runs]
-    _say_what_was_not_checked(expectations, readable, say)
+    bounds, checks, given = read_bounds(expect), list[RunCheck](), set[str]()
+    for path in find_runs(paths):
+        try:
+            run = Run(path)
+            read_metrics(path)  # where they are missing or damaged, the check fails, whatever the bounds
+            checks.append(check_run(run, bounds))
+            given |= set(bound_names(run))
+        except QuadlogError as error:
+            checks.append(RunCheck(str(path), path.resolve().name, error=str(error)))
+    checks += [RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
+    # Recordings with bounds but without a run would otherwise pass unnoticed.
+    if unchecked := sorted(bounds.keys() - given - {""}):
+        say(f"not checked, no such run was given: {', '.join(unchecked)}")
     if junit is not None:
         _write(junit, junit_xml(checks, run_labels(Path(check.run) for check in checks)))
     return checks
 
 
 def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callable[[str], None]) -> dict[str, int]:
-    """Write bounds made from the runs into the file; returns how many for each name.
+    """Write bounds made from the runs into a new file; returns how many for each name.
 
-    Bounds that accept a contact or a fall have a comment in the file, and are said.
-
-    An existing file needs `force`: it keeps its comments and all bounds but
-    those proposed. Raises NotARun, AlreadyExists, CannotWrite, and for an
-    existing file what reading it raises.
+    Bounds that accept a contact or a fall have a comment in the file, and are said; metrics that the catalogue lacks
+    are not bounded, and are said. Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
     """
     refuse_existing(expect, force)
-    runs = [load_run(run) for run in find_runs(paths)]
-    text = HEADER
-    if expect.exists():
-        read_expectations(expect, _known_metrics(runs))
-        text = read_text(expect)
+    runs = [Run(path) for path in find_runs(paths)]
     bounds = propose(runs)
-    _write(expect, merge_bounds(text, bounds, expect).encode())
-    for name, accepted in accepted_events(bounds).items():
-        say(f"warning: the bounds for {name} accept {'; '.join(accepted)}")
-    return {name: len(each) for name, each in bounds.items()}
-
-
-def _load_or_explain(path: Path) -> Run | RunCheck:
-    """The run with its metrics, or a failed check if it cannot be read."""
-    try:
-        run = load_run(path)
-        _ = run.metrics  # read here, where damage is a failed check
-    except QuadlogError as error:
-        return RunCheck(str(path), path.resolve().name, error=str(error))
-    return run
+    _write(expect, bounds_toml(bounds, expect))
+    for name, mine in bounds.items():
+        if events := [words for metric, bound in mine.items() if (words := accepted(metric, bound))]:
+            say(f"warning: the bounds for {name} accept {'; '.join(events)}")
+    if unknown := sorted({name for run in runs for name in run.metrics} - CATALOGUE.keys()):
+        say(f"not bounded, no metrics of quadlog's catalogue: {', '.join(unknown)}")
+    return {name: len(mine) for name, mine in bounds.items()}
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -85,15 +78,3 @@ def _write(path: Path, content: bytes) -> None:
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
     write_whole(path, content)
-
-
-def _known_metrics(runs: Sequence[Run]) -> Collection[str]:
-    """The contract's, and what else the runs have."""
-    return {*METRIC_NAMES, *(name for run in runs for name in run.metrics)}
-
-
-def _say_what_was_not_checked(expectations: Expectations, runs: Sequence[Run], say: Callable[[str], None]) -> None:
-    """Name the recordings with bounds but without a run, which would otherwise pass unnoticed."""
-    given = {name for run in runs for name in bound_names(run)}
-    if unchecked := sorted(set(expectations.recordings) - given):
-        say(f"not checked, no such run was given: {', '.join(unchecked)}")

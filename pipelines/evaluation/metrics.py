@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
@@ -14,9 +14,6 @@ from quadlog.metrics.summary import (
     Measured,
     MeasuredRun,
     Samples,
-    SampleSummary,
-    Spread,
-    spread,
     summarise,
     worst_of,
 )
@@ -26,13 +23,12 @@ from quadlog.pipelines.evaluation.reference import (
     compare_with_own_reference,
     compare_with_reference,
 )
-from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
-from quadlog.results.compare.settings import differing_settings, settings_of
-from quadlog.results.run.find_runs import failed_recordings, find_runs, run_labels
-from quadlog.results.run.run_folder import read_run_json, read_sound_metrics
-from quadlog.results.run.tables import has_table, read_table, start_ns
-from quadlog.results.text.markup import aligned
-from quadlog.results.text.metrics import RunAtWorst, WorstInstant, explain_text
+from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.results.diff import differing_settings
+from quadlog.results.run import Run
+from quadlog.results.saved.find_runs import failed_recordings, find_runs, run_labels
+from quadlog.results.saved.tables import has_table, read_table, start_ns
+from quadlog.results.text import RunAtWorst, WorstInstant, explain_text, print_table
 
 _NS = 1_000_000_000
 
@@ -73,7 +69,7 @@ def _contacts(run: Path) -> list[str]:
         for t_ns, duration_s, x_m, y_m, clearance_m, cause, collision in zip(*contacts.values(), strict=True)
     ]  # fmt: skip
     head = ("from s", "for s", "x m", "y m", "clearance m", "collision", "cause")
-    return ["contacts, s from start:", *aligned([head, *rows])]
+    return ["contacts, s from start:", *print_table(head, rows).splitlines()]
 
 
 def _dimensions(name: str, run: Path, reference: Reference | None) -> list[str]:
@@ -103,21 +99,16 @@ def _instants(name: str, samples: Samples, first_ns: int) -> list[WorstInstant]:
     ]
 
 
-_SAME = 1e-9  # relative: what adding up in another order may differ by
-_TOLD = 3
-
-
 @dataclass(frozen=True, slots=True)
 class MetricsOutcome:
-    """The runs that could be read; spreads: of each metric over them, in their order.
+    """The runs that could be read, in their order.
 
-    differing: how the runs' settings differ, a line each; spreads is empty then: such runs are not averaged.
-    said: lines on how they were read; problems: a line for everything that could not be; failing: a line for every
-    condition that holds on a run, or cannot be told.
+    differing: how the runs' settings differ, a line each; such runs are not averaged. said: lines on how they were
+    read; problems: a line for everything that could not be; failing: a line for every condition that holds on a run,
+    or cannot be told.
     """
 
     runs: list[MeasuredRun]
-    spreads: dict[str, Spread]
     differing: list[str]
     said: list[str]
     problems: list[str]
@@ -132,34 +123,34 @@ class MetricsOutcome:
 
 
 def measure_runs(
-    paths: Sequence[Path], reference: Reference | None, conditions: Sequence[Condition], in_detail: bool | None = None
+    paths: Sequence[Path], reference: Reference | None, conditions: Sequence[Condition], in_detail: bool = False
 ) -> MetricsOutcome:
-    """Every metric of every run among the paths (see `find_runs`), in their order.
+    """Every metric of every run among the paths (see `find_runs`), in their order, from metrics.json.
 
-    in_detail: whether the samples behind the values are read too; None for a run that is alone.
+    in_detail: whether the samples behind the values are read too.
     A condition on a metric that a run does not have, on a run that cannot be read, or on a recording of the folder that
     could not be replayed, counts as failing: a check that could not be made has not been passed.
 
     Raises NotARun for a path without a run, and what is wrong with the runs when not one of them can be read.
     """
     found = find_runs(paths)
-    detail = len(found) == 1 if in_detail is None else in_detail
     runs: list[MeasuredRun] = []
-    said: list[str] = []
-    problems: list[str] = []
-    failing: list[str] = []
+    records, said, problems, failing = [], [], [], []
     for path, label in zip(found, run_labels(found), strict=True):
         try:
-            record = read_run_json(path)
-            measured, lines, damage = _measure(path, reference, detail)
+            run = Run(path)
+            measured, lines, damage = _measure(run, reference, in_detail)
+            if reference is None and len(found) == 1 and not measured.keys().isdisjoint(TRAJECTORY_METRICS):
+                lines, damage = _say_dimensions(path, damage)
+            said += lines
         except QuadlogError as error:
             if len(found) == 1:
                 raise
             problems.append(str(error))
             failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
             continue
-        runs.append(MeasuredRun(path, label, measured, settings_of(record)))
-        said += lines
+        runs.append(MeasuredRun(path, label, measured))
+        records.append(run.record)
         problems += damage
         failing += _failing(path, measured, conditions)
     for path, why in failed_recordings(paths).items():
@@ -167,77 +158,50 @@ def measure_runs(
         failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
-    differing = differing_settings([run.settings for run in runs])
-    return MetricsOutcome(runs, {} if differing else spread_of(runs), differing, said, problems, failing)
+    return MetricsOutcome(runs, differing_settings(records), said, problems, failing)
 
 
-def spread_of(runs: Sequence[MeasuredRun]) -> dict[str, Spread]:
-    """How each metric differs over the runs that have it."""
-    spreads: dict[str, Spread] = {}
-    for name, entry in CATALOGUE.items():
-        over = spread([run.metrics[name].value for run in runs if name in run.metrics], entry.kind)
-        if over is not None:
-            spreads[name] = over
-    return spreads
-
-
-def _measure(run: Path, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
+def _measure(run: Run, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
     """The metrics of one run in the contract's order, lines for people, and what is damaged."""
-    metrics, problems = _saved_metrics(run)
+    if not (run.path / "metrics.json").is_file():
+        raise NotARun(run.path, "has no metrics.json")
+    metrics = {
+        name: Measured(
+            *(float(of.value), of.n, printable(of.unit)),
+            None if of.low is None or of.high is None else (of.low, of.high),
+        )
+        for name, of in run.metrics.items()
+        if name in CATALOGUE
+    }
     said: list[str] = []
-    if detail or problems:
-        samples, errors = read_samples(run, SELF_EVIDENT if problems else metrics, may_lack=bool(problems))
-        found = _summaries(samples)
-        problems += [*dict.fromkeys(map(str, errors)), *_contradictions(run, metrics, found)]
-        for name, summary in found.items():
-            metrics[name] = _summarised(name, summary, metrics.get(name))
-    if reference is None and detail and not metrics.keys().isdisjoint(TRAJECTORY_METRICS):
-        said += [f"{run}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], run, None)]
+    problems: list[str] = []
+    if detail:
+        samples, errors = read_samples(run.path, metrics)
+        problems += dict.fromkeys(map(str, errors))
+        metrics |= {name: replace(metrics[name], summary=summarise(each)) for name, each in samples.items()}
     if reference is not None:
         metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
-        compared = compare_with_reference(run, reference)
+        compared = compare_with_reference(run.path, reference)
         said += compared.said
-        metrics |= {name: _summarised(name, each, None) for name, each in _summaries(compared.samples).items()}
+        metrics |= _measured(compared.samples)
     return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
 
 
-def _saved_metrics(run: Path) -> tuple[dict[str, Measured], list[str]]:
-    """metrics.json as far as it can be read, and a line when it cannot."""
+def _say_dimensions(run: Path, damage: list[str]) -> tuple[list[str], list[str]]:
+    """A line on whether errors of the trajectory are in the plane or in space, or what is damaged with it."""
     try:
-        sound, damaged = read_sound_metrics(run)
-    except NotARun as error:
-        return {}, [f"{error}; shown is what the tables give"]
-    metrics = {
-        name: Measured(float(each["value"]), int(each.get("n", 0)), printable(each.get("unit", "")))
-        for name, each in sound.items()
-        if name in CATALOGUE
-    }
-    problems = [f"{run / 'metrics.json'}: is damaged: {', '.join(damaged[:5])} without a value"] if damaged else []
-    return metrics, problems
+        return [f"{run}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], run, None)], damage
+    except QuadlogError as error:
+        return [], list(dict.fromkeys([*damage, str(error)]))
 
 
-def _summaries(samples: Mapping[str, Samples]) -> dict[str, SampleSummary]:
+def _measured(samples: Mapping[str, Samples]) -> dict[str, Measured]:
     found = {name: summarise(each) for name, each in samples.items()}
-    return {name: each for name, each in found.items() if each is not None and each.value == each.value}
-
-
-def _contradictions(run: Path, metrics: Mapping[str, Measured], found: Mapping[str, SampleSummary]) -> list[str]:
-    """A line when metrics.json holds values that the run's own tables do not give."""
-    both = [(name, metrics[name].value, summary.value) for name, summary in found.items() if name in metrics]
-    differ = [
-        f"{name} {saved:.9g} there, {again:.9g} by its tables"
-        for name, saved, again in both
-        if abs(saved - again) > _SAME * max(abs(saved), abs(again))
-    ]
-    more = f" and {len(differ) - _TOLD} more" if len(differ) > _TOLD else ""
-    words = f"{run / 'metrics.json'}: is not of this run's tables: {', '.join(differ[:_TOLD])}{more}"
-    return [words] if differ else []
-
-
-def _summarised(name: str, summary: SampleSummary, saved: Measured | None) -> Measured:
-    if saved is not None:
-        return Measured(saved.value, saved.n, saved.unit, summary)
-    return Measured(summary.value, summary.n, CATALOGUE[name].unit, summary)
+    return {
+        name: Measured(of.value, of.n, CATALOGUE[name].unit, of.interval, of)
+        for name, of in found.items()
+        if of is not None and of.value == of.value
+    }
 
 
 def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Condition]) -> list[str]:

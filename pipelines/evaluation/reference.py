@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from pydantic import ValidationError
 
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config, UwbConfig
@@ -20,8 +19,8 @@ from quadlog.metrics.positioning import Trajectory, fix_error_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, ReferenceComparison, compare_trajectories
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of, tag_truth
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import has_table, read_table
+from quadlog.results.record import read_record
+from quadlog.results.saved.tables import has_table, read_table
 from quadlog.storage.formats.tum import read_tum
 
 
@@ -41,13 +40,9 @@ class RobotTag:
 
 def robot_tag_of(run: Path) -> RobotTag:
     """The robot's tag in a saved run. Raises NotARun."""
-    try:
-        config = Config.model_validate(read_run_json(run).get("config", {}))
-    except ValidationError as error:
-        raise NotARun(run / "run.json", f"is damaged: config: {error.errors()[0]['msg']}") from error
     name = "ranges" if has_table(run, "ranges") else "fixes"
     tags = np.unique(read_table(run, name, ["tag"])["tag"])
-    return RobotTag.among(tags.tolist(), config)
+    return RobotTag.among(tags.tolist(), read_record(run).config)
 
 
 REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", *TRAJECTORY_METRICS)

@@ -27,7 +27,7 @@ from quadlog.pipelines.evaluation.reference import (
     compare_trajectory,
     robot_tag_of,
 )
-from quadlog.results.run.tables import read_table
+from quadlog.results.saved.tables import read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
 _COMPARED_GAP_S = 0.5
@@ -186,6 +186,3 @@ _SOURCES = (
 )
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""
-# The others need an incremental planner, or a reference in the frame of the poses, which no table tells.
-SELF_EVIDENT = SAMPLED - {"fallback_share", *TRAJECTORY_METRICS}
-"""The metrics that apply wherever their files are."""

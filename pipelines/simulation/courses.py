@@ -14,10 +14,10 @@ from quadlog.config.schema import Config
 from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
 from quadlog.messages import Float
-from quadlog.results.run.maps import GroundMap, read_ground
-from quadlog.results.run.names import run_name
-from quadlog.results.run.record import describe_input
-from quadlog.results.run.tables import read_table
+from quadlog.results.record import describe_input
+from quadlog.results.saved.maps import GroundMap, read_ground
+from quadlog.results.saved.names import run_name
+from quadlog.results.saved.tables import read_table
 from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map

@@ -12,24 +12,23 @@ from typing import Any
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.messages import Float, Int
 from quadlog.metrics.metric import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, Remarks
 from quadlog.pipelines.simulation.trot import TrottedCurve, trot_metrics
 from quadlog.pipelines.simulation.walk import SimulatedWalk
-from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.foxglove.layout import write_layout
-from quadlog.results.page.report import write_frame_strip, write_page, write_plots
-from quadlog.results.run.maps import GroundMap, write_ground
-from quadlog.results.run.record import InputRecord, RunRecord, StageRecord, describe_input
-from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.page.run_page import write_run_page
+from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.run import Run
+from quadlog.results.saved.maps import GroundMap, write_ground
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.tables import TABLES, write_table
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.height_field import HeightField
-from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel
-from quadlog.simulation.robot.rendering import CannotDraw, render_frames
+from quadlog.simulation.robot.model import TIMESTEP_S
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
@@ -48,17 +47,14 @@ class TrotDescription:
     startup_s: float
 
 
-def fill_trot_folder(
-    folder: RunFolder, description: TrotDescription, trotted: TrottedCurve, say: Callable[[str], None]
-) -> SavedMetrics:
-    """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
+def fill_trot_folder(folder: RunFolder, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
+    """Write everything about a walk, and return its metrics as saved."""
     run, walk, clock = folder.path, trotted.walk, StageClock()
 
     def write_results() -> None:
         control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
         write_table(run / "control.parquet", TABLES["control"], control)
         _write_trajectory(run, control)
-        _write_frames(run, trotted.model, walk.qpos, walk.t_ns, description.config.results.frames, say)
 
     record = partial(_trot_record, description, trotted, clock)
     return _fill(folder, description.config, trot_metrics(trotted), write_results, clock, record)
@@ -78,26 +74,12 @@ def _fill(
         folder.write_config(config.model_dump(exclude_none=True))
         folder.write_metrics(saved)
         write_results()
-        pictures = write_plots(folder.path, record())
+        drawings = drawings_of(Run(folder.path, record()))
+        write_plots(folder.path, drawings)
     finished = record()
-    write_page(folder.path, pictures, finished)
+    write_run_page(Run(folder.path, finished), drawings)
     folder.write_run_json(finished)
     return saved
-
-
-def _write_frames(
-    run: Path, model: QuadrupedModel, joints: Float, t_ns: Int, wanted: int, say: Callable[[str], None]
-) -> None:
-    """Pictures of the robot, evenly spread over its joints (T, nq) at t_ns (T,)."""
-    if wanted == 0:
-        return
-    ticks = np.unique(np.linspace(0, len(joints) - 1, wanted).round().astype(np.int64))
-    try:
-        frames = render_frames(model.model, joints[ticks])
-    except CannotDraw as error:
-        say(f"no pictures of the robot (plots/frames.png): MuJoCo cannot draw without a screen here: {error}")
-        return
-    write_frame_strip(run, frames, (t_ns[ticks] - t_ns[0]) / NS)
 
 
 def _write_trajectory(run: Path, control: Mapping[str, Any]) -> None:
@@ -108,8 +90,9 @@ def _write_trajectory(run: Path, control: Mapping[str, Any]) -> None:
 
 def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:
     """Walking, and what was written since."""
-    written = StageRecord("report", clock.seconds.get("report", 0.0), clock.peak_memory_mb.get("report", 0.0))
-    return [StageRecord("control", seconds, peak_memory_mb()), written]
+    peaks_mb = {"control": peak_memory_mb(), "report": clock.peak_memory_mb.get("report", 0.0)}
+    spent_s = {"control": seconds, "report": clock.seconds.get("report", 0.0)}
+    return [StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in peaks_mb]
 
 
 def trot_verdict(trotted: TrottedCurve) -> str:
@@ -131,7 +114,7 @@ def _record(
     return RunRecord(
         quadlog_version=__version__,
         command=list(description.command),
-        config=description.config.model_dump(exclude_none=True),
+        config=description.config,
         options={"course": course, "controller": controller, "seed": description.seed},
         seed=description.seed,
         recorded_s=lasted_s,
@@ -148,7 +131,7 @@ def _trot_record(description: TrotDescription, trotted: TrottedCurve, clock: Sta
     targets = trotted.planned.targets_rad.tobytes()
     return _record(
         *(description, clock, float(walk.t_ns[-1]) / NS, trotted.seconds, TROT, description.curve),
-        input=InputRecord(TROT, len(targets), hashlib.sha256(targets).hexdigest()),
+        input=InputRecord(path=TROT, size_bytes=len(targets), sha256=hashlib.sha256(targets).hexdigest()),
         counts={"samples": len(walk.t_ns)},
         warnings=[f"the robot {ended}"] if (ended := trot_verdict(trotted)) else [],
         notes=[
@@ -172,20 +155,16 @@ class WalkDescription:
     startup_s: float
 
 
-def fill_folder(
-    folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk, say: Callable[[str], None]
-) -> SavedMetrics:
-    """Write everything about a walk, and return its metrics as saved; say: told what could not be drawn."""
+def fill_folder(folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
+    """Write everything about a walk, and return its metrics as saved."""
     run, clock = folder.path, StageClock()
     record = partial(_walk_record, description, simulated, clock)
 
     def write_results() -> None:
         _write_tables(run, description, simulated)
-        write_derived(run, record=record())
-        write_layout(run)
-        if simulated.model is not None and simulated.joints is not None:
-            t_ns, wanted = simulated.walk.control["t_ns"], description.config.results.frames
-            _write_frames(run, simulated.model, simulated.joints, t_ns, wanted, say)
+        results = Run(run, record())
+        write_derived(results)
+        write_layout(results)
 
     return _fill(folder, description.config, walk_metrics(simulated), write_results, clock, record)
 
@@ -256,7 +235,7 @@ def _walk_input(description: WalkDescription) -> InputRecord:
     if name not in COURSES:
         return describe_input(Path(name))
     points = np.ascontiguousarray(description.course.path_m, np.float64).tobytes()
-    return InputRecord(name, len(points), hashlib.sha256(points).hexdigest())
+    return InputRecord(path=name, size_bytes=len(points), sha256=hashlib.sha256(points).hexdigest())
 
 
 def _warnings(description: WalkDescription, simulated: SimulatedWalk) -> list[str]:

@@ -18,7 +18,6 @@ from quadlog.control.locomotion.robot import ROBOTS, Robot
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
-from quadlog.messages import Float
 from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot.disturbances import DisturbanceSettings
@@ -104,14 +103,10 @@ _CARRYING_ON = ("shifted", "shared", "projected")
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """joints: (T, nq) MuJoCo's coordinates at each tick of control, None without a body, as model is.
-
-    counts: how often each solver ended how; seconds: spent walking, the robot's making left out.
-    """
+    """model: None without a body. counts: how often each solver ended how. seconds: spent walking."""
 
     walk: CourseWalk
     model: QuadrupedModel | None
-    joints: Float | None
     counts: dict[str, int]
     seconds: float
 
@@ -128,8 +123,6 @@ def walk_once(
     rng = np.random.default_rng([seed, _DISTURBS])
     disturbances = disturbance_settings(config.simulation.disturbances)
     pursuit = config.pursuit
-    snapshots: list[Float] = []
-    watch: Callable[[], None] | None = None
     robot: WalkingRobot | UnicycleRobot
     model = None
     if not config.simulation.has_body:
@@ -137,16 +130,10 @@ def walk_once(
     else:
         model = robot_model(config, ground)
         robot = WalkingRobot(model, walker_settings(config, model.robot), course.start_pose, rng, disturbances)
-        walking = robot
-        if config.results.frames:
-            watch = lambda: snapshots.append(walking.joints)  # noqa: E731 (a name for it would say no more)
     started = time.perf_counter()
-    walk = walk_course(
-        course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s, watch
-    )
+    walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
     seconds = time.perf_counter() - started
-    joints = np.array(snapshots) if snapshots else None
-    return SimulatedWalk(walk, model, joints, solver_counts(robot), seconds)
+    return SimulatedWalk(walk, model, solver_counts(robot), seconds)
 
 
 def solver_counts(robot: WalkingRobot | UnicycleRobot) -> dict[str, int]:

@@ -19,9 +19,9 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
-from quadlog.results.run.record import InputRecord
-from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.tables import has_table, read_table
+from quadlog.results.record import InputRecord
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.tables import has_table, read_table
 
 if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegTrack

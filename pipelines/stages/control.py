@@ -10,7 +10,8 @@ import numpy as np
 
 from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.mapping.grid import crop, window_at
-from quadlog.messages import Float
+from quadlog.messages import NS_PER_S, Float
+from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.simulation.walk import (
     check_rate,
@@ -23,8 +24,8 @@ from quadlog.pipelines.simulation.walk import (
 from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
 from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
 from quadlog.planning.replan import Replanner
-from quadlog.results.run.maps import load_maps
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.results.saved.maps import load_maps
+from quadlog.results.saved.tables import TABLES, write_table
 from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
@@ -40,12 +41,12 @@ def resimulate_walk(walk: ReplayContext) -> None:
     maps = load_maps(walk.run.path)
     if walk.target is None or config.simulation.parts is None or len(maps) == 0:
         return
-    walk.progress.begin("control", None)
+    walk.progress.begin("control", len(maps))
     with walk.clock.stage("control"):
         start = walk.robot_pose_at(int(maps.t_ns.min()))
         assert start is not None, "a map is only made where there is a pose"
         replanner = Replanner(configured_planner(config), replan_settings(walk))
-        instants = _with_what_stands(walk.run.path)
+        instants = _counted(_with_what_stands(walk.run.path), walk.progress)
         robot = _robot(walk, start)
         resim = resimulate(instants, walk.targets_at, robot, lookahead_control(config), replanner, _settings(walk))
         write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
@@ -86,6 +87,15 @@ def _with_what_stands(run: Path) -> Iterator[MapInstant]:
     everywhere = window_at(whole.origin_m, whole.cell_m, whole.cells.shape)
     for instant in recorded_maps(run):
         yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
+
+
+def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[MapInstant]:
+    """The instants; what was walked before the next one is taken is a step of the progress."""
+    first_ns = None
+    for instant in instants:
+        first_ns = instant.t_ns if first_ns is None else first_ns
+        yield instant
+        progress.advance((instant.t_ns - first_ns) / NS_PER_S)
 
 
 def _robot(walk: ReplayContext, start_pose: Float) -> WalkingRobot | UnicycleRobot:

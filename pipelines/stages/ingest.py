@@ -24,8 +24,8 @@ from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.results.run.record import InputRecord, describe_file, describe_input_aside
-from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.record import InputRecord, describe_file, describe_input_aside
+from quadlog.results.saved.run_folder import RunFolder
 from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
 
@@ -105,7 +105,7 @@ class OpenLog(NamedTuple):
 @contextmanager
 def open_log(request: ReplayRequest, clock: StageClock, progress: Progress) -> Iterator[OpenLog]:
     """Open the recording and detect the roles of its topics; nothing is compiled and no folder made before."""
-    progress.begin("ingest", None)
+    progress.begin("open", None)
     with clock.stage("ingest"):
         recording = open_configured(request.recording, request.config, request.options.msg_path, request.options.stamp)
     with recording:

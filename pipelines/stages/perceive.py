@@ -27,8 +27,8 @@ from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
-from quadlog.results.run.maps import CloudSample, GroundMap, MapsWriter, write_cloud_samples, write_ground
-from quadlog.results.run.tables import TABLES, TableWriter
+from quadlog.results.saved.maps import CloudSample, GroundMap, MapsWriter, write_cloud_samples, write_ground
+from quadlog.results.saved.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
 

@@ -21,12 +21,13 @@ from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
-from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.foxglove.layout import write_layout
-from quadlog.results.page.report import write_page, write_plots
-from quadlog.results.run.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run.stages import STAGES, stages_until
-from quadlog.results.run.tables import has_table, read_table
+from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.page.run_page import write_run_page
+from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run
+from quadlog.results.saved.stages import STAGES, stages_until
+from quadlog.results.saved.tables import has_table, read_table
 from quadlog.version import __version__
 
 if TYPE_CHECKING:
@@ -39,22 +40,29 @@ CHOSEN = "chosen in the configuration"
 def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -> dict[str, dict[str, Any]]:
     """Write what the stages that ran allow, and mark the run as finished. Returns the metrics as saved."""
     run = walk.run.path
-    walk.progress.begin("report", None)
+    walk.progress.begin("report", 4)
     with walk.clock.stage("report"):
         walk.begin_folder()
         metrics = _metrics(walk)
         walk.run.write_metrics(saved_metrics(metrics))
+        walk.progress.advance()
+        results = Run(run, _record(walk, request, startup_s))
         if walk.robot is not None:
-            write_derived(run, record=_record(walk, request, startup_s))
-            write_layout(run)
-        pictures = write_plots(run, _record(walk, request, startup_s)) if request.draws and request.plots else {}
+            write_derived(results)
+            write_layout(results)
+        walk.progress.advance()
+        drawings = drawings_of(results) if request.draws else {}
+        if request.plots:
+            write_plots(run, drawings)
+        walk.progress.advance()
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := _realtime_factor(walk, request)) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")
     walk.run.write_metrics(saved_metrics(metrics))
     record = _record(walk, request, startup_s)
     if request.draws:
-        write_page(run, pictures, record)
+        write_run_page(Run(run, record), drawings)
+    walk.progress.advance()
     walk.check_left()
     walk.run.write_run_json(record)
     walk.say_what_is_new()
@@ -157,17 +165,20 @@ def _record(walk: ReplayContext, request: ReplayRequest, startup_s: float) -> Ru
     return RunRecord(
         quadlog_version=__version__,
         command=list(request.command),
-        config=walk.config.model_dump(exclude_none=True),
+        config=walk.config,
         options=request.options.to_dict(),
         input=walk.input,
         seed=walk.seed,
         recorded_s=walk.recorded_s,
         topics=_topics(walk),
         counts=dict(walk.counts),
-        losses=[LossRecord(each.cause, each.detail, each.topic, each.count) for each in walk.losses],
+        losses=[LossRecord(**asdict(loss)) for loss in walk.losses],
         warnings=walk.warnings,
         notes=[*request.notes, *walk.notes],
-        stages=[StageRecord(name, clock.seconds[name], clock.peak_memory_mb[name]) for name in ran],
+        stages=[
+            StageRecord(name=stage, seconds=clock.seconds[stage], peak_memory_mb=clock.peak_memory_mb[stage])
+            for stage in ran
+        ],
         startup_s=startup_s,
         realtime_factor=_realtime_factor(walk, request),
         reused=walk.reused,
@@ -183,7 +194,8 @@ def _plugins(walk: ReplayContext, request: ReplayRequest) -> list[PluginRecord]:
     found = [decoder_plugin(name) for name in types]
     if "plan" in stages_until(request.options.until):
         found.append(planner_plugin(walk.config.planner.name))
-    return [PluginRecord(each.group, each.name, each.distribution, each.version) for each in found if each is not None]
+    names = ("group", "name", "distribution", "version")
+    return [PluginRecord(**{name: getattr(one, name) for name in names}) for one in found if one is not None]
 
 
 def _topics(walk: ReplayContext) -> list[TopicRecord]:
@@ -191,7 +203,13 @@ def _topics(walk: ReplayContext) -> list[TopicRecord]:
     channels = {channel.topic: channel for channel in walk.recording.channels}
     whys = {name: role.why for name, role in walk.roles.found.items()}
     return [
-        TopicRecord(role, topic, channels[topic].type_name, channels[topic].count or 0, whys.get(role, CHOSEN))
+        TopicRecord(
+            role=role,
+            topic=topic,
+            type=channels[topic].type_name,
+            messages=channels[topic].count or 0,
+            why=whys.get(role, CHOSEN),
+        )
         for role, topics in walk.used.items()
         for topic in topics
     ]

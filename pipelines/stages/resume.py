@@ -22,9 +22,9 @@ from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
 from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Stage, stages_for
 from quadlog.recordings.containers.container import Loss
-from quadlog.results.run.record import RUN_FORMAT, InputRecord, describe_input
-from quadlog.results.run.run_folder import RunFolder, read_metrics, read_run_json
-from quadlog.results.run.stage_marks import (
+from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord, describe_input, read_record
+from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.saved.stage_marks import (
     MARKS_FILE,
     Marked,
     StageMark,
@@ -33,7 +33,7 @@ from quadlog.results.run.stage_marks import (
     read_marks,
     write_marks,
 )
-from quadlog.results.run.stages import STAGES, stages_until
+from quadlog.results.saved.stages import STAGES, stages_until
 from quadlog.storage.atomic_write import files_written
 from quadlog.version import __version__
 
@@ -47,43 +47,51 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
 
 def outcome_there(request: ReplayRequest, described: InputRecord) -> ReplayOutcome | None:
     """The same for an input that is described already. A run of a later --until is finished, too."""
-    config, options = request.config.model_dump(exclude_none=True), request.options.to_dict()
-    folder = RunFolder(request.run)
-    for until in STAGES[STAGES.index(request.options.until) :]:
-        if folder.is_finished(described.identity, config, __version__, options | {"until": until}):
-            return _outcome(request, until)
-    return None
+    try:
+        record = read_record(request.run)
+    except (NotARun, UnknownRunFormat):
+        return None
+    config = record.config
+    if record.anchors_from_messages:
+        config = config.model_copy(update={"uwb": config.uwb.model_copy(update={"anchors": Config().uwb.anchors})})
+    until = str(record.options.get("until"))
+    same = (
+        record.input.identity == described.identity
+        and record.quadlog_version == __version__
+        and config == request.config
+        and record.options == json.loads(json.dumps(request.options.to_dict())) | {"until": until}
+        and until in STAGES[STAGES.index(request.options.until) :]
+    )
+    return _outcome(request, until, record) if same else None
 
 
 def refuse_another(request: ReplayRequest, described: InputRecord) -> None:
     """Raises RunOfAnother for a finished run of another recording, which cannot be resumed for this one."""
     try:
-        told = read_run_json(request.run)["input"]
-    except (NotARun, UnknownRunFormat, KeyError):
+        recorded = read_record(request.run).input
+    except (NotARun, UnknownRunFormat):
         return
-    if isinstance(told, dict) and InputRecord.identity_in(told) != described.identity:
-        path = str(told.get("path", ""))
-        if not _may_be_one(path, str(request.recording)):
-            raise RunOfAnother(request.run, path)
+    if recorded.identity != described.identity and not _may_be_one(recorded.path, str(request.recording)):
+        raise RunOfAnother(request.run, recorded.path)
 
 
-def _outcome(request: ReplayRequest, until: str) -> ReplayOutcome | None:
+def _outcome(request: ReplayRequest, until: str, record: RunRecord) -> ReplayOutcome | None:
     """The outcome of a run that is finished until `until`, None if files of its stages or its page are missing."""
     marks = read_marks(request.run)
     if until == "report" and request.draws and not (request.run / "report.html").is_file():
         return None
     try:
-        record, metrics = read_run_json(request.run), read_metrics(request.run)
+        metrics = read_metrics(request.run)
     except NotARun:
         return None
     # A log without a lidar ends after `position`.
-    ran = {str(each.get("name")) for each in record.get("stages", [])}
+    ran = {each.name for each in record.stages}
     done = [stage for stage in stages_for(until) if stage is POSITION or ran.intersection(stage.names)]
     if not all(stage.name in marks and files_are_whole(request.run, marks[stage.name]) for stage in done):
         return None
-    if any(not is_installed(**each) for each in record.get("plugins", [])):
+    if any(not is_installed(**each.model_dump()) for each in record.plugins):
         return None
-    reason = "; ".join(str(loss.get("detail", "")) for loss in record.get("losses", []))
+    reason = "; ".join(loss.detail for loss in record.losses)
     code = ExitCode.WITH_LOSS if reason else ExitCode.DONE
     reused = stages_until(request.options.until)[1:]
     return ReplayOutcome(request.recording, request.run, code, reason, metrics, reused)

@@ -11,8 +11,8 @@ from pathlib import Path
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite
 from quadlog.pipelines.stages.stage import Stage
-from quadlog.results.run.run_folder import RunFolder, place_of_new
-from quadlog.results.run.stage_marks import read_marks, write_marks
+from quadlog.results.saved.run_folder import RunFolder, place_of_new
+from quadlog.results.saved.stage_marks import read_marks, write_marks
 from quadlog.storage.atomic_write import part_prefix
 
 

@@ -15,10 +15,10 @@ from quadlog.pipelines.stages.resume import find_reusable, refuse_another, stage
 from quadlog.pipelines.stages.stage import stages_for
 from quadlog.pipelines.sweep.grid import Combination
 from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stages, take_over
-from quadlog.results.run.record import InputRecord, describe_input
-from quadlog.results.run.run_folder import place_of_new
-from quadlog.results.run.stage_marks import read_marks
-from quadlog.results.sweep.page import write_sweep_page
+from quadlog.results.page.runs_page import write_sweep_page
+from quadlog.results.record import InputRecord, describe_input
+from quadlog.results.saved.run_folder import place_of_new
+from quadlog.results.saved.stage_marks import read_marks
 from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 

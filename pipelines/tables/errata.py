@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
-from quadlog.results.papers.page import HEADER, Appendix, AppendixTable, Erratum, errata_text
+from typing import NamedTuple
+
+from quadlog.results.page.blocks import Cell, Column, Section, Table
+from quadlog.results.text import escape_markdown, print_table
+
+HEADER = ("where", "printed", "right", "remark")
+
+
+class Erratum(NamedTuple):
+    """place: as the paper numbers it; printed and right: formulas or words; remark: what follows, may be empty."""
+
+    place: str
+    printed: str
+    right: str
+    remark: str = ""
+
 
 FOLLOWING = (
     Erratum(
@@ -224,11 +239,17 @@ INTRODUCTION = (
 )
 
 
-def errata_appendix() -> Appendix:
-    """The list as it stands at the end of the tables' page."""
-    return Appendix(TITLE, INTRODUCTION, [AppendixTable(paper, HEADER, mine) for paper, mine in ERRATA.items()])
+def errata_section() -> Section:
+    """The list as it stands on the tables' page."""
+    rows = [[*map(Cell, (paper, *erratum))] for paper, mine in ERRATA.items() for erratum in mine]
+    columns = [*map(Column, ("paper", *HEADER))]
+    text = INTRODUCTION.replace("`", "").replace("\n", " ").strip()
+    return Section(TITLE, [Table(columns, rows, "errata", search="Search, as in eq. 8")], text)
 
 
 def errata_document() -> str:
     """docs/errata.md."""
-    return f"# {TITLE}\n\n{INTRODUCTION}\n{errata_text(ERRATA, 2)}"
+    lists = (
+        f"## {escape_markdown(paper)}\n\n{print_table(HEADER, mine, 'markdown')}" for paper, mine in ERRATA.items()
+    )
+    return f"# {TITLE}\n\n{INTRODUCTION}\n" + "\n".join(lists)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from quadlog.results.papers.page import Appendix, AppendixTable
+from quadlog.results.page.blocks import Cell, Column, Section, Table
 
 NOTHING_TO_MEASURE = "shows a robot, a device, a place or a method: nothing to measure"
 LOST = "lost but for its text: 3.24 m/s, slopes of 35°, loads of 15.07 kg, by a robot whose legs are not printed"
@@ -70,13 +70,13 @@ SHOWN = {
 }
 
 
-def figures_appendix() -> Appendix:
+def figures_section() -> Section:
     """The list as it stands on the tables' page."""
     rows = [
-        (paper, f"{each.kind} {each.numbers.replace('-', ' to ')}", ", ".join(each.tables) or "-", each.remark)
+        (paper, f"{shown.kind} {shown.numbers.replace('-', ' to ')}", ", ".join(shown.tables), shown.remark)
         for paper, mine in SHOWN.items()
-        for each in mine
+        for shown in mine
     ]
-    text = "What each of them became. Pictures of theirs are not shown again.\n"
-    table = AppendixTable("", ("paper", "printed as", "here", "remark"), rows)
-    return Appendix("Where the papers' tables and figures are", text, [table])
+    columns = [*map(Column, ("paper", "printed as", "here", "remark"))]
+    table = Table(columns, [[*map(Cell, row)] for row in rows], "figures", search="Search, as in Fig. 18")
+    return Section("Where the papers' figures are", [table])

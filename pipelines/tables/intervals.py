@@ -49,7 +49,8 @@ def claim(
     paper: the number with which it is printed, None for a claim in words.
     """
     verdict = judge_claim(threshold, ours, interval, above=above)
-    return _judged(quantity, ours, paper, interval, verdict, note, why_not)
+    printed = f"{'>' if above else '<'} {threshold:g}" if threshold in (0.0, paper) else ""
+    return replace(_judged(quantity, ours, paper, interval, verdict, note, why_not), claim=printed)
 
 
 def compare_samples(

@@ -19,12 +19,13 @@ from quadlog.errors import UnknownName
 from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.tables.errata import errata_appendix
-from quadlog.pipelines.tables.figure_index import figures_appendix
+from quadlog.pipelines.tables.errata import errata_section
+from quadlog.pipelines.tables.figure_index import figures_section
 from quadlog.pipelines.tables.real.recordings import folder_of_datasets
 from quadlog.pipelines.tables.registry import TABLES
-from quadlog.results.papers.page import prepare_folder, reusable_tables, write_readme, write_table
-from quadlog.results.papers.report import RelatedPage, write_report
+from quadlog.results.page.blocks import render
+from quadlog.results.page.papers import papers_page
+from quadlog.results.papers.folder import prepare_folder, reusable_tables, saved_tables, write_report, write_table
 from quadlog.results.papers.table import Origin, PaperTable, SavedTable
 
 ONLY_PRINTS = "quadlog/cli/"
@@ -105,16 +106,6 @@ def _can_be_made_now(table: PaperTable) -> bool:
     return not table.rows and folder_of_datasets() is not None
 
 
-def related_pages(seed: int) -> dict[str, RelatedPage]:
-    """Where planners are compared with their paths on a map, by the name of a table on the same walks."""
-    from quadlog.pipelines.tables.planning.planner_walks import DENSITIES_PER_M2, HELD_OUT_SEED
-
-    forests = " ".join(f"forest:{each:g}" for each in DENSITIES_PER_M2)
-    command = f"quadlog compare-planners {forests} --preset paper --seed {HELD_OUT_SEED + seed} -o planners"
-    what = "Cells, time and path of every planner in every replan of these walks, on a map"
-    return {"planning-2": RelatedPage(what, command, "planners")}
-
-
 def make_tables(
     names: Sequence[str],
     folder: Path,
@@ -148,7 +139,6 @@ def make_tables(
         write_table(folder, SavedTable(table, origin))
         tables[name] = table
         progress.advance()
-    appendices = (figures_appendix(), errata_appendix())
-    write_readme(folder, list(TABLES), origin.code, appendices, force)
-    write_report(folder, list(TABLES), origin.code, appendices, related_pages(seed), force)
+    page = papers_page(saved_tables(folder, list(TABLES)), origin.code, (figures_section(), errata_section()))
+    write_report(folder, render(page), force)
     return [tables[name] for name in chosen]

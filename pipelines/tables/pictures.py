@@ -1,19 +1,12 @@
-"""Pictures of the tables."""
+"""Pictures of the papers' tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
+from quadlog.results import mpl
 from quadlog.results.papers.table import TablePicture
-from quadlog.results.plots.style import render_png
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from quadlog.results.view import Drawing
 
 
-def drawn(name: str, alt: str, caption: str, draw: Callable[[], Figure | None]) -> TablePicture:
-    """The picture that `draw` makes, which must be one."""
-    png = render_png(draw)
-    assert png is not None
-    return TablePicture(name, alt, caption, png)
+def drawn(name: str, alt: str, caption: str, drawing: Drawing) -> TablePicture:
+    """The drawing as a picture of a table."""
+    return TablePicture(name, alt, caption, mpl.render(drawing))

@@ -43,6 +43,10 @@ PRESETS: dict[str, dict[str, Any]] = {
 """What the papers did, where quadlog's own default may differ."""
 
 
+RETIRED = {"results.frames": "the pictures of the simulated robot are gone; the player shows the walk"}
+"""Keys of earlier versions, which are ignored with a note, and why they went."""
+
+
 class Layer(NamedTuple):
     """One source of values: its name, for messages, and a nested table."""
 
@@ -93,7 +97,8 @@ def configure(
     """
     if preset is not None and preset not in PRESETS:
         raise UnknownName("preset", preset, PRESETS)
-    file = [] if path is None else [Layer(str(path), _read_toml(path))]
+    table, retired = without_retired({} if path is None else _read_toml(path))
+    file = [] if path is None else [Layer(str(path), table)]
     presets = [] if preset is None else [Layer(f"preset {preset}", PRESETS[preset])]
     typed = [_override_layer(override) for override in overrides]
     given = [flag for flag in flags if flag.value is not None]
@@ -111,7 +116,50 @@ def configure(
         config = Config.model_validate(_merged(layers))
     except ValidationError as error:
         raise _explain(error, layers) from None
-    return Configured(config, tuple(line for each in presets for line in _replaced(each, file, later)))
+    notes = [f"{path}: {line}" for line in retired]
+    return Configured(config, (*notes, *(line for each in presets for line in _replaced(each, file, later))))
+
+
+def read_bounds(path: Path) -> dict[str, dict[str, ExpectedRange | None]]:
+    """The bounds in a file of `quadlog check`, by name of the runs and metric; those for every run under "".
+
+    [default] and each [recordings.NAME] are tables like [expect]; in the latter {} is None, no bound whatever [default]
+    says. Raises UnreadableConfig, TooLarge, UnknownConfigKey and InvalidConfigValue.
+    """
+    content = _read_toml(path)
+    for key in content.keys() - {"default", "recordings"}:
+        (nearest,) = difflib.get_close_matches(key, ("default", "recordings"), 1, 0.0)
+        raise UnknownConfigKey(key, nearest, str(path))
+    recordings = content.get("recordings", {})
+    if not isinstance(recordings, dict):
+        raise InvalidConfigValue("recordings", "is a table", str(path))
+    found = {"": _bounds(content.get("default", {}), "default", path)}
+    for name, table in recordings.items():
+        if not isinstance(table, dict):
+            raise InvalidConfigValue(f"recordings.{name}", "is a table", str(path))
+        kept = {metric: {"min": 0.0} if bound == {} else bound for metric, bound in table.items()}
+        bounds = _bounds(kept, f"recordings.{name}", path)
+        found[name] = {metric: None if table[metric] == {} else bound for metric, bound in bounds.items()}
+    return found
+
+
+def _bounds(table: Any, where: str, path: Path) -> dict[str, ExpectedRange | None]:
+    """The bounds of a table, as those of [expect]; where: its name in errors."""
+    try:
+        return dict(Config.model_validate({"expect": table}).expect.model_extra or {})
+    except ValidationError as error:
+        raise _explain(error, [Layer(str(path), {"expect": table})], where) from None
+
+
+def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """A configuration without the keys of RETIRED, and a line for each that it had."""
+    kept, lines = {key: dict(of) if isinstance(of, Mapping) else of for key, of in table.items()}, []
+    for key, why in RETIRED.items():
+        section, _, name = key.partition(".")
+        if isinstance(kept.get(section), dict) and name in kept[section]:
+            del kept[section][name]
+            lines.append(f"{key} is ignored: {why}")
+    return kept, lines
 
 
 def commented_toml(
@@ -177,7 +225,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UnreadableConfig(path, error.strerror or "cannot be read") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError also for an integer of too many digits
         raise UnreadableConfig(path, f"not TOML: {error}") from None
 
 
@@ -267,14 +315,17 @@ def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
         _merge(into[key], value)
 
 
-def _explain(error: ValidationError, layers: Sequence[Layer]) -> QuadlogError:
+def _explain(error: ValidationError, layers: Sequence[Layer], expect: str = "expect") -> QuadlogError:
+    """expect: the name of the table of bounds."""
     first = error.errors()[0]
     loc = [str(part) for part in first["loc"]]
     key = ".".join(loc) or "the file"
     source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
+    if loc[:1] == ["expect"]:
+        key = ".".join([expect, *loc[1:]])
     if first["type"] == "extra_forbidden":
         position = next((part for part in loc if part.isdigit()), "0")
-        sides = [f"{'.'.join(loc[:-1])}.{side}" for side in ExpectedRange.model_fields if loc[0] == "expect"]
+        sides = [f"{key.rpartition('.')[0]}.{side}" for side in ExpectedRange.model_fields if loc[0] == "expect"]
         keys = sides or sorted(_keys_of(Config, "", position))
         matches = difflib.get_close_matches(key, keys, n=1, cutoff=0.0)
         return UnknownConfigKey(key, matches[0] if matches else None, source)

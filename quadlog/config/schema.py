@@ -284,7 +284,6 @@ class Results(Section):
 
     cloud_samples: int = Field(3, ge=0, le=50, description="scans kept with the class of every point")
     ground_cell_m: float = Field(0.2, ge=0.01, le=10, description="cell of the ground's height map")
-    frames: int = Field(6, ge=0, le=24, description="pictures of a simulated robot, side by side; 0: none")
 
 
 class ExpectedRange(Section):
@@ -298,6 +297,11 @@ class ExpectedRange(Section):
         if self.min is None and self.max is None:
             raise ValueError("needs min, max or both")
         return self if self.min is None or self.max is None else in_order(self, "min", "max", may_be_equal=True)
+
+    def holds(self, value: float | None) -> bool:
+        """Whether a metric's value lies within; never where it was not measured, None."""
+        low, high = self.min, self.max
+        return value is not None and (low is None or value >= low) and (high is None or value <= high)
 
 
 UNKNOWN_METRIC = "unknown_metric"

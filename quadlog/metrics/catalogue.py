@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
-ValueKind = Literal["quantity", "count", "yes or no"]
+ValueKind = Literal["quantity", "share", "factor", "count", "yes or no"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,8 +15,9 @@ class MetricEntry:
 
     formula: in plain characters, N samples x_i; source: a key of docs/references.md with the equation, or quadlog
     itself; counted: what n counts; worst_is_lowest: of the samples; 1 and the largest of all are not bad. kind: of a
-    run's value; only quantities are about normally distributed over runs.
-    better: the lower or the higher value; empty where neither is better.
+    run's value: shares are shown in percent, factors with ×; counts and yes or no have no interval.
+    better: the lower or the higher value; empty where neither is better. theme, label: group and words in which readers
+    see it, see THEMES. alarm: the range outside of which a page warns without any configuration.
     """
 
     name: str
@@ -27,6 +29,9 @@ class MetricEntry:
     worst_is_lowest: bool = False
     kind: ValueKind = "quantity"
     better: Literal["lower", "higher", ""] = "lower"
+    theme: str = ""
+    label: str = ""
+    alarm: tuple[float, float] | None = None
 
 
 _OURS = "quadlog's own definition"
@@ -265,17 +270,80 @@ _ENTRIES = (
     ),
 )
 
-CATALOGUE: dict[str, MetricEntry] = {entry.name: entry for entry in _ENTRIES}
-"""Every metric of the contract by name, in the contract's order."""
-
-ALARMS: dict[str, tuple[float | None, float | None]] = {
-    "uwb_coverage_95": (0.85, None),
-    "uwb_nees": (1.0, 4.0),
-    "clearance_min_m": (0.05, None),
+THEMES: dict[str, dict[str, str]] = {
+    "Position": {
+        "ate_rmse_m": "position error",
+        "uwb_coverage_95": "truth inside the 95 % ellipse",
+        "uwb_rmse_m": "error of single fixes",
+        "ate_aligned_rmse_m": "position error, aligned",
+        "uwb_residual_m": "range residual",
+        "uwb_nis": "NIS of the ranges (1 is consistent)",
+        "uwb_nees": "NEES of the track (2 is consistent)",
+        "uwb_bias_m": "constant error of fixes",
+        "rpe_rmse_m": "relative pose error",
+        "ate_time_corrected_rmse_m": "position error, clocks aligned",
+        "lidar_uwb_rmse_m": "lidar track against UWB",
+        "reference_time_offset_s": "clock offset to the reference",
+    },
+    "Planning": {
+        "success_rate": "replans with a path",
+        "ratio_to_astar": "fewer cells than A*",
+        "suboptimality_mean": "extra path cost",
+        "expanded_mean": "cells per replan",
+        "fallback_share": "replans from scratch",
+        "expanded_total": "cells expanded",
+        "generated_total": "cells generated",
+    },
+    "Walking": {
+        "collisions": "contacts",
+        "fallen": "falls",
+        "eta_m": "distance to the path",
+        "clearance_min_m": "nearest obstacle",
+        "following_distance_mean_m": "distance to the target",
+        "completion_time_s": "time to the end of the course",
+        "max_error_m": "largest distance to the path",
+        "sigma_m": "scatter of the distance to the path",
+        "cross_track_rmse_m": "cross-track error",
+        "heading_rmse_rad": "heading error",
+        "eta_time_m": "distance to the schedule",
+        "sigma_time_m": "scatter of the distance to the schedule",
+        "plan_error_m": "distance to the current plan",
+        "lateral_drift_m": "drift to the left",
+        "yaw_rate_degps": "turning drift",
+        "forward_m": "distance forward",
+    },
+    "Body": {
+        "cost_of_transport": "cost of transport",
+        "torque_max_nm": "largest torque",
+        "torque_saturation_share": "torques at the limit",
+        "pitch_rms_rad": "pitch error",
+        "height_rms_m": "height error",
+        "torque_rms_nm": "torque, rms",
+        "duty_factor": "duty factor",
+        "stride_frequency_hz": "stride frequency",
+        "logged_cost_of_transport": "cost of transport, logged",
+        "logged_torque_max_nm": "largest torque, logged",
+        "logged_torque_rms_nm": "torque, rms, logged",
+        "logged_duty_factor": "duty factor, logged",
+        "logged_stride_frequency_hz": "stride frequency, logged",
+    },
+    "Computing": {"realtime_factor": "times real time"},
 }
-"""Least and most of metrics of which a page warns where the configuration expects nothing of them.
+"""Metrics by theme, the ones that matter most first, with their labels."""
+_SHARES = frozenset({
+    *("uwb_coverage_95", "success_rate", "suboptimality_mean", "fallback_share", "torque_saturation_share"),
+    *("duty_factor", "logged_duty_factor"),
+})  # fmt: skip
+_FACTORS = frozenset({"realtime_factor", "ratio_to_astar"})
+_ALARMS = {"uwb_coverage_95": (0.85, 1.0), "uwb_nees": (1.0, 4.0), "clearance_min_m": (0.05, math.inf)}
+"""Half a cell of the default map is the least clearance."""
 
-The track's claimed accuracy is off by half, or a body passed an obstacle nearer than half a cell of the default map.
-"""
-LONGEST_GAP_S = 1.0
-"""A page warns where there are no positions for longer."""
+
+def _with_words(entry: MetricEntry) -> MetricEntry:
+    theme = next(theme for theme, labels in THEMES.items() if entry.name in labels)
+    kind: ValueKind = "share" if entry.name in _SHARES else "factor" if entry.name in _FACTORS else entry.kind
+    return replace(entry, theme=theme, label=THEMES[theme][entry.name], kind=kind, alarm=_ALARMS.get(entry.name))
+
+
+CATALOGUE: dict[str, MetricEntry] = {entry.name: _with_words(entry) for entry in _ENTRIES}
+"""Every metric of the contract by name, in the contract's order."""

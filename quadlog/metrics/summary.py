@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -60,8 +60,21 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
     return {
-        name: Metric(value_of(each), each.count, CATALOGUE[name].unit, _interval(each)) for name, each in known.items()
+        name: Metric(value_of(of), of.count, CATALOGUE[name].unit, _interval(of), _worst(name, of))
+        for name, of in known.items()
     }
+
+
+_OF_EVENTS = frozenset({"fallback_share", "generated_total", "expanded_total", "success_rate"})
+"""Sums of events of which one is as bad as the next; and totals, whose worst instant their mean has."""
+
+
+def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
+    """The worst sample of a metric and its instant; None for counts of events."""
+    if CATALOGUE[name].kind in ("count", "yes or no") or name in _OF_EVENTS or samples.statistic == "length of mean":
+        return None
+    rows = worst_of(name, samples, most=1)
+    return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,25 +186,22 @@ def _root(of_square: Interval | None) -> Interval | None:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A metric's value, n and unit; summary: of the samples behind it, None where none are saved or were read."""
+    """A metric's value, n, unit and 95 % interval; summary: of the samples behind it, None where none were read."""
 
     value: float
     n: int
     unit: str
+    interval: Interval | None = None
     summary: SampleSummary | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """A run under the name that tells it from the others, with its metrics in the contract's order.
-
-    settings: how it was made; runs of other settings are not averaged with it.
-    """
+    """A run under the name that tells it from the others, with its metrics in the contract's order."""
 
     path: Path
     label: str
     metrics: Mapping[str, Measured]
-    settings: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The run folder: written, read, drawn and exported.
 
-For users' scripts: `load_maps(run)`, `read_table(run, name)`, `read_run_json(run)`, `read_metrics(run)`.
+For users' scripts: `load_maps(run)`, `read_table(run, name)`, `read_record(run)`, `read_metrics(run)`.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quadlog.results.run.maps import load_maps as load_maps
-    from quadlog.results.run.run_folder import read_metrics as read_metrics
-    from quadlog.results.run.run_folder import read_run_json as read_run_json
-    from quadlog.results.run.tables import read_table as read_table
+    from quadlog.results.record import read_record as read_record
+    from quadlog.results.saved.maps import load_maps as load_maps
+    from quadlog.results.saved.run_folder import read_metrics as read_metrics
+    from quadlog.results.saved.tables import read_table as read_table
 
 _HOMES = {
-    "load_maps": "quadlog.results.run.maps",
-    "read_metrics": "quadlog.results.run.run_folder",
-    "read_run_json": "quadlog.results.run.run_folder",
-    "read_table": "quadlog.results.run.tables",
+    "load_maps": "quadlog.results.saved.maps",
+    "read_metrics": "quadlog.results.saved.run_folder",
+    "read_record": "quadlog.results.record",
+    "read_table": "quadlog.results.saved.tables",
 }
 
 

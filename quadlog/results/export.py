@@ -4,45 +4,41 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, Literal, NamedTuple
 
-from quadlog.errors import CannotWrite, NotARun, UnknownName, csv_cell
+from quadlog.errors import CannotWrite, MissingProgram, NotARun, UnknownName, csv_cell
 from quadlog.storage.atomic_write import whole_file
-
-Note = Callable[[str], None]
 
 
 class Exporter(NamedTuple):
-    """write(run, output, force, note) gives the files it wrote, and calls note with what was left out, in a line.
+    """write(run, output, force) returns the files it wrote. suffix: end of the output's name where none is given."""
 
-    suffix: end of the output's name where none is given.
-    """
-
-    write: Callable[[Path, Path, bool, Note], list[Path]]
+    write: Callable[..., list[Path]]
     suffix: str
 
 
-def export_run(run: Path, to: str, output: Path, force: bool = False, note: Note = lambda _words: None) -> list[Path]:
+def export_run(run: Path, to: str, output: Path, force: bool = False, **options: Any) -> list[Path]:
     """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
 
-    note: called with a line on what was thinned. Raises UnknownName for an unknown format, NotARun when the run is
-    unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that is a file of a run,
-    MissingProgram, CannotWrite.
+    Raises UnknownName for an unknown format, NotARun when the run is unfinished or lacks the result, AlreadyExists
+    unless `force`, UsageError for an output that is a file of a run, MissingProgram, CannotWrite.
     """
-    from quadlog.results.run.run_folder import read_run_json
+    from quadlog.results.record import read_record
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    read_run_json(run)  # raises for a run that is not finished
-    return EXPORTERS[to].write(run, output, force, note)
+    read_record(run)  # raises for a run that is not finished
+    return EXPORTERS[to].write(run, output, force, **options)
 
 
-def export_tum(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
+def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
     import numpy as np
 
-    from quadlog.results.run.tables import has_table, read_table
+    from quadlog.results.saved.tables import has_table, read_table
     from quadlog.storage.formats.tum import write_tum
 
     if not has_table(run, "poses"):
@@ -54,11 +50,11 @@ def export_tum(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     return [output]
 
 
-def export_csv(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
+def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
     """Every table as `output/NAME.csv`, numbers in full precision, an empty field where there is no value."""
     import pandas as pd
 
-    from quadlog.results.run.tables import read_table
+    from quadlog.results.saved.tables import read_table
 
     names = _tables(run)
     written = [output / f"{name}.csv" for name in names]
@@ -74,45 +70,68 @@ def export_csv(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
     return written
 
 
-def export_rosmap(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
+def export_rosmap(run: Path, output: Path, force: bool) -> list[Path]:
     """`output/map.pgm` and `output/map.yaml`, as the run saved them."""
     return _copy(run, ["map.pgm", "map.yaml"], [output / "map.pgm", output / "map.yaml"], force)
 
 
-def export_mcap(run: Path, output: Path, force: bool, _note: Note) -> list[Path]:
+def export_mcap(run: Path, output: Path, force: bool) -> list[Path]:
     """`derived.mcap`, written again from the saved results."""
-    from quadlog.results.foxglove.derived_mcap import write_derived
+    from quadlog.results.foxglove import write_derived
+    from quadlog.results.run import Run
 
     _tables(run)
     _prepare([output], force)
-    return [write_derived(run, output)]
+    return [write_derived(Run(run), output)]
 
 
-def export_gif(run: Path, output: Path, force: bool, note: Note) -> list[Path]:
-    """The run from above as an animated GIF."""
-    from quadlog.results.player.film import write_gif
+def export_film(run: Path, output: Path, force: bool, to: Literal["gif", "mp4"]) -> list[Path]:
+    """The walk from above as an animated GIF or, with ffmpeg, MP4, at most mpl.MOST_FRAMES frames.
 
+    Raises NotARun for a run without positions, MissingProgram.
+    """
+    from quadlog.results.mpl import film
+    from quadlog.results.run import Run
+    from quadlog.results.scenes import walk_scene
+
+    scene = walk_scene(Run(run))
+    if scene is None:
+        raise NotARun(run, "has no positions to film")
+    if to == "mp4" and shutil.which("ffmpeg") is None:
+        raise MissingProgram("ffmpeg", "--to mp4", "--to gif")
     _prepare([output], force)
-    with whole_file(output) as part:
-        write_gif(run, part, note)
+    with TemporaryDirectory(prefix="quadlog-") as folder, whole_file(output) as part:
+        made = Path(folder) / f"film.{to}"
+        film(scene, made)
+        shutil.move(made, part)
     return [output]
 
 
-def export_mp4(run: Path, output: Path, force: bool, note: Note) -> list[Path]:
-    """The run from above as MP4; needs ffmpeg."""
-    from quadlog.results.player.film import write_mp4
+def export_figures(
+    run: Path, output: Path, force: bool, to: Literal["png", "pdf", "svg"] = "pdf", width_in: float = 3.5
+) -> list[Path]:
+    """Every figure of the run as `output/NAME.FORMAT`, for a paper: 8 pt, no titles, width_in inches wide."""
+    from quadlog.results.figures import drawings_of
+    from quadlog.results.mpl import render
+    from quadlog.results.run import Run
+    from quadlog.storage.atomic_write import write_whole
 
-    _prepare([output], force)
-    with whole_file(output) as part:
-        write_mp4(run, part, note)
-    return [output]
+    drawings = drawings_of(Run(run))
+    written = {output / f"{name}.{to}": drawing for name, drawing in drawings.items()}
+    if not written:
+        raise NotARun(run, "has nothing to draw")
+    _prepare([*written], force)
+    for path, drawing in written.items():
+        write_whole(path, render(drawing, to, width_in, point_size=8.0))
+    return [*written]
 
 
 EXPORTERS = {
     "csv": Exporter(export_csv, "csv"),
-    "gif": Exporter(export_gif, "walk.gif"),
+    "figures": Exporter(export_figures, "figures"),
+    "gif": Exporter(partial(export_film, to="gif"), "walk.gif"),
     "mcap": Exporter(export_mcap, "derived.mcap"),
-    "mp4": Exporter(export_mp4, "walk.mp4"),
+    "mp4": Exporter(partial(export_film, to="mp4"), "walk.mp4"),
     "rosmap": Exporter(export_rosmap, "rosmap"),
     "tum": Exporter(export_tum, "trajectory.tum"),
 }
@@ -120,7 +139,7 @@ EXPORTERS = {
 
 def _tables(run: Path) -> list[str]:
     """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.run.tables import TABLES, has_table
+    from quadlog.results.saved.tables import TABLES, has_table
 
     names = [name for name in TABLES if has_table(run, name)]
     if not names:
@@ -141,7 +160,7 @@ def _copy(run: Path, names: list[str], written: list[Path], force: bool) -> list
 
 def _prepare(written: list[Path], force: bool) -> None:
     """Refuse existing files, and make folders, before anything is written."""
-    from quadlog.results.run.outputs import refuse_existing
+    from quadlog.results.saved.outputs import refuse_existing
 
     for path in written:
         refuse_existing(path, force)

@@ -175,13 +175,11 @@ def walk_course(
     max_yaw_rate_radps: float,
     rate_hz: float,
     most_s: float | None = None,
-    watch: Callable[[], None] | None = None,
 ) -> CourseWalk:
     """Walk the course until its end, a fall, or until it takes too long.
 
     rate_hz: of control, a divisor of the simulation's rate. Errors are those of the true pose, whatever the robot
-    knows of it. most_s: stop after so long, None for what the course should take at most. watch: called at every tick
-    of control, before the robot is told what to do.
+    knows of it. most_s: stop after so long, None for what the course should take at most.
     """
     path = FollowedPath(course.path_m, course.speed_mps, max_yaw_rate_radps)
     every = max(round(1 / (rate_hz * robot.tick_s)), 1)
@@ -199,8 +197,6 @@ def walk_course(
         timed_m = path.truth.reference_at(robot.t_s * path.speed_mps)
         write_errors(row, place, math.dist(timed_m, (x_m, y_m)))
         rows.append(row)
-        if watch is not None:
-            watch()
         if place.finished and not robot.fallen:
             completed_ns = times_ns[-1]
         if place.finished or robot.fallen or robot.t_s >= most_s:

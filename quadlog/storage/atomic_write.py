@@ -22,8 +22,8 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]{8}\.part")
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
-_LAST = frozenset({"run.json", "README.md"})
-"""Files that are written when all others of their folder are."""
+_LAST = frozenset({"run.json", "report.html"})
+"""Files that are written when all others of their folder are; beside a run.json a page is not."""
 _watching: list[list[Path]] = []
 _unfinished: set[Path] = set()
 _new_folders: set[Path] = set()
@@ -109,7 +109,8 @@ def files_written() -> Iterator[list[Path]]:
 
 def complete_folders(since_s: float) -> list[Path]:
     """The folders whose last file this process has written since that time.monotonic(), and which are still there."""
-    return [path.parent for path, written_s in _complete_s.items() if written_s >= since_s and path.is_file()]
+    last = [path for path, written_s in _complete_s.items() if written_s >= since_s and path.is_file()]
+    return [path.parent for path in last if path.name == "run.json" or not (path.parent / "run.json").exists()]
 
 
 def remove_unfinished() -> None:

@@ -90,3 +90,19 @@ class NpzReader:
         if len(content) - body.tell() != math.prod(found) * dtype.itemsize:
             raise NotARun(self.path, f"is damaged: {name} is cut")
         return np.frombuffer(content, dtype, offset=body.tell()).reshape(found).copy()
+
+
+def read_arrays(path: Path, max_bytes: int = 1 << 30) -> dict[str, NDArray[Any]]:
+    """All arrays of an untrusted archive by name, whose sizes together are checked before anything is allocated.
+
+    Raises NotARun for a damaged file or arrays of objects, TooLarge.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > max_bytes:
+            raise TooLarge(f"{path}: bytes of arrays", size, max_bytes)
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (zipfile.BadZipFile, zlib.error, OSError, ValueError, KeyError, EOFError, NotImplementedError) as error:
+        raise NotARun(path, f"is damaged or no .npz: {error}") from error

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run as run_cli
-from quadlog.results.run.tables import read_table
+from quadlog.results.saved.tables import read_table
 from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
 
 LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
@@ -120,5 +120,5 @@ def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path:
     arguments = ["-o", str(tmp_path / "runs"), "--until", "ingest", "--no-plots"]
     assert run_cli(["replay", str(log.write(tmp_path / "log")), *arguments]) == 0
     page = (tmp_path / "runs" / "log" / "report.html").read_text()
-    assert "Positions were not asked for" in page
+    assert "Positions were not computed" in page
     assert "does not tell where the robot was" not in page

@@ -2,10 +2,19 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadlog.config.file import read_bounds
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.check import bounds_toml, propose
+from quadlog.results.run import SavedMetric
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -27,7 +36,7 @@ def test_bounds_that_hold_and_one_that_does_not(follow, bounds, quadlog):
     first, *lines = done.out.splitlines()
     assert first == f"{follow}: 2 of 3 bounds do not hold"
     verdicts = {line.split()[0]: line for line in lines}
-    assert "absent" in verdicts["eta_m"]
+    assert "not measured" in verdicts["eta_m"]
     assert verdicts["uwb_rmse_m"].endswith("DOES NOT HOLD")
     assert verdicts["uwb_residual_m"].endswith("holds")
 
@@ -49,20 +58,118 @@ def test_json_and_junit_say_the_same(follow, bounds, tmp_path, quadlog):
     assert bounds.read_text() == before
 
 
-def test_proposed_bounds_hold_and_keep_what_was_there(follow, tmp_path, quadlog, ok, refused):
+def measured(folder: Path, follow: Path, **metrics: float) -> Path:
+    """A run that has these metrics alone."""
+    if not folder.exists():
+        shutil.copytree(follow, folder)
+    found = {name: {"value": value, "n": 9, "unit": ""} for name, value in metrics.items()}
+    (folder / "metrics.json").write_text(json.dumps(found))
+    return folder
+
+
+def proposed(run: Path, quadlog) -> dict[str, dict[str, float]]:
+    path = run.parent / "proposed.toml"
+    assert quadlog("check", run, "--expect", path, "--write", "--force").code == 0
+    return tomllib.loads(path.read_text())["recordings"][run.name]
+
+
+def test_the_side_that_is_bounded_is_the_worse_one_of_the_catalogue(follow, tmp_path, quadlog):
+    run = measured(tmp_path / "run", follow, **dict.fromkeys(CATALOGUE, 0.95), of_another_version=1.0)
+    found = proposed(run, quadlog)
+    assert set(found) == set(CATALOGUE) - {"realtime_factor"}
+    sides = {"lower": {"max"}, "higher": {"min"}, "": {"min", "max"}}
+    assert {name: set(bound) for name, bound in found.items()} == {
+        name: sides[CATALOGUE[name].better] for name in found
+    }
+    assert "of_another_version" in quadlog("check", run, "--expect", tmp_path / "x.toml", "--write").err
+
+
+BEFORE = {"uwb_coverage_95": 0.95, "uwb_nees": 2.0, "uwb_nis": 1.0, "reference_time_offset_s": 0.02}
+
+
+@pytest.mark.parametrize(
+    "worse", [{"uwb_coverage_95": 0.05}, {"uwb_nees": 0.1}, {"uwb_nis": 0.1}, {"reference_time_offset_s": -5.0}]
+)
+def test_what_gets_worse_does_not_hold_the_bounds_written_before(follow, tmp_path, quadlog, ok, worse):
+    run, path = measured(tmp_path / "run", follow, **BEFORE), tmp_path / "bounds.toml"
+    ok("check", run, "--expect", path, "--write")
+    ok("check", run, "--expect", path)
+    measured(run, follow, **BEFORE | worse)
+    done = quadlog("check", run, "--expect", path)
+    assert done.code == 4
+    assert [line.split()[0] for line in done.out.splitlines() if line.endswith("DOES NOT HOLD")] == list(worse)
+
+
+def test_the_margin_is_a_tenth_of_a_value_a_hundredth_of_a_share_and_nothing_of_events(follow, tmp_path, quadlog):
+    values = {"eta_m": 0.2, "clearance_min_m": -0.5, "expanded_total": 2628, "yaw_rate_degps": -2.0, "success_rate": 1}
+    values |= {"suboptimality_mean": 0.0, "fallen": 0, "collisions": 3, "sigma_m": 6.7e-16}
+    assert proposed(measured(tmp_path / "run", follow, **values), quadlog) == {
+        "eta_m": {"max": 0.22}, "clearance_min_m": {"min": -0.55}, "expanded_total": {"max": 2900.0},
+        "yaw_rate_degps": {"min": -2.2, "max": -1.8}, "success_rate": {"min": 0.99},
+        "suboptimality_mean": {"max": 0.01}, "fallen": {"max": 0.0}, "collisions": {"max": 3.0},
+        "sigma_m": {"max": 0.000101},  # rounded outwards
+    }  # fmt: skip
+
+
+VALUES = st.floats(allow_nan=False, allow_infinity=False)
+METRICS = st.dictionaries(st.sampled_from(sorted(CATALOGUE)), st.tuples(VALUES, VALUES), max_size=8)
+
+
+@settings(max_examples=15, deadline=None)
+@given(METRICS)
+def test_what_was_written_is_read_and_holds_on_the_runs_it_was_written_from(tmp_path_factory, metrics):
+    path = tmp_path_factory.mktemp("bounds") / "bounds.toml"
+    runs = [{name: SavedMetric(both[at]) for name, both in metrics.items()} for at in (0, 1)]
+    record = SimpleNamespace(options={})
+    made = [SimpleNamespace(path=Path('a.b "c"'), simulated=False, record=record, metrics=each) for each in runs]
+    path.write_bytes(bounds_toml(propose(made), path))
+    bounds = read_bounds(path)[made[0].path.name]
+    assert set(bounds) == set(metrics) - {"realtime_factor"}
+    assert all(bound.holds(value) for name, bound in bounds.items() for value in metrics[name])
+
+
+def test_a_written_file_is_not_replaced_without_force(follow, tmp_path, quadlog, ok, refused):
     path = tmp_path / "ci" / "bounds.toml"
     ok("check", follow, "--expect", path, "--write")
     ok("check", follow, "--expect", path)
-    path.write_text("# mine\n" + path.read_text().replace("[recordings.follow]", "[recordings.other]"))
+    path.write_text(path.read_text().replace("[recordings.follow]", "[recordings.other]"))
     done = quadlog("check", follow, "--expect", path)
     assert done.code == 4
     assert "add [recordings.follow] or [default]" in done.out
     assert done.err == "not checked, no such run was given: other\n"
     assert "--force" in refused(1, "check", follow, "--expect", path, "--write")
+    assert "[recordings.other]" in path.read_text()
     ok("check", follow, "--expect", path, "--write", "--force")
-    assert path.read_text().startswith("# mine\n")
-    assert {"[recordings.other]", "[recordings.follow]"} <= set(path.read_text().splitlines())
-    ok("check", follow, "--expect", path)
+    assert "[recordings.other]" not in path.read_text()
+
+
+def test_all_metrics_that_were_not_measured_are_shown(follow, bounds, quadlog):
+    names = ["collisions", "fallen", "eta_m", "clearance_min_m", "max_error_m"]
+    bounds.write_text("[default]\n" + "".join(f"{name} = {{ max = 1 }}\n" for name in names))
+    done = quadlog("check", follow, "--expect", bounds)
+    assert (done.code, done.out.count("not measured")) == (4, 5)
+    (found,) = json.loads(quadlog("check", follow, "--expect", bounds, "--json").out)
+    assert [(each["metric"], each["reason"], "value" in each) for each in found["bounds"]] == [
+        (name, "not measured", False) for name in names
+    ]
+
+
+def test_a_bound_under_a_name_replaces_that_of_all_and_none_removes_it(follow, bounds, quadlog, ok):
+    bounds.write_text("[default]\nuwb_residual_m = { max = 0 }\n[recordings.follow]\nuwb_residual_m = {}\n")
+    assert "no bounds are expected" in quadlog("check", follow, "--expect", bounds).out
+    bounds.write_text("[default]\nuwb_residual_m = { max = 0 }\n[recordings.follow.uwb_residual_m]\nmax = 9\n")
+    ok("check", follow, "--expect", bounds)
+
+
+def test_a_walk_goes_by_its_course_and_by_its_seed(follow, tmp_path, bounds, quadlog, ok):
+    seed = shutil.copytree(follow, tmp_path / "line-fpmw" / "seed-003")
+    record = json.loads((seed / "run.json").read_text())
+    (seed / "run.json").write_text(json.dumps(record | {"options": {"course": "line"}}))
+    for name in ("line-fpmw", '"line-fpmw/seed-003"'):
+        bounds.write_text(f"[recordings.{name}]\nuwb_residual_m = {{ max = 10 }}\n")
+        ok("check", tmp_path / "line-fpmw", "--expect", bounds)
+    bounds.write_text("[recordings.seed-003]\nuwb_residual_m = { max = 10 }\n")
+    assert quadlog("check", seed, "--expect", bounds).code == 4
 
 
 def test_a_broken_run_in_a_folder_of_runs_is_an_error(follow, bounds, tmp_path, quadlog):
@@ -77,22 +184,26 @@ def test_a_broken_run_in_a_folder_of_runs_is_an_error(follow, bounds, tmp_path, 
     assert [suite.get("errors") for suite in ET.parse(tmp_path / "report.xml").getroot()] == ["1", "0"]
 
 
-def test_a_bad_file_of_bounds_is_one_line_and_kept(follow, bounds, refused):
-    text = "[default]\neta = { max = 1 }"
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[default]\neta = { max = 1 }", "unknown key default.eta; did you mean default.eta_m?"),
+        ("[recordings.x]\neta = {}", "unknown key recordings.x.eta; did you mean recordings.x.eta_m?"),
+        ("[recordings.x]\neta_m = { maxi = 1 }", "unknown key recordings.x.eta_m.maxi; did you mean"),
+        ("[default]\neta_m = { min = 2, max = 1 }", "default.eta_m: min must not be above max"),
+        ("[default]\neta_m = {}", "default.eta_m: needs min, max or both"),
+        ("[default]\neta_m = { max = nan }", "default.eta_m.max: input should be a finite number"),
+        ("[recording.x]", "unknown key recording; did you mean recordings?"),
+        ("recordings = 1", "recordings: is a table"),
+        ("recordings.x = 1", "recordings.x: is a table"),
+        ("default = 1", "default: "),
+        (f"[default]\neta_m = {{ max = {'9' * 5000} }}", "not TOML"),
+        ("[default", "not TOML"),
+    ],
+)
+def test_a_bad_file_of_bounds_is_one_line(follow, bounds, refused, text, says):
     bounds.write_text(text)
-    for more in ([], ["--write", "--force"]):
-        assert "unknown key default.eta; did you mean eta_m?" in refused(1, "check", follow, "--expect", bounds, *more)
-    assert bounds.read_text() == text
-
-
-def test_a_metric_of_the_runs_own_may_be_bounded(follow, bounds, tmp_path, quadlog):
-    copy = shutil.copytree(follow, tmp_path / "follow")
-    metrics = json.loads((copy / "metrics.json").read_text())
-    metrics["my_own_m"] = {"value": 1.0, "n": 1, "unit": "m"}
-    (copy / "metrics.json").write_text(json.dumps(metrics))
-    bounds.write_text("[default]\nmy_own_m = { max = 0.5 }\n")
-    assert quadlog("check", copy, "--expect", bounds).code == 4
-    assert quadlog("check", follow, "--expect", bounds).code == 1
+    assert says in refused(1, "check", follow, "--expect", bounds)
 
 
 def test_usage(follow, bounds, tmp_path, refused):
@@ -136,8 +247,7 @@ def test_a_recording_without_a_run_is_no_success(bounds, tmp_path, quadlog, ok):
 def test_bounds_that_accept_a_fall_or_contact_are_named_and_commented(follow, tmp_path, quadlog):
     copy, path = shutil.copytree(follow, tmp_path / "follow"), tmp_path / "bounds.toml"
     for value, events in ((0, 0), (2, 2)):
-        metrics = {name: {"value": value, "n": 9, "unit": ""} for name in ("fallen", "collisions", "eta_m")}
-        (copy / "metrics.json").write_text(json.dumps(metrics))
+        measured(copy, follow, fallen=value, collisions=value, eta_m=value)
         done = quadlog("check", copy, "--expect", path, "--write", "--force")
         assert (done.code, done.out) == (0, f"{path}: 3 bounds for follow\n")
         assert done.err.startswith("warning: the bounds for follow accept ") is (events > 0)

@@ -4,11 +4,8 @@ import json
 
 import pytest
 
-from quadlog.cli.terminal.parameters import FORMATS
-from quadlog.planning.registry import PLANNERS
 from quadlog.planning.replan import Panel
 from quadlog.results.planner_comparison import tables
-from quadlog.results.text import metrics
 
 COLUMNS = tables.PLANNERS
 PLAN = ["--planner", "ia_star", "--planner", "mt_d_star_lite"]
@@ -21,14 +18,9 @@ def small_map(tmp_path) -> str:
     return str(tmp_path / "small.map")
 
 
-def test_formats_are_those_there_are():
-    """The command line has a list of its own, so that its help needs no numpy."""
-    assert set(tables.FORMATS) == set(metrics.FORMATS) == set(FORMATS)
-
-
 def test_help_names_sources_and_options(ok):
     out = ok("compare-planners", "--help")
-    for word in ("run folder", "recording", ".map", ".yaml", "forest:DENSITY", "--scen", *PLANNERS):
+    for word in ("run folder", "recording", ".map", ".yaml", "forest:DENSITY", "--scen"):
         assert word in out
 
 
@@ -53,7 +45,7 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog):
 def test_text_says_how_to_read_it(quadlog, to, holds):
     code, out, err = quadlog(*FOREST, "--format", to)
     assert (code, err) == (0, "")
-    assert holds in out
+    assert holds in " ".join(out.split())
     assert "solved by all 3 planners: ratio, excess cost" in out
     assert "fewer than 6 episodes are too few" in out
 

@@ -1,12 +1,18 @@
+"""`quadlog diff`: equal runs, what differs and where first, tolerances, damage, remote runs."""
+
 from __future__ import annotations
 
 import json
 import shutil
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from quadlog.cli.main import run
+from quadlog.results.diff import COLUMNS, MADE, merge_frames
+from quadlog.results.saved.tables import TABLES, read_table, write_table
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -21,75 +27,143 @@ def other(tmp_path_factory):
     return folder / "follow"
 
 
-def edited(follow, tmp_path, name, change):
-    """A copy of the run with another run.json or metrics.json."""
-    copy = shutil.copytree(follow, tmp_path / "follow")
-    content = json.loads((copy / name).read_text())
+@pytest.fixture
+def copy(follow, tmp_path):
+    return shutil.copytree(follow, tmp_path / "follow")
+
+
+def edit(run, name, change):
+    content = json.loads((run / name).read_text())
     change(content)
-    (copy / name).write_text(json.dumps(content))
-    return copy
+    (run / name).write_text(json.dumps(content))
 
 
-def test_another_seed_alone_is_listed_and_is_no_difference(follow, tmp_path, quadlog):
-    same = edited(follow, tmp_path, "run.json", lambda record: record.update(seed=3))
-    done = quadlog("diff", follow, same)
+def alter(run, name, change):
+    """Replace a table's columns by what `change` makes of them."""
+    write_table(run / f"{name}.parquet", TABLES[name], change(read_table(run, name)))
+
+
+def listed(quadlog, *arguments):
+    done = quadlog("diff", *arguments, "--json")
+    rows = json.loads(done.out)
+    assert done.code == (4 if any(row["stage"] != MADE for row in rows) else 0)
+    return rows
+
+
+def test_another_seed_alone_is_listed_and_is_no_difference(follow, copy, quadlog):
+    edit(copy, "run.json", lambda record: record.update(seed=3))
+    done = quadlog("diff", follow, copy)
     assert (done.code, done.err) == (0, "")
-    lines = done.out.splitlines()
-    assert lines[2] == "results: the same"
-    assert lines[lines.index("seed: differs") + 1] == "    seed  0 | 3 (by 3)"
-    assert {"position: the same", "map: the same", "plan: nothing saved"} <= set(lines)
+    assert done.out.splitlines()[2:] == ["results: the same", "", "made with  A  B", "seed       0  3"]
+    (row,) = listed(quadlog, follow, copy)
+    assert row == {"stage": MADE, "result": "run.json", "column": "seed", "rows": 1, "a": 0, "b": 3}
+    assert listed(quadlog, follow, follow) == []
 
 
-def test_a_difference_is_found_in_its_stage(follow, other, quadlog):
+def test_a_difference_is_found_in_its_stage_and_in_a_terminal(follow, other, quadlog):
     done = quadlog("diff", follow, other)
     assert done.code == 4
     lines = done.out.splitlines()
-    assert lines[2].startswith("results: differ, first in stage map: maps.npz, cells at 0.000 s (t_ns 17672256")
-    assert "    grid.min_height_m  0.05 | 0.3 (by 0.25)" in lines
-    assert "filter: the same" in lines
-    (cells,) = [line for line in lines if line.startswith("        cells")]
-    assert "5 rows, the first at 0.000 s" in cells
-    assert " | " in cells
-    assert "at most " in cells
+    assert lines[2].startswith("results: differ, first in stage map: maps, occupied at 0.000 s (t_ns 17672256")
+    assert "config.grid.min_height_m  0.05  0.3" in lines
+    rows = listed(quadlog, follow, other)
+    assert {row["stage"] for row in rows} == {MADE, "map"}
+    (cells,) = [row for row in rows if row["column"] == "occupied"]
+    assert (cells["rows"], cells["apart"] > 0, set(cells) <= set(COLUMNS)) == (5, True, True)
+    assert max(map(len, lines[3:])) <= 80
 
 
-def test_json_has_all_of_it(follow, other, quadlog):
-    done = quadlog("diff", follow, other, "--json")
-    assert done.code == 4
-    content = json.loads(done.out)
-    assert not content["same"]
-    assert content["first"]["stage"] == "map"
-    assert content["first"]["place"] == {"t_ns": content["start_ns"], "s": 0.0, "keys": {}}
-    assert content["origins"]["config"] == [{"key": "grid.min_height_m", "a": 0.05, "b": 0.3, "apart": 0.25}]
-    results = {each["name"]: each for each in content["stages"]["map"]}
-    assert results["maps.npz"]["columns"][0]["rows"] == 5
-    assert [each["same"] for each in content["stages"]["filter"]] == [True, True]
+def test_one_column_of_one_row(follow, copy, quadlog):
+    def move(table):
+        table["x_m"][3] += 0.25
+        return table
+
+    alter(copy, "poses", move)
+    (row,) = listed(quadlog, follow, copy)
+    poses = read_table(follow, "poses")
+    assert (row["stage"], row["result"], row["column"], row["rows"]) == ("position", "poses", "x_m", 1)
+    assert (row["t_ns"], row["a"], row["apart"]) == (poses["t_ns"][3], poses["x_m"][3], pytest.approx(0.25))
+    first = quadlog("diff", follow, copy).out.splitlines()[2]
+    assert first.startswith("results: differ, first in stage position: poses, x_m at ")
+    assert first.endswith(" (by 0.25)")
 
 
-def test_tolerances(follow, tmp_path, quadlog):
-    def change(metrics):
-        metrics["uwb_residual_m"]["value"] += 1e-6
+def test_a_row_that_one_tag_lacks_is_no_difference_of_another_tag(follow, copy, quadlog):
+    other = shutil.copytree(copy, copy.with_name("b"))
+    table = {"t_ns": np.repeat(read_table(follow, "innovations")["t_ns"][:1], 2), "tag": np.arange(2), "n_ranges": 4}
+    table["nis"] = np.array([0.5, 2.0])
+    alter(copy, "innovations", lambda _: table)
+    alter(other, "innovations", lambda _: {name: np.atleast_1d(values)[-1:] for name, values in table.items()})
+    (row,) = listed(quadlog, copy, other)
+    assert (row["result"], row["column"], row["rows"]) == ("innovations", "rows only in A", 1)
 
-    copy = edited(follow, tmp_path, "metrics.json", change)
+
+def test_a_result_that_only_one_run_has_comes_first(follow, copy, quadlog):
+    alter(copy, "fixes", lambda table: table | {"x_m": table["x_m"] + 1})
+    (copy / "poses.parquet").unlink()
+    rows = listed(quadlog, follow, copy)
+    assert (rows[0]["result"], rows[0]["a"], rows[0]["b"]) == ("poses.parquet", "saved", "missing")
+    assert [row["result"] for row in rows[1:]] == ["fixes"]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "tolerances", "differs"),
+    [
+        ([1.0, np.nan], [1.0, np.nan], {}, False),
+        ([np.inf], [np.inf], {}, False),
+        ([np.inf], [1.0], {"absolute": 1e9, "relative": 0.5}, True),
+        ([np.nan], [1.0], {"absolute": 1e9}, True),
+        ([1.0], [1.0 + 1e-6], {"absolute": 2e-6}, False),
+        ([1.0], [1.0 + 1e-6], {"relative": 1e-7}, True),
+        (np.uint8([3]), np.uint8([5]), {"absolute": 2.0}, False),
+        (np.int64([2**62]), np.int64([2**62 + 1]), {}, True),
+        ([True], [False], {"absolute": 9.0}, True),
+        (["a"], ["b"], {"absolute": 9.0}, True),
+    ],
+)
+def test_values_are_equal_within_the_tolerance(a, b, tolerances, differs):
+    frames = [pd.DataFrame({"t_ns": np.arange(len(values)), "x": values}) for values in (a, b)]
+    assert bool(list(merge_frames("x", *frames, ["t_ns"], **tolerances))) is differs
+
+
+def test_angles_are_apart_by_the_shorter_way():
+    frames = [pd.DataFrame({"t_ns": [0], "yaw_rad": [yaw]}) for yaw in (np.pi - 0.01, 0.01 - np.pi)]
+    (row,) = merge_frames("poses", *frames, ["t_ns"])
+    assert row["apart"] == pytest.approx(0.02)
+
+
+def test_tolerances_of_the_command(follow, copy, quadlog):
+    edit(copy, "metrics.json", lambda metrics: metrics["uwb_residual_m"].update(value=0.5))
+    edit(
+        shutil.copytree(copy, copy.with_name("b")), "metrics.json", lambda m: m["uwb_residual_m"].update(value=0.500001)
+    )
     allowed = ([], ["--tolerance", "2e-6"], ["--relative", "1e-9"], ["--relative", "1e-4"])
-    assert [quadlog("diff", follow, copy, *each).code for each in allowed] == [4, 0, 4, 0]
+    assert [quadlog("diff", copy, copy.with_name("b"), *each).code for each in allowed] == [4, 0, 4, 0]
 
 
-@pytest.mark.parametrize("flag", ["--tolerance", "--relative"])
 @pytest.mark.parametrize("value", ["-1", "nan", "inf", "x"])
-def test_a_tolerance_is_a_finite_amount(follow, flag, value, refused):
-    refused(2, "diff", follow, follow, flag, value)
+def test_a_tolerance_is_a_finite_amount(follow, value, refused):
+    for flag in ("--tolerance", "--relative"):
+        refused(2, "diff", follow, follow, flag, value)
 
 
-def test_what_is_no_run_or_damaged_is_named_in_one_line(follow, tmp_path, refused):
+def test_what_is_no_run_or_damaged_is_named_in_one_line(follow, copy, tmp_path, refused):
     refused(1, "diff", follow, tmp_path / "nothing")
     refused(1, "diff", follow.parent, follow)
-    copy = shutil.copytree(follow, tmp_path / "follow")
     (copy / "scans.parquet").write_bytes(b"PAR1")
     assert "scans.parquet" in refused(1, "diff", copy, follow, "--json")
 
 
-def test_names_from_a_recording_cannot_command_the_terminal(follow, tmp_path, quadlog):
-    copy = edited(follow, tmp_path, "run.json", lambda record: record["topics"][0].update(topic="/\x1b[31mred\nline"))
+def test_names_from_a_recording_cannot_command_the_terminal(follow, copy, quadlog):
+    edit(copy, "run.json", lambda record: record["topics"][0].update(topic="/\x1b[31mred\nline"))
     done = quadlog("diff", copy, follow)
     assert (done.code, "\x1b" in done.out, "red line" in done.out) == (4, False, True)
+
+
+def test_of_a_remote_run_only_what_is_compared_is_asked_for(follow, web, quadlog):
+    shutil.copytree(follow, web.folder / "follow")
+    done = quadlog("diff", follow, f"{web.url}/follow")
+    assert (done.code, done.err) == (0, "")
+    asked = {path.rpartition("/")[2] for _, path, _ in web.requests}
+    assert {"run.json", "fixes.parquet", "maps.npz"} <= asked
+    assert asked.isdisjoint({"derived.mcap", "report.html", "foxglove-layout.json", "config.toml", "stages.json"})

@@ -20,6 +20,10 @@ HEAVY += ("mujoco", "foxglove")
 BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "quadprog", "scipy")
 
 
+LINES = 40
+"""Of a terminal: longer help scrolls off."""
+
+
 def command_of(name: str) -> click.Command:
     command = cli.get_command(click.Context(cli), name)
     assert command is not None
@@ -106,11 +110,13 @@ def test_a_known_error_is_one_line_and_the_exit_code_is_one(tmp_path, refused):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_says_what_it_does_and_ends_with_examples_that_the_command_takes(name):
+def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
     command = command_of(name)
     assert command.name == name
     assert command.help
-    shown = CliRunner().invoke(command, ["--help"]).output
+    shown = CliRunner().invoke(cli, [name, "--help"], terminal_width=80).output
+    assert len(shown.splitlines()) <= LINES
+    assert max(map(len, shown.splitlines())) <= 80
     examples = shown[shown.index("\n  Examples:\n") :].splitlines()[2:]
     assert examples
     for example in examples:
@@ -122,7 +128,7 @@ def test_help_says_what_it_does_and_ends_with_examples_that_the_command_takes(na
 def test_options_of_one_meaning_are_declared_alike():
     """The same flag has the same short form, type and default wherever a command has it; help may differ."""
     options = [each for name in COMMANDS for each in command_of(name).params if isinstance(each, click.Option)]
-    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force"):
+    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force", "--jobs", "--seeds", "--resume"):
         alike = [each for each in options if flag in each.opts]
         assert len(alike) > 1
         kinds = {(*each.opts, str(each.type), str(each.default), each.multiple, each.is_flag) for each in alike}

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from quadlog.cli.terminal.parameters import FORMATS
-from quadlog.results.run.record import InputRecord, RunRecord
-from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.config.schema import Config
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.record import InputRecord, RunRecord
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.tables import TABLES, write_table
 from quadlog.storage.formats.tum import write_tum
 
 T_NS = np.arange(200, dtype=np.int64) * 20_000_000
@@ -30,7 +32,9 @@ def runs(tmp_path: Path) -> Path:
         write_table(folder.path / "control.parquet", TABLES["control"], columns)
         write_tum(folder.path / "trajectory.tum", T_NS, np.sqrt(T_NS / 1e9), error_m, 0 * error_m)
         folder.write_metrics({"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
-        folder.write_run_json(RunRecord("0.1.0", ["quadlog"], {}, {}, InputRecord("x", 1, "ab"), 0, 4.0))
+        recording = InputRecord(path="x", size_bytes=1, sha256="ab")
+        made = {"quadlog_version": "0.1.0", "command": ["quadlog"], "config": Config(), "options": {}, "seed": 0}
+        folder.write_run_json(RunRecord(input=recording, recorded_s=4.0, **made))
     return tmp_path / "runs"
 
 
@@ -51,6 +55,27 @@ def test_every_format_names_every_run_and_takes_any_unit(runs, quadlog, to):
     done = quadlog("metrics", runs / "walk-0", "--format", to)
     assert done.code in (0, 3)
     assert "eta" in done.out
+
+
+def test_one_run_is_value_interval_unit_and_n_in_a_terminal(runs, ok):
+    metrics = {name: {"value": -0.0012345, "n": 23520, "unit": "N·m", "low": -0.0012345, "high": 0.012345}
+               for name in CATALOGUE}  # fmt: skip
+    (runs / "walk-0" / "metrics.json").write_text(json.dumps(metrics))
+    lines = ok("metrics", runs / "walk-0").splitlines()
+    assert lines[0] == "Metrics of walk-0"
+    assert lines[1].split() == ["metric", "value", "95", "%", "unit", "n"]
+    assert lines[2].split() == ["eta_m", "−0.001234", "−0.00123", "to", "0.0123", "N·m", "23520"]
+    assert len(lines[2 : lines.index("")]) == len(CATALOGUE)
+    assert max(map(len, lines[: lines.index("")])) <= 80
+
+
+@pytest.mark.parametrize("content", [None, "[]", '{"eta_m": {"n": 1}}', '{"eta_m": {"value": 1, "low": "x"}}', "{"])
+def test_metrics_that_cannot_be_read_are_no_metrics(runs, refused, quadlog, content):
+    path = runs / "walk-0" / "metrics.json"
+    path.unlink() if content is None else path.write_text(content)
+    assert "metrics.json" in refused(1, "metrics", runs / "walk-0")
+    done = quadlog("metrics", runs)
+    assert (done.code, "walk-2" in done.out, "walk-0" in done.err) == (3, True, True)
 
 
 def test_csv_always_has_the_samples(runs, ok):

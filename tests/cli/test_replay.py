@@ -20,8 +20,11 @@ def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     assert not (tmp_path / "runs").exists()
     code, out, err = quadlog(*arguments)
     assert code == 0
-    assert "uwb_rmse_m" in out
-    assert str(tmp_path / "runs" / "follow" / "report.html") in out
+    first, *sentences, page = out.splitlines()
+    assert first.startswith(f"{tmp_path / 'runs' / 'follow'}: usable, ")
+    assert sentences[0].startswith("  Positions: ")  # the worst first
+    assert any(line.startswith("  Recorded walk: The robot ") for line in sentences)
+    assert page == str(tmp_path / "runs" / "follow" / "report.html")
     assert "robot position from uwb" in err
     assert "robot position" not in out
     (row,) = json.loads(ok(*arguments, "--json", "--force"))

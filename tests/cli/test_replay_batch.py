@@ -39,8 +39,9 @@ def test_failures_are_the_last_lines_with_a_count(tmp_path, two, quadlog):
     first, *last = done.err.splitlines()[-3:]
     assert first == "2 of 4 recordings failed:"
     assert [line.split(": ")[0].strip() for line in last] == bad
-    assert str(tmp_path / "runs" / "a") in done.out
-    assert "broken" not in done.out
+    *runs, page = done.out.splitlines()
+    assert [line.split(": ")[0] for line in runs] == [str(tmp_path / "runs" / name) for name in "ab"]
+    assert page == str(tmp_path / "runs" / "report.html")
 
 
 def test_a_dry_run_estimates_the_time_once_one_has_run(two, quadlog, ok):

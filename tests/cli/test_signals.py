@@ -69,7 +69,7 @@ def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_p
     monkeypatch.setattr(comparison_text, "format_rows", interrupted)  # what is printed on stdout in the end
     assert run(SHORT["compare-planners"]) == 1
     assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
-    assert (tmp_path / "out" / "README.md").is_file()
+    assert (tmp_path / "out" / "report.html").is_file()
 
 
 def test_a_signal_that_a_destructor_swallows_comes_again():

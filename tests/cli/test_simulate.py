@@ -11,7 +11,7 @@ from quadlog.cli.simulate import _terrain as option_terrain
 from quadlog.config.file import load_config
 from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.pipelines.simulation.courses import BANDS_M
-from quadlog.results.run.maps import GroundMap, read_ground, write_ground
+from quadlog.results.saved.maps import GroundMap, read_ground, write_ground
 from quadlog.simulation.robot import trot as trot_walk
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]
@@ -28,8 +28,9 @@ def test_prints_a_table_and_where_the_reports_are(path, tmp_path, ok):
     out = ok("simulate", path, *QUICK, "--seeds", "2", "--jobs", "1", "--disturbed", "-o", tmp_path)
     lines = out.splitlines()
     assert lines[0] == f"{tmp_path / 'bend-kinematic'}: bend, kinematic"
-    assert [line.split()[0] for line in lines[2:6]] == ["0", "1", "mean", "std"]
-    assert lines[6:] == [str(tmp_path / "bend-kinematic" / f"seed-00{seed}" / "report.html") for seed in (0, 1)]
+    assert lines[2].split() == ["metric", "seed", "0", "seed", "1", "unit"]
+    assert sum(line.startswith("eta_m ") for line in lines) == 2, "side by side, and over the seeds"
+    assert lines[-2:] == [str(tmp_path / "bend-kinematic" / f"seed-00{seed}" / "report.html") for seed in (0, 1)]
 
 
 def test_json_is_a_list_of_metrics_and_set_is_stronger_than_disturbed(path, tmp_path, ok):
@@ -126,7 +127,7 @@ def short_trot(monkeypatch):
 @pytest.mark.usefixtures("short_trot")
 def test_trot_has_a_row_for_each_curve(tmp_path, ok):
     settings = ["--set", "simulation.trot.payload_kg=1.2", "--set", "simulation.trot.payload_y_m=-0.1"]
-    settings += ["--set", "results.frames=0", "--seed", "5"]
+    settings += ["--seed", "5"]
     rows = json.loads(ok("simulate", "trot-32s", *settings, "--json", "-o", tmp_path))
     assert [row["controller"] for row in rows] == ["baseline", "3d-curve"]
     for row in rows:
@@ -139,12 +140,10 @@ def test_trot_has_a_row_for_each_curve(tmp_path, ok):
 
 @pytest.mark.usefixtures("short_trot")
 def test_trot_has_a_table_for_each_curve(tmp_path, ok):
-    arguments = ["--set", "results.frames=0", "--seeds", "2", "--jobs", "1", "-o", tmp_path]
+    arguments = ["--seeds", "2", "--jobs", "1", "-o", tmp_path]
     lines = ok("simulate", "trot-32s", *arguments).splitlines()
     baseline = tmp_path / "trot-32s" / "baseline"
     assert lines[0] == f"{baseline}: trot-32s, baseline"
-    assert "yaw deg/s" in lines[1]
-    assert [line.split()[0] for line in lines[2:6]] == ["0", "1", "mean", "std"]
-    assert lines[6] == str(baseline / "seed-000" / "report.html")
+    assert any(line.startswith("yaw_rate_degps ") for line in lines)
+    assert str(baseline / "seed-000" / "report.html") in lines
     assert f"{tmp_path / 'trot-32s' / '3d-curve'}: trot-32s, 3d-curve" in lines
-    assert "trot-32s/3d-curve" in "".join(ok("simulate", "--help").split())

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results.run.stage_marks import MARKS_FILE
-from quadlog.results.run.stages import STAGE_FILES
+from quadlog.metrics.comparison.over_seeds import over_seeds
+from quadlog.results.numbers import sig
+from quadlog.results.saved.stage_marks import MARKS_FILE
+from quadlog.results.saved.stages import STAGE_FILES
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "2"]
@@ -82,7 +86,7 @@ def test_the_page_is_whole_alone_and_marks_nothing_with_one_seed(swept, ok):
     assert "/nope is not in the recording" in page
     assert not re.search(r"(src|href)=\"(https?:)?//|@import|url\(", page)
     for link in re.findall(r'href="\./([^"]+)"', page):
-        assert (swept / link.replace("%3D", "=").replace("%2C", ",")).exists()
+        assert (swept / unquote(link)).exists()
     (swept / "report.html").unlink()
     ok("report", swept)
     assert (swept / "report.html").read_text() == page
@@ -140,8 +144,9 @@ def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog
     assert len({row["eta_m"] for row in rows[:3]}) == 1 < len({row["eta_m"] for row in rows[3:]})
     assert done.err.count("plan is done for all that share it") == 1
     page = (tmp_path / "out" / "report.html").read_text()
-    assert 'class="interval-text"' in page
-    assert 'class="interval"' in page
+    assert "Means of 3 seeds with 95 % intervals" in page
+    _, low, high = over_seeds(np.array([row["eta_m"] for row in rows[3:]]))
+    assert f"{sig(low)} to {sig(high)}" in page
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path, quadlog):

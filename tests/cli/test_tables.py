@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.cli.tables import print_table
+from quadlog.cli.tables import table_text
 from quadlog.pipelines.tables import make_tables as paper_tables
 from quadlog.pipelines.tables.following import uwb_table as following_uwb
 from quadlog.pipelines.tables.registry import TABLES
@@ -46,21 +46,16 @@ def test_the_csv_file_holds_what_the_contract_says(made):
     assert sum(row["reproduces"] == "no" for row in rows) >= 5
 
 
-def test_the_page_shows_the_pictures_that_are_there_and_says_that_it_is_fast(made):
+def test_the_page_shows_numbers_pictures_and_errata_and_says_that_it_is_fast(made):
     names = {path.name for path in made.iterdir()}
-    pictures = {"following-uwb-site.png", "following-uwb-efficiency.png"}
-    assert names == {
-        "README.md",
-        "report.html",
-        *(f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex")),
-        *pictures,
-    }
-    page = (made / "README.md").read_text(encoding="utf-8")
-    assert "`quadlog tables following-uwb --fast`" in page
-    assert "**A fast run" in page
-    for picture in made.glob("*.png"):
-        assert f"]({picture.name})" in page
-    assert "### Errata" in page
+    files = {f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex")}
+    assert names == {"report.html", "following-uwb-efficiency.png", *files}
+    page = (made / "report.html").read_text(encoding="utf-8")
+    assert "quadlog tables following-uwb --fast" in page
+    assert "Fast runs, with fewer draws and wider intervals than the full tables: following-uwb." in page
+    assert page.count("data:image/png;base64,") == 1
+    assert "The person&#39;s distance from station 3, printed as 3.55 m, should be 3.60 m." in page
+    assert "Errata of the four papers" in page
 
 
 def test_a_second_run_writes_the_same_bytes(made, tmp_path):
@@ -75,18 +70,20 @@ def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlo
     assert (code, err) == (0, "following-uwb: fast run, seed 2\n")
     assert lines[0].startswith("following-uwb: ")
     assert "(fast run)" in lines[0]
-    assert any("station 3" in line and line.endswith("no") for line in lines)
+    assert "station 3" in out
+    assert any(line.split()[-1:] == ["no"] for line in lines)
+    assert max(map(len, lines[1:-2])) <= 80
     assert "printed numbers reproduce" in lines[-2]
     assert lines[-1].startswith(str(tmp_path / "report.html"))
 
 
-def test_where_the_paper_prints_nothing_all_of_ours_is_printed(capsys):
+def test_where_the_paper_prints_nothing_all_of_ours_is_printed():
     rows = (PaperRow("cells (1)", 0.25, None, 0.125, 0.5), PaperRow("scans (1)", 3.0))
-    print_table(PaperTable("t", "Title", "Caption.", "Sizes.", 0, False, (RowGroup("Group", "Text.", rows),)))
-    head, columns, first, second, last = capsys.readouterr().out.splitlines()
+    text = table_text(PaperTable("t", "Title", "Caption.", "Sizes.", 0, False, (RowGroup("Group", "Text.", rows),)))
+    head, columns, first, second, _, last = text.splitlines()
     assert head == "t: Title"
     assert columns.split()[0] == "quantity"
-    assert first.split("  ")[1] == "cells (1)"
+    assert first.startswith("cells (1)")
     assert "0.125 to 0.5" in first
     assert second.split()[-1] == "3"
     assert last == "the paper prints none; 2 quantities in all"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import pyarrow as pa
 import pytest
 
-from quadlog.results.papers.page import COLUMNS
+from quadlog.results.papers.folder import COLUMNS
 from quadlog.results.planner_comparison.tables import PLANNERS, REPLANS, SCENARIOS
-from quadlog.results.run.names import OWN_FILES
-from quadlog.results.run.record import LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run.tables import METRIC_NAMES, TABLES
+from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.saved.names import OWN_FILES
+from quadlog.results.saved.tables import METRIC_NAMES, TABLES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text()
 SECTIONS = {
@@ -68,9 +67,9 @@ def test_every_file_of_a_run_is_listed_and_no_other():
 def test_the_keys_of_run_json_are_those_told():
     listed = re.findall(r"^\| (`.*?) \| (.*) \|$", SECTIONS["run.json"], re.MULTILINE)
     meaning = {name: text for cell, text in listed for name in re.findall(r"`(\w+)`", cell)}
-    assert set(meaning) == {field.name for field in fields(RunRecord)}
+    assert set(meaning) == RunRecord.model_fields.keys()
     for key, kind in (("topics", TopicRecord), ("losses", LossRecord), ("stages", StageRecord)):
-        assert re.findall(r"`(\w+)`", meaning[key]) == [field.name for field in fields(kind)]
+        assert re.findall(r"`(\w+)`", meaning[key]) == list(kind.model_fields)
 
 
 def test_the_columns_of_a_papers_table_are_those_told():

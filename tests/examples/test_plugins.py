@@ -22,6 +22,7 @@ import quadlog
 from quadlog.cli.main import run
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
+from quadlog.results.record import PluginRecord
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "plugins"
@@ -79,18 +80,8 @@ def _as_distances(store, frame) -> bytes:
 
 
 def replayed(recording: Path, output: Path, *words: str) -> quadlog.Run:
-    command = [
-        "replay",
-        str(recording),
-        "-c",
-        str(FIXTURES / "follow.toml"),
-        "-o",
-        str(output),
-        "--duration",
-        "2",
-        "--no-plots",
-    ]
-    assert run([*command, *words]) == 0
+    command = ["replay", str(recording), "-c", str(FIXTURES / "follow.toml"), "-o", str(output)]
+    assert run([*command, "--duration", "2", "--no-plots", *words]) == 0
     return quadlog.load_run(output / "follow")
 
 
@@ -99,10 +90,10 @@ def test_the_decoder_gives_the_run_that_quadlogs_own_decoder_gives(example, beac
     ours = replayed(FIXTURES / "follow.mcap", tmp_path / "own", *words)
     theirs = replayed(beacons, tmp_path / "theirs", *words)
     for name in ("fixes", "ranges", "poses", "target"):
-        assert len(ours.tables[name]) > 0
+        assert len(ours.table(name)) > 0
         assert (ours.path / f"{name}.parquet").read_bytes() == (theirs.path / f"{name}.parquet").read_bytes(), name
     decoder = {"group": "quadlog.decoders", "name": TYPE, "distribution": "quadlog-examples", "version": "1.0"}
-    assert (ours.record["plugins"], theirs.record["plugins"]) == ([], [decoder])
+    assert (ours.record.plugins, theirs.record.plugins) == ([], [PluginRecord(**decoder)])
 
 
 @pytest.mark.parametrize("installed", [True, False])
@@ -119,16 +110,16 @@ def test_a_replay_plans_by_the_planner_and_another_version_of_it_is_another_run(
 ):
     words = ("--planner", "greedy", "--until", "plan")
     done = replayed(FIXTURES / "follow.mcap", tmp_path, *words)
-    assert set(done.tables["plans"]["planner"]) == {"greedy"}
-    assert done.metrics["success_rate"] == 1
-    assert [each["name"] for each in done.record["plugins"]] == ["greedy"]
+    assert set(done.table("plans")["planner"]) == {"greedy"}
+    assert done.metric("success_rate") == 1
+    assert [each.name for each in done.record.plugins] == ["greedy"]
     written = (done.path / "run.json").stat().st_mtime_ns
     replayed(FIXTURES / "follow.mcap", tmp_path, *words, "--resume")
     assert (done.path / "run.json").stat().st_mtime_ns == written
     shutil.rmtree(plugin_site / "quadlog_examples-1.0.dist-info")
     install(PROJECT["name"], "1.1", PROJECT["entry-points"])
     again = replayed(FIXTURES / "follow.mcap", tmp_path, *words, "--resume")
-    assert again.record["plugins"][0]["version"] == "1.1"
+    assert again.record.plugins[0].version == "1.1"
 
 
 def test_the_comparison_asks_the_planner(example, capsys):

@@ -28,7 +28,7 @@ from quadlog.pipelines.executor.progress import Listener, Silent, told_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
-from quadlog.results.run.tables import read_table
+from quadlog.results.saved.tables import read_table
 from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -86,7 +86,7 @@ def replay_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callab
 @pytest.fixture
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """A replay draws nothing, which takes most of a short one's time."""
-    monkeypatch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
+    monkeypatch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, drawings: None)
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,6 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.decoders.anchor_places import MOST_ANCHORS, AnchorPlaces
 from quadlog.recordings.decoders.ros_messages import BUNDLED
-from quadlog.results.run.run_folder import read_run_json
 
 KIND = "uwb_driver/msg/UwbRange"
 START_NS = 1_700_000_000 * 10**9
@@ -122,8 +121,8 @@ def test_it_is_the_run_that_the_same_anchors_in_the_configuration_give(tmp_path)
     for name in ("fixes", "poses", "ranges", "links"):
         assert (outcome.run / f"{name}.parquet").read_bytes() == (again.run / f"{name}.parquet").read_bytes()
     assert not any("anchors" in line for line in lines if line.startswith("warning"))
-    assert read_run_json(outcome.run)["anchors_from_messages"]
-    assert not read_run_json(again.run)["anchors_from_messages"]
+    assert json.loads((outcome.run / "run.json").read_text())["anchors_from_messages"]
+    assert not json.loads((again.run / "run.json").read_text())["anchors_from_messages"]
 
 
 def test_resuming_knows_the_finished_run(tmp_path):

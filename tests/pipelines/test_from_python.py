@@ -28,7 +28,7 @@ def replayed(tmp_path_factory, fixtures):
     output = tmp_path_factory.mktemp("runs")
     config, settings = fixtures / "follow.toml", {"planner.name": "astar", "grid": {"size_cells": np.int64(120)}}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, record: {})
+        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, drawings: None)
         run = quadlog.replay(
             str(fixtures / "follow.mcap"), config=config, settings=settings, output=output,
             duration_s=np.float32(1.5), until="plan", seed=np.int64(3),
@@ -43,26 +43,22 @@ def test_it_leaves_what_the_command_leaves(replayed, tmp_path, fixtures):
     assert run_command(words) == 0
     command = quadlog.load_run(tmp_path / "follow")
     assert {path.name for path in run.path.iterdir()} == {path.name for path in command.path.iterdir()}
-    assert list(run.tables) == list(command.tables)
-    for name in run.tables:
-        timings = [each for each in ("ms", "us") if each in run.tables[name]]
-        pd.testing.assert_frame_equal(
-            run.tables[name].drop(columns=timings), command.tables[name].drop(columns=timings)
-        )
+    for path in run.path.glob("*.parquet"):
+        tables = [each.table(path.stem).drop(columns=["ms", "us"], errors="ignore") for each in (run, command)]
+        pd.testing.assert_frame_equal(*tables)
     assert (run.path / "maps.npz").read_bytes() == (command.path / "maps.npz").read_bytes()
     assert (run.path / "config.toml").read_bytes() == (command.path / "config.toml").read_bytes()
-    assert run.record["options"] == command.record["options"]
-    assert run.record["input"] == command.record["input"]
-    assert run.record["command"][0] == "quadlog.replay"
+    assert (run.record.options, run.record.input) == (command.record.options, command.record.input)
+    assert run.record.command[0] == "quadlog.replay"
     assert (output / "summary.parquet").is_file()
 
 
 def test_it_is_loaded(replayed):
     run, output = replayed
     assert run.path == output / "follow"
-    assert set(run.tables["plans"]["planner"]) == {"astar"}
+    assert set(run.table("plans")["planner"]) == {"astar"}
     assert run.maps.shape == (120, 120)
-    assert run.config["grid"]["size_cells"] == 120
+    assert run.config.grid.size_cells == 120
 
 
 def test_its_row_of_the_summary_has_what_it_took_and_again_when_it_is_replaced(fixtures, tmp_path):
@@ -71,7 +67,7 @@ def test_its_row_of_the_summary_has_what_it_took_and_again_when_it_is_replaced(f
         run = quadlog.replay(fixtures / "follow.mcap", config=fixtures / "follow.toml", **options)
         (row,) = pd.read_parquet(tmp_path / "summary.parquet").to_dict("records")
         record = run.record
-        assert row["wall_s"] == record["startup_s"] + sum(stage["seconds"] for stage in record["stages"])
+        assert row["wall_s"] == record.startup_s + sum(stage.seconds for stage in record.stages)
         assert row["peak_memory_mb"] > 0
         assert row["input_bytes"] == (fixtures / "follow.mcap").stat().st_size
 
@@ -130,5 +126,5 @@ def test_settings_count_more_than_the_file_and_the_environment(tmp_path, fixture
         fixtures / "follow.mcap", config=config, settings={"grid.cell_m": 0.25},
         output=tmp_path / "runs", duration_s=1, until="ingest",
     )  # fmt: skip
-    assert run.config["grid"]["cell_m"] == 0.25
-    assert run.config["grid"]["min_points"] == 2
+    assert run.config.grid.cell_m == 0.25
+    assert run.config.grid.min_points == 2

@@ -127,6 +127,23 @@ def test_every_stage_can_be_the_last(tmp_path, until, last_file, follow_request)
     assert not (outcome.run / "control.parquet").exists()
 
 
+def test_control_and_report_know_the_number_of_their_steps(tmp_path, follow_request, fixtures):
+    steps, totals = [], {}
+
+    class Counting(Silent):
+        def begin(self, stage, total):
+            steps.append(stage)
+            totals[stage] = total
+
+        def advance(self, recorded_s=None):
+            steps.append(steps[-1])
+
+    config = load_config(fixtures / "follow.toml", ["simulation.controller=kinematic"], {})
+    replay(replace(follow_request(tmp_path / "run", duration_s=0.5), config=config), Counting())
+    for stage in ("control", "report"):
+        assert steps.count(stage) - 1 == totals[stage] > 1
+
+
 def test_start_and_duration_cut_the_recording(tmp_path, follow_request):
     outcome = replay(follow_request(tmp_path / "run", start_s=2.0, duration_s=1.0, until="filter"), Silent())
     whole_ns = 1_767_225_600_000_000_000

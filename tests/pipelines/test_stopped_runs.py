@@ -141,7 +141,7 @@ def test_a_kill_while_the_new_run_takes_the_place_of_the_old_is_put_right(moved,
         path.replace(target)
 
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.results.run.run_folder.move_whole", killed)
+        patch.setattr("quadlog.results.saved.run_folder.move_whole", killed)
         with pytest.raises(KeyboardInterrupt):
             replay(forced, Silent())
     assert replay(replace(forced, existing=Existing.RESUME), Silent()).reused == ALL[:4]
@@ -215,11 +215,11 @@ def test_a_full_disk_ends_with_one_line_and_a_run_that_goes_on(
 
 
 def test_a_picture_that_finds_no_room_is_told_as_well(ask, tmp_path, monkeypatch):
-    from quadlog.results.page.report import write_plots
+    from quadlog.results.figures import write_plots
 
-    def draw(run: Path, record: Any) -> dict[str, bytes]:
+    def draw(run: Path, drawings: Any) -> None:
         with full_disk(5000):
-            return write_plots(run, record)
+            write_plots(run, drawings)
 
     monkeypatch.setattr(report, "write_plots", draw)
     with pytest.raises(CannotWrite, match=r"plots/\w+\.png: cannot be written: .*; --resume goes on"):

@@ -37,8 +37,8 @@ from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
-from quadlog.results.run.maps import DilutionGrid, write_dilution
-from quadlog.results.run.tables import TABLES, TableWriter
+from quadlog.results.saved.maps import DilutionGrid, write_dilution
+from quadlog.results.saved.tables import TABLES, TableWriter
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -25,15 +24,15 @@ from quadlog.pipelines.tables.planning.planner_walks import (
     READINGS,
     Preset,
     Spent,
-    draw_all_ratios,
-    draw_first_run,
+    first_run_panel,
     forest_of,
+    ratio_panel,
     spend,
 )
 from quadlog.planning.planners.astar import AStar
 from quadlog.planning.registry import make_planner
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture, Verdict
-from quadlog.results.text.numbers import count
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import FOLLOWING_CELLS, SCENES
 from quadlog.simulation.worlds.world import GROWTH_M, WaypointTrack, World, occupied_centres
@@ -162,7 +161,7 @@ def _ratio_row(spent: Spent, planner: str, preset: Preset, where: str) -> PaperR
         verdict = judge_claim(CLAIMED, row.ratio_expanded, None if low is None or high is None else (low, high))
     why_not = WHY_NOT if planner == "ia_star" and verdict is Verdict.NO else ""
     note = " ".join(filter(None, [f"Claimed: more than {CLAIMED:g}.", note, why_not]))
-    return PaperRow(quantity, row.ratio_expanded, CLAIMED, low, high, verdict, note)
+    return PaperRow(quantity, row.ratio_expanded, CLAIMED, low, high, verdict, note, f"> {CLAIMED:g}")
 
 
 def _cell_rows(spent: Spent, where: str) -> list[PaperRow]:
@@ -342,7 +341,7 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
         for name in (preset.ia_star, *RIVALS.get(preset.name, ())[2:])
     }
     sparse = measured[PAPER.name, forest_name(DENSITIES_PER_M2[0])]
-    title = f"The first walk, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
+    title = f"cells opened: the first walk, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
     return (
         drawn(
             "ratios",
@@ -350,12 +349,12 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
             "forests.",
             "Each dot a walk; bars: the median over the walks and its 95 % interval; trees to a square metre. Each "
             "preset has its own A* below it.",
-            partial(draw_all_ratios, lines, {}, "Cells of A* over cells of a planner, walk by walk"),
+            [ratio_panel(lines, {}, "Cells of A* over cells of a planner, walk by walk")],
         ),
         drawn(
             "cells",
-            "Cells opened in each replan of one walk behind a person, A* in grey, IA* in blue and far below it.",
+            "Cells opened in each replan of one walk behind a person, IA* far below A*.",
             "IA* peaks where it has to plan from scratch.",
-            partial(draw_first_run, sparse, title),
+            [first_run_panel(sparse, title)],
         ),
     )

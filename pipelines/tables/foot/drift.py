@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,10 +37,7 @@ from quadlog.pipelines.tables.foot.drift_walks import (
 from quadlog.pipelines.tables.intervals import compare, not_comparable
 from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from quadlog.results.view import Panel, Series, Spread, forest, look
 
 MUCH_MM = 100.0
 PRINTED = (
@@ -239,47 +234,30 @@ PRINTED_MM = (280.0, 40.0)
 LEAST_MM = 0.5
 
 
-def draw_walks(study: Study) -> Figure:
-    """Place aside and yaw over time, a column for each robot."""
-    figure = style.new_figure(5.0)
-    panels = figure.subplots(2, len(SWEPT_ROBOTS), sharex=True, sharey="row")
-    for column, robot in zip(panels.T, SWEPT_ROBOTS, strict=True):
-        for color, (name, curve) in zip(style.SERIES, WAYS.items(), strict=False):
-            walk = study.drifts[DriftTask(robot, curve, study.seeds[0])]
-            column[0].plot(walk.t_s, 1e3 * walk.y_m, color=color, linewidth=1.0, label=name)
-            column[1].plot(walk.t_s, np.degrees(walk.yaw_rad), color=color, linewidth=1.0)
-        column[0].set_title(robot, pad=20)
-        column[1].set_xlabel("time (s)")
-    style.legend_above(panels[0, 0])
-    panels[0, 0].set_ylabel("y, to the left (mm)")
-    panels[1, 0].set_ylabel("yaw (°)")
-    figure.align_ylabels()
-    return figure
+def walk_panels(study: Study) -> list[Panel]:
+    """Place aside and yaw over time of each robot."""
+    panels = []
+    for robot in SWEPT_ROBOTS:
+        walks = {name: study.drifts[DriftTask(robot, curve, study.seeds[0])] for name, curve in WAYS.items()}
+        for what, factor, column in (("y, to the left (mm)", 1e3, "y_m"), ("yaw (°)", np.degrees(1.0), "yaw_rad")):
+            curves = enumerate(walks.items())
+            series = [Series(name, x=of.t_s, y=factor * getattr(of, column), **look(k)) for k, (name, of) in curves]
+            panels.append(Panel(f"{robot}: {what}", series))
+    return panels
 
 
-def draw_sizes(study: Study) -> Figure:
-    """A row for each robot, in it a line of dots for each curve."""
-    figure = style.new_figure(1.2 + 0.62 * len(ROBOTS))
-    panel = figure.subplots()
+def size_panel(study: Study) -> Panel:
+    """A row for each robot and curve: a dot for each walk, and their mean."""
     ways = {name: dict.fromkeys(ROBOTS, curve) for name, curve in WAYS.items()}
     for place, name in enumerate(("alternating, chosen", "same side, chosen") if study.chosen else ()):
         ways[name] = {robot: curves[place] for robot, curves in study.chosen.items()}
-    for number, (color, (name, curves)) in enumerate(zip(style.SERIES, ways.items(), strict=False)):
-        offset = 0.18 * (number - (len(ways) - 1) / 2)
-        for row, robot in enumerate(ROBOTS):
+    rows = {}
+    for robot in ROBOTS:
+        for number, (name, curves) in enumerate(ways.items()):
             sizes_mm = _sizes_mm(study, robot, curves[robot])
-            at = np.full(len(sizes_mm), row + offset)
-            panel.plot(sizes_mm, at, "o", color=color, markersize=3.5, alpha=0.55, label=None if row else name)
-            panel.plot([sizes_mm.mean()], at[:1], "|", color=color, markersize=9, markeredgewidth=2.2)
-    for printed in PRINTED_MM:
-        panel.axvline(printed, color=style.GREY, linewidth=0.9, linestyle="--")
-    panel.set_yticks(range(len(ROBOTS)), list(ROBOTS))
-    panel.set_ylim(len(ROBOTS) - 0.5, -0.5)
-    panel.tick_params(axis="y", length=0)
-    panel.set_xscale("log")
-    panel.set_xlabel("size of the drift after 30 s (mm)")
-    style.legend_above(panel)
-    return figure
+            rows[f"{robot}, {name}"] = Spread(float(sizes_mm.mean()), None, sizes_mm, look(number)["color"])
+    what = "size of the drift after 30 s (mm)"
+    return forest(what, rows, what, log=True, marks=PRINTED_MM)
 
 
 def _sizes_mm(study: Study, robot: str, curve: Curve) -> np.ndarray:
@@ -342,12 +320,12 @@ def _pictures(study: Study) -> tuple[TablePicture, ...]:
             "walks",
             "Place aside and yaw over time of the symmetric and of two loaded robots, without and with the curve.",
             f"The walks of seed {study.seeds[0]} [Foot, Figs 5b and 6c].",
-            partial(draw_walks, study),
+            walk_panels(study),
         ),
         drawn(
             "sizes",
             "Size of the drift of every walk, by robot and curve, with means.",
-            "A dot for each walk, a bar for their mean. Dashed: the paper's 280 and 40 mm.",
-            partial(draw_sizes, study),
+            "A small dot for each walk, a large one for their mean. Dotted: the paper's 280 and 40 mm.",
+            [size_panel(study)],
         ),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,57 +20,39 @@ from quadlog.pipelines.tables.foot import torque_model as figures
 from quadlog.pipelines.tables.intervals import claim, compare
 from quadlog.pipelines.tables.pictures import drawn
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots import style
+from quadlog.results.view import Panel, Series, look
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-JOINTS = {"τ1, abduction": style.ROBOT, "τ2, hip": style.TARGET, "τ3, knee": style.PLAN}
+BEHIND = "foot behind the hip (mm)"
 
 
-def draw_torques() -> Figure:
+def torque_panels() -> list[Panel]:
     """The three torques over a stance: one leg's mass on the foot, and half of the body's."""
-    figure = style.new_figure(3.8)
-    panels = figure.subplots(1, 2)
-    for panel, carried_kg in zip(panels, (figures.LEG_KG, figures.HALF_BODY_KG), strict=True):
+    behind_mm = -1e3 * figures.feet_of(figures.RIGHT)[:, 0]
+    panels = []
+    for carried_kg in (figures.LEG_KG, figures.HALF_BODY_KG):
         torques = figures.torques_of(figures.RIGHT, KNEE_BEHIND, carried_kg)
-        _along_stance(panel, figures.STRIDE_M)
-        ahead_mm = 1e3 * figures.feet_of(figures.RIGHT)[:, 0]
-        for (label, color), torque in zip(JOINTS.items(), torques.T, strict=True):
-            panel.plot(ahead_mm, torque, color=color, label=label)
-        panel.axhline(0.0, color=style.ROBOT, linestyle="--", label="τ1, as printed")
-        panel.set_title(f"{carried_kg:g} kg on the foot")
-    panels[0].set_ylabel("torque (N m)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    return figure
+        lines = dict(zip(("τ1, abduction", "τ2, hip", "τ3, knee"), torques.T, strict=True))
+        lines["τ1, as printed"] = np.zeros(len(behind_mm))
+        panels.append(_panel(f"torque, {carried_kg:g} kg on the foot (N m)", behind_mm, lines))
+    return panels
 
 
-def draw_tipping() -> Figure:
+def tipping_panels() -> list[Panel]:
     """Gravity's moment over a stance: all of it, and its parts about x and y, for both pairs."""
-    figure = style.new_figure(3.8)
-    panels = figure.subplots(1, 2, sharey=True)
+    panels = []
     pairs = {"left fore, right hind": LEFT_FORE_RIGHT_HIND, "right fore, left hind": RIGHT_FORE_LEFT_HIND}
-    for panel, (called, pair) in zip(panels, pairs.items(), strict=True):
+    for called, pair in pairs.items():
         ahead_m, moments = figures.gravity_over_stance(pair)
-        _along_stance(panel, figures.WALK_STRIDE_M)
         total = np.linalg.norm(moments, axis=1) * np.sign(moments[:, 1])
         lines = {"about the diagonal": total, "part about x": moments[:, 0], "part about y": moments[:, 1]}
-        for (label, line), color in zip(lines.items(), (style.BLACK, style.ROBOT, style.TARGET), strict=True):
-            panel.plot(1e3 * ahead_m, line, color=color, label=label)
-        panel.plot(0.0, np.interp(0.0, -ahead_m, total), "o", color=style.BLACK, markersize=6, label="eq. 8, corrected")
-        panel.set_title(called)
-    panels[0].set_ylabel("moment (N m)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    return figure
+        panels.append(_panel(f"moment, {called} (N m)", -1e3 * ahead_m, lines))
+    return panels
 
 
-def _along_stance(panel: Axes, stride_m: float) -> None:
+def _panel(what: str, behind_mm: Float, lines: Mapping[str, Float]) -> Panel:
     """Time goes to the right: from a foot ahead to one behind."""
-    panel.set_xlim(500 * stride_m, -500 * stride_m)
-    panel.set_xlabel("foot ahead of the hip (mm)")
+    series = [Series(label, x=behind_mm, y=line, **look(number)) for number, (label, line) in enumerate(lines.items())]
+    return Panel(what, series, BEHIND)
 
 
 PEAKS_MM = (5, 10, 20)
@@ -302,15 +284,15 @@ def _pictures() -> tuple[TablePicture, ...]:
         drawn(
             "torques",
             "Torques of abduction, hip and knee over a stance, with one leg's mass on the foot and with half a body's.",
-            "As Fig. 3, time to the right: left with one leg's mass, as the paper takes it, right with what a support "
-            "leg carries. Dashed: the printed τ1.",
-            draw_torques,
+            "As Fig. 3, time to the right: above with one leg's mass, as the paper takes it, below with what a support "
+            "leg carries.",
+            torque_panels(),
         ),
         drawn(
             "tipping",
             "Gravity's moment about the support diagonal over a stance of 40 mm, for both pairs of support feet.",
             "Positive about y, and about the diagonal, is onto the nose. The part about x changes its sign with the "
-            "pair. The dot is eq. 8, for a body that stands still; over a stance the body passes the diagonal.",
-            draw_tipping,
+            "pair. Eq. 8 is the value at 0 mm, for a body that stands still.",
+            tipping_panels(),
         ),
     )

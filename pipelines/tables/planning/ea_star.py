@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -13,7 +11,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import bellman_ford
 
 from quadlog.mapping.inflation import inflate_square
-from quadlog.messages import Float
 from quadlog.pipelines.tables.intervals import claim, share_interval
 from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.planning.planner_walks import HELD_OUT_SEED, HONEST, PAPER, PRESETS, Preset
@@ -22,15 +19,11 @@ from quadlog.planning.planners.ea_star import LEVEL_CHARGE, SAME_LEVEL, Clearanc
 from quadlog.planning.protocol import Bool, Cell, Cells, Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_COST, STEP_ROW
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots import style
-from quadlog.results.text.numbers import count
+from quadlog.results.view import Layer, Lines, Raster, Scene, extent_of, look
 from quadlog.simulation.worlds.scenes import SCENES
 from quadlog.simulation.worlds.world import CELL_M, World
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 RINGS = (1, 2, 3)
 CLAIMED = "Claimed: more than with one ring less."
@@ -150,47 +143,22 @@ def _keeps_off(planner: Planner, world: World, crossing: Crossing, rings: int) -
     return clearance_cells(world.occupied, plan.cells) > rings
 
 
-MARKS = ("+", "o", "x", "*")
-"""Of A* and of one, two and three rings, as in Fig. 19."""
 AROUND_M = 1.6
 
 
-def draw_clearances(preset: Preset) -> Figure:
-    """A row of panels per scene, a column per form of EA*."""
-    figure = style.new_figure(6.4)
-    panels = figure.subplots(len(SHOWN), len(FORMS), squeeze=False)
-    planners = planners_of(preset)
-    for row, (scene, called) in zip(panels, SHOWN.items(), strict=True):
-        world = SCENES[scene]()
-        for panel, form in zip(row, FORMS, strict=True):
-            chosen = {"A*": preset.baseline} | {f"n = {n}": f"{form}, n = {n}" for n in RINGS}
-            plans = {label: planners[name].plan(world.occupied, *ends_of(world)) for label, name in chosen.items()}
-            _draw_scene(panel, world, {label: world.window.centre_of(plan.cells) for label, plan in plans.items()})
-            panel.set_title(f"{called}: {form}")
-    for panel in panels[-1]:
-        panel.set_xlabel("x (m)")
-    for panel in panels[:, 0]:
-        panel.set_ylabel("y (m)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), markerscale=1.8)
-    return figure
-
-
-def _draw_scene(panel: Axes, world: World, paths: dict[str, Float]) -> None:
+def way_scene(name: str, form: str, preset: Preset) -> Scene:
+    """A scene from above, with the ways of A* and of EA* by one form and each number of rings."""
+    world, planners = SCENES[name](), planners_of(preset)
+    chosen = {"A*": preset.baseline} | {f"n = {n}": f"{form}, n = {n}" for n in RINGS}
+    plans = {label: planners[of].plan(world.occupied, *ends_of(world)) for label, of in chosen.items()}
+    ways = {label: world.window.centre_of(plan.cells) for label, plan in plans.items()}
     left, bottom = world.window.origin_m.tolist()
-    rows, cols = world.window.shape
-    extent = (left, left + cols * world.window.cell_m, bottom, bottom + rows * world.window.cell_m)
-    look = {"cmap": "Greys", "vmin": 0, "vmax": 1.3, "zorder": style.ABOVE_GRID}
-    panel.imshow(world.occupied, origin="lower", extent=extent, **look)  # type: ignore[arg-type]
-    colors = (style.BLACK, style.ROBOT, style.TARGET, style.PLAN)
-    for (label, path), mark, color in zip(paths.items(), MARKS, colors, strict=True):
-        hollow = "none" if mark == "o" else color
-        panel.plot(*path.T, mark, color=color, label=label, markersize=2.8, markeredgewidth=0.7, markerfacecolor=hollow)
-        panel.plot(*path.T, color=color, linewidth=0.7)
-    every = np.concatenate(list(paths.values()))
-    low, high = every.min(axis=0) - AROUND_M, every.max(axis=0) + AROUND_M
-    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    panel.grid(visible=False)
+    cells = np.where(world.occupied, 1.0, np.nan)
+    layers: list[Layer] = [Raster("obstacle", "wall", cells, (left, bottom), world.window.cell_m, 0.0, 1.0)]
+    for number, (label, way) in enumerate(ways.items()):
+        layers.append(Lines(label, first=np.array([0, len(way)]), x=way[:, 0], y=way[:, 1], **look(number)))
+    every = np.concatenate(list(ways.values()))
+    return Scene(layers, extent_of((every[:, 0], every[:, 1]), margin=AROUND_M))
 
 
 PASSAGE_CELLS = 15
@@ -323,16 +291,18 @@ def make_table(fast: bool, seed: int) -> PaperTable:
             passage_group(),
             telescoping_group(),
         ),
-        pictures=(_picture(),),
+        pictures=_pictures(),
         errata=ERRATA,
     )
 
 
-def _picture() -> TablePicture:
-    return drawn(
-        "ways",
-        "A square, a passage and a complex scene from above, with the ways of A* and of both forms of EA* by one, two "
-        "and three rings.",
-        "As Figs 19 to 21, preset paper: left as printed, right with charges that add up. A mark is a cell.",
-        partial(draw_clearances, PAPER),
+def _pictures() -> tuple[TablePicture, ...]:
+    return tuple(
+        drawn(
+            f"ways-{form}",
+            "A complex scene from above, with the ways of A* and of EA* by one, two and three rings.",
+            f"As Fig. 21, preset paper: {form}.",
+            way_scene("complex", form, PAPER),
+        )
+        for form in FORMS
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,12 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.tables.intervals import bootstrap_statistic
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.rules import Rules
+from quadlog.results.page.planners import question_panel
 from quadlog.results.papers.table import PaperRow, Verdict
-from quadlog.results.plots.planner_comparison import Median, draw_cells, draw_ratios
+from quadlog.results.view import Panel, Spread, forest
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
 from quadlog.simulation.worlds.world import WINDOW_CELLS, World
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Columns = dict[str, NDArray[Any]]
 
@@ -179,32 +177,23 @@ def _compare(columns: Columns, baseline: str, counted: str, seed: int) -> Compar
     return compare_planners(columns, rng, baseline, counted, incremental)
 
 
-def draw_all_ratios(spent: Mapping[str, tuple[Spent, str]], printed: Mapping[str, Float], title: str) -> Figure | None:
-    """A line for each label's (source, planner) and for each printed table: its ratios, their median and interval."""
-    ratios: dict[str, Float] = {label: each.ratios(planner) for label, (each, planner) in spent.items()}
-    medians: dict[str, Median] = {label: _median(each, planner) for label, (each, planner) in spent.items()}
-    for label, of_runs in printed.items():
-        ratios[label], medians[label] = of_runs, (float(np.median(of_runs)), None, None)
-    return draw_ratios(ratios, medians, "A*", title)
+def ratio_panel(spent: Mapping[str, tuple[Spent, str]], printed: Mapping[str, Float], what: str) -> Panel:
+    """A row for each label's (source, planner) and for each printed table: its ratios, their median and interval."""
+    rows = {label: Spread(float(np.median(of_runs)), None, of_runs, "text") for label, of_runs in printed.items()}
+    for label, (of, planner) in spent.items():
+        row = of.row(planner)
+        assert row.ratio_expanded is not None
+        interval = None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
+        rows[label] = Spread(row.ratio_expanded, interval, of.ratios(planner))
+    return forest(what, rows, "A* / planner", log=True, marks=[1.0])
 
 
-def _median(spent: Spent, planner: str) -> Median:
-    row = spent.row(planner)
-    assert row.ratio_expanded is not None
-    return row.ratio_expanded, row.ratio_low, row.ratio_high
-
-
-def draw_first_run(spent: Spent, title: str) -> Figure | None:
+def first_run_panel(spent: Spent, what: str) -> Panel:
     """Cells of every planner in each replan of the first run [Planning, Fig. 18]."""
-    comparison, columns = spent.comparison, spent.columns
-    of = {row.planner: (columns["episode"] == 0) & (columns["planner"] == row.planner) for row in comparison.rows}
-    cells = {name: columns[comparison.counted][mine] for name, mine in of.items()}
-    restarts = {
-        row.planner: columns["from_scratch"][of[row.planner]]
-        for row in comparison.rows
-        if row.fallback_share is not None
-    }
-    return draw_cells(cells, restarts, comparison.baseline, title, comparison.counted)
+    columns, first = spent.columns, spent.columns["episode"] == 0
+    cells = {row.planner: columns[spent.comparison.counted][first & (columns["planner"] == row.planner)]
+             for row in spent.comparison.rows}  # fmt: skip
+    return question_panel(what, cells, "replan")
 
 
 LENGTH_M = np.array(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,9 +44,10 @@ from quadlog.pipelines.tables.planning.planner_walks import (
 from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots import style
-from quadlog.results.text.numbers import count
+from quadlog.results.view import Layer, Lines, Raster, Scene, extent_of
+from quadlog.results.view import look as color_of
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
 from quadlog.simulation.worlds.replanning_walk import (
     MOST_REPLANS,
@@ -60,9 +59,6 @@ from quadlog.simulation.worlds.replanning_walk import (
     walk_world,
 )
 from quadlog.simulation.worlds.world import SPEED_MPS, World, body_clearance, occupied_centres
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # The robot's size is printed [Planning, section 4]. How it follows is not: these are ours, and no figure chose them.
 BODY_M = (1.1, 0.5)
@@ -318,34 +314,21 @@ def _rng(seed: int) -> np.random.Generator:
     return np.random.default_rng([HELD_OUT_SEED + seed, LENGTH_RUNS, *b"walks"])
 
 
-SHOWN = 4
-SHOWN_ASIDE_M = 2.2
-
-
-def draw_routes(pairs: list[Pair], preset: Preset, density: float, seed: int) -> Figure:
-    """The first SHOWN pairs, a panel for each, with the line from start to goal as its axis."""
-    count = min(SHOWN, len(pairs))
-    figure = style.new_figure(1.8 * count)
-    panels = figure.subplots(count, 1, sharey=True, squeeze=False).ravel()
-    for number, panel in enumerate(panels):
-        world = forest_of(density, number, preset, seed)
-        grown = INFLATIONS[world.dilation](world.occupied, world.dilation_m / world.window.cell_m)
-        for cells, color, label in ((grown, style.LIGHT, "growth"), (world.occupied, style.GREY, "trunk")):
-            along_m, aside_m = beside_line(occupied_centres(cells, world.window), world).T
-            panel.plot(along_m, aside_m, "s", color=color, markersize=2.4, label=label, zorder=style.ABOVE_GRID)
-        for name, color, walk in zip(NAMES, (style.ROBOT, style.TARGET), pairs[number].pursued, strict=True):
-            along_m, aside_m = beside_line(walk.path_xy_m, world).T
-            panel.plot(along_m, aside_m, color=color, label=name)
-        length_m = float(np.hypot(*(world.goal.at(0) - world.start_xy_m)))
-        panel.set(xlim=(-0.5, length_m + 0.5), ylim=(-SHOWN_ASIDE_M, SHOWN_ASIDE_M), ylabel="aside (m)")
-        lengths = ", ".join(
-            f"{name} {walk.length_m:.2f} m" for name, walk in zip(NAMES, pairs[number].pursued, strict=True)
-        )
-        panel.set_title(f"walk {number + 1}: {lengths}")
-    panels[-1].set_xlabel("along the straight line from start to goal (m)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), markerscale=2.0)
-    return figure
+def route_scene(pair: Pair, preset: Preset, density: float, seed: int) -> Scene:
+    """The first pair of walks through a forest, from above."""
+    world = forest_of(density, 0, preset, seed)
+    grown = INFLATIONS[world.dilation](world.occupied, world.dilation_m / world.window.cell_m)
+    left, bottom = world.window.origin_m.tolist()
+    layers: list[Layer] = [
+        Raster(label, color, np.where(cells, 1.0, np.nan), (left, bottom), world.window.cell_m, 0.0, 1.0)
+        for cells, color, label in ((grown, "soft", "growth"), (world.occupied, "cell", "trunk"))
+    ]
+    for number, (name, walk) in enumerate(zip(NAMES, pair.pursued, strict=True)):
+        way = walk.path_xy_m
+        label = f"{name}, {walk.length_m:.2f} m"
+        layers.append(Lines(label, first=np.array([0, len(way)]), x=way[:, 0], y=way[:, 1], **color_of(number)))
+    every = np.concatenate([walk.path_xy_m for walk in pair.pursued])
+    return Scene(layers, extent_of((every[:, 0], every[:, 1]), margin=1.0))
 
 
 def beside_line(points_m: Float, world: World) -> Float:
@@ -414,8 +397,7 @@ def _picture(pairs: Pairs, seed: int) -> TablePicture:
     density = DENSITIES_PER_M2[-1]
     return drawn(
         "routes",
-        f"{SHOWN} walks through a forest: the way that A* led and the one that IA* led, beside the straight line.",
-        f"As Figs 16 and 17: the first {SHOWN} walks of preset paper among {density:g} trees/m², as walked. Up and "
-        "down is enlarged.",
-        partial(draw_routes, pairs[PAPER.name, density], PAPER, density, seed),
+        "A walk through a forest: the way that A* led and the one that IA* led.",
+        f"As Figs 16 and 17: the first walk of preset paper among {density:g} trees/m², as walked.",
+        route_scene(pairs[PAPER.name, density][0], PAPER, density, seed),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -29,15 +28,15 @@ from quadlog.pipelines.tables.planning.planner_walks import (
     READINGS,
     Preset,
     Spent,
-    draw_all_ratios,
-    draw_first_run,
     extreme_row,
+    first_run_panel,
     forest_of,
+    ratio_panel,
     spend,
 )
 from quadlog.planning.rules import TIES
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture, Verdict
-from quadlog.results.text.numbers import count
 
 CLAIMED = 5.0
 """[Planning] says that IA* is more than so many times as efficient."""
@@ -288,7 +287,7 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
     }
     printed = {"ia_star, as printed": CELL_RATIO}
     sparse = measured[PAPER.name, DENSITIES_PER_M2[0], PAPER.leader]
-    title = f"The first run, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
+    title = f"cells opened: the first run, {DENSITIES_PER_M2[0]:g} trees/m², preset paper"
     return (
         drawn(
             "ratios",
@@ -296,12 +295,12 @@ def _pictures(measured: Measured) -> tuple[TablePicture, ...]:
             "presets in both forests.",
             "Each dot a run; bars: the median over the runs and its 95 % interval; trees to a square metre. Each "
             "preset has its own A* below it.",
-            partial(draw_all_ratios, lines, printed, "Cells of A* over cells of a planner, run by run"),
+            [ratio_panel(lines, printed, "Cells of A* over cells of a planner, run by run")],
         ),
         drawn(
             "cells",
-            "Cells opened in each replan of one walk, A* in grey, IA* in blue and far below it.",
+            "Cells opened in each replan of one walk, IA* far below A*.",
             "As Fig. 18: IA* peaks where it has to plan from scratch.",
-            partial(draw_first_run, sparse, title),
+            [first_run_panel(sparse, title)],
         ),
     )

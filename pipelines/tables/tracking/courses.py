@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
 
-import numpy as np
-
+from quadlog.messages import Float
 from quadlog.pipelines.tables.pictures import drawn
 from quadlog.pipelines.tables.tracking.walks import (
     CONDITIONS,
@@ -28,23 +24,17 @@ from quadlog.pipelines.tables.tracking.walks import (
     Tracked,
     TrackingStatistic,
     TrackingTask,
-    draw_errors,
-    draw_etas,
+    error_panels,
+    eta_panels,
     fall_row,
     held_out_seeds,
     mean_row,
     ratio_row,
     walk_all,
 )
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.plots import style
-from quadlog.results.text.numbers import count
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from quadlog.messages import Float
+from quadlog.results.view import Panel, Series, look
 
 FPMW = Steering("FpMW", "fpmw")
 COURSES = {
@@ -187,36 +177,16 @@ LINES: dict[str, tuple[str, ...]] = {
 CALLED = {"tau_00_nm": "abduction", "tau_01_nm": "hip", "tau_02_nm": "knee", "k_v": "k_v", "k_w": "k_w"}
 
 
-def draw_curves(walk: Tracked) -> Figure:
-    """Eight panels; the walk must have its curves."""
-    figure = style.new_figure(10.5)
-    panels = figure.subplots(4, 2).ravel()
-    _draw_way(panels[0], walk)
-    position = {axis: walk.curves[f"{axis}_m"] - walk.curves[f"ref_{axis}_m"] for axis in "xy"}
-    _draw(panels[1], walk, "position error (m)", position)
-    _draw(panels[2], walk, "yaw error (rad)", {"": walk.curves["heading_error_rad"]})
-    for panel, (label, names) in zip(panels[3:], LINES.items(), strict=True):
-        _draw(panel, walk, label, {CALLED.get(name, ""): walk.curves[name] for name in names})
-    return figure
-
-
-def _draw_way(panel: Axes, walk: Tracked) -> None:
-    for name, prefix, color, width in (("desired", "ref_", style.BLACK, 2.4), ("walked", "", style.RESIM, 1.0)):
-        panel.plot(walk.curves[f"{prefix}x_m"], walk.curves[f"{prefix}y_m"], color=color, linewidth=width, label=name)
-    panel.set_aspect("equal")
-    panel.set_xlabel("x (m)")
-    panel.set_ylabel("y (m)")
-    style.legend_above(panel)
-
-
-def _draw(panel: Axes, walk: Tracked, label: str, lines: Mapping[str, Float]) -> None:
-    for color, (name, values) in zip(style.SERIES, lines.items(), strict=False):
-        keep = style.thin_line(np.asarray(values))
-        panel.plot(walk.t_s[keep], values[keep], color=color, label=name, linewidth=0.8)
-    panel.set_xlabel("time (s)")
-    panel.set_ylabel(label)
-    if len(lines) > 1:
-        style.legend_above(panel)
+def curve_panels(walk: Tracked) -> list[Panel]:
+    """Seven panels; the walk must have its curves."""
+    position: dict[str, Float] = {axis: walk.curves[f"{axis}_m"] - walk.curves[f"ref_{axis}_m"] for axis in "xy"}
+    yaw: dict[str, Float] = {"yaw": walk.curves["heading_error_rad"]}
+    lines: dict[str, dict[str, Float]] = {"position error (m)": position, "yaw error (rad)": yaw}
+    lines |= {label: {CALLED.get(name, name): walk.curves[name] for name in names} for label, names in LINES.items()}
+    return [
+        Panel(what, [Series(name, x=walk.t_s, y=values, **look(k)) for k, (name, values) in enumerate(mine.items())])
+        for what, mine in lines.items()
+    ]
 
 
 FULL_WALKS, FAST_WALKS = 10, 2
@@ -257,20 +227,20 @@ def _pictures(measured: Measured, seed: int) -> tuple[TablePicture, ...]:
         drawn(
             "errors",
             "Distance to the path over time on line and circle, undisturbed above, disturbed below.",
-            f"The walks of seed {held_out_seeds(1, seed)[0]}. A cross: it fell there.",
-            partial(draw_errors, panels),
+            f"The walks of seed {held_out_seeds(1, seed)[0]}; one that fell ends there.",
+            error_panels(panels),
         ),
         drawn(
             "eta",
             "Mean error of each walk by course, with means and intervals, undisturbed and disturbed.",
-            "A dot for each walk, hollow where it fell; above it the mean over the seeds and its 95 % interval.",
-            partial(draw_etas, panels),
+            "A small dot for each walk; a large one for the mean over the seeds and its 95 % interval.",
+            eta_panels(panels),
         ),
         drawn(
             "curves",
-            "A walk round the circle: its way, errors of position and yaw, speed and yaw rate, joint torques of a leg, "
+            "A walk round the circle: errors of position and yaw, speed and yaw rate, joint torques of a leg, "
             "k_v and k_w, and the look-ahead.",
             f"As Figs 21 to 24: the undisturbed walk of seed {held_out_seeds(1, seed)[0]} round the circle on 6 cm.",
-            partial(draw_curves, measured[DRAWN][0]),
+            curve_panels(measured[DRAWN][0]),
         ),
     )

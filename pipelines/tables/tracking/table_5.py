@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -29,16 +28,16 @@ from quadlog.pipelines.tables.tracking.walks import (
     Tracked,
     TrackingStatistic,
     TrackingTask,
-    draw_errors,
-    draw_etas,
+    error_panels,
+    eta_panels,
     fall_row,
     held_out_seeds,
     mean_row,
     ratio_row,
     walk_all,
 )
+from quadlog.results.numbers import count
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, TablePicture
-from quadlog.results.text.numbers import count
 
 CONTROLLERS = (Steering("FpMW", "fpmw"), Steering("FpM", "fpm"), Steering("pMW", "pmw"))
 TUNED = Steering("tuned rules", "fpmw", HONEST.l0_m, HONEST)
@@ -352,14 +351,14 @@ def _pictures(measured: Measured, seed: int) -> tuple[TablePicture, ...]:
         drawn(
             "errors",
             "Distance to the path over time of FpMW, FpM and pMW, undisturbed above, disturbed below.",
-            f"The walks of seed {held_out_seeds(1, seed)[0]}. It grows where bends begin and end. A cross: a fall.",
-            partial(draw_errors, three),
+            f"The walks of seed {held_out_seeds(1, seed)[0]}. It grows where bends begin and end; a fall ends it.",
+            error_panels(three),
         ),
         drawn(
             "eta",
             "Mean error of each walk by controller and by rival look-ahead, with means and intervals.",
-            "A dot for each walk, hollow where it fell; above it the mean over the seeds and its 95 % interval. The "
+            "A small dot for each walk; a large one for the mean over the seeds and its 95 % interval. The "
             "rivals below the three controllers have MPC and whole-body control.",
-            partial(draw_etas, everything),
+            eta_panels(everything),
         ),
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +23,8 @@ from quadlog.pipelines.simulation.run_folder import walk_metrics
 from quadlog.pipelines.simulation.walk import SimulatedWalk, walk_once, warm_up
 from quadlog.pipelines.tables.intervals import NEGLIGIBLE, compare, judge_claim, not_comparable, share_interval
 from quadlog.results.papers.table import PaperRow, Verdict
-from quadlog.results.plots import style
+from quadlog.results.view import Panel, Series, Spread, forest, look
 from quadlog.simulation.robot.disturbances import DISTURBED
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 HELD_OUT_SEED = 2000
 """Seeds that are reported start here."""
@@ -89,7 +85,6 @@ class TrackingTask:
                 "terrain": self.terrain,
                 "disturbances": asdict(DISTURBED) if self.disturbed else {},
             },
-            "results": {"frames": 0},
         }
         return Config.model_validate(given)
 
@@ -285,59 +280,27 @@ def ratio_row(
     return [PaperRow(quantity, ours, paper, low, high, verdict, note)]
 
 
-TICKS_M = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
-Panels = Mapping[str, Mapping[str, Sequence[Tracked]]]
-"""By a panel's title and by how was walked: the walks, in the order of their seeds."""
+Ways = Mapping[str, Mapping[str, Sequence[Tracked]]]
+"""By condition and by how was walked: the walks, in the order of their seeds."""
 
 
-def draw_errors(panels: Panels) -> Figure:
-    """The distance to the path over time, of the first walk of each; a cross where it fell."""
-    figure = style.new_figure(0.6 + 2.4 * len(panels))
-    axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
-    for panel, (title, ways) in zip(axes, panels.items(), strict=True):
-        for color, (name, walks) in zip(style.SERIES, ways.items(), strict=False):
-            walk = walks[0]
-            keep = style.thin_line(walk.error_m)
-            panel.plot(walk.t_s[keep], walk.error_m[keep], color=color, label=name, linewidth=1.0)
-            if walk.of("fallen") == 1:
-                panel.plot(walk.t_s[-1:], walk.error_m[-1:], "x", color=color, markersize=9, markeredgewidth=2)
-        panel.set_title(title, pad=20)
-        panel.set_ylabel("distance to path (m)")
-        panel.set_ylim(bottom=0)
-        style.legend_above(panel)
-    axes[-1].set_xlabel("time (s)")
-    return figure
+def error_panels(ways: Ways) -> list[Panel]:
+    """The distance to the path over time, of the first walk of each."""
+    panels = []
+    for title, mine in ways.items():
+        firsts = enumerate((name, walks[0]) for name, walks in mine.items())
+        series = [Series(name, x=walk.t_s, y=walk.error_m, **look(k)) for k, (name, walk) in firsts]
+        panels.append(Panel(f"{title}: distance to path (m)", series, zero=True))
+    return panels
 
 
-def draw_etas(panels: Panels) -> Figure:
-    """A panel each: a dot for each walk's η, hollow where it fell, and the mean with its 95 % interval."""
-    most = max((list(ways) for ways in panels.values()), key=len)
-    rows = len(most)
-    figure = style.new_figure(1.0 + 0.45 * rows)
-    axes = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
-    for panel, (title, ways) in zip(axes, panels.items(), strict=True):
-        for row, (color, walks) in enumerate(zip(style.SERIES, ways.values(), strict=False)):
-            _draw_row(panel, row, color, walks)
-        panel.set_yticks(range(rows), most)
-        panel.set_ylim(rows - 0.5, -0.5)
-        panel.tick_params(axis="y", length=0)
-        panel.set_xscale("log")
-        panel.set_xticks(TICKS_M, [f"{tick:g}" for tick in TICKS_M])
-        panel.minorticks_off()
-        panel.set_xlabel("η (m)")
-        panel.set_title(title)
-    return figure
-
-
-def _draw_row(panel: Axes, row: int, color: str, walks: Sequence[Tracked]) -> None:
-    eta_m = ETA.of(walks)
-    fell = np.array([walk.of("fallen") == 1 for walk in walks])
-    for mine, face in ((~fell, color), (fell, "white")):
-        at = row + 0.18 + np.zeros(mine.sum())
-        panel.plot(eta_m[mine], at, "o", color=color, markerfacecolor=face, markersize=4, alpha=0.7)
-    mean, interval = mean_interval(eta_m)
-    low, high = interval or (mean, mean)
-    # A logarithmic axis has no place for 0, where the interval of two very different walks may begin.
-    low = max(low, 0.2 * float(eta_m.min()))
-    panel.plot([low, high], [row - 0.12] * 2, color=style.BLACK, linewidth=1.2)
-    panel.plot([mean], [row - 0.12], "|", color=style.BLACK, markersize=10, markeredgewidth=2)
+def eta_panels(ways: Ways) -> list[Panel]:
+    """A dot for each walk's η, and the mean with its 95 % interval."""
+    panels = []
+    for title, mine in ways.items():
+        rows = {}
+        for number, (name, walks) in enumerate(mine.items()):
+            eta_m = ETA.of(walks)
+            rows[name] = Spread(*mean_interval(eta_m), eta_m, look(number)["color"])
+        panels.append(forest(f"{title}: η (m)", rows, "η (m)", log=True))
+    return panels

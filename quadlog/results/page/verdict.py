@@ -1,251 +1,213 @@
-"""What a run came to in three lines, from its saved files: the walk and its losses, contacts, positions."""
+"""What came out of a run, in a few plain sentences from its saved files, with alarms that need no configuration."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quadlog.messages import Float
-from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.page.metric_cards import bound_words, held_bounds, in_words, missed_alarms, plain_name
-from quadlog.results.plots.run_data import STANDS_M, RunData, Table
-from quadlog.results.plots.uwb_position import SCALE_95
-from quadlog.results.text.numbers import count, short
+from quadlog.positioning.unlocated import MOST_UNLOCATED
+from quadlog.results.numbers import count, percent, sig
+from quadlog.results.page.blocks import Sentence
+from quadlog.results.run import Run
+from quadlog.results.scenes import SCALE_95, STANDS_M
+from quadlog.results.view import GAP_S
+from quadlog.results.words import STATES, State, bounds_of, is_alarming, label_of
 
-_STEP_M = 0.1
-"""A walk's length is that of steps of at least this size, so that the noise of positions does not add to it."""
-_TOLD_CONTACTS = 3
-_XY = ("x_m", "y_m")
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+STEP_M = 0.1
+"""The length of a walk is that of steps of at least this size, so that noise of positions does not add to it."""
+TOO_SHORT_S = 1.0
 _SOURCES = {
     "uwb": "UWB ranges",
-    "odometry": "odometry",
     "tf": "tf",
+    "odometry": "odometry",
+    "pose": "a pose topic",
     "legs": "the legs' joints",
-    "lidar": "matched lidar scans",
+    "lidar": "scan matching",
     "file": "a trajectory file",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Sentence:
-    """A sentence of the verdict. alarm: something went wrong that a reader must not miss."""
-
-    text: str
-    alarm: bool = False
+def verdict(run: Run) -> list[Sentence]:
+    """The sentences for which the run has data, worst first."""
+    found = [*_recorded(run), *_simulated(run), *_positions(run), *_bounds(run), *_losses(run)]
+    return sorted(found, key=lambda sentence: STATES.index(sentence.state))
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictLine:
-    """One line: its subject in a word, and sentences."""
-
-    subject: str
-    sentences: Sequence[Sentence]
-
-
-def verdict(run: RunData) -> list[VerdictLine]:
-    """The lines for which the run has data. Raises NotARun for damaged files."""
-    return [line for line in (_walk(run), _contacts(run), _positions(run)) if line is not None]
+def status(run: Run) -> tuple[str, State]:
+    """The run in a word: the worst of its sentences, and how many need a look."""
+    states = [sentence.state for sentence in verdict(run)]
+    bad, warn = states.count("bad"), states.count("warn")
+    if bad:
+        return f"{bad} thing{'s' * (bad > 1)} to look at", "bad"
+    return (f"usable, {warn} warning{'s' * (warn > 1)}", "warn") if warn else ("done", "good")
 
 
-def walked_m(x_m: Float, y_m: Float) -> float:
-    """Length of the way through points (N,), in steps of at least _STEP_M; points that are not finite are skipped."""
-    known = np.isfinite(x_m) & np.isfinite(y_m)
-    points = list(zip(x_m[known].tolist(), y_m[known].tolist(), strict=True))
-    if not points:
-        return 0.0
-    length_m, (last_x, last_y) = 0.0, points[0]
-    for x, y in points:
-        step_m = ((x - last_x) ** 2 + (y - last_y) ** 2) ** 0.5
-        if step_m >= _STEP_M:
-            length_m, last_x, last_y = length_m + step_m, x, y
+def walked_m(track: DataFrame) -> float:
+    """Length of a track with x_m and y_m, in steps of at least STEP_M."""
+    points = track[["x_m", "y_m"]].dropna().to_numpy().tolist()
+    length_m, last = 0.0, points[0] if points else (0.0, 0.0)
+    for point in points:
+        step_m = float(np.hypot(point[0] - last[0], point[1] - last[1]))
+        if step_m >= STEP_M:
+            length_m, last = length_m + step_m, point
     return length_m
 
 
-def _walk(run: RunData) -> VerdictLine:
-    said = _simulated(run) if run.simulated else _replayed(run)
-    return VerdictLine("Walk", [*said, *_bounds(run), *_lost(run)])
+def _way(track: DataFrame) -> str:
+    length_m, lasted_s = walked_m(track), float(np.ptp(track["seconds"]))
+    return f"{sig(length_m)} m in {sig(lasted_s)} s" + (f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else "")
 
 
-def _simulated(run: RunData) -> Iterator[Sentence]:
-    course, control, fell_s = run.record.options.get("course"), run.table("control"), _fell_s(run)
-    start = f"The simulated robot walked{'' if control is None else f' {_way(control)}'} along the course {course}"
-    if fell_s is not None:
-        yield Sentence(f"{start} and fell at {fell_s:.1f} s.", alarm=True)
-    elif run.metric("completion_time_s") is not None:
-        yield Sentence(f"{start} and reached its end.")
-    elif run.metric("eta_m") is not None:
-        yield Sentence(f"{start} and did not reach its end.", alarm=True)
-    else:
-        yield Sentence(f"{start}.")
-
-
-def _replayed(run: RunData) -> Iterator[Sentence]:
-    poses, control, plans = run.table("poses"), run.table("control"), run.table("plans")
-    if poses is None and run.record.options.get("until") == "ingest":
-        yield Sentence("Positions were not asked for (--until ingest).")
-    elif poses is None:
-        yield Sentence("The recording does not tell where the robot was.")
-    elif set(poses["source"]) == {"fixed"}:
-        yield Sentence("The recording does not tell where the robot was; it is taken to have stood still.")
-    elif all(_width(poses[name]) < STANDS_M for name in _XY):
-        yield Sentence(f"The robot moved less than {STANDS_M:g} m in {short(_lasted_s(poses), 2)} s.")
-    else:
-        yield Sentence(f"The robot {_what_it_did(run)} {_way(poses)}.")
-    if plans is not None:
-        failed, total = int(np.count_nonzero(~plans["found"])), count(len(plans["found"]))
-        words = f"{count(failed)} of {total} replans found no path." if failed else f"All {total} replans found a path."
-        yield Sentence(words, alarm=failed > 0)
-    if control is not None:
-        start = f"Re-simulated on the recorded maps, it walked {walked_m(control['x_m'], control['y_m']):.1f} m"
-        if (fell_s := _fell_s(run)) is not None:
-            yield Sentence(f"{start} and fell at {fell_s:.1f} s.", alarm=True)
-        else:
-            yield Sentence(f"{start} without a fall." if run.metric("fallen") is not None else f"{start}.")
-
-
-def _width(values: Float) -> float:
-    """Largest less smallest of values (N,) that are finite; -inf without one."""
-    return float(np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf))
-
-
-def _what_it_did(run: RunData) -> str:
-    """Whether it followed someone: a target that walks itself, not a point or the robot's own future."""
-    target = run.table("target")
-    sources = set() if target is None else set(target["source"])
-    return "followed its target over" if sources - {"ahead", "fixed"} else "walked"
-
-
-def _way(track: Table) -> str:
-    """Length, duration and mean speed of a table with t_ns, x_m and y_m."""
-    length_m, lasted_s = walked_m(track["x_m"], track["y_m"]), _lasted_s(track)
-    speed = f" ({short(length_m / lasted_s, 2)} m/s)" if lasted_s > 0 else ""
-    return f"{short(length_m, 3) if length_m < 1000 else count(round(length_m))} m in {short(lasted_s, 3)} s{speed}"
-
-
-def _lasted_s(track: Table) -> float:
-    return float(track["t_ns"][-1] - track["t_ns"][0]) / 1e9
-
-
-def _fell_s(run: RunData) -> float | None:
-    """When the simulated robot fell, None where it did not."""
-    control = run.table("control")
-    if control is None or not control["fallen"].any():
-        return None
-    return float(run.seconds(control["t_ns"])[np.argmax(control["fallen"])])
-
-
-def _bounds(run: RunData) -> Iterator[Sentence]:
-    held, expected = held_bounds(run)
-    if held < expected:
-        yield Sentence(f"{expected - held} of {expected} expected bounds do not hold.", alarm=True)
-    elif expected:
-        yield Sentence(f"All {expected} expected bounds hold.")
-    for name, bound in missed_alarms(run).items():
-        unit = CATALOGUE[name].unit
-        is_what = f"{plain_name(name)} is {in_words(name, run.metrics[name]['value'], unit)}"
-        yield Sentence(f"Check {name}: {is_what}, usual is {bound_words(bound, unit)}.", alarm=True)
-
-
-def _lost(run: RunData) -> Iterator[Sentence]:
+def _recorded(run: Run) -> Iterator[Sentence]:
+    poses, target, plans = run.table("poses"), run.table("target"), run.table("plans")
     if run.simulated:
         return
-    causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
-    if not causes:
-        many = len(run.record.warnings)
-        told = f"Nothing was lost to damage; {many} warning{'s' * (many > 1)} below." if many else "Nothing was lost."
-        yield Sentence(told)
+    if poses is None:
+        ran = any(stage.name == "position" for stage in run.record.stages)
+        words = "No source gave positions of the robot." if ran else "Positions were not computed (--until ingest)."
+        yield Sentence("Recorded walk", words, "bad" if ran else "")
         return
-    more = f" and {len(causes) - _TOLD_CONTACTS} more" if len(causes) > _TOLD_CONTACTS else ""
-    yield Sentence(f"Part of the recording was lost: {', '.join(causes[:_TOLD_CONTACTS])}{more} (below).", alarm=True)
-
-
-def _contacts(run: RunData) -> VerdictLine | None:
-    clearances, contacts = run.table("clearances"), run.table("contacts")
-    if clearances is None and contacts is None:
-        if run.simulated or run.table("poses") is None:
-            return None
-        return VerdictLine("Contact", [Sentence("Not checked: the walk was not re-simulated on recorded maps.")])
-    appeared = 0
-    if contacts is not None:
-        appeared = int(np.count_nonzero(~contacts["collision"]))
-        contacts = {name: column[contacts["collision"]] for name, column in contacts.items()}
-    if contacts is not None and len(contacts["t_ns"]):
-        sentences = [Sentence(_touched(run, contacts), alarm=True)]
+    if set(poses["source"]) == {"fixed"}:
+        yield Sentence("Recorded walk", "No source gave positions: the robot is fixed at the origin.", "bad")
+    elif max(float(np.ptp(poses[name].dropna())) for name in ("x_m", "y_m")) < STANDS_M:
+        moved = f"The robot moved less than {STANDS_M:g} m in {sig(float(np.ptp(poses['seconds'])))} s."
+        yield Sentence("Recorded walk", moved, "good")
     else:
-        sentences = [Sentence(_nearest(run, clearances))]
-    if appeared:
-        sentences.append(Sentence(f"Not counted: {count(appeared)} × an obstacle that first appeared inside the body."))
-    return VerdictLine("Contact", sentences)
+        follows = target is not None and bool(set(target["source"]) - {"ahead", "fixed"})
+        did = "followed its target for" if follows else "walked"
+        yield Sentence("Recorded walk", f"The robot {did} {_way(poses)}.", "good")
+    yield from _missing(run, poses)
+    if plans is not None:
+        failed, total = int((~plans["found"]).sum()), count(len(plans))
+        words = f"All {total} replans found a path." if len(plans) > 1 else "The only replan found a path."
+        words = f"{count(failed)} of {total} replans found no path." if failed else words
+        yield Sentence("Planning", words, "bad" if failed > 0.1 * len(plans) else "warn" if failed else "good")
 
 
-def _touched(run: RunData, contacts: Table) -> str:
-    seconds, total = run.seconds(contacts["t_ns"]).tolist(), len(contacts["t_ns"])
-    if total <= _TOLD_CONTACTS:
-        rows = zip(seconds, contacts["x_m"], contacts["y_m"], contacts["cause"], strict=True)
-        told = "; ".join(f"at {at:.1f} s near ({x:.1f}, {y:.1f}) m: {cause}" for at, x, y, cause in rows)
-        return f"{total} contact{'s' * (total > 1)} of the simulated body, {told}."
-    causes = ", ".join(f"{many} × {cause}" for cause, many in Counter(contacts["cause"].tolist()).most_common(2))
-    return f"{count(total)} contacts of the simulated body from {seconds[0]:.1f} s on, mostly {causes}."
+def _missing(run: Run, poses: DataFrame) -> Iterator[Sentence]:
+    """How long the log goes on without a measured position."""
+    missing_s = run.record.counts.get("unlocated_ms", 0) * 1e-3
+    if set(poses["source"]) == {"fixed"} or missing_s <= 0 or run.record.recorded_s <= 0:
+        return
+    share = missing_s / run.record.recorded_s
+    steps_s = np.diff(np.sort(poses["seconds"][poses["x_m"].notna() & poses["y_m"].notna()].to_numpy()))
+    gaps_s = steps_s[steps_s > GAP_S]
+    words = f"No position for {sig(missing_s, 2)} s ({percent(share, 2)} of the log)"
+    if len(gaps_s):
+        words += f"; {count(len(gaps_s))} gap{'s' * (len(gaps_s) > 1)}, the longest {sig(float(gaps_s.max()), 2)} s"
+    yield Sentence("Gaps", f"{words}.", "bad" if share > MOST_UNLOCATED else "warn")
 
 
-def _nearest(run: RunData, clearances: Table | None) -> str:
-    known = np.isfinite(clearances["clearance_m"]) if clearances is not None else np.zeros(0, bool)
-    if clearances is None or np.isnan(clearances["clearance_m"]).all():
-        return "Not known: the simulated robot was outside of the recorded maps all the time."
-    unknown = np.count_nonzero(np.isnan(clearances["clearance_m"])) / len(known)
-    outside = f" {short(100 * unknown, 2)} % of the time it was outside of the recorded maps." if unknown else ""
-    if not known.any():
-        return f"No obstacle was near the simulated robot.{outside}"
-    nearest = int(np.argmin(np.where(known, clearances["clearance_m"], np.inf)))
-    at_s = float(run.seconds(clearances["t_ns"])[nearest])
-    away_m = clearances["clearance_m"][nearest]
-    return (
-        f"The simulated robot touched nothing; its nearest obstacle was {away_m:.2f} m away, at {at_s:.1f} s.{outside}"
-    )
+def is_too_short(run: Run) -> bool:
+    """Whether the simulated walk is too short for its errors to mean anything."""
+    control = run.table("control")
+    if control is None or control["fallen"].any() or run.metric("collisions"):
+        return False
+    return float(np.ptp(control["seconds"])) < TOO_SHORT_S
 
 
-def _positions(run: RunData) -> VerdictLine | None:
+def _simulated(run: Run) -> Iterator[Sentence]:
+    control, contacts, clearances = (run.table(name) for name in ("control", "contacts", "clearances"))
+    if control is None:
+        return
+    if is_too_short(run):
+        words = f"The simulated robot walked for {sig(float(np.ptp(control['seconds'])), 2)} s, too short to judge."
+        yield Sentence("Simulated walk", words)
+        return
+    where = f"along {run.record.options['course']}" if run.simulated else "on the recorded maps"
+    text, state = f"The simulated robot walked {sig(walked_m(control))} m {where}", "good"
+    if control["fallen"].any():
+        text, state = f"{text} and fell at {control['seconds'][control['fallen']].min():.1f} s", "bad"
+    elif run.simulated and run.metric("lateral_drift_m") is None and run.metric("completion_time_s") is None:
+        text, state = f"{text} and did not reach its end", "bad"
+    else:
+        text = f"{text} without a fall"
+    hits = None if contacts is None else contacts["seconds"][contacts["collision"]]
+    collisions = 0 if hits is None else len(hits)
+    if hits is not None and collisions:
+        text, state = f"{text}; it touched obstacles {collisions} ×, first at {hits.min():.1f} s", "bad"
+    clearance_m = run.metric("clearance_min_m")
+    if clearance_m is not None and not collisions:
+        text = f"{text}; nearest obstacle {sig(clearance_m, 2)} m away"
+        state = "warn" if state == "good" and _alarms(run, "clearance_min_m") else state
+    outside = 0.0 if clearances is None else float(clearances["clearance_m"].isna().mean())
+    if outside > 0:
+        text = f"{text}; outside of the recorded maps for {percent(outside, 2)} of the time"
+        state = "warn" if state == "good" else state
+    yield Sentence("Simulated walk", f"{text}.", state)  # type: ignore[arg-type]
+
+
+def _positions(run: Run) -> Iterator[Sentence]:
     poses = run.table("poses")
-    if run.simulated or poses is None:
-        return None
-    source, _ = Counter(poses["source"].tolist()).most_common(1)[0]
-    if source == "fixed":
-        return None
-    text = f"From {_SOURCES.get(source, f'the topic {source}')}"
-    bound_m = _bound_m(run)
+    if run.simulated or poses is None or set(poses["source"]) == {"fixed"}:
+        return
+    source = Counter(poses["source"].tolist()).most_common(1)[0][0]
+    text, state = f"From {_SOURCES.get(source, source)}", "good"
+    error_m, bound_m, coverage = run.metric("ate_rmse_m"), _bound_m(run), run.metric("uwb_coverage_95")
+    if error_m is not None:
+        text += f", {sig(error_m, 2)} m (rms) off the reference"
     if bound_m is not None:
-        coverage = run.metric("uwb_coverage_95")
-        holds = "" if coverage is None else f" (95 % bound, holds on {short(100 * coverage, 3)} %)"
-        text += f", ±{short(bound_m, 2)} m{holds or ' (95 % bound)'}"
-    return VerdictLine("Positions", [Sentence(f"{text}{_against_truth(run)}"), *_unlocated(run)])
+        text += f", ±{sig(bound_m, 2)} m (95 % bound)"
+    if coverage is not None:
+        text += f", which holds the truth for {percent(coverage)} of the time"
+    seldom, unlike = _alarms(run, "uwb_coverage_95"), _alarms(run, "uwb_nees")
+    if seldom or unlike:
+        nees = run.metric("uwb_nees") or math.nan
+        text += f" (NEES {sig(nees, 2)}, 2 is consistent)" * unlike
+        wide = not seldom and nees < 1
+        text += ": the bound is wider than needed" if wide else ": do not trust the bound"
+        state = "warn" if wide else "bad"
+    if error_m is None and coverage is None and run.metric("uwb_rmse_m") is None:
+        text += "; there is no reference to compare with"
+    yield Sentence("Positions", f"{text}.", state)  # type: ignore[arg-type]
 
 
-def _unlocated(run: RunData) -> Iterator[Sentence]:
-    lost_s, recorded_s = run.record.counts.get("unlocated_ms", 0) * 1e-3, run.record.recorded_s
-    if lost_s > 0 and recorded_s > 0:
-        alarm = any(loss.cause == "positions" for loss in run.record.losses)
-        yield Sentence(f"{short(100 * lost_s / recorded_s, 2)} % of the log has no measured position.", alarm)
+def _alarms(run: Run, name: str) -> bool:
+    """Whether the metric is unusual and has no bound in [expect]."""
+    value = run.metric(name)
+    return value is not None and name not in bounds_of(run) and is_alarming(name, value)
 
 
-def _against_truth(run: RunData) -> str:
-    for name, what in (("ate_rmse_m", ""), ("uwb_rmse_m", "single fixes ")):
-        if (error_m := run.metric(name)) is not None:
-            return f", {what}{short(error_m, 2)} m off the reference (rms)."
-    if run.reference_xy_m is not None:
-        return ". The recording's reference cannot be compared with them."
-    return ". The recording has no reference to check them against."
-
-
-def _bound_m(run: RunData) -> float | None:
-    """Half the longer axis of the poses' 95 % ellipse, median over the run; None where nothing is claimed."""
-    of = run.table("pose_uncertainty")
-    if of is None:
+def _bound_m(run: Run) -> float | None:
+    """Half the longer axis of the poses' 95 % ellipse, median over the run; None where none is claimed."""
+    table = run.table("pose_uncertainty")
+    if table is None:
         return None
-    xx, xy, yy = (of[name] for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"))
+    xx, xy, yy = (table[f"cov_{axes}_m2"].to_numpy() for axes in ("xx", "xy", "yy"))
     with np.errstate(invalid="ignore"):
         major_m2 = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
     known = major_m2[np.isfinite(major_m2)]
     return float(SCALE_95 * np.sqrt(max(np.median(known), 0.0))) if len(known) else None
+
+
+def _bounds(run: Run) -> Iterator[Sentence]:
+    bounds = bounds_of(run)
+    broken = [
+        label_of(name) if run.metric(name) is not None else f"{label_of(name)} (not measured)"
+        for name, bound in bounds.items()
+        if bound.state == "bad"
+    ]
+    if broken:
+        do = "do" if len(broken) > 1 else "does"
+        yield Sentence("Expected", f"{len(broken)} of {len(bounds)} bounds {do} not hold: {', '.join(broken)}.", "bad")
+    elif bounds:
+        words = f"All {len(bounds)} bounds hold." if len(bounds) > 1 else "The bound holds."
+        yield Sentence("Expected", words, "good")
+
+
+def _losses(run: Run) -> Iterator[Sentence]:
+    causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
+    many = len(run.record.warnings)
+    warnings = f"; {many} warning{'s' * (many > 1)}" if many else ""
+    if causes:
+        yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){warnings}.", "bad")
+    elif not run.simulated or many:
+        nothing = "No warnings" if run.simulated else "Nothing was lost"
+        yield Sentence("Recording", f"{nothing}{warnings}.", "warn" if many else "good")

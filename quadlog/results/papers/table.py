@@ -31,6 +31,7 @@ class PaperRow:
 
     paper: None where the paper prints none; a claim in words is judged all the same.
     ours: of all runs; low, high: 95 % interval of the same statistic over the same runs, None where nothing is drawn.
+    claim: what the paper says instead of a number, as "> 5"; paper is then the 5, or None.
     reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
     """
 
@@ -41,6 +42,7 @@ class PaperRow:
     high: float | None = None
     reproduces: Verdict | None = None
     note: str = ""
+    claim: str = ""
 
     def __post_init__(self) -> None:
         given = (self.ours, self.paper, self.low, self.high)

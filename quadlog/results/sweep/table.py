@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results.run.tables import METRIC_NAMES, column_to_numpy, write_table
+from quadlog.results.saved.tables import METRIC_NAMES, column_to_numpy, write_table
 
 TABLE, PAGE = "sweep.parquet", "report.html"
 SWEEP_METRICS = tuple(name for name in METRIC_NAMES if name != "realtime_factor")

@@ -64,7 +64,7 @@ def test_a_run_is_read_where_it_lies(
     there = f"{runs}/follow"
     done = quadlog("replay", recording, "-o", runs, "--duration", "3", "--until", "position", "--no-plots")
     assert done.code == 0
-    assert done.out.startswith(f"{there}\n")
+    assert done.out.startswith(f"{there}: ")
     assert "SECRET" not in done.out + done.err
     for name in ("run.json", "report.html", "config.toml"):
         assert b"SECRET" not in bucket.cat(f"{bucket.name}/runs/follow/{name}")

@@ -1,42 +1,41 @@
 from __future__ import annotations
 
 import io
+import sys
 
 import pytest
 from rich.console import Console
 
-from quadlog.cli.terminal.progress_bars import (
-    MAX_LINES,
-    Bars,
-    WorkerLines,
-    duration_words,
-    open_batch_progress,
-    open_progress,
-    step_words,
-)
+from quadlog.cli.terminal.progress_bars import MAX_LINES, Bars, duration_words, open_progress
 from quadlog.pipelines.batch.progress import BatchCounts, TaskProgress
 from quadlog.pipelines.executor.progress import told_to
 
 
-def on_screen(bars):
-    """The bars on a terminal of our own, and what is drawn on it."""
+def terminal(monkeypatch):
+    """What is drawn on a terminal in place of stderr."""
     screen = io.StringIO()
-    bars._bars.live.console = Console(file=screen, force_terminal=True, width=140)
-    return bars, screen
+    screen.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("COLUMNS", "140")
+    monkeypatch.setenv("TERM", "xterm")
+    return screen
 
 
-def test_bars_show_stages_rates_and_no_escape_sequence():
-    """Every stage ends full; a topic's escape sequence is not obeyed."""
-    bars, screen = on_screen(Bars())
-    with bars:
-        bars.begin("ingest", None)
-        bars.begin("filter", 3)
+def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(monkeypatch):
+    """Every stage ends full; a topic's escape sequence is not obeyed; NO_COLOR is."""
+    screen = terminal(monkeypatch)
+    monkeypatch.setenv("NO_COLOR", "1")
+    with open_progress() as progress:
+        progress.begin("ingest", None)
+        progress.begin("filter", 4)
         for step in range(3):
-            bars.advance(0.1 * step)
-        bars.say("topic \x1b[31m/points")
+            progress.advance(0.1 * step)
+            progress._bars.refresh()
+        progress.advance(0.4)
+        progress.say("topic \x1b[31m/points")
     drawn = screen.getvalue()
-    assert all(words in drawn for words in ("1/1", "3/3", "real time"))
-    assert "\x1b[31m/points" not in drawn
+    assert all(words in drawn for words in ("3/4", "4/4", "real time", "s left", "topic "))
+    assert "\x1b[31m" not in drawn
 
 
 def test_a_pipe_gets_lines_only(capsys):
@@ -45,7 +44,7 @@ def test_a_pipe_gets_lines_only(capsys):
         lines.advance(1.0)
         lines.say("robot position from uwb")
     tally = BatchCounts(2, 10)
-    with open_batch_progress() as progress:
+    with open_progress() as progress:
         progress.expect(tally, 2)
         progress.hear(step(0))
         tally.count(5, False, 1.0)
@@ -58,17 +57,17 @@ def step(number, worker="host:1", stage="map", steps=3, total=10, factor=2.5):
     return who | {"stage": stage, "steps": steps, "total": total, "realtime_factor": factor}
 
 
-def test_each_worker_has_a_line_and_all_have_one_with_the_time_left():
-    lines, screen = on_screen(WorkerLines())
+def test_each_worker_has_a_line_and_all_have_one_with_the_time_left(monkeypatch):
+    screen = terminal(monkeypatch)
     tally = BatchCounts(3, 300)
-    with lines:
-        lines.expect(tally, 2)
-        lines.hear(step(0))
-        lines.hear(step(1, worker="host:2", stage="filter", total=0, factor=None))
+    with open_progress() as bars:
+        bars.expect(tally, 2)
+        bars.hear(step(0))
+        bars.hear(step(1, worker="host:2", stage="filter", total=0, factor=None))
         tally.count(100, True, 60.0)
-        lines.finish("walk\x1b[31m-0", "no lidar")
-        lines.finish("gone", "done")
-        lines._bars.refresh()
+        bars.finish("walk\x1b[31m-0", "no lidar")
+        bars.finish("gone", "done")
+        bars._bars.refresh()
     text = screen.getvalue()
     assert all(words in text for words in ("3/10  2.5x real time  host:1", "filter", "no lidar"))
     assert "1/3 recordings, 1 failed, 60 s left" in text or "1/3 recordings, 1 failed, 1 min left" in text
@@ -77,16 +76,16 @@ def test_each_worker_has_a_line_and_all_have_one_with_the_time_left():
 
 
 def test_more_workers_than_a_screen_holds_are_not_shown():
-    lines, _ = on_screen(WorkerLines())
-    with lines:
-        lines.expect(BatchCounts(1000, 1), 1000)
+    bars = Bars()
+    bars._bars.live.console = Console(file=io.StringIO())
+    with bars:
+        bars.expect(BatchCounts(1000, 1), 1000)
         for number in range(100):
-            lines.hear(step(number, worker=f"host:{number}"))
-        assert len(lines._bars.tasks) == MAX_LINES + 1
+            bars.hear(step(number, worker=f"host:{number}"))
+        assert len(bars._bars.tasks) == MAX_LINES + 1
 
 
-def test_words():
-    assert step_words(step(0, total=0, steps=0, factor=None)) == "host:1"
+def test_durations_in_words():
     durations = {5: "5 s", 90: "2 min", 3599: "60 min", 7200: "2 h 00 min", 90061: "25 h 01 min"}
     assert {seconds: duration_words(seconds) for seconds in durations} == durations
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shutil
 
 import pyarrow.parquet as pq
@@ -11,8 +12,7 @@ from quadlog.pipelines.batch.plan import plan_batch, preview_batch
 from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import COST_NAMES
+from quadlog.results.saved.tables import COST_NAMES
 
 
 def replay_all(batch, jobs=1, lines=None, scheduler=None):
@@ -39,9 +39,7 @@ def test_a_failure_never_stops_the_rest_and_stands_in_the_summary(finished):
     assert summary.loc["broken", "exit_code"] == 1
     assert summary.loc["broken", "reason"].startswith("not a recording: unknown file format")
     assert summary["eta_m"].notna().sum() == 3
-    page = (output / "report.html").read_text()
-    assert "not a recording: unknown file format" in page
-    assert "peak_memory_mb" in page
+    assert "not a recording: unknown file format" in (output / "report.html").read_text()
 
 
 def test_the_summary_tells_what_each_recording_cost(finished, season):
@@ -133,7 +131,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
     outcome = replay_batch(batch, 1, None, Racing([].append))
     assert [run.failed for run in outcome.runs] == [False, True]
     assert "--force to replace it or --resume to continue" in outcome.runs[1].reason
-    assert read_run_json(tmp_path / "runs" / "walk.db3")["options"]["until"] == "ingest"
+    assert json.loads((tmp_path / "runs" / "walk.db3" / "run.json").read_text())["options"]["until"] == "ingest"
 
 
 def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, season_config, tmp_path):

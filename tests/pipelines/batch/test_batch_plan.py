@@ -50,7 +50,10 @@ def test_the_expected_time_is_that_of_finished_runs_by_their_bytes(planned, fini
     for name, stages_s, size_bytes in (("a", (4.0, 5.0), 2e6), ("b", (9.0, 20.0), 2e6), ("c", (1e6,), 1)):
         (tmp_path / name).mkdir()
         record = json.loads((finished / "walk.bag" / "run.json").read_text())
-        record |= {"startup_s": 1.0, "stages": [{"seconds": each} for each in stages_s]}
+        record |= {
+            "startup_s": 1.0,
+            "stages": [{"name": "ingest", "seconds": each, "peak_memory_mb": 1.0} for each in stages_s],
+        }
         record["input"]["size_bytes"] = int(size_bytes)
         record["options"]["until"] = "map" if name == "c" else "ingest"
         (tmp_path / name / "run.json").write_text(json.dumps(record))

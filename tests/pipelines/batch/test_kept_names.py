@@ -4,11 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadlog.pipelines.batch.plan import kept_names
-from quadlog.results.run.names import run_names
+from quadlog.results.saved.names import run_names
+
+RECORD = {"quadlog_version": "0", "command": [], "config": {}, "options": {}, "seed": 0, "recorded_s": 1.0}
+RECORD |= {"host": {}, "packages": {}}
 
 
 def replayed(output: Path, recordings: list[Path]) -> dict[Path, str]:
@@ -18,8 +21,7 @@ def replayed(output: Path, recordings: list[Path]) -> dict[Path, str]:
         record = output / name / "run.json"
         if not record.exists():
             record.parent.mkdir(parents=True)
-            told = {"quadlog_version": "0", "run_format": 1, "input": {"path": str(recording)}}
-            record.write_text(json.dumps(told))
+            record.write_text(json.dumps(RECORD | {"input": {"path": str(recording), "size_bytes": 0}}))
     return names
 
 
@@ -49,11 +51,11 @@ def test_a_relative_path_is_the_same_recording(tmp_path: Path, monkeypatch: pyte
 
 def test_runs_that_cannot_be_theirs_are_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     replayed(tmp_path, [A, Path("/season/walk-2.bag"), Path("/season/recent.bag")])
-    monkeypatch.setattr("quadlog.pipelines.batch.plan.read_run_json", pytest.fail)
+    monkeypatch.setattr("quadlog.pipelines.batch.plan.read_record", pytest.fail)
     assert kept_names([A, Path("/season/walk.bag")], tmp_path) == ["rec", "walk"]
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"quadlog_version": "0", "run_format": 1, "input": 3}'])
+@pytest.mark.parametrize("content", ["{", '{"run_format": 2}', json.dumps(RECORD | {"input": 3})])
 def test_a_damaged_run_is_nobodys(tmp_path: Path, content: str) -> None:
     names = replayed(tmp_path, [A, B])
     (tmp_path / names[A] / "run.json").write_text(content)
@@ -63,6 +65,7 @@ def test_a_damaged_run_is_nobodys(tmp_path: Path, content: str) -> None:
 ANY = [A, B, C, Path("/x/rec.bag"), Path("/x/rec-2.mcap"), Path("/x/Rec.db3")]
 
 
+@example([[C, B], [B, A], [A]])
 @given(st.lists(st.lists(st.sampled_from(ANY), unique=True), max_size=4))
 def test_no_two_share_a_folder_and_none_ever_changes_its_own(
     tmp_path_factory: pytest.TempPathFactory, batches: list[list[Path]]

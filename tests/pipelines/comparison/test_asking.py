@@ -52,32 +52,6 @@ def test_every_planner_answers_every_question(scen_source, kind):
     )
 
 
-def test_the_picture_is_of_the_baselines_hardest_query_with_every_path(scen_source):
-    scene = ask_everything(scen_source, NAMES, Rules(costs="exact"), Silent()).scene
-    assert scene.title == "small.map, where astar expanded most"
-    assert list(scene.paths) == NAMES
-    for path in scene.paths.values():
-        assert_array_equal(path[[0, -1]], [[6.5, 10.5], [12.5, 10.5]])
-    assert scene.grown is None
-
-
-def test_the_picture_of_a_walk_is_of_its_first_episode():
-    source = forest_source("forest:0.2", 2, "astar", Rules(), "euclidean", 3)
-    answers = ask_everything(source, NAMES, Rules(), Silent())
-    first = (answers.columns["planner"] == "astar") & (answers.columns["episode"] == 0)
-    hardest = np.flatnonzero(first)[answers.columns["expanded"][first].argmax()]
-    start = [answers.columns[name][hardest] for name in ("start_col", "start_row")]
-    assert np.floor(answers.scene.start / answers.scene.cell).tolist() == start
-    assert list(answers.scene.paths) == NAMES
-    assert answers.scene.grown.sum() > answers.scene.occupied.sum()
-
-
-def test_nothing_to_draw_where_robot_is_walled_in_throughout(write_map):
-    source = movingai_source(write_map(["@@", "@@"]), "small.map", None, ((0, 0), (1, 1)))
-    answers = ask_everything(source, NAMES, Rules(), Silent())
-    assert all(len(path) == 0 for path in answers.scene.paths.values())
-
-
 @pytest.mark.parametrize("kind", ["static", "walk"])
 def test_repeats_change_times_alone(scen_source, kind):
     source = scen_source if kind == "static" else forest_source("forest:0.2", 1, "astar", Rules(), "euclidean", 3)

@@ -15,6 +15,7 @@ from quadlog.pipelines.comparison.sources import movingai_source, ros_map_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
+from quadlog.results.planner_comparison.shown_questions import QuestionSample
 from quadlog.storage.formats.ros_map import write_rosmap
 
 EXACT = Rules(costs="exact")
@@ -106,18 +107,17 @@ def test_a_map_of_one_cell_is_solved_by_standing_still(write_map):
 
 
 def test_rows_count_from_the_top(write_map):
-    """(col, row) of the file, also in the table and in the picture."""
+    """(col, row) of the file in the table; the page's map has y upwards."""
     source = movingai_source(write_map(["...@", "@@.@"]), "small.map", None, ((0, 0), (2, 1)))
-    answers = ask_everything(source, ["astar"], EXACT, Silent())
+    sample = QuestionSample("query", source.row_zero_on_top)
+    answers = ask_everything(source, ["astar"], EXACT, Silent(), sample=sample)
     row = {name: answers.columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row", "found")}
     assert row == {"start_col": 0, "start_row": 0, "goal_col": 2, "goal_row": 1, "found": True}
-    scene = answers.scene
-    assert scene.y_goes_down
-    assert scene.unit == "cells"
-    assert_array_equal(scene.start, [0.5, 0.5])
-    assert_array_equal(scene.goal, [2.5, 1.5])
-    assert scene.grown is None
-    assert scene.occupied[1].tolist() == [True, True, False, True]
+    (shown,) = sample.kept.values()
+    assert sample.unit == "cells"
+    assert_array_equal(shown.start, [0.5, 1.5])
+    assert_array_equal(shown.goal, [2.5, 0.5])
+    assert np.unpackbits(shown.map.bits, axis=2, count=4)[0].tolist() == [[1, 1, 0, 1], [0, 0, 0, 1]]
 
 
 @pytest.mark.parametrize(
@@ -167,8 +167,6 @@ def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):
     graph = graph_of(question.query.blocked, (10, 14))
     assert answers.columns["cost"][0] == nx.dijkstra_path_length(graph, (2, 9), (25, 9))
     assert answers.columns["length_m"][0] == pytest.approx(0.1 * length_of(graph, answers.columns["cost"][0], 23))
-    assert answers.scene.unit == "m"
-    assert not answers.scene.y_goes_down
 
 
 def length_of(graph: nx.Graph, cost: float, across: int) -> float:

@@ -16,8 +16,8 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import synthesize
-from quadlog.results.run.run_folder import read_metrics
-from quadlog.results.run.tables import DUTY_FACTORS, read_table
+from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.saved.tables import DUTY_FACTORS, read_table
 from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 
@@ -106,7 +106,7 @@ def test_the_resimulated_body_is_that_of_the_tables_and_metrics(run, walked):
 
 
 def test_the_saved_tables_give_the_metrics_again(run):
-    saved, outcome = read_metrics(run), measure_runs([run], None, [])
+    saved, outcome = read_metrics(run), measure_runs([run], None, [], in_detail=True)
     assert outcome.problems == []
     found = outcome.runs[0].metrics
     names = ("logged_torque_rms_nm", "logged_torque_max_nm", "logged_duty_factor", "stride_frequency_hz")

@@ -14,10 +14,9 @@ from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import parse_condition
 from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
-from quadlog.pipelines.evaluation.samples import SAMPLED, SELF_EVIDENT, read_samples
+from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.run.run_folder import read_metrics
-from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.results.saved.run_folder import read_metrics
 
 READ = ("run.json", "config.toml", "metrics.json", "reference.tum", "trajectory.tum")
 
@@ -39,7 +38,7 @@ def run(lean_run: Path, tmp_path: Path) -> Path:
     return shutil.copytree(lean_run, tmp_path / "follow")
 
 
-def measure(run: Path, *conditions: str, detail: bool | None = None):
+def measure(run: Path, *conditions: str, detail: bool = True):
     return measure_runs([run], None, [parse_condition(each) for each in conditions], detail)
 
 
@@ -66,31 +65,10 @@ def test_samples_lie_within_the_run_in_time(lean_run):
         assert (np.diff(each.t_ns) >= 0).all()
 
 
-def test_without_metrics_json_the_tables_are_asked(run):
-    saved = read_metrics(run)
+def test_without_metrics_json_a_run_has_no_metrics(run):
     (run / "metrics.json").unlink()
-    outcome = measure(run)
-    assert [f"{run}: has no metrics.json; shown is what the tables give"] == outcome.problems
-    assert outcome.exit_code is ExitCode.WITH_LOSS
-    found = outcome.runs[0].metrics
-    assert set(found) == SELF_EVIDENT & set(saved)
-    assert {"fallback_share", "ate_rmse_m"} <= set(saved) - set(found), "tables do not tell whether these apply"
-    assert all(each.value == pytest.approx(saved[name]["value"]) for name, each in found.items())
-    assert all(found[name].unit == saved[name]["unit"] for name in found)
-
-
-def test_also_one_of_several_runs_may_lack_metrics_json(run):
-    shutil.copytree(run, run.with_name("whole"))
-    (run / "metrics.json").unlink()
-    assert "eta_m" in measure_runs([run.parent], None, []).runs[0].metrics
-
-
-def test_what_has_no_body_cannot_have_fallen(run):
-    (run / "metrics.json").unlink()
-    assert "fallen" in measure(run).runs[0].metrics
-    control = read_table(run, "control")
-    write_table(run / "control.parquet", TABLES["control"], control | {"tau_00_nm": np.nan})
-    assert "fallen" not in measure(run).runs[0].metrics
+    with pytest.raises(NotARun, match=r"has no metrics\.json"):
+        measure(run)
 
 
 def test_what_the_reference_does_not_give_is_not_taken_from_another(run, tmp_path):
@@ -114,15 +92,6 @@ def test_without_a_table_the_saved_values_remain(run, table, metric, damage):
     found = outcome.runs[0].metrics
     assert (found[metric].value, found[metric].summary) == (read_metrics(run)[metric]["value"], None)
     assert found["ate_rmse_m"].summary is not None
-
-
-def test_a_value_that_its_tables_do_not_give_is_said(run):
-    metrics = json.loads((run / "metrics.json").read_text())
-    metrics["eta_m"]["value"] += 0.001
-    (run / "metrics.json").write_text(json.dumps(metrics))
-    outcome = measure(run)
-    assert len(outcome.problems) == 1
-    assert f"{run}/metrics.json: is not of this run's tables: eta_m 0.0" in outcome.problems[0]
 
 
 def test_a_run_of_another_format_is_refused(run):
@@ -155,7 +124,7 @@ def test_conditions_fail_when_they_hold_and_when_nobody_can_tell(lean_run):
     assert failed.failing[1].endswith("cannot be told, the run has no forward_m")
 
 
-def test_over_several_runs_the_spread_is_that_of_their_values(run):
+def test_samples_are_read_where_they_are_asked_for(run):
     other = shutil.copytree(run, run.with_name("other"))
     metrics = json.loads((other / "metrics.json").read_text())
     metrics["eta_m"]["value"] += 0.5
@@ -164,8 +133,7 @@ def test_over_several_runs_the_spread_is_that_of_their_values(run):
     outcome = measure_runs([run.parent], None, [])
     first, second = (each.metrics for each in outcome.runs)
     assert first["eta_m"].summary is None, "samples are not read when they are not shown"
-    assert outcome.spreads["eta_m"].mean == pytest.approx((first["eta_m"].value + second["eta_m"].value) / 2)
-    assert outcome.spreads["uwb_rmse_m"].runs == 1
+    assert (outcome.differing, second["eta_m"].value) == ([], pytest.approx(first["eta_m"].value + 0.5))
     assert measure_runs([run.parent], None, [], in_detail=True).runs[0].metrics["eta_m"].summary is not None
 
 
@@ -175,11 +143,10 @@ def test_runs_of_different_settings_are_not_averaged(run):
     record["config"]["uwb"]["anchors"][0]["x_m"] += 1.0
     record["seed"] = record["options"]["seed"] = 7
     (other / "run.json").write_text(json.dumps(record))
-    assert measure_runs([run.parent], None, []).spreads, "another place of an anchor and another seed are no setting"
+    assert not measure_runs([run.parent], None, []).differing, "a place of an anchor and a seed are no settings"
     record["config"]["planner"]["name"] = "astar"
     (other / "run.json").write_text(json.dumps(record))
     outcome = measure_runs([run.parent], None, [])
-    assert not outcome.spreads
     assert [line.partition(":")[0] for line in outcome.differing] == ["planner.name"]
 
 

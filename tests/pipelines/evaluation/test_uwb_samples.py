@@ -10,17 +10,23 @@ from quadlog.errors import NotARun
 from quadlog.metrics.summary import summarise
 from quadlog.pipelines.evaluation.reference import RobotTag, robot_tag_of
 from quadlog.pipelines.evaluation.samples import read_samples
-from quadlog.results.run.tables import TABLES, write_table
+from quadlog.results.saved.tables import TABLES, write_table
 from quadlog.storage.formats.tum import write_tum
 
 N = 60
+
+
+def write_record(run: Path, tags: object) -> None:
+    made = {"quadlog_version": "0.1.0", "command": [], "options": {}, "input": {"path": "walk.mcap", "size_bytes": 1}}
+    made |= {"config": {"uwb": {"tags": tags}}, "seed": 0, "recorded_s": 1.0}
+    (run / "run.json").write_text(json.dumps(made))
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """Two tags on a robot that looks along x, of which the one with the larger id counts; its fixes are 0.5 m off."""
     tags = [{"id": 7, "role": "robot", "y_m": 0.2}, {"id": 3, "role": "none", "x_m": 0.1}]
-    (tmp_path / "run.json").write_text(json.dumps({"quadlog_version": "0.1.0", "config": {"uwb": {"tags": tags}}}))
+    write_record(tmp_path, tags)
     tag, t_ns = np.repeat([3, 7], N), np.tile(np.arange(N), 2) * 10_000_000
     residual_m = np.where(tag == 7, 0.2, 9.0)
     residual_m[-1] = np.nan
@@ -56,6 +62,6 @@ def test_only_the_robots_own_tag_counts(run):
 
 
 def test_a_config_that_is_none_is_damage(run):
-    (run / "run.json").write_text(json.dumps({"quadlog_version": "0.1.0", "config": {"uwb": {"tags": 5}}}))
-    with pytest.raises(NotARun, match=r"run\.json: is damaged: config:"):
+    write_record(run, 5)
+    with pytest.raises(NotARun, match=r"run\.json: is damaged: config\.uwb\.tags:"):
         robot_tag_of(run)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,8 +18,7 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, recording_config, write_recording
 from quadlog.pipelines.survey.survey import survey_recording
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import read_table
+from quadlog.results.saved.tables import read_table
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
     JOINT_TOPIC,
@@ -64,7 +64,7 @@ def furthest_off_m(run: Path, walked: SynthesizedRecording) -> float:
 
 
 def said(outcome: ReplayOutcome) -> str:
-    record = read_run_json(outcome.run)
+    record = json.loads((outcome.run / "run.json").read_text())
     return "\n".join([*record["warnings"], *record["notes"]])
 
 

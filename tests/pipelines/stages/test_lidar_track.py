@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,8 +20,7 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
 from quadlog.positioning.lidar_odometry import LidarOdometry
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import read_table
+from quadlog.results.saved.tables import read_table
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
@@ -99,7 +99,10 @@ def test_lidar_and_uwb_are_compared_where_both_are_tracked(tmp_path, walk, overr
     saved = [set(read_table(tmp_path / "run", name, ["source"])["source"]) for name in ("poses", "other_poses")]
     assert saved == [{source}, {other}]
     assert outcome.metrics["lidar_uwb_rmse_m"]["value"] < 0.15
-    assert any("velocities by lidar steady its track" in note for note in read_run_json(tmp_path / "run")["notes"])
+    assert any(
+        "velocities by lidar steady its track" in note
+        for note in json.loads((tmp_path / "run" / "run.json").read_text())["notes"]
+    )
 
 
 def test_a_lidar_that_is_not_there_cannot_be_chosen(tmp_path, walk):
@@ -110,7 +113,7 @@ def test_a_lidar_that_is_not_there_cannot_be_chosen(tmp_path, walk):
 def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk):
     topics = {ODOMETRY_TOPIC, UWB_TOPIC, IMU_TOPIC}
     outcome = replayed(tmp_path, walk, topics)
-    record = read_run_json(tmp_path / "run")
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert outcome.exit_code == 0
     assert [stage["name"] for stage in record["stages"]] == ["ingest", "position", "report"]
     (why,) = [text for text in record["warnings"] if "lidar" in text]
@@ -120,7 +123,7 @@ def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk
     assert len(again.reused) == 6
     with pytest.raises(MissingInput, match="no topic is fit to be the lidar"):
         replayed(tmp_path, walk, topics, until="map", existing=Existing.FORCE)
-    assert read_run_json(tmp_path / "run") == record
+    assert json.loads((tmp_path / "run" / "run.json").read_text()) == record
 
 
 @pytest.mark.parametrize(("name", "poses", "within_m"), [("lidarme", 485, 0.1), ("anlam_hallway", 881, 17.0)])
@@ -142,7 +145,7 @@ def test_where_the_lidar_was_tried_and_failed_the_message_says_why(tmp_path, wal
     topics, few = {TF_STATIC_TOPIC, LIDAR_TOPIC}, ("lidar.min_range_m=28", "lidar.max_range_m=29")
     outcome = replayed(tmp_path, walk, topics, *few, until="position")
     assert outcome.exit_code == 3
-    record = read_run_json(tmp_path / "run")
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
     (why,) = [text for text in record["warnings"] if "origin" in text]
     assert "lidar: 50 of 50 scans have fewer than" in why
     assert record["losses"][0]["detail"].startswith("100% of")
@@ -161,7 +164,7 @@ def test_a_scan_that_was_lost_is_in_no_map(tmp_path, walk, monkeypatch):
     topics = {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC}
     outcome = replayed(tmp_path, walk, topics, "lidar.deskew=false", until="map")
     assert outcome.exit_code == 3
-    assert read_run_json(tmp_path / "run")["counts"]["scans_without_pose"] == 6
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["counts"]["scans_without_pose"] == 6
     assert len(read_table(tmp_path / "run", "poses", ["t_ns"])["t_ns"]) == 44
     again = replayed(tmp_path, walk, topics, "lidar.deskew=false", until="map", existing=Existing.RESUME)
     assert again.exit_code == 3

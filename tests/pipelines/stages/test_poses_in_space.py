@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
-from quadlog.results.run.run_folder import read_run_json
-from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.results.saved.tables import TABLES, read_table, write_table
 from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.forest import ANCHORS_M
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS, TF_STATIC_TOPIC, UWB_TOPIC
@@ -85,7 +85,7 @@ def test_errors_are_those_of_evo_in_space_and_in_the_plane(lias, tmp_path, plana
     found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
     assert found == pytest.approx(by_evo(outcome.run, planar=planar), abs=1e-9)
     words = "2-D (the poses lie in a plane)" if planar else "3-D"
-    notes = " ".join(read_run_json(outcome.run)["notes"])
+    notes = " ".join(json.loads((outcome.run / "run.json").read_text())["notes"])
     assert f"the reference: errors in {words}; " in notes or f"errors against the reference are in {words}" in notes
     (run,) = measure_runs([outcome.run], None, []).runs
     assert said_of(outcome.run) == [f"{outcome.run}: errors in {words}"]

@@ -20,8 +20,8 @@ from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.stages import ingest
 from quadlog.pipelines.stages.scans import ScanSettings
 from quadlog.pipelines.stages.stage import Stage, stages_for
-from quadlog.results.run.names import OWN_FILES
-from quadlog.results.run.stages import STAGES
+from quadlog.results.saved.names import OWN_FILES
+from quadlog.results.saved.stages import STAGES
 from quadlog.storage.atomic_write import files_written
 
 # `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.
@@ -154,7 +154,7 @@ def test_the_papers_methods_and_filter_alone_read_no_more_either(fixtures, follo
 def test_every_key_of_the_configuration_belongs_to_a_stage_or_is_known_to_decide_nothing_in_a_replay():
     leaves = {f"{prefix}{key}" for model, prefix in PREFIX.items() if prefix for key in model.model_fields}
     told = tuple(name for stage in stages_for("report") for name in stage.reads)
-    assert {key for key in leaves if not is_told(key, told)} == {"results.frames"}
+    assert {key for key in leaves if not is_told(key, told)} == set()
     for name in told:
         assert name in leaves | set(Config.model_fields), name
 

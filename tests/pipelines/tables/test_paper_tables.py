@@ -51,7 +51,7 @@ def test_without_a_name_all_are_made(made, tmp_path):
     assert made == [("a", True, 3), ("b", True, 3), ("c", True, 3)]
     assert [table.name for table in tables] == ["a", "b", "c"]
     assert set(contents(tmp_path / "out")) == {
-        "README.md", "report.html", *(f"{name}.{suffix}" for name in "abc" for suffix in ("csv", "tex", "json")),
+        "report.html", *(f"{name}.{suffix}" for name in "abc" for suffix in ("csv", "tex", "json")),
     }  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_with_another_seed_size_or_code_it_is_made_again(made, tmp_path, monkeyp
     if change == "code":
         monkeypatch.setattr(paper_tables, "code_digest", lambda: "other code")
     options = {"seed": {"seed": 1}, "fast": {"fast": True}, "code": {}}[change]
-    with pytest.raises(AlreadyExists, match=r"README\.md"):
+    with pytest.raises(AlreadyExists, match=r"report\.html"):
         make_tables(["a"], tmp_path, **options)
     make_tables(["a"], tmp_path, force=True, **options)
     assert len(made) == 2
@@ -106,22 +106,22 @@ def test_an_interrupted_command_goes_on_where_it_stopped(made, tmp_path, monkeyp
     monkeypatch.setattr(module, "make_table", whole)
     make_tables([], tmp_path)
     assert [name for name, _, _ in made] == ["a", "b", "c"]
-    assert "README.md" in contents(tmp_path)
+    assert "report.html" in contents(tmp_path)
 
 
 def test_the_page_keeps_the_tables_of_earlier_commands(made, tmp_path):
     make_tables(["b"], tmp_path)
-    with pytest.raises(AlreadyExists, match=r"README\.md"):
+    with pytest.raises(AlreadyExists, match=r"report\.html"):
         make_tables(["a"], tmp_path)
     make_tables(["a"], tmp_path, force=True)
-    text = (tmp_path / "README.md").read_text()
+    text = (tmp_path / "report.html").read_text()
     assert text.index("Title of a") < text.index("Title of b")
 
 
 def test_the_page_ends_with_the_figures_and_the_errata(made, tmp_path):
     make_tables(["b"], tmp_path)
-    text = (tmp_path / "README.md").read_text()
-    assert text.index("Title of b") < text.index("## Where the papers") < text.index("## Errata of the four papers")
+    text = (tmp_path / "report.html").read_text()
+    assert text.rindex("Title of b") < text.rindex("Where the papers") < text.rindex("Errata of the four papers")
 
 
 def test_what_cannot_be_made_is_refused_before_anything_is_computed(made, tmp_path):

@@ -166,7 +166,7 @@ def test_the_versions_that_decide_results_are_those_of_all_dependencies_but_the_
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
     names = {re.split("[>;]", each)[0] for each in project["dependencies"] if "sys_platform != 'linux'" not in each}
     plumbing = {"aiohttp", "click", "fsspec", "isal", "jinja2", "libusb-package", "lz4", "pillow", "pyyaml", "rich"}
-    plumbing |= {"s3fs", "tomli-w", "tomlkit", "zstandard"}
+    plumbing |= {"s3fs", "tabulate", "tomli-w", "tomlkit", "zstandard"}
     assert (names - plumbing) | {"llvmlite"} <= set(package_versions())
 
 

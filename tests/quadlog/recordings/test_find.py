@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
 from quadlog.recordings.find import find_recordings
-from quadlog.results.run.run_folder import RunFolder
+from quadlog.results.saved.run_folder import RunFolder
 
 
 @pytest.fixture

@@ -15,10 +15,11 @@ import pytest
 from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from quadlog.results.foxglove.derived_mcap import write_derived
-from quadlog.results.foxglove.layout import write_layout
-from quadlog.results.page.report import write_report
-from quadlog.results.run.maps import (
+from quadlog.config.schema import Config
+from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run
+from quadlog.results.saved.maps import (
     CloudSample,
     DilutionGrid,
     GroundMap,
@@ -27,15 +28,14 @@ from quadlog.results.run.maps import (
     write_dilution,
     write_ground,
 )
-from quadlog.results.run.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run.run_folder import RunFolder
-from quadlog.results.run.tables import TABLES, read_table, write_table
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.tables import TABLES, read_table, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
 START_NS = 1_700_000_000_123_456_789
 CONFIG: dict[str, Any] = {
-    "uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0, "height_m": None}]},
+    "uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]},
     "planner": {"name": "ia_star"},
 }
 ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
@@ -82,16 +82,27 @@ def tiny_record() -> RunRecord:
     return RunRecord(
         quadlog_version="0.1.0",
         command=["quadlog", "replay", "walk.mcap"],
-        config=CONFIG,
+        config=Config.model_validate(CONFIG),
         options={"seed": 0, "stamp": "header", "until": "report"},
-        input=InputRecord("walk.mcap", 1234, "ab" * 32),
+        input=InputRecord(path="walk.mcap", size_bytes=1234, sha256="ab" * 32),
         seed=0,
         recorded_s=4.0,
-        topics=[TopicRecord("lidar", "/points", "sensor_msgs/msg/PointCloud2", 40, "the only point cloud")],
+        topics=[
+            TopicRecord(
+                role="lidar",
+                topic="/points",
+                type="sensor_msgs/msg/PointCloud2",
+                messages=40,
+                why="the only point cloud",
+            )
+        ],
         counts={"scans": 40, "scans_without_pose": 0},
-        losses=[LossRecord("crc", "one chunk is damaged, from 1.0 s to 1.5 s", "/points", 5)],
+        losses=[LossRecord(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
         warnings=["no heading source: yaw is the course"],
-        stages=[StageRecord("ingest", 0.5, 120.0), StageRecord("position", 0.3, 130.0)],
+        stages=[
+            StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0),
+            StageRecord(name="position", seconds=0.3, peak_memory_mb=130.0),
+        ],
         realtime_factor=4.0 / 0.8,
     )
 
@@ -118,8 +129,9 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
                 "ate_rmse_m": {"value": float("nan"), "n": 0, "unit": "m"},
             }
         )
-        write_derived(path, record=tiny_record)
-        write_layout(path)
+        run = Run(path, tiny_record)
+        write_derived(run)
+        write_layout(run)
         folder.write_run_json(tiny_record)
         return path
 
@@ -130,14 +142,6 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
 def tiny_original(write_run: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny run, written once; not to be changed."""
     return write_run(tmp_path_factory.mktemp("original") / "walk")
-
-
-@pytest.fixture(scope="session")
-def reported(tiny_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny run with its report, written once; not to be changed."""
-    run = shutil.copytree(tiny_original, tmp_path_factory.mktemp("reported") / "walk")
-    assert write_report(run) == run / "report.html"
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite
-from quadlog.results.papers.page import Appendix, prepare_folder, reusable_tables, write_readme, write_table
+from quadlog.results.papers.folder import prepare_folder, reusable_tables, saved_tables, write_report, write_table
 
 FILES = {"one.csv", "one.tex", "one.json", "one-site.png"}
 
@@ -14,20 +14,16 @@ def test_a_table_is_its_files_and_its_pictures(tmp_path, saved):
     write_table(folder, saved("one"))
     assert {path.name for path in folder.iterdir()} == FILES
     assert (folder / "one-site.png").read_bytes() == b"\x89PNG"
-    assert write_readme(folder, ["one"], "code", [], force=False).name == "README.md"
 
 
-def test_the_page_has_all_tables_there_are_in_the_order_asked_for(tmp_path, saved):
+def test_the_tables_of_a_folder_come_in_the_order_asked_for(tmp_path, saved):
     for name in ("two", "one", "three"):
         write_table(tmp_path, saved(name))
     (tmp_path / "other.json").write_text("{}")
-    appendices = [Appendix("Errata", "None.\n")]
-    text = write_readme(tmp_path, ["one", "missing", "other", "two"], "code", appendices, force=False).read_text()
-    assert text.index("## Title of one") < text.index("## Title of two") < text.index("## Errata\n\nNone.")
-    assert "three" not in text
+    assert [each.table.name for each in saved_tables(tmp_path, ["one", "missing", "other", "two"])] == ["one", "two"]
 
 
-@pytest.mark.parametrize("name", ["README.md", "report.html", *sorted(FILES)])
+@pytest.mark.parametrize("name", ["report.html", *sorted(FILES)])
 def test_nothing_is_overwritten_without_force(tmp_path, name):
     (tmp_path / name).write_text("mine")
     with pytest.raises(AlreadyExists, match="--force"):
@@ -39,7 +35,7 @@ def test_nothing_is_overwritten_without_force(tmp_path, name):
 @pytest.mark.parametrize("name", sorted(FILES))
 def test_a_reused_table_may_lie_there_as_it_is_and_not_otherwise(tmp_path, name, saved):
     write_table(tmp_path, saved("one"))
-    (tmp_path / "README.md").write_text("the page is looked at when it is written")
+    (tmp_path / "report.html").write_text("the page is looked at when it is written")
     prepare_folder(tmp_path, [], [saved("one")], force=False)
     (tmp_path / name).write_text("mine")
     with pytest.raises(AlreadyExists, match=name):
@@ -59,17 +55,16 @@ def test_files_as_they_should_be_are_not_written_again(tmp_path, saved):
     assert (tmp_path / "one.csv").read_text().startswith("quantity,")
 
 
-def test_another_page_is_not_overwritten_without_force(tmp_path, saved):
-    write_table(tmp_path, saved("one"))
-    page = write_readme(tmp_path, ["one"], "code", [], force=False)
-    before = page.read_text()
-    write_readme(tmp_path, ["one"], "code", [], force=False)
+def test_another_page_is_not_overwritten_without_force(tmp_path):
+    page = tmp_path / "report.html"
+    for _ in range(2):
+        write_report(tmp_path, b"page", force=False)
     page.write_text("mine")
-    with pytest.raises(AlreadyExists, match="README"):
-        write_readme(tmp_path, ["one"], "code", [], force=False)
+    with pytest.raises(AlreadyExists, match="report"):
+        write_report(tmp_path, b"page", force=False)
     assert page.read_text() == "mine"
-    write_readme(tmp_path, ["one"], "code", [], force=True)
-    assert page.read_text() == before
+    write_report(tmp_path, b"page", force=True)
+    assert page.read_bytes() == b"page"
 
 
 @pytest.mark.parametrize("other", [{"code": "other"}, {"fast": True}, {"seed": 1}])

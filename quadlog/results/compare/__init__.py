@@ -1,1 +1,0 @@
-"""Differences between runs, and bounds on metrics."""

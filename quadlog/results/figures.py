@@ -1,0 +1,297 @@
+"""The figures of a run in the order of its page. A figure is made once; the page, pictures and films show the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadlog.errors import CannotWrite
+from quadlog.results.run import Run
+from quadlog.results.scenes import (
+    CLASSES,
+    geometry_scene,
+    is_late,
+    scan_points,
+    scan_scene,
+    terrain_scene,
+    walk_scene,
+)
+from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps
+from quadlog.storage.atomic_write import write_whole
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+STRIP_M = 2.0
+"""Half width of the strip of a scan seen from the side."""
+
+Curve = tuple[str, str, str]
+"""Column, label and colour."""
+
+
+def curves(name: str, *layout: tuple[str, Sequence[Curve]]) -> Callable[[Run], list[Panel] | None]:
+    """A maker of panels from columns of one table: for each panel its quantity with unit, and its curves."""
+
+    def make(run: Run) -> list[Panel] | None:
+        table = run.table(name)
+        return None if table is None else with_curves(Panel(what, _series(table, wanted)) for what, wanted in layout)
+
+    return make
+
+
+def with_curves(panels: Iterable[Panel]) -> list[Panel] | None:
+    """The panels that have a curve, None without any."""
+    return [panel for panel in panels if panel.series] or None
+
+
+def _series(table: DataFrame, columns: Sequence[Curve]) -> list[Series]:
+    """A curve for each column that has a value."""
+    found = []
+    for column, label, color in columns:
+        values = table[column].to_numpy(float)
+        if np.isfinite(values).any():
+            seconds, values = break_gaps(table["seconds"].to_numpy(), values)
+            found.append(Series(label, color, seconds, values))
+    return found
+
+
+def tracking_error(run: Run) -> list[Panel] | None:
+    """Distances to path and schedule with their mean and deviation, and the errors to the side and in heading."""
+    control = run.table("control")
+    if control is None:
+        return None
+    changes = _reference_changes(run, control)
+    panels = []
+    for column, what, mean, deviation in (
+        ("error_m", "distance to the path (m)", "eta_m", "sigma_m"),
+        ("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m"),
+    ):
+        series = _series(control, [(column, "distance", "resim")])
+        eta_m, sigma_m = run.metric(mean), run.metric(deviation)
+        if series and eta_m is not None and len(control) > 1:
+            ends = control["seconds"].to_numpy()[[0, -1]]
+            if sigma_m is not None:
+                low, high = np.full(2, max(eta_m - sigma_m, 0.0)), np.full(2, eta_m + sigma_m)
+                series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
+            series.append(Series("mean η", "text", ends, np.full(2, eta_m), variant=1))
+        panels.append(Panel(what, series, zero=True, marks=changes))
+    side = _series(control, [("cross_track_m", "cross-track", "resim")])
+    panels.append(Panel("cross-track error, left + (m)", side, marks=changes))
+    panels.append(Panel("heading error (°)", _degrees(_series(control, [("heading_error_rad", "heading", "resim")]))))
+    return with_curves(panels)
+
+
+def _reference_changes(run: Run, control: DataFrame) -> Array:
+    """Instants at which the reference path of a replay is replaced: its nearest point jumps."""
+    if run.simulated:
+        return np.empty(0)
+    step_m = np.hypot(np.diff(control["ref_x_m"]), np.diff(control["ref_y_m"]))
+    walked_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
+    jumped = np.flatnonzero(step_m > walked_m + 0.1) + 1
+    return np.asarray(control["seconds"].to_numpy()[jumped])
+
+
+def _degrees(series: list[Series]) -> list[Series]:
+    return [Series(of.label, of.color, of.x, np.degrees(of.y), of.style, of.variant) for of in series]
+
+
+def posture(run: Run) -> list[Panel] | None:
+    """Pitch, roll and height of the simulated body."""
+    control = run.table("control")
+    if control is None:
+        return None
+    tilt = _degrees(_series(control, [("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target")]))
+    return with_curves([Panel("tilt (°)", tilt), Panel("height (m)", _series(control, [("z_m", "height", "resim")]))])
+
+
+_TORQUES = [
+    (
+        f"{name} leg (N·m)",
+        # The widest curve first, which would hide the others.
+        [(f"tau_{3 * leg + joint:02d}_nm", label, color) for joint, label, color in
+         ((2, "calf", "plan"), (1, "thigh", "target"), (0, "hip", "robot"))],
+    )
+    for leg, name in enumerate(("front left", "front right", "rear left", "rear right"))
+]  # fmt: skip
+
+
+def search(run: Run) -> list[Panel] | None:
+    """Cells per replan, of the recorded and the simulated walk."""
+    panels = []
+    for name, walk in (("plans", "recorded walk"), ("resim_plans", "simulated walk")):
+        plans = run.table(name)
+        if plans is None or run.simulated:
+            continue
+        series = _series(plans, [("generated", "generated", "note"), ("expanded", "expanded", "robot")])
+        for label, rows, color in (
+            ("from scratch", plans["from_scratch"], "target"),
+            ("no path", ~plans["found"], "bad"),
+        ):
+            if rows.any():
+                of = plans[rows]
+                series.append(Series(label, color, of["seconds"].to_numpy(), of["expanded"].to_numpy(float), "points"))
+        panels.append(Panel(f"cells per replan, {walk}", series, zero=True))
+    return with_curves(panels)
+
+
+def ranges(run: Run) -> list[Panel] | None:
+    """A lane for each tag and anchor: what its ranges exceed the predicted ones by, late ones in another colour."""
+    table = run.table("ranges")
+    if table is None:
+        return None
+    table = table.assign(residual_m=table["range_m"] - table["predicted_m"], late=is_late(run, table))
+    several = table["tag"].nunique() > 1
+    panels = []
+    for (tag, anchor), link in table.groupby(["tag", "anchor"]):
+        series = []
+        for label, rows, color in (("in line of sight", ~link["late"], "robot"), ("late (NLOS)", link["late"], "note")):
+            if rows.any():
+                of = link[rows]
+                series.append(Series(label, color, of["seconds"].to_numpy(), of["residual_m"].to_numpy(), "points"))
+        what = f"tag {tag}, anchor {anchor} (m)" if several else f"anchor {anchor} (m)"
+        panels.append(Panel(what, series, lane=True, robust=True))
+    return with_curves(panels)
+
+
+def residuals(run: Run) -> list[Panel] | None:
+    """Distribution of the residuals of each anchor, over all tags."""
+    table = run.table("ranges")
+    residual_m = None if table is None else (table["range_m"] - table["predicted_m"]).dropna()
+    if table is None or residual_m is None or not len(residual_m):
+        return None
+    limit_m = max(0.3, 1.15 * float(np.percentile(residual_m.abs(), 99)))
+    edges = np.linspace(-limit_m, limit_m, 61)
+    panels = []
+    for anchor, of_anchor in residual_m.groupby(table["anchor"]):
+        share = 100 * np.histogram(of_anchor.clip(-limit_m, limit_m), edges)[0] / len(of_anchor)
+        series = [Series("share of its ranges", "robot", edges, np.append(share, share[-1]), "steps")]
+        panels.append(Panel(f"anchor {anchor} (%)", series, "range − predicted (m)", zero=True, lane=True))
+    return panels
+
+
+def uwb_error(run: Run) -> list[Panel] | None:
+    """Distance of fixes and track from the reference, and the 95 % bound that the track claims."""
+    errors = run.table("uwb_errors")
+    if errors is None:
+        return None
+    errors = errors.assign(error_m=np.hypot(errors["error_x_m"], errors["error_y_m"]))
+    panels = []
+    for tag, of_tag in errors.groupby("tag"):
+        fixes, track = (of_tag[of_tag["source"] == source] for source in ("fixes", "track"))
+        series = [Series("fixes", "fix", fixes["seconds"].to_numpy(), fixes["error_m"].to_numpy(), "points")]
+        series += _series(track, [("error_m", "track", "robot"), ("bound_m", "95 % bound of the track", "text")])
+        shown = [curve for curve in series if len(curve.x)]
+        panels.append(Panel(f"distance to the reference, tag {tag} (m)", shown, zero=True, robust=True))
+    return with_curves(panels)
+
+
+def scan_side(run: Run) -> list[Panel] | None:
+    """The strip of one scan about the robot, from the right."""
+    points = scan_points(run)
+    if not points:
+        return None
+    series = []
+    for name, xyz_m in points.items():
+        near = xyz_m[np.abs(xyz_m[:, 1]) <= STRIP_M]
+        near = near[np.argsort(near[:, 0])]
+        series.append(Series(name, CLASSES.get(name, "soft"), near[:, 0], near[:, 2], "points"))
+    return with_curves([Panel("height (m)", [s for s in series if len(s.x)], "forward (m)")])
+
+
+def trot(run: Run) -> list[Panel] | None:
+    """Displacement and Euler angles of the trunk in the trot of [Foot]."""
+    control = run.table("control")
+    if control is None or run.metric("lateral_drift_m") is None:
+        return None
+    angles = [("roll_rad", "roll", "target"), ("pitch_rad", "pitch", "plan"), ("yaw_rad", "yaw", "robot")]
+    return with_curves([
+        Panel("forward (m)", _series(control, [("x_m", "forward", "resim")])),
+        Panel("to the left (m)", _series(control, [("y_m", "to the left", "resim")])),
+        Panel("height (m)", _series(control, [("z_m", "height", "resim")])),
+        Panel("Euler angles (°)", _degrees(_series(control, angles))),
+    ])  # fmt: skip
+
+
+FIGURES = (
+    Figure("trajectory", "Trajectory over the map",
+           "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene, saved=True),
+    Figure("tracking_error", "Tracking error",
+           "Distance of the simulated robot to its reference path: to the nearest point, to where it was due at that "
+           "instant, to the side, and in heading [Tracking, eqs 45–47]. Vertical lines: the reference path of a replay "
+           "is replaced.", tracking_error, saved=True),
+    Figure("commands", "Commands",
+           "Speeds that the controller commands, and those that the simulated robot reaches [Tracking, eqs 15–16].",
+           curves("control",
+                  ("forward speed (m/s)", [("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot")]),
+                  ("speed to the left (m/s)", [("vy_mps", "reached", "resim")]),
+                  ("yaw rate (rad/s)", [("yaw_rate_radps", "reached", "resim"),
+                                        ("cmd_yaw_rate_radps", "commanded", "robot")]))),
+    Figure("clearance", "Clearance",
+           "Distance from the simulated body to the nearest obstacle, and from the robot to its target.",
+           curves("clearances", ("clearance (m)", [("clearance_m", "clearance", "resim")]),
+                  ("distance to the target (m)", [("target_distance_m", "distance", "target")]))),
+    Figure("lookahead", "Look-ahead",
+           "Look-ahead distance of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
+           curves("control", ("look-ahead (m)", [("lookahead_m", "look-ahead", "robot")]),
+                  ("gain", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]))),
+    Figure("posture", "Posture",
+           "Pitch is positive with the nose down, roll with the left side up; height above z = 0 of the map.", posture),
+    Figure("torques", "Joint torques", "Torque of each joint of the simulated robot [Tracking, eqs 43–44].",
+           curves("control", *_TORQUES), compared=False),
+    Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].", trot),
+    Figure("expanded", "Cells per replan",
+           "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
+           search, saved=True),
+    Figure("uwb_error", "Position error",
+           "Distance to the reference. The track lies below its bound 95 % of the time if the claimed covariance is "
+           "right; less means that it is too small.", uwb_error, "sensors", saved=True),
+    Figure("ranges", "Range residuals over time",
+           "Measured minus predicted range, a lane for each anchor. A late range most likely had no line of sight "
+           "(NLOS).", ranges, "sensors", compared=False),
+    Figure("residuals", "Distribution of range residuals",
+           "For each anchor, its constant bias subtracted before. A tail to the right are late ranges; the outermost "
+           "steps hold everything beyond.", residuals, "sensors", compared=False),
+    Figure("uwb_geometry", "UWB geometry",
+           "Darker: the anchors' directions determine a position less well. An ellipse should hold the true position "
+           "in 95 of 100 cases.", geometry_scene, "sensors", compared=False),
+    Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene, "sensors",
+           compared=False),
+    Figure("scan_side", "The same scan from the side", f"Points within {STRIP_M:g} m to the left and right of the "
+           "robot.", scan_side, "sensors", compared=False),
+    Figure("scans", "Points per scan", "Number of points of each class in each scan.",
+           curves("scans", ("points", [("n_valid", "valid", "text"), ("n_ground", "ground", "fix"),
+                                       ("n_obstacle", "obstacle", "target"), ("n_outlier", "outlier", "note")])),
+           "sensors"),
+    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell.", terrain_scene, "sensors",
+           compared=False),
+)  # fmt: skip
+
+
+def drawings_of(run: Run) -> dict[str, Drawing]:
+    """Each figure whose data the run has, by name: made once for the page and for the pictures."""
+    made = {figure.name: figure.make(run) for figure in FIGURES}
+    return {name: drawing for name, drawing in made.items() if drawing is not None}
+
+
+def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:
+    """plots/NAME.png of the figures that a replay saves; those of an earlier replay are removed.
+
+    Raises CannotWrite, also where plots/ is a link.
+    """
+    folder = run / "plots"
+    if folder.is_symlink():
+        raise CannotWrite(folder, "is a link; pictures are not written through it")
+    wanted = {figure.name: drawings[figure.name] for figure in FIGURES if figure.saved and figure.name in drawings}
+    try:
+        for old in folder.glob("*.png"):
+            old.unlink(missing_ok=True)
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, error.strerror or str(error)) from error
+    if wanted:
+        from quadlog.results.mpl import render  # matplotlib, which a replay without plots does without
+    for name, drawing in wanted.items():
+        write_whole(folder / f"{name}.png", render(drawing))

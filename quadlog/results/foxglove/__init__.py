@@ -1,1 +1,0 @@
-"""derived.mcap and its layout."""

@@ -1,0 +1,276 @@
+"""One page for everything: a list of blocks, rendered by templates/page.html.jinja into one file that opens offline.
+
+Names of topics, files and metrics come from recordings and users and are not trusted: all text is escaped, nothing is
+fetched, and only the scripts and styles of this package run, by their hashes.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from quadlog.results.page.pack import Pack
+from quadlog.results.view import Moment
+from quadlog.results.words import State
+from quadlog.storage.atomic_write import write_whole
+from quadlog.version import __version__
+
+_STYLES = ("vendor/uPlot.min.css", "app.css")
+_SCRIPTS = ("vendor/uPlot.iife.min.js", "unpack.js", "scene.js", "controls.js", "curves.js", "start.js")
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """A line of the verdict: its subject in a word or two, and one sentence."""
+
+    subject: str
+    text: str
+    state: State = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came out, in about four sentences with a coloured dot each, worst first."""
+
+    lines: Sequence[Sentence]
+    kind: str = "verdict"
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A number in words. small: its 95 % interval or bound. help: its meaning. seconds: a link to an instant."""
+
+    label: str
+    value: str
+    small: str = ""
+    help: str = ""
+    state: State = ""
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Cards:
+    """Tiles: a title with one large number and a few small ones."""
+
+    cards: Sequence[tuple[str, Sequence[Shown]]]
+    kind: str = "cards"
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """A box of lines that a reader must not miss: losses, warnings."""
+
+    title: str
+    lines: Sequence[str]
+    state: State = "warn"
+    kind: str = "notes"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table. number: aligned to the right. wide: left out on a phone."""
+
+    name: str
+    number: bool = False
+    wide: bool = False
+    help: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell. value: what its column is sorted by, if not the text. below: a smaller second line."""
+
+    text: str
+    value: float | str | None = None
+    below: str = ""
+    href: str = ""
+    state: State = ""
+    code: bool = False
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of cells under a title.
+
+    search: placeholder of a field that filters the rows. folded: first row shown only on demand.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+    name: str
+    note: str = ""
+    search: str = ""
+    sortable: bool = False
+    folded: int | None = None
+    title: str = ""
+    kind: str = "table"
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A drawing of the page's pack made of panels."""
+
+    name: str
+    title: str = ""
+    caption: str = ""
+    kind: str = "chart"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneView:
+    """A drawing of the page's pack that is a scene; one that moves has a player.
+
+    start: instant of the first view. most: moments shown. small: a thumbnail without controls, a link to href.
+    """
+
+    name: str
+    title: str = ""
+    caption: str = ""
+    moments: Sequence[Moment] = ()
+    start: float | None = None
+    most: int = 40
+    small: bool = False
+    href: str = ""
+    kind: str = "scene"
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """A scene with a player above its timeline, beside curves on its time axis in a column that scrolls by itself."""
+
+    scene: SceneView
+    charts: Sequence[Chart]
+    kind: str = "beside"
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """Thumbnails beside each other."""
+
+    views: Sequence[SceneView]
+    kind: str = "gallery"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An embedded PNG of which there is no chart."""
+
+    png: bytes
+    alt: str
+    caption: str = ""
+    kind: str = "picture"
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A paragraph, or lines of code."""
+
+    text: str
+    code: bool = False
+    kind: str = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class Details:
+    """Blocks shown on demand."""
+
+    summary: str
+    blocks: Sequence[Any]
+    kind: str = "details"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Blocks under a heading; without a title they come first and are not in the contents."""
+
+    title: str
+    blocks: Sequence[Any]
+    text: str = ""
+
+    @property
+    def name(self) -> str:
+        """The anchor of the section."""
+        return "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A page. facts: short texts below the title. status: the pill beside the title, in words and colour.
+
+    links: (text, address) of pages above and beside this one.
+    """
+
+    title: str
+    sections: Sequence[Section]
+    facts: Sequence[str] = ()
+    status: tuple[str, State] = ("", "")
+    links: Sequence[tuple[str, str]] = ()
+    pack: Pack = field(default_factory=Pack)
+
+
+def write_page(path: Path, page: Page) -> Path:
+    """The page as one file; the same blocks give the same bytes. Raises CannotWrite."""
+    write_whole(path, render(page))
+    return path
+
+
+def render(page: Page) -> bytes:
+    """The page in UTF-8."""
+    drawn = page.pack.finish() if page.pack else None
+    scripts = [_own_file(name) for name in (*(_SCRIPTS if drawn else ()), "table.js")]
+    styles = [_own_file(name) for name in _STYLES]
+    policy = (
+        f"default-src 'none'; img-src data:; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    # Only files of this package are inserted unescaped.
+    inside = {"styles": [Markup(text) for text in styles], "scripts": [Markup(text) for text in scripts]}  # noqa: S704
+    data = None if drawn is None else Markup(_script_json(drawn))  # noqa: S704
+    text = (
+        _environment()
+        .get_template("page.html.jinja")
+        .render(page=page, policy=policy, data=data, version=__version__, **inside)
+    )
+    # Names may contain lone surrogates, which cannot be encoded.
+    return text.encode("utf-8", "replace")
+
+
+def _script_json(content: Any) -> str:
+    """JSON that may stand inside a script element: no text in it can end the element or begin a comment."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_own_file),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
+    return environment
+
+
+@cache
+def _own_file(name: str) -> str:
+    return (resources.files("quadlog.results.page") / "templates" / name).read_text(encoding="utf-8")
+
+
+def _hashes(texts: Sequence[str]) -> str:
+    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts)
+    return " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"

@@ -1,0 +1,390 @@
+"""One page for several runs: a folder of recordings, the seeds of a course, a sweep, or runs side by side.
+
+What came out in a sentence, a list of the runs, their paths in one player or as thumbnails, curves over each other with
+a colour for each run, and the settings in which they differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+
+from quadlog.errors import ExitCode, QuadlogError
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.results.figures import FIGURES
+from quadlog.results.numbers import NONE, count, sig
+from quadlog.results.page.blocks import (
+    Beside,
+    Cell,
+    Chart,
+    Column,
+    Details,
+    Gallery,
+    Notes,
+    Page,
+    SceneView,
+    Section,
+    Sentence,
+    Table,
+    Text,
+    Verdict,
+    write_page,
+)
+from quadlog.results.page.pack import Pack
+from quadlog.results.page.verdict import status
+from quadlog.results.run import Run
+from quadlog.results.saved.find_runs import find_runs, is_run
+from quadlog.results.saved.names import run_name
+from quadlog.results.saved.tables import read_table
+from quadlog.results.scenes import walk_scene
+from quadlog.results.sweep.summary import SweepSummary, summarise_sweep
+from quadlog.results.sweep.table import read_sweep_table, text_of
+from quadlog.results.view import Moment, Panel, Raster, Scene, Series, Track, merge_panels, merge_scenes
+from quadlog.results.words import STATES, State, bounds_of, interval_text, is_alarming, label_of, value_text
+
+if TYPE_CHECKING:
+    from quadlog.metrics.comparison.paired import PairedDifference
+
+MOST_DRAWN = 16
+"""Runs whose paths and curves are drawn; the list has all."""
+MOST_THUMBNAILS = 48
+COLUMNS = 6
+"""Metrics chosen for the list of runs; all of them are on demand."""
+END_WORDS: dict[int, tuple[str, State]] = {0: ("done", ""), 1: ("failed", "bad"), 3: ("with loss", "warn")}
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A run of the list. name: of its folder; exit_code, reason: how its replay ended; metrics: its values by name."""
+
+    name: str
+    exit_code: int
+    reason: str
+    metrics: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Runs that are drawn over each other: by name, whether they share a clock, and what differs between the first
+    and each other one. first_differences: instants at which results part.
+    """
+
+    runs: Mapping[str, Run]
+    shares_clock: bool
+    paired: Mapping[str, Mapping[str, PairedDifference]] = field(default_factory=dict)
+    first_differences: Sequence[Moment] = ()
+
+
+def list_page(title: str, folder: Path, rows: Sequence[Listed], findings: Sequence[Sentence] = ()) -> Page:
+    """The page of a folder of runs: findings and the list, worst first; paths and curves, or thumbnails."""
+    runs = {row.name: run for row in rows if (run := _opened(folder, row.name)) is not None}
+    inputs = {(run.record.input.identity, run.simulated) for run in runs.values()}
+    compared = Compared(dict(list(runs.items())[:MOST_DRAWN]), shares_clock=len(inputs) == 1)
+    pack = Pack()
+    drawn = _over_each_other(compared, pack) if compared.shares_clock and len(runs) > 1 else _thumbnails(runs, pack)
+    left_out = len(runs) - (MOST_DRAWN if compared.shares_clock else MOST_THUMBNAILS)
+    note = f"{count(left_out)} further runs are not drawn. " if left_out > 0 else ""
+    settings = [settings_table(compared)] if len(compared.runs) > 1 else []
+    failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
+    sections = [
+        Section("", [Verdict([*findings, *_ends(rows)]), runs_table(rows, runs)]),
+        Section("Failed", [Notes("Not replayed", failed, "bad")] if failed else []),
+        Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
+        Section("Settings that differ", [block for block in settings if block.rows]),
+        Section("All metrics", [Details("A column for each metric", [_whole_table(rows)])] if rows else []),
+    ]
+    return Page(
+        title,
+        [section for section in sections if section.blocks],
+        [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"],
+        pack=pack,
+    )
+
+
+def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> Page:
+    """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
+    pack = Pack()
+    drawn = _over_each_other(compared, pack)
+    statuses = [
+        Sentence(name, f"{run.title}: {status(run)[0]}.", status(run)[1]) for name, run in compared.runs.items()
+    ]
+    settings = settings_table(compared)
+    sections = [
+        Section("", [Verdict([*_better(compared), *statuses]), *([Notes("Not comparable", notes)] if notes else [])]),
+        Section("Paths and curves", drawn, pack.thinned),
+        Section("Metrics", [compared_metrics(compared)]),
+        Section("Settings that differ", [settings] if settings.rows else []),
+    ]
+    facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
+    return Page(title, [section for section in sections if section.blocks], facts, pack=pack)
+
+
+def _opened(folder: Path, name: str) -> Run | None:
+    """A run inside the folder; None for one that cannot be read, and for a name that leads elsewhere."""
+    if any(part != run_name(part) for part in name.split("/")):
+        return None
+    try:
+        return Run(folder / name)
+    except QuadlogError:
+        return None
+
+
+def _ends(rows: Sequence[Listed]) -> list[Sentence]:
+    """How many runs ended how."""
+    found = []
+    for code, (word, state) in END_WORDS.items():
+        many = sum(row.exit_code == code for row in rows)
+        if many:
+            found.append(Sentence(word.capitalize(), f"{count(many)} of {count(len(rows))} runs.", state or "good"))
+    return sorted(found, key=lambda line: STATES.index(line.state))
+
+
+def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
+    """The metrics that matter most of those that any run has: the first of each theme, then the second, and so on."""
+    there = {name for row in rows for name in row.metrics}
+    ranked = [(place, name) for labels in THEMES.values() for place, name in enumerate(labels) if name in there]
+    return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
+
+
+def runs_table(rows: Sequence[Listed], runs: Mapping[str, Run]) -> Table:
+    """The runs, worst first, with the metrics that matter most, coloured by bounds and alarms."""
+    names = chosen_metrics(rows)
+    columns = [Column("run"), Column("ended"), *(_column(name) for name in names)]
+    found = []
+    for row in rows:
+        word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
+        run = runs.get(row.name)
+        below, shown = (row.reason[:120], state) if run is None else status(run)
+        bounds = {} if run is None else bounds_of(run)
+        cells = [
+            _value_cell(name, row.metrics.get(name), bounds[name].state if name in bounds else None) for name in names
+        ]
+        href = "" if run is None else _link(row.name, run)
+        found.append([Cell(row.name, href=href, below=below, state=state or shown), Cell(word, state=state), *cells])
+    found.sort(key=lambda cells: (STATES.index(cells[1].state), STATES.index(cells[0].state)))
+    search = "Search, as in walk-3" if len(found) > 10 else ""
+    return Table(columns, found, "runs", search=search, sortable=True, folded=100)
+
+
+def _link(name: str, run: Run) -> str:
+    """The run's page; its folder if it has none, as the runs of a sweep."""
+    return f"./{quote(name)}/{'report.html' if (run.path / 'report.html').is_file() else ''}"
+
+
+def _column(name: str) -> Column:
+    unit = {"rad": "°"}.get(CATALOGUE[name].unit, CATALOGUE[name].unit)
+    return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
+
+
+def _value_cell(name: str, value: float | None, state: State | None = None) -> Cell:
+    if value is None or not math.isfinite(value):
+        return Cell(NONE, state=state or "")
+    unit = CATALOGUE[name].unit
+    text = value_text(name, value, unit).removesuffix(f" {unit}")
+    return Cell(text, value, state=state if state is not None else "warn" if is_alarming(name, value) else "")
+
+
+def _whole_table(rows: Sequence[Listed]) -> Table:
+    names = [name for name in CATALOGUE if any(name in row.metrics for row in rows)]
+    found = [[Cell(row.name), *(_value_cell(name, row.metrics.get(name)) for name in names)] for row in rows]
+    return Table([Column("run"), *(_column(name) for name in names)], found, "every-metric", sortable=True)
+
+
+def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
+    """A thumbnail of each walk, and the metrics that matter over the runs in order."""
+    views = []
+    for number, (name, run) in enumerate(list(runs.items())[:MOST_THUMBNAILS]):
+        scene = walk_scene(run)
+        if scene is not None:
+            still = replace(scene, layers=[layer for layer in scene.layers if isinstance(layer, Raster | Track)])
+            pack.add(f"walk-{number}", still, group=f"walk-{number}")  # a group each: no player moves them
+            views.append(SceneView(f"walk-{number}", name, small=True, href=_link(name, run)))
+    return [Gallery(views)] if views else []
+
+
+def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
+    """The paths of the runs in one player beside their curves, a colour for each run."""
+    charts = []
+    for figure in FIGURES:
+        made = {name: figure.make(run) for name, run in compared.runs.items()} if figure.compared else {}
+        panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
+        if panels:
+            pack.add(figure.name, _thinner(merge_panels(panels)))
+            charts.append(Chart(figure.name, figure.title, figure.caption))
+    scenes = {name: scene for name, run in compared.runs.items() if (scene := walk_scene(run)) is not None}
+    if not scenes:
+        return charts
+    pack.add("paths", merge_scenes(scenes))
+    view = SceneView("paths", "paths", moments=compared.first_differences, most=12)
+    return [Beside(view, charts)] if charts else [view]
+
+
+def _thinner(panels: Sequence[Panel], most: int = 4000) -> list[Panel]:
+    """Curves of several runs with at most so many samples each: the pages of the runs have all."""
+    found = []
+    for panel in panels:
+        kept = []
+        for one in panel.series:
+            step = -(-len(one.x) // most)
+            upper = None if one.upper is None else one.upper[::step]
+            kept.append(Series(one.label, one.color, one.x[::step], one.y[::step], one.style, one.variant, upper))
+        found.append(Panel(panel.what, kept, panel.x, panel.zero, panel.log, panel.lane, panel.robust))
+    return found
+
+
+def compared_metrics(compared: Compared) -> Table:
+    """A row for each metric that a run has; differences to the first run, marked only where they are beyond chance."""
+    names = list(compared.runs)
+    metrics = [
+        name
+        for labels in THEMES.values()
+        for name in labels
+        if any(name in run.metrics for run in compared.runs.values())
+    ]
+    columns = [Column("metric"), *(Column(name, True) for name in names)]
+    rows: list[list[Cell]] = []
+    same: list[list[Cell]] = []
+    for metric in metrics:
+        cells = [Cell(label_of(metric), below=metric)]
+        values = []
+        for name, run in compared.runs.items():
+            of = run.metrics.get(metric)
+            if of is None:
+                cells.append(Cell(NONE))
+                continue
+            values.append(of.value)
+            paired = compared.paired.get(name, {}).get(metric)
+            below = interval_text(metric, of) if paired is None else _difference_text(metric, paired)
+            state = _judged(metric, paired)
+            cells.append(Cell(value_text(metric, of.value, of.unit), of.value, below, state=state))
+        (same if len(values) == len(names) and len(set(values)) == 1 else rows).append(cells)
+    note = f"Below: the 95 % interval, or the difference to {names[0]} on the instants that both have, coloured "
+    note += "where it is beyond chance (all differences together, Bonferroni)."
+    return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
+
+
+def _difference_text(name: str, paired: PairedDifference) -> str:
+    if paired.same:
+        return "the same"
+    unit = CATALOGUE[name].unit
+    sign = "+" if paired.difference > 0 else ""
+    text = f"{sign}{value_text(name, paired.difference, unit, 2)}"
+    return text if paired.interval is None else f"{text} [{sig(paired.interval[0], 2)}, {sig(paired.interval[1], 2)}]"
+
+
+def _judged(name: str, paired: PairedDifference | None) -> State:
+    better = CATALOGUE[name].better
+    if paired is None or not paired.clear or not better:
+        return ""
+    return "good" if (paired.difference > 0) == (better == "higher") else "bad"
+
+
+def _better(compared: Compared) -> list[Sentence]:
+    """In what the other runs are better or worse than the first, beyond chance."""
+    first, found = next(iter(compared.runs)), []
+    for name, paired in compared.paired.items():
+        for word, state in (("better", "good"), ("worse", "warn")):
+            wanted = "good" if word == "better" else "bad"
+            clear = [metric for metric in paired if _judged(metric, paired[metric]) == wanted]
+            if clear:
+                shown = [f"{label_of(metric)} ({_difference_text(metric, paired[metric])})" for metric in clear[:3]]
+                more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
+                text = f"{word} than {first} beyond chance in {', '.join(shown)}{more}."
+                found.append(Sentence(name, text, state))  # type: ignore[arg-type]
+    if compared.paired and not found:
+        found.append(Sentence("Metrics", f"No difference to {first} is beyond chance."))
+    return found
+
+
+def settings_table(compared: Compared) -> Table:
+    """Keys of configuration and options in which the runs differ."""
+    flat = {name: {**_flat(run.config.model_dump()), **_flat(dict(run.record.options)), "seed": run.record.seed}
+            for name, run in compared.runs.items()}  # fmt: skip
+    keys = dict.fromkeys(key for values in flat.values() for key in values)
+    rows = []
+    for key in keys:
+        texts = [str(values.get(key, NONE)) for values in flat.values()]
+        if len(set(texts)) > 1:
+            rows.append([Cell(key, code=True), *(Cell(text[:80]) for text in texts)])
+    return Table([Column("key"), *map(Column, flat)], rows, "settings")
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return found
+
+
+def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
+    """Mean and sample deviation of the metrics that matter, over runs of one course."""
+    found = []
+    for name in chosen_metrics(rows, 4):
+        values = np.array([row.metrics[name] for row in rows if name in row.metrics])
+        if len(values) > 1:
+            unit = CATALOGUE[name].unit
+            text = (
+                f"{value_text(name, float(values.mean()), unit)} ± {value_text(name, float(values.std(ddof=1)), unit)}"
+            )
+            found.append(Sentence(label_of(name), f"{text} (mean and standard deviation of {len(values)} runs)."))
+    return found
+
+
+def write_folder_page(folder: Path) -> Path:
+    """report.html of a folder of runs, from its summary.parquet. Raises NotARun, CannotWrite."""
+    summary = read_table(folder, "summary")
+    names = [name for name in CATALOGUE if np.isfinite(summary[name]).any()]
+    rows = []
+    for number, recording in enumerate(summary["recording"].tolist()):
+        values = {name: float(summary[name][number]) for name in names if np.isfinite(summary[name][number])}
+        rows.append(Listed(recording, int(summary["exit_code"][number]), summary["reason"][number], values))
+    known = {row.name for row in rows}
+    for path in find_runs([folder]) if any(is_run(inside) for inside in folder.iterdir()) else []:
+        name = path.relative_to(folder).as_posix()
+        if name not in known and (run := _opened(folder, name)) is not None:  # in an inner folder
+            code = ExitCode.WITH_LOSS if run.record.losses else ExitCode.DONE
+            rows.append(Listed(name, int(code), "", {key: metric.value for key, metric in run.metrics.items()}))
+    simulated = [run.simulated for row in rows if (run := _opened(folder, row.name)) is not None]
+    walks = bool(simulated) and all(simulated)
+    what = "walk" if walks else "recording"
+    title = f"{folder.resolve().name}: {count(len(rows))} {what}{'' if len(rows) == 1 else 's'}"
+    findings = spread_of(rows) if walks and len(rows) > 1 else []
+    return write_page(folder / "report.html", list_page(title, folder, rows, findings))
+
+
+def write_sweep_page(folder: Path) -> Path:
+    """report.html of a sweep, from its sweep.parquet. Raises NotARun, CannotWrite."""
+    rows = read_sweep_table(folder)
+    summary = summarise_sweep(rows)
+    findings = [
+        Sentence("Best", f"{label_of(name)}: {summary.settings[summary.best[name]].label}, beyond chance.", "good")
+        for name in summary.varying
+        if name in summary.best
+    ]
+    listed = [Listed(row.run, row.exit_code, row.reason, row.metrics) for row in rows]
+    title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
+    page = list_page(title, folder, listed, findings)
+    notes = Section("Settings", [_settings_values(summary), *map(Text, summary.notes())])
+    return write_page(folder / "report.html", replace(page, sections=[page.sections[0], notes, *page.sections[1:]]))
+
+
+def _settings_values(summary: SweepSummary) -> Table:
+    """A row for each combination: its values, and the mean of each metric that differs, with its interval."""
+    columns = [*map(Column, summary.keys), Column("failed", True), *map(_column, summary.varying)]
+    found = []
+    for number, setting in enumerate(summary.settings):
+        failed = sum(row.exit_code == ExitCode.FAILED for row in setting.rows)
+        cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
+        for name in summary.varying:
+            over = summary.over[name][number]
+            cell = _value_cell(name, over.mean, "good" if summary.best.get(name) == number else None)
+            below = "" if over.low is None or over.high is None else f"{sig(over.low)} to {sig(over.high)}"
+            cells.append(replace(cell, below=below))
+        found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
+    return Table(columns, found, "settings-values", sortable=True)

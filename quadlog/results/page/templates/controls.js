@@ -1,0 +1,197 @@
+"use strict";
+// The controls of a scene: legend, zoom, clock, timeline and keys. A scene without a time has no clock.
+const SPEEDS = [0.5, 1, 2, 5, 10, 20];
+const STEPS_PER_S = 5; // of a scene that counts steps, at speed 1
+
+const openScene = (place, scene, block) => {
+  const [from, until] = scene.span ?? [0, 0];
+  const moves = scene.span && until > from;
+  const counted = scene.step !== "";
+  const small = place.classList.contains("small");
+  const clock = clockOf(scene.group);
+  const name = place.getAttribute("aria-label");
+  const canvas = element("canvas", { role: "img", "aria-label": name });
+  const tip = element("output", { class: "tip", hidden: true });
+  const stage = element("div", { class: "stage" }, canvas, tip);
+  const view = openView(scene, canvas, block);
+  const shown = () => (moves && !small ? (clock.now ?? from) : until);
+  const draw = () => view.draw(shown());
+  const changed = (act) => {
+    act();
+    draw();
+    follow.setAttribute("aria-pressed", String(view.follows()));
+  };
+  const follow = button("follow", counted ? "follow the start (F)" : "follow the robot (F)", () => changed(() => (view.follows() ? view.whole() : view.near(scene.near || 12))), { "aria-pressed": "false" });
+  const whole = button("all", "show everything (0)", () => changed(view.whole));
+  if (!small) {
+    const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
+    const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
+    stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
+  }
+  const legend = small ? [] : [legendOf(view.layers, scene, draw)];
+  const show = (labels) => {
+    for (const layer of view.layers) layer.hidden &&= !labels.includes(layer.label);
+    legend[0].mark();
+    draw();
+  };
+  const player = moves && !small ? addTransport(place.closest("figure").querySelector(".timeline"), scene, clock) : null;
+  place.append(stage, ...legend);
+  place.classList.add("open");
+  const beside = place.closest(".beside");
+  let fitted = false;
+  onWidth(stage, (width) => {
+    const [left, right, bottom, top] = scene.extent;
+    const fitting = Math.min(0.62 * innerHeight, Math.max(280, (width * (top - bottom)) / (right - left)));
+    const height = Math.round(small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting));
+    canvas.style.height = `${height}px`;
+    view.resize(width, height);
+    if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
+    else if (!view.follows()) view.whole();
+    fitted = true;
+    draw();
+  });
+  redraws.push(() => {
+    view.recolor();
+    draw();
+  });
+  if (small) return null;
+  addPointer(canvas, view, { tip, scene, changed, seek: moves ? (instant) => clock.set(instant) : null });
+  if (!moves) return null;
+  clock.listeners.push(draw);
+  const keys = { ...player.keys, f: () => follow.click(), 0: () => whole.click() };
+  return { stage, keys, show, start: player.start };
+};
+
+const legendOf = (layers, scene, draw) => {
+  const swatch = ({ kind, color, variant, shape, ramp }) => {
+    const cells = kind === "raster" || kind === "windows";
+    const form = kind === "marks" ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
+    return element("i", { class: `swatch ${form} of-${color}` });
+  };
+  const entry = (layer) => {
+    const scale = layer.kind === "raster" && layer.unit ? ` ${short(layer.low, 2)} to ${short(layer.high, 2)} ${layer.unit}` : "";
+    const toggle = () => {
+      layer.hidden = !layer.hidden;
+      legend.mark();
+      draw();
+    };
+    return element("button", { type: "button", onclick: toggle }, swatch(layer), `${layer.label}${scale}`);
+  };
+  const entries = layers.map(entry);
+  const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);
+  legend.mark = () => entries.forEach((made, at) => made.setAttribute("aria-pressed", String(!layers[at].hidden)));
+  legend.mark();
+  const levels = scene.levels.map((words, at) => element("span", {}, element("i", { class: `swatch line of-level-${at}` }), words));
+  if (levels.length) legend.append(element("span", { class: "levels" }, "robot's error: ", ...levels));
+  return legend;
+};
+
+// Wheel and pinch zoom about the pointer, drag moves, a click goes to the nearest instant of a track.
+const addPointer = (canvas, view, { tip, scene, changed, seek }) => {
+  const fingers = new Map();
+  let dragged = 0;
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, event);
+    dragged = 0;
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = fingers.get(event.pointerId);
+    if (!before) return readOff(event);
+    const [dx, dy] = [event.offsetX - before.offsetX, event.offsetY - before.offsetY];
+    dragged += Math.abs(dx) + Math.abs(dy);
+    const other = [...fingers.values()].find(({ pointerId }) => pointerId !== event.pointerId);
+    const span = (finger) => Math.hypot(finger.offsetX - other.offsetX, finger.offsetY - other.offsetY);
+    changed(() => (other ? view.zoom(span(event) / Math.max(span(before), 1), other.offsetX, other.offsetY) : view.pan(dx, dy)));
+    fingers.set(event.pointerId, event);
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, ({ pointerId }) => fingers.delete(pointerId));
+  canvas.addEventListener("pointerleave", () => (tip.hidden = true));
+  canvas.addEventListener("click", (event) => {
+    const found = dragged < 4 && seek && view.nearest(event.offsetX, event.offsetY);
+    if (found) seek(found.seconds);
+  });
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    changed(() => view.zoom(Math.exp(-event.deltaY / 300), event.offsetX, event.offsetY));
+  }, { passive: false });
+  const readOff = (event) => {
+    const [wx, wy] = view.world(event.offsetX, event.offsetY);
+    const found = seek && view.nearest(event.offsetX, event.offsetY);
+    const value = view.valueAt(wx, wy);
+    tip.hidden = false;
+    tip.textContent = `x ${wx.toFixed(2)}, y ${wy.toFixed(2)} ${scene.unit}${value && `, ${value}`}${found ? `, ${found.label} at ${found.seconds.toFixed(2)}${scene.step ? "" : " s"}` : ""}`;
+  };
+};
+
+// Play button, slider and speed, and above the slider when there was data of each role.
+const addTransport = (place, scene, clock) => {
+  const [from, until] = scene.span;
+  const counted = scene.step !== "";
+  let [playing, before, owed, charted] = [false, null, 0, 0];
+  const textOf = (instant) => (counted ? `${scene.step} ${instant - from + 1} of ${until - from + 1}` : `${instant.toFixed(2)} of ${until.toFixed(1)} s`);
+  const seek = (instant, settled = true) => {
+    const wanted = Math.min(Math.max(instant, from), until);
+    clock.set(counted ? Math.round(wanted) : wanted, settled);
+  };
+  const setPlaying = (wanted) => {
+    if (wanted && clock.now >= until) seek(from);
+    [playing, before] = [wanted, null];
+    play.textContent = playing ? "❚❚" : "▶";
+    play.setAttribute("aria-label", playing ? "Pause" : "Play");
+    if (playing) requestAnimationFrame(frame);
+    else seek(clock.now);
+  };
+  const frame = (now) => {
+    if (!playing) return;
+    owed += (Math.min(now - (before ?? now), 250) / 1000) * Number(speed.value) * (counted ? STEPS_PER_S : 1);
+    before = now;
+    const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    if (owed >= (counted ? 1 : 0) && (!calm || now - charted > 500)) {
+      const step = counted ? Math.floor(owed) : owed;
+      owed -= step;
+      const numbers = now - charted > 200; // the numbers beside the curves need not flicker
+      if (numbers) charted = now;
+      seek(clock.now + step, numbers);
+    }
+    if (clock.now >= until) setPlaying(false);
+    else requestAnimationFrame(frame);
+  };
+  const play = button("▶", "Play", () => setPlaying(!playing), { class: "play" });
+  const slider = element("input", { type: "range", min: from, max: until, step: counted ? 1 : 0.001, "aria-label": "time", oninput: () => seek(Number(slider.value)) });
+  const time = element("output", { class: "clock" });
+  const speed = element("select", { "aria-label": "speed" }, ...SPEEDS.map((times) => element("option", { value: times, selected: times === 1 }, `${times} ×`)));
+  const rows = scene.activity.map(({ label, spans, events }) => {
+    const strip = element("div", { class: "strip" });
+    const add = (start, end, kind, title) => {
+      const mark = element("i", { class: kind, title });
+      mark.style.left = `${(100 * (start - from)) / (until - from)}%`;
+      mark.style.width = `${Math.max((100 * (end - start)) / (until - from), 0)}%`;
+      strip.append(mark);
+    };
+    spans.forEach(([start, end]) => add(Math.max(start, from), Math.min(end, until), "span", ""));
+    events.forEach(([instant, text]) => add(instant, instant, "event", text));
+    strip.addEventListener("click", (event) => seek(from + ((until - from) * event.offsetX) / strip.clientWidth));
+    return [element("span", { class: "role" }, label), strip];
+  });
+  const activity = element("div", { class: "activity", "aria-hidden": "true" }, ...rows.flat());
+  place.append(play, element("div", { class: "tracks" }, slider, activity), time, speed);
+  clock.pause = () => playing && setPlaying(false);
+  clock.listeners.push((instant) => {
+    slider.value = instant;
+    time.textContent = textOf(instant);
+    place.dataset.now = instant.toFixed(3);
+  });
+  const step = counted ? 1 : 0.1;
+  const faster = (by) => (speed.selectedIndex = Math.min(Math.max(speed.selectedIndex + by, 0), SPEEDS.length - 1));
+  const keys = {
+    " ": () => setPlaying(!playing),
+    ArrowLeft: (far) => seek(clock.now - (far ? 10 : 1) * step),
+    ArrowRight: (far) => seek(clock.now + (far ? 10 : 1) * step),
+    Home: () => seek(from),
+    End: () => seek(until),
+    "+": () => faster(1),
+    "-": () => faster(-1),
+  };
+  return { keys, start: () => clock.now ?? seek(Number(place.dataset.start ?? from)) };
+};

@@ -1,0 +1,248 @@
+"use strict";
+// Curves by uPlot with every sample; it draws the least and the largest of each pixel column.
+// Those of a group with one x axis show the same stretch of it and the instant of the group's clock.
+const HEIGHTS = { panel: 150, lane: 56, narrow: 104, row: 17 };
+const stretches = {};
+const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
+const isTimed = (group, x) => x === "time (s)" || Object.values(pageData.scenes).some((scene) => scene.group === group && scene.step === x);
+
+const openCurves = (places, block) => {
+  const columnOf = (number) => block.columns[number];
+  for (const place of places) {
+    const { group, panels } = pageData.charts[place.dataset.chart];
+    for (const { x, series, rows, marks } of panels) {
+      const { whole } = stretchOf(group, x);
+      for (const value of series.flatMap((one) => [columnOf(one.x)[0], columnOf(one.x).at(-1)]).concat(rows.length ? [...columnOf(marks)] : [])) {
+        if (value < whole[0]) whole[0] = value;
+        if (value > whole[1]) whole[1] = value;
+      }
+    }
+  }
+  for (const stretch of Object.values(stretches)) stretch.shown = [...stretch.whole];
+  // A chart is made when it comes near the screen, so that a page of thirty opens at once.
+  const near = new IntersectionObserver((seen) => {
+    for (const { isIntersecting, target } of seen) if (isIntersecting) target.open();
+  }, { rootMargin: "400px" });
+  for (const place of places) {
+    const { group, panels } = pageData.charts[place.dataset.chart];
+    panels.forEach((panel, number) => {
+      const last = number === panels.length - 1;
+      const plot = element("div", { class: "plot" });
+      const words = element("p", { class: "what" }, panel.what);
+      const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + 56 : panel.lane ? HEIGHTS.lane : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
+      plot.style.minHeight = `${height}px`;
+      plot.open = () => {
+        near.unobserve(plot);
+        plot.open = () => {};
+        openCurve({ plot, words, panel, group, height, last }, columnOf);
+      };
+      const few = panel.series.every(({ y }) => columnOf(y).filter(Number.isFinite).length < 2);
+      const only = ({ label, y }) => `${label} ${short(columnOf(y).find(Number.isFinite) ?? NaN, 3)}`;
+      const drawn = few ? element("p", { class: "only" }, panel.series.map(only).join(", ")) : plot;
+      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, words, drawn));
+      if (!few) near.observe(plot);
+    });
+    addZoomKeys(place, stretchOf(group, panels[0].x));
+  }
+  addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
+};
+
+// Columns over one x. NaN becomes null, a gap; where another series has a sample and this one has none is undefined.
+const joined = (series, columnOf) => {
+  const values = (column) => Array.from(columnOf(column), (value) => (Number.isNaN(value) ? null : value));
+  const tables = series.map(({ x, y, upper }) => [Array.from(columnOf(x)), values(y), ...(upper === undefined ? [] : [values(upper)])]);
+  const alike = series.every(({ x }) => x === series[0].x);
+  return alike ? [tables[0][0], ...tables.flatMap(([, ...ys]) => ys)] : uPlot.join(tables);
+};
+
+// Limits from the 1st to the 99th percentile with a margin, 0 among them, and how many values lie beyond.
+const robustLimits = (columns, zero) => {
+  const sorted = columns.flatMap((column) => Array.from(column)).filter(Number.isFinite).sort((a, b) => a - b);
+  if (!sorted.length) return { limits: [-1, 1], beyond: 0 };
+  const quantile = (share) => sorted[Math.round(share * (sorted.length - 1))];
+  const [low, high] = [Math.min(quantile(0.01), 0), Math.max(quantile(0.99), 0)];
+  const margin = 0.25 * (high - low || 1);
+  const limits = [zero && low === 0 ? 0 : low - margin, high + margin];
+  return { limits, beyond: sorted.filter((value) => value < limits[0] || value > limits[1]).length };
+};
+
+// Points as small squares, one for each pixel.
+const pointPaths = (hollow, across) => (chart, number, first, last) => {
+  const [xs, ys] = [chart.data[0], chart.data[number]];
+  const [path, size, known] = [new Path2D(), across * devicePixelRatio, new Set()];
+  for (let at = first; at <= last; at++) {
+    if (ys[at] === null || ys[at] === undefined) continue;
+    const [px, py] = [Math.round(chart.valToPos(xs[at], "x", true)), Math.round(chart.valToPos(ys[at], "y", true))];
+    const key = px * 65536 + py;
+    if (known.has(key)) continue;
+    known.add(key);
+    path.rect(px - size / 2, py - size / 2, size, size);
+  }
+  return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
+};
+
+const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
+  const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
+  const rows = panel.rows.length;
+  const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
+  const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
+  const widened = ([low, high]) => (panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
+  const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
+  const look = ({ label, color, style, variant }) => ({
+    label,
+    stroke: () => paint(color),
+    fill: style === "points" ? () => paint(color) : undefined,
+    width: style === "points" ? (variant ? 1 : 0) : rows ? 4 : 1.5,
+    dash: style === "line" && variant && !rows ? DASHES[variant % 4] : undefined,
+    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
+    points: { show: false },
+    value: (_, value) => short(value, 3),
+  });
+  const [series, bands] = [[{ label: panel.x, class: "unseen", value: (_, value) => short(value) }], []];
+  for (const one of panel.series) {
+    series.push(look({ ...one, style: one.style === "band" ? "line" : one.style }));
+    if (one.style !== "band") continue;
+    series.at(-1).value = (chart, low, number, at) => (at === null ? "–" : `${short(low, 3)} to ${short(chart.data[number + 1][at], 3)}`);
+    series.push({ ...look(one), class: "unseen" });
+    bands.push({ series: [series.length - 1, series.length - 2], fill: () => `color-mix(in srgb, ${paint(one.color)} 20%, transparent)` });
+    for (const edge of series.slice(-2)) edge.width = 0;
+  }
+  const marks = (chart) => {
+    const pen = chart.ctx;
+    Object.assign(pen, { strokeStyle: paint("soft"), lineWidth: devicePixelRatio });
+    pen.setLineDash([2, 4]);
+    pen.beginPath();
+    for (const instant of panel.instants) {
+      const px = chart.valToPos(instant, "x", true);
+      if (px < chart.bbox.left || px > chart.bbox.left + chart.bbox.width) continue;
+      pen.moveTo(px, chart.bbox.top);
+      pen.lineTo(px, chart.bbox.top + chart.bbox.height);
+    }
+    pen.stroke();
+    pen.setLineDash([]);
+  };
+  const within = (_, low, high) => {
+    const [from, to] = [panel.zero ? Math.min(0, low) : low, low === high && !(panel.zero && low > 0) ? high + (Math.abs(high) || 1) : high];
+    return low === null ? [0, 1] : uPlot.rangeNum(from, to, 0.1, true);
+  };
+  return {
+    height,
+    series,
+    bands,
+    padding: [6, 8, 0, 0],
+    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: robust ? () => robust.limits : within } },
+    axes: [{ ...axis(last ? 34 : 6), ...(rows && panel.log && { splits: logSplits, filter: (_, values) => values }), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
+    legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
+    cursor: {
+      y: false,
+      drag: { x: true, y: false, setScale: false, dist: 4 },
+      points: { size: 6, width: 1 },
+      sync: { key: `${group} ${panel.x}`, setSeries: false, scales: ["x", null] },
+      bind: { dblclick: () => () => (showStretch(stretch, ...stretch.whole), null) },
+      dataIdx: nearestSample,
+    },
+    hooks: {
+      setCursor: [(chart) => chart.cursor.left < 0 && chart.head?.()], // the pointer has left: back to the clock's instant
+      draw: [marks],
+      ready: [(chart) => setTimeout(() => chart.head?.())],
+      setSelect: [
+        (chart) => {
+          const { left, width } = chart.select;
+          if (width <= 0) return;
+          chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+          showStretch(stretch, chart.posToVal(left, "x"), chart.posToVal(left + width, "x"));
+        },
+      ],
+    },
+  };
+};
+
+// Ticks at 1, 2 and 5 of each power of ten; at powers alone where there are many.
+const logSplits = (_, __, low, high) => {
+  const [first, last] = [Math.floor(Math.log10(low)), Math.ceil(Math.log10(high))];
+  const powers = Array.from({ length: last - first + 1 }, (_, at) => Number(`1e${first + at}`));
+  return powers.flatMap((power) => (last - first > 3 ? [power] : [power, 2 * power, 5 * power])).filter((value) => value >= low && value <= high);
+};
+
+// Each series is read off at its own nearest sample: others may have samples in between.
+const nearestSample = (chart, number, index) => {
+  const ys = chart.data[number];
+  if (number === 0 || ys[index] !== undefined) return index;
+  let [before, after] = [index, index];
+  while (before >= 0 && ys[before] === undefined) before--;
+  while (after < ys.length && ys[after] === undefined) after++;
+  if (before < 0 || after >= ys.length) return before < 0 ? Math.min(after, ys.length - 1) : before;
+  const xs = chart.data[0];
+  return xs[index] - xs[before] <= xs[after] - xs[index] ? before : after;
+};
+
+const openCurve = (spot, columnOf) => {
+  const { plot, words, panel, group } = spot;
+  const height = spot.height + (spot.last ? 24 : 0); // for the axis
+  const stretch = stretchOf(group, panel.x);
+  panel.instants = columnOf(panel.marks);
+  const robust = panel.robust ? robustLimits(panel.series.map(({ y }) => columnOf(y)), panel.zero) : null;
+  if (robust?.beyond) words.append(element("small", {}, ` ${robust.beyond} beyond`));
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch, robust) }, joined(panel.series, columnOf), plot);
+  stretch.charts.push(chart);
+  plot.style.minHeight = "";
+  if (isTimed(group, panel.x)) addHead(chart, clockOf(group), stretch);
+  onWidth(plot, (width) => {
+    chart.setSize({ width, height });
+    chart.head?.();
+  });
+  redraws.push(() => chart.redraw(false, true));
+};
+
+// A line at the instant of the clock, with the values there. A click sets the clock.
+const addHead = (chart, clock, stretch) => {
+  const head = element("div", { class: "playhead" });
+  chart.over.append(head);
+  let [seen, pressed] = [true, null];
+  chart.head = (settled = true) => {
+    const there = clock.now !== null && clock.now >= stretch.shown[0] && clock.now <= stretch.shown[1];
+    head.hidden = !there;
+    if (!there || !seen) return;
+    const left = chart.valToPos(clock.now, "x");
+    head.style.transform = `translateX(${left}px)`;
+    if (settled) chart.setCursor({ left, top: chart.over.clientHeight / 2 }, false, false);
+  };
+  new IntersectionObserver(([entry]) => {
+    seen = entry.isIntersecting;
+    chart.head();
+  }).observe(chart.root);
+  clock.listeners.push((_, settled) => chart.head(settled));
+  chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
+  chart.over.addEventListener("click", (event) => {
+    if (pressed !== event.clientX) return;
+    clock.pause();
+    clock.set(chart.posToVal(event.clientX - chart.over.getBoundingClientRect().left, "x"));
+  });
+};
+
+const showStretch = (stretch, from, to) => {
+  const [first, last] = stretch.whole;
+  const width = Math.min(Math.max(to - from, 1e-5 * (last - first)), last - first);
+  const start = Math.min(Math.max(from, first), last - width);
+  stretch.shown = [start, start + width];
+  for (const chart of stretch.charts) {
+    chart.setScale("x", { min: start, max: start + width });
+    chart.head?.();
+  }
+};
+
+const addZoomKeys = (place, stretch) => {
+  const around = (factor) => {
+    const [middle, half] = [(stretch.shown[0] + stretch.shown[1]) / 2, (factor * (stretch.shown[1] - stretch.shown[0])) / 2];
+    showStretch(stretch, middle - half, middle + half);
+  };
+  const pan = (share) => showStretch(stretch, ...stretch.shown.map((end) => end + share * (stretch.shown[1] - stretch.shown[0])));
+  const keys = { "+": () => around(0.5), "-": () => around(2), 0: () => showStretch(stretch, ...stretch.whole), PageUp: () => pan(-0.5), PageDown: () => pan(0.5) };
+  place.tabIndex = 0;
+  place.addEventListener("keydown", (event) => {
+    if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    keys[event.key]();
+  });
+};

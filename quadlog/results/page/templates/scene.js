@@ -1,0 +1,350 @@
+"use strict";
+// A scene on a canvas: its layers, drawn over each other at an instant, and the part of the world in view.
+const LEVELS = ["level-0", "level-1", "level-2", "level-3"];
+const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3]];
+const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"];
+const FEET = [[0.72, 1.24], [0.72, -1.24], [-0.72, 1.24], [-0.72, -1.24]]; // FL, FR, RL, RR, in halves of the body
+const COLUMNS = ["t", "until", "x", "y", "to_x", "to_y", "xx", "xy", "yy", "yaw", "feet", "level", "radius", "first", "row", "column"];
+const SCALE_95 = 2.4477;
+const GAP_S = 1;
+const EPOCH_S = 0.02; // fixes of several tags within this time belong together
+
+const modulo = (value, size) => ((value % size) + size) % size;
+const rgb = (color) => {
+  const probe = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+  probe.fillStyle = color;
+  probe.fillRect(0, 0, 1, 1);
+  return probe.getImageData(0, 0, 1, 1).data;
+};
+
+// {x, y, yaw} of a track at an instant, interpolated; null in gaps and outside of its time.
+const poseAt = ({ t, x, y, yaw }, instant) => {
+  const row = rowAt(t, instant);
+  if (row < 0 || Number.isNaN(x[row])) return null;
+  const next = Math.min(row + 1, t.length - 1);
+  const known = next > row && !Number.isNaN(x[next]);
+  if (!known && instant > t[row] + GAP_S) return null;
+  const share = known ? Math.min(1, Math.max(0, (instant - t[row]) / (t[next] - t[row]))) : 0;
+  const between = (column) => (share > 0 ? column[row] + share * (column[next] - column[row]) : column[row]);
+  return { x: between(x), y: between(y), yaw: yaw ? between(yaw) : NaN };
+};
+
+const openView = (scene, canvas, block) => {
+  const pen = canvas.getContext("2d");
+  const layers = scene.layers.map((layer) => {
+    const made = { ...layer, bytes: layer.cells === undefined ? undefined : block.cells[layer.cells] };
+    const cells = layer.kind === "raster" || layer.kind === "windows"; // their x and y are a corner
+    for (const name of COLUMNS) {
+      if (name in layer && !(cells && (name === "x" || name === "y"))) made[name] = block.columns[layer[name]];
+    }
+    return made;
+  });
+  const tracks = layers.filter(({ kind }) => kind === "track");
+  const walker = tracks.findLast(({ shape }) => shape === "body") ?? tracks[tracks.length - 1];
+  const size = { x: 1, y: 1 };
+  let view = { x: 0, y: 0, scale: 1 };
+  let follow = false;
+  const x = (metres) => size.x / 2 + (metres - view.x) * view.scale;
+  const y = (metres) => size.y / 2 - (metres - view.y) * view.scale;
+  const stroke = (color, width, variant = 0) => {
+    Object.assign(pen, { strokeStyle: paint(color), lineWidth: width });
+    pen.setLineDash(DASHES[variant % 4]);
+  };
+  const dot = (px, py, radius, fill, edge) => {
+    pen.beginPath();
+    pen.arc(px, py, radius, 0, 2 * Math.PI);
+    if (fill) Object.assign(pen, { fillStyle: fill }).fill();
+    if (edge) Object.assign(pen, { strokeStyle: edge, lineWidth: 1.5 }).stroke();
+  };
+  const label = (text, px, py, color) => {
+    Object.assign(pen, { font: "600 12px system-ui", lineWidth: 3, strokeStyle: paint("sheet"), fillStyle: paint(color) });
+    pen.strokeText(text, px, py);
+    pen.fillText(text, px, py);
+  };
+  const picture = (columns, rows) => Object.assign(document.createElement("canvas"), { width: columns, height: rows });
+  const putPicture = (cells, left, bottom, cell) => {
+    pen.imageSmoothingEnabled = false;
+    const [wide, high] = [cells.width * cell * view.scale, cells.height * cell * view.scale];
+    pen.drawImage(cells, x(left), y(bottom) - high, wide, high);
+    return [x(left), y(bottom) - high, wide, high];
+  };
+  const polyline = (xs, ys, from, to) => {
+    pen.beginPath();
+    for (let at = from; at < to; at++) {
+      if (Number.isNaN(xs[at])) continue;
+      pen[at > from && !Number.isNaN(xs[at - 1]) ? "lineTo" : "moveTo"](x(xs[at]), y(ys[at]));
+    }
+    pen.stroke();
+  };
+
+  // Each prepares a layer for the current colours and returns a function that draws it at an instant.
+  const prepare = {
+    raster: ({ bytes, rows, columns, x: left, y: bottom, cell, ramp, color }) => {
+      const [red, green, blue] = rgb(paint(color));
+      const stops = CIVIDIS.map(rgb);
+      const shades = new Uint8Array(4 * 256);
+      for (let code = 1; code < 256; code++) {
+        const share = (code - 1) / 254;
+        const stop = stops[Math.round(share * (stops.length - 1))];
+        shades.set(ramp === "fade" ? [red, green, blue, 40 + 170 * share] : [...stop.slice(0, 3), 255], 4 * code);
+      }
+      const inks = new Uint32Array(shades.buffer);
+      const made = [];
+      // Cells in blocks of so many, each as its largest value, so that nothing vanishes from a small picture.
+      const inBlocks = (side) => {
+        const [wide, high] = [Math.ceil(columns / side), Math.ceil(rows / side)];
+        const largest = new Uint8Array(wide * high);
+        for (let row = 0, at = 0; row < rows; row++) {
+          const to = (high - 1 - Math.floor(row / side)) * wide;
+          for (let column = 0; column < columns; column++, at++) {
+            const block = to + Math.floor(column / side);
+            if (bytes[at] > largest[block]) largest[block] = bytes[at];
+          }
+        }
+        const [cells, image] = [picture(wide, high), new ImageData(wide, high)];
+        new Uint32Array(image.data.buffer).set(Uint32Array.from(largest, (code) => inks[code]));
+        cells.getContext("2d").putImageData(image, 0, 0);
+        return cells;
+      };
+      return () => {
+        const level = Math.max(0, Math.ceil(Math.log2(1 / (cell * view.scale))));
+        made[level] ??= inBlocks(2 ** level);
+        putPicture(made[level], left, bottom, cell * 2 ** level);
+      };
+    },
+    windows: (layer) => {
+      const { bytes, t, rows, columns, column, row, color, cell } = layer;
+      const [stride, brush] = [Math.ceil(columns / 8), picture(columns, rows).getContext("2d")];
+      const image = new ImageData(columns, rows);
+      const pixels = new Uint32Array(image.data.buffer);
+      const ink = new Uint32Array(new Uint8Array([...rgb(paint(color)).slice(0, 3), 255]).buffer)[0];
+      const source = scene.layers[layers.indexOf(layer)];
+      if (!source.open) {
+        source.open = true; // each map was stored as its difference from the one before
+        for (let at = rows * stride; at < bytes.length; at++) bytes[at] ^= bytes[at - rows * stride];
+      }
+      let painted = -1;
+      return (instant) => {
+        const at = rowAt(t, instant);
+        if (at < 0) return;
+        if (at !== painted) {
+          painted = at;
+          pixels.fill(0);
+          for (let up = 0; up < rows; up++) {
+            const from = (at * rows + modulo(row[at] + up, rows)) * stride;
+            const to = (rows - 1 - up) * columns;
+            for (let right = 0, bit = modulo(column[at], columns); right < columns; right++, bit++) {
+              if (bit === columns) bit = 0;
+              if (bytes[from + (bit >> 3)] & (128 >> (bit & 7))) pixels[to + right] = ink;
+            }
+          }
+          brush.putImageData(image, 0, 0);
+        }
+        stroke("line", 1.5, 1);
+        pen.strokeRect(...putPicture(brush.canvas, layer.x + column[at] * cell, layer.y + row[at] * cell, cell));
+      };
+    },
+    lines: ({ first, x: xs, y: ys, t, color, variant }) => (instant) => {
+      stroke(color, t ? 2.5 : 1.5, variant);
+      const made = t ? rowAt(t, instant) : 0;
+      if (t && made >= 0) polyline(xs, ys, first[made], first[made + 1]);
+      for (let number = 0; !t && number < first.length - 1; number++) polyline(xs, ys, first[number], first[number + 1]);
+    },
+    marks: ({ x: xs, y: ys, t, until, radius, shape, names, color }) => {
+      const half = shape !== "dot" ? 5 : xs.length > 200 && !t ? 1 : 2;
+      return (instant) => {
+        stroke(color, shape === "circle" ? 1 : 2.5);
+        pen.fillStyle = paint(color);
+        for (let at = 0; at < xs.length; at++) {
+          if (t && (t[at] > instant || until[at] <= instant)) continue;
+          const [px, py] = [x(xs[at]), y(ys[at])];
+          if (radius) dot(px, py, radius[at] * view.scale, null, paint(color));
+          else if (px < -20 || py < -20 || px > size.x + 20 || py > size.y + 20) continue;
+          else if (shape === "dot") pen.fillRect(px - half, py - half, 2 * half, 2 * half);
+          else if (shape === "cross") {
+            pen.beginPath();
+            for (const side of [-1, 1]) {
+              pen.moveTo(px - half, py - side * half);
+              pen.lineTo(px + half, py + side * half);
+            }
+            pen.stroke();
+          } else {
+            pen.beginPath();
+            pen.moveTo(px, py - half);
+            pen.lineTo(px + half, py + half);
+            pen.lineTo(px - half, py + half);
+            pen.fill();
+          }
+          if (names[at]) label(names[at], px + half + 4, py + half, color);
+        }
+      };
+    },
+    link: ({ t, x: xs, y: ys, to_x, to_y, color }) => (instant) => {
+      const at = rowAt(t, instant);
+      if (at < 0 || instant > t[at] + GAP_S || Number.isNaN(to_x[at]) || Number.isNaN(xs[at])) return;
+      const [from, to] = [[x(xs[at]), y(ys[at])], [x(to_x[at]), y(to_y[at])]];
+      stroke(color, 2);
+      pen.beginPath();
+      pen.moveTo(...from);
+      pen.lineTo(...to);
+      pen.stroke();
+      dot(...to, 4, paint(color), paint("back"));
+      const length = Math.hypot(to_x[at] - xs[at], to_y[at] - ys[at]);
+      label(`${length.toFixed(2)} ${scene.unit}`, to[0] + 8, to[1] - 6, color);
+    },
+    ellipses: ({ t, x: xs, y: ys, xx, xy, yy, color }) => (instant) => {
+      const last = rowAt(t, instant);
+      if (last < 0 || instant > t[last] + GAP_S) return;
+      stroke(color, 1.5);
+      pen.beginPath();
+      for (let at = last; at >= 0 && t[at] >= t[last] - EPOCH_S; at--) {
+        if (!(xx[at] > 0)) continue;
+        const [along, cross] = [Math.sqrt(xx[at]), xy[at] / Math.sqrt(xx[at])];
+        const aside = Math.sqrt(Math.max(yy[at] - cross * cross, 0));
+        for (let turn = 0; turn <= 40; turn++) {
+          const [cos, sin] = [Math.cos((turn * Math.PI) / 20), Math.sin((turn * Math.PI) / 20)];
+          pen[turn ? "lineTo" : "moveTo"](x(xs[at] + SCALE_95 * along * cos), y(ys[at] + SCALE_95 * (cross * cos + aside * sin)));
+        }
+      }
+      pen.stroke();
+    },
+    track: (layer) => {
+      const { t, x: xs, y: ys, level, shape, variant, trail, color } = layer;
+      const trails = trail ? [[color, pathOf(xs, ys, () => true), shape === "none" ? 1.5 : 2.5]] : [];
+      if (level) {
+        scene.levels.forEach((_, number) => trails.push([LEVELS[number], pathOf(xs, ys, (at) => level[at - 1] === number), 3.5]));
+      }
+      return (instant) => {
+        pen.save();
+        pen.translate(size.x / 2 - view.x * view.scale, size.y / 2 + view.y * view.scale);
+        pen.scale(view.scale, -view.scale);
+        for (const [name, path, width] of trails) {
+          Object.assign(pen, { strokeStyle: paint(name), lineWidth: width / view.scale, globalAlpha: 0.75, lineJoin: "round" });
+          pen.setLineDash(DASHES[variant % 4].map((dash) => dash / view.scale));
+          pen.stroke(path);
+        }
+        pen.restore();
+        pen.setLineDash([]);
+        const pose = scene.span && shape !== "none" ? poseAt(layer, instant) : null;
+        if (!pose) return;
+        const [px, py, ink] = [x(pose.x), y(pose.y), paint(color)];
+        if (shape === "body" && scene.body && !Number.isNaN(pose.yaw)) drawBody(layer, pose, instant, ink);
+        else if (shape === "star") drawStar(px, py, 8, ink);
+        else dot(px, py, shape === "person" ? Math.max(6, 0.22 * view.scale) : 5, ink, paint("back"));
+      };
+    },
+  };
+  const pathOf = (xs, ys, wanted) => {
+    const path = new Path2D();
+    for (let at = 1, joined = false; at < xs.length; at++) {
+      const there = wanted(at) && !Number.isNaN(xs[at]) && !Number.isNaN(xs[at - 1]);
+      if (there && !joined) path.moveTo(xs[at - 1], ys[at - 1]);
+      if (there) path.lineTo(xs[at], ys[at]);
+      joined = there;
+    }
+    return path;
+  };
+  const drawStar = (px, py, reach, color) => {
+    pen.beginPath();
+    for (let at = 0; at < 10; at++) {
+      const far = at % 2 ? reach / 2.4 : reach;
+      pen.lineTo(px + far * Math.sin((at * Math.PI) / 5), py - far * Math.cos((at * Math.PI) / 5));
+    }
+    Object.assign(pen, { fillStyle: color }).fill();
+  };
+  const drawBody = ({ t, feet }, pose, instant, color) => {
+    if (scene.body[0] * view.scale < 10) return dot(x(pose.x), y(pose.y), 5, color, paint("back"));
+    const [cos, sin] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
+    const at = (ahead, aside) => {
+      const [forward, left] = [(ahead * scene.body[0]) / 2, (aside * scene.body[1]) / 2];
+      return [x(pose.x + forward * cos - left * sin), y(pose.y + forward * sin + left * cos)];
+    };
+    pen.beginPath();
+    for (const corner of [[1, 1], [-1, 1], [-1, -1], [1, -1]]) pen.lineTo(...at(...corner));
+    pen.closePath();
+    Object.assign(pen, { fillStyle: color, globalAlpha: 0.55 }).fill();
+    Object.assign(pen, { strokeStyle: color, globalAlpha: 1, lineWidth: 2 }).stroke();
+    pen.beginPath();
+    pen.moveTo(...at(0, 0));
+    pen.lineTo(...at(1.5, 0));
+    pen.stroke();
+    const standing = feet ? feet[rowAt(t, instant)] : NaN;
+    if (standing >= 0) FEET.forEach((place, leg) => dot(...at(...place), Math.max(2, 0.035 * view.scale), (standing >> leg) & 1 ? color : null, color));
+  };
+  const drawScale = () => {
+    const length = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((metres) => metres * view.scale > 60) ?? 1000;
+    const [left, low] = [16, size.y - 16];
+    stroke("soft", 2);
+    pen.strokeRect(left, low, length * view.scale, 0.01);
+    label(`${length} ${scene.unit}`, left, low - 6, "soft");
+  };
+
+  let drawers = [];
+  const recolor = () => (drawers = layers.map((layer) => prepare[layer.kind](layer)));
+  recolor();
+  return {
+    layers,
+    recolor,
+    draw: (instant) => {
+      const followed = follow && poseAt(walker, instant);
+      if (followed) view = { ...view, x: followed.x, y: followed.y };
+      const sharp = canvas.width / size.x;
+      pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+      Object.assign(pen, { fillStyle: paint("sheet"), globalAlpha: 1 }).fillRect(0, 0, size.x, size.y);
+      layers.forEach((layer, at) => {
+        pen.globalAlpha = 1;
+        pen.setLineDash([]);
+        if (!layer.hidden) drawers[at](instant);
+      });
+      pen.setLineDash([]);
+      drawScale();
+    },
+    whole: () => {
+      follow = false;
+      const [left, right, bottom, top] = scene.extent;
+      view = { x: (left + right) / 2, y: (bottom + top) / 2, scale: Math.min(size.x / (right - left), size.y / (top - bottom)) };
+    },
+    near: (across) => {
+      follow = true;
+      view = { ...view, scale: Math.min(size.x, size.y) / across };
+    },
+    follows: () => follow,
+    resize: (width, height) => {
+      view.scale *= width / size.x;
+      Object.assign(size, { x: width, y: height });
+      const sharp = Math.min(devicePixelRatio, 2);
+      Object.assign(canvas, { width: Math.round(width * sharp), height: Math.round(height * sharp) });
+    },
+    zoom: (factor, px = size.x / 2, py = size.y / 2) => {
+      const [wx, wy] = [view.x + (px - size.x / 2) / view.scale, view.y - (py - size.y / 2) / view.scale];
+      const scale = Math.min(2000, Math.max(0.02, view.scale * factor));
+      view = { scale, x: wx - (px - size.x / 2) / scale, y: wy + (py - size.y / 2) / scale };
+    },
+    pan: (dx, dy) => {
+      follow = false;
+      view = { ...view, x: view.x - dx / view.scale, y: view.y + dy / view.scale };
+    },
+    world: (px, py) => [view.x + (px - size.x / 2) / view.scale, view.y - (py - size.y / 2) / view.scale],
+    // The position of a track within 15 pixels of the pointer.
+    nearest: (px, py) => {
+      let best = { away: 15 };
+      for (const { label: name, hidden, trail, t, x: xs, y: ys } of tracks) {
+        for (let at = 0; !hidden && trail && at < xs.length; at++) {
+          const away = Math.hypot(x(xs[at]) - px, y(ys[at]) - py);
+          if (away < best.away) best = { away, label: name, seconds: t[at] };
+        }
+      }
+      return best.label ? best : null;
+    },
+    // The value of a raster with a unit below the pointer.
+    valueAt: (wx, wy) => {
+      for (const { kind, unit, hidden, bytes, x: left, y: bottom, cell, rows, columns, low, high } of layers) {
+        if (kind !== "raster" || !unit || hidden) continue;
+        const [column, row] = [Math.floor((wx - left) / cell), Math.floor((wy - bottom) / cell)];
+        if (column < 0 || row < 0 || column >= columns || row >= rows || !bytes[row * columns + column]) continue;
+        return `${short(low + ((bytes[row * columns + column] - 1) / 254) * (high - low), 3)} ${unit}`;
+      }
+      return "";
+    },
+  };
+};

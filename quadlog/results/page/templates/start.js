@@ -1,0 +1,47 @@
+"use strict";
+// Opens the scenes and curves of the page. Keys work anywhere; #t=18.08 opens an instant.
+(async () => {
+  if (typeof DecompressionStream === "undefined") return document.body.classList.add("old-browser");
+  const block = await unpack();
+  for (const beside of document.querySelectorAll(".beside")) {
+    const wide = matchMedia("(min-width: 75rem)");
+    // Above 75rem the map, its legend and the timeline fill the rest of the first screen, or a screen further down.
+    beside.roomFor = (legend, fitting) => {
+      if (!wide.matches) return Math.min(0.45 * innerHeight, fitting);
+      const below = legend.offsetHeight + beside.querySelector(".timeline").offsetHeight + 24;
+      const top = beside.getBoundingClientRect().top + scrollY;
+      return Math.max(320, innerHeight - (top > 0.6 * innerHeight ? 40 : top) - below);
+    };
+  }
+  const places = [...document.querySelectorAll("[data-scene]")];
+  const open = (place) => openScene(place, pageData.scenes[place.dataset.scene], block);
+  const isNear = (place) => place.getBoundingClientRect().top < 2 * innerHeight;
+  const players = places.filter(isNear).map(open);
+  openCurves([...document.querySelectorAll("[data-chart]")], block);
+  players.push(...places.filter((place) => !place.classList.contains("open")).map(open));
+  const moving = players.filter(Boolean);
+  const goTo = (address) => {
+    const wanted = /^#t=(-?[\d.]+)$/.exec(address);
+    if (!wanted) return false;
+    const instant = Number(wanted[1]);
+    for (const clock of Object.values(clocks)) (clock.pause(), clock.set(instant));
+    const moment = [...document.querySelectorAll("[data-shows]")].find(({ hash }) => Math.abs(Number(hash.slice(3)) - instant) < 0.01);
+    if (moment) moving[0]?.show(JSON.parse(moment.dataset.shows));
+    return true;
+  };
+  if (!goTo(location.hash)) moving.forEach(({ start }) => start());
+  addEventListener("hashchange", () => goTo(location.hash));
+  addEventListener("click", (event) => {
+    const link = event.target.closest('a[href^="#t="]');
+    if (!link || !goTo(link.hash)) return; // a second click on a link changes no hash
+    const { top, bottom } = moving[0]?.stage.getBoundingClientRect() ?? {};
+    if (bottom < 40 || top > innerHeight - 40) moving[0].stage.scrollIntoView({ block: "nearest" });
+  });
+  addEventListener("keydown", (event) => {
+    const taken = event.target.closest('input:not([type="range"]), select, textarea, [contenteditable]') || (event.key === " " && event.target.closest("button, summary, a"));
+    const act = moving[0]?.keys[event.key];
+    if (!act || taken || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    act(event.shiftKey);
+  });
+})();

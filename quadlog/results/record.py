@@ -1,0 +1,274 @@
+"""`run.json`: how a run was made, from what input, and what was lost."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+from threading import Thread
+from typing import Any, cast
+from uuid import uuid4
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from quadlog.config.file import without_retired
+from quadlog.config.schema import Config
+from quadlog.config.version import describe_host, package_versions
+from quadlog.errors import NotARun, RecordingNotFound, UnknownRunFormat, clipped, printable
+from quadlog.recordings.file_names import recording_files
+from quadlog.storage.remote_object import ObjectInfo
+from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import redacted_text
+from quadlog.version import __version__
+
+RUN_FORMAT = 1
+"""Increased when scripts that read run folders have to change, for a file, column or unit."""
+_MAX_BYTES = 64 << 20
+
+
+class Record(BaseModel):
+    """A part of run.json: frozen, without NaN; fields that a later version added are ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class InputRecord(Record):
+    """The recording: path as given, size, and the SHA-256 of its content; of a URL the ETag, or else Last-Modified."""
+
+    path: str
+    size_bytes: int
+    sha256: str | None = None
+    etag: str | None = None
+    last_modified: str | None = None
+
+    @property
+    def fingerprint(self) -> tuple[str, str] | None:
+        """Kind and value of the fingerprint; None if a server gives none."""
+        known = {"SHA-256": self.sha256, "ETag": self.etag, "Last-Modified": self.last_modified}
+        return next(((name, value) for name, value in known.items() if value is not None), None)
+
+    @property
+    def identity(self) -> str:
+        """Equal for equal inputs; an input without a fingerprint is never equal."""
+        if self.fingerprint is None:
+            return f"unknown {uuid4().hex}"
+        name, value = self.fingerprint
+        return value if name == "SHA-256" else f"{self.size_bytes} bytes, {name} {value}"
+
+
+class TopicRecord(Record):
+    """A topic that was used: its role, type, number of messages, and why it was chosen."""
+
+    role: str
+    topic: str
+    type: str
+    messages: int
+    why: str
+
+
+class LossRecord(Record):
+    """Something lost from the recording: a stable cause, and a line of text."""
+
+    cause: str
+    detail: str
+    topic: str | None = None
+    count: int | None = None
+
+
+class StageRecord(Record):
+    """A stage that ran: wall seconds, and the process's peak memory when it ended."""
+
+    name: str
+    seconds: float
+    peak_memory_mb: float
+
+
+class PluginRecord(Record):
+    """A planner or decoder of another distribution that was used."""
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+
+
+class RunRecord(Record):
+    """The content of run.json.
+
+    command: the arguments, the program first. options: what else the result depends on (stamp, start_s, until, …).
+    recorded_s: length of what was replayed. notes: choices that affected the result. startup_s: imports and
+    compilation, not part of the stages. realtime_factor: recorded_s / seconds in the stages. reused: stages taken from
+    an earlier replay. anchors_from_messages: whether the anchors in config are those that the messages carry.
+    """
+
+    quadlog_version: str
+    command: Sequence[str]
+    config: Config
+    options: Mapping[str, Any]
+    input: InputRecord
+    seed: int
+    recorded_s: float
+    topics: Sequence[TopicRecord] = ()
+    counts: Mapping[str, int] = {}
+    losses: Sequence[LossRecord] = ()
+    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    stages: Sequence[StageRecord] = ()
+    startup_s: float = 0.0
+    realtime_factor: float | None = None
+    reused: Sequence[str] = ()
+    plugins: Sequence[PluginRecord] = ()
+    anchors_from_messages: bool = False
+    host: Mapping[str, Any] = Field(default_factory=describe_host)
+    packages: Mapping[str, str] = Field(default_factory=package_versions)
+    run_format: int = RUN_FORMAT
+
+    @field_validator("config", mode="before")
+    @classmethod
+    def _without_retired_keys(cls, config: Any) -> Any:
+        """Runs of the version before are read."""
+        return without_retired(config)[0] if isinstance(config, Mapping) else config
+
+    @field_validator("command")
+    @classmethod
+    def _without_secrets(cls, command: Sequence[str]) -> list[str]:
+        """URLs may contain passwords or signatures."""
+        return [redacted_text(word) for word in command]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object, without fields that are None."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+
+def read_record(run: Path) -> RunRecord:
+    """The record of a finished run.
+
+    Raises NotARun if run.json is missing or damaged, UnknownRunFormat if its format is not RUN_FORMAT.
+    """
+    content = read_object(run, "run.json", "is no finished run: it has no run.json")
+    found, version = content.get("run_format", RUN_FORMAT), content.get("quadlog_version")
+    if type(found) is not int or found != RUN_FORMAT:  # before its other fields, which may differ
+        raise UnknownRunFormat(run, found, version, RUN_FORMAT, __version__)
+    try:
+        record = RunRecord.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = clipped(printable(".".join(map(str, first["loc"]))), 60)
+        raise NotARun(run / "run.json", f"is damaged: {where}: {clipped(printable(first['msg']))}") from error
+    return record
+
+
+def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
+    """The object in a JSON file of a run; its numbers are finite, its integers fit in 64 bits. Raises NotARun."""
+    path = run / name
+    if not path.is_file():
+        raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise NotARun(path, f"is larger than {_MAX_BYTES} bytes")
+        # Not pydantic's JSON: names of files may contain lone surrogates.
+        content = json.loads(path.read_bytes(), parse_int=_number, parse_float=_number, parse_constant=_number)
+    except (ValueError, OSError, RecursionError) as error:
+        raise NotARun(path, f"is damaged: {clipped(printable(error))}") from error
+    if not isinstance(content, dict):
+        raise NotARun(path, "is damaged: no JSON object")
+    return content
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{clipped(text, 20)} is no finite number")
+    if not text.lstrip("-").isdigit():
+        return value
+    if not -(2**63) <= int(text) < 2**63:
+        raise ValueError(f"{clipped(text, 20)} is too large a number")
+    return int(text)
+
+
+def own_files(path: Path) -> list[Path]:
+    """The files of a recording: itself, or the files of a bag folder with its metadata."""
+    if not path.is_dir():
+        return [path]
+    metadata = path / "metadata.yaml"
+    return sorted([*recording_files(path), *([metadata] if metadata.is_file() else [])])
+
+
+def input_bytes(files: Iterable[Path]) -> int:
+    """Size of a recording's files; files of unknown size count as 0 bytes."""
+    found = [each.look().told if isinstance(each, RemotePath) else each.stat() for each in files]
+    return sum(
+        (each.size_bytes or 0) if isinstance(each, ObjectInfo) else each.st_size for each in found if each is not None
+    )
+
+
+def describe_input(path: Path) -> InputRecord:
+    """Size and SHA-256 of a recording; of a bag folder, the hash over its files' names, sizes and contents in order.
+
+    Behind a URL size and ETag, as they are now; of a folder a hash over its files' names, sizes and ETags.
+
+    Raises RecordingNotFound when it is not there, cannot be read, or is a device that never ends; StorageFailed.
+    """
+    files = own_files(path)
+    if isinstance(path, RemotePath):
+        return _describe_remote(path, [cast(RemotePath, each) for each in files])
+    if any(not each.is_file() for each in files):
+        raise RecordingNotFound(path, "no regular file or folder" if path.exists() else "no such file or folder")
+    digest, size = hashlib.sha256(), 0
+    try:
+        for each in files:
+            length = each.stat().st_size
+            if path.is_dir():
+                digest.update(f"{each.relative_to(path).as_posix()}\0{length}\0".encode("utf-8", "surrogateescape"))
+            with each.open("rb") as file:
+                while chunk := file.read(1 << 20):
+                    digest.update(chunk)
+            size += length
+    except OSError as error:
+        raise RecordingNotFound(path, error.strerror or str(error)) from error
+    return InputRecord(path=str(path), size_bytes=size, sha256=digest.hexdigest())
+
+
+def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
+    try:
+        found = [each.open_object().told for each in files]
+    except FileNotFoundError:
+        raise RecordingNotFound(str(path), "no such file on the server") from None
+    size = sum(each.size_bytes or 0 for each in found)
+    if len(found) == 1 and not path.is_dir():
+        only = found[0]
+        # Without a size two files of the same date cannot be distinguished.
+        known = only.size_bytes is not None
+        marks = {"etag": only.etag, "last_modified": only.last_modified} if known else {}
+        return InputRecord(path=str(path), size_bytes=size, **marks)
+    versions = [each.etag or each.last_modified for each in found]
+    if None in versions or any(each.size_bytes is None for each in found):
+        return InputRecord(path=str(path), size_bytes=size)
+    lines = (
+        f"{file.name}\0{each.size_bytes}\0{version}\0"
+        for file, each, version in zip(files, found, versions, strict=True)
+    )
+    digest = hashlib.sha256("".join(lines).encode()).hexdigest()
+    return InputRecord(path=str(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
+
+
+def describe_file(path: Path, sha256: str) -> InputRecord:
+    """A recording that is one file of this machine, whose hash is known."""
+    return InputRecord(path=str(path), size_bytes=path.stat().st_size, sha256=sha256)
+
+
+def describe_input_aside(path: Path) -> Future[InputRecord]:
+    """`describe_input` in a thread: hashing releases the GIL."""
+    described: Future[InputRecord] = Future()
+
+    def describe() -> None:
+        try:
+            described.set_result(describe_input(path))
+        except BaseException as error:  # raised by result()
+            described.set_exception(error)
+
+    Thread(target=describe, name="quadlog-hash", daemon=True).start()
+    return described

@@ -1,0 +1,429 @@
+"""The scenes of a run, seen from above: the walk over its maps, the geometry of the anchors, one scan, the terrain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.results.numbers import sig
+from quadlog.results.run import Run
+from quadlog.results.view import (
+    GAP_S,
+    Activity,
+    Array,
+    Ellipses,
+    Layer,
+    Lines,
+    Link,
+    Marks,
+    Moment,
+    Raster,
+    Scene,
+    Track,
+    Windows,
+    break_gaps,
+    extent_of,
+    thin_evenly,
+)
+from quadlog.results.words import value_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+AROUND_M = 2.0
+"""Margin of the first view around the walk."""
+WIDER = 2.0
+"""Anchors are in the first view unless it would show the walk smaller than this."""
+STANDS_M = 1.0
+"""A robot that moves less stands; then the first view is all that it saw."""
+STANDS_N = 1.0
+"""Vertical force from which a foot counts as standing."""
+NEAR_S = 1.0
+"""Fixes and late ranges are shown at instants within this time."""
+MOST_OBSTACLES = 6000
+"""Obstacle points of all saved scans together."""
+LATE = "late ranges (NLOS)"
+CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
+"""Colours of the classes of points; all others are soft."""
+
+
+def walk_scene(run: Run) -> Scene | None:
+    """Everything that moved, on the maps it moved on; None where nothing did."""
+    level, levels = _error_levels(run)
+    tracks = [track for track in _tracks(run, level) if track is not None]
+    if not tracks:
+        return None
+    layers: list[Layer] = [*_walls(run), *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
+    layers += [*_plans(run), *tracks, *_errors(run), *_contacts(run)]
+    extent = _around(run, tracks)
+    if run.maps is not None and _side(extent) < STANDS_M + 2 * AROUND_M:
+        extent = _seen(run)
+    moments, activity = _moments(run), list(_activity(run))
+    return Scene(layers, extent, body=_body(run), levels=levels, moments=moments, activity=activity)
+
+
+def _around(run: Run, tracks: Sequence[Track]) -> tuple[float, float, float, float]:
+    """Around the tracks, and the anchors where the view stays within WIDER times the size."""
+    walked = [(track.x, track.y) for track in tracks]
+    extent = extent_of(*walked, margin=AROUND_M)
+    anchors_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2)
+    wider = extent_of(*walked, (anchors_m[:, 0], anchors_m[:, 1]), margin=AROUND_M)
+    return wider if _side(wider) <= WIDER * _side(extent) else extent
+
+
+def _side(extent: tuple[float, float, float, float]) -> float:
+    left, right, bottom, top = extent
+    return max(right - left, top - bottom)
+
+
+def _tracks(run: Run, level: Array | None = None) -> Iterator[Track | None]:
+    if run.simulated:
+        yield _track(run.table("control"), "simulated robot", "resim", feet=True)
+        return
+    truth = run.trajectory("reference")
+    if truth is not None and run.metric("ate_rmse_m") is not None:  # a reference in another frame lies elsewhere
+        seconds, x, y = break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+        yield Track("reference", "text", seconds, x, y, shape="none", variant=1)
+    target = run.table("target")
+    if target is not None and set(target["source"]) != {"ahead"}:  # the robot's own future lies on its own track
+        yield _track(target, "target", "target", shape="person")
+    yield _track(run.table("poses"), "robot", "robot", level=level)
+    yield _track(run.table("other_poses"), "other track", "olive", shape="none", variant=2)
+    yield _track(run.table("control"), "simulated robot", "resim", feet=True)
+
+
+def _track(
+    table: DataFrame | None, label: str, color: str, level: Array | None = None, feet: bool = False, **look: Any
+) -> Track | None:
+    """The rows of a table that have a position."""
+    if table is None:
+        return None
+    known = np.isfinite(table["x_m"].to_numpy()) & np.isfinite(table["y_m"].to_numpy())
+    rows = table[known].sort_values("seconds")
+    if not len(rows):
+        return None
+    columns: dict[str, Any] = {"x": rows["x_m"].to_numpy(), "y": rows["y_m"].to_numpy()}
+    if "yaw_rad" in rows:
+        columns["yaw"] = rows["yaw_rad"].to_numpy()
+    if level is not None:
+        columns["level"] = level[known]
+    forces = [f"fz_{leg}_n" for leg in range(4)]
+    if feet and rows[forces].notna().all(axis=None):
+        columns["feet"] = (rows[forces].to_numpy() > STANDS_N) @ (1 << np.arange(4))
+    seconds, *values = break_gaps(rows["seconds"].to_numpy(), *columns.values())
+    look |= dict(zip(columns, values, strict=True))
+    return Track(label, color, seconds, **look)
+
+
+def _error_levels(run: Run) -> tuple[Array | None, tuple[str, ...]]:
+    """The class (N,) of each pose's distance to the reference, -1 where unknown, and the classes in words.
+
+    Their limits are 1, 2 and 3 times a round number, so that about 95 % of the distances lie below the last.
+    """
+    truth, poses = run.trajectory("reference"), run.table("poses")
+    if truth is None or poses is None or run.metric("ate_rmse_m") is None:
+        return None, ()
+    seconds, x_m, y_m = break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+    at_x_m, at_y_m = (np.interp(poses["seconds"], seconds, values, np.nan, np.nan) for values in (x_m, y_m))
+    error_m = np.hypot(poses["x_m"].to_numpy() - at_x_m, poses["y_m"].to_numpy() - at_y_m)
+    if not np.isfinite(error_m).any():
+        return None, ()
+    third_m = max(float(np.nanpercentile(error_m, 95)) / 3, 1e-3)
+    power = 10.0 ** np.floor(np.log10(third_m))
+    step_m = power * next(digit for digit in (1, 2, 3, 5, 10) if digit * power >= third_m * (1 - 1e-9))
+    limits_m = step_m * np.arange(1, 4)
+    level = np.where(np.isfinite(error_m), np.searchsorted(limits_m, np.nan_to_num(error_m)), -1)
+    return level, (*(f"≤ {sig(limit)} m" for limit in limits_m), f"> {sig(limits_m[-1])} m")
+
+
+def _walls(run: Run) -> Iterator[Layer]:
+    if run.maps is not None:
+        share, origin_m, cell_m = run.maps.occupancy
+        seen = np.where(share > 0, share, np.nan)
+        yield Raster("walls, whole run", "wall", seen, tuple(origin_m.tolist()), cell_m, 0.0, 1.0)
+        yield Windows("map at this instant", "cell", run.seconds(run.maps.t_ns), run.maps)
+
+
+def _seen(run: Run) -> tuple[float, float, float, float]:
+    """Around all cells that were ever occupied."""
+    assert run.maps is not None
+    share, origin_m, cell_m = run.maps.occupancy
+    row, column = np.nonzero(np.nan_to_num(share) > 0)
+    return extent_of((origin_m[0] + cell_m * column, origin_m[1] + cell_m * row))
+
+
+def _anchors(run: Run) -> Iterator[Layer]:
+    if anchors := run.config.uwb.anchors:
+        x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in anchors]).T
+        yield Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
+
+
+def _scans(run: Run) -> Iterator[Layer]:
+    """Obstacle points of the saved scans, about their instants."""
+    saved, poses = run.arrays("cloud_samples"), run.table("poses")
+    names = [] if saved is None else saved["classes"].tolist()
+    if saved is None or poses is None or "obstacle" not in names:
+        return
+    scan = np.repeat(np.arange(len(saved["t_ns"])), np.diff(saved["offset"]))
+    known = np.isfinite(saved["xyz_m"]).all(axis=1) & np.isfinite(saved["x_m"][scan])
+    keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
+    keep = keep[thin_evenly(len(keep), MOST_OBSTACLES)]
+    scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
+    seconds, cos, sin = run.seconds(saved["t_ns"])[scan], np.cos(saved["yaw_rad"][scan]), np.sin(saved["yaw_rad"][scan])
+    x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
+    y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
+    if len(keep):
+        shown: dict[str, Any] = {"seconds": seconds - NEAR_S, "until": seconds + NEAR_S}
+        yield Marks("obstacle points of a scan", "note", x_m, y_m, **shown)
+
+
+def _course(run: Run) -> Iterator[Layer]:
+    paths = run.table("paths")
+    if run.simulated and paths is not None:
+        yield line("course", "note", paths["x_m"].to_numpy(), paths["y_m"].to_numpy(), 1)
+
+
+def _fixes(run: Run) -> Iterator[Layer]:
+    """Fixes of the moment, those that the track leaves out in another colour, with their 95 % ellipses."""
+    fixes = run.table("fixes")
+    if fixes is None:
+        return
+    fixes = fixes[fixes["x_m"].notna()].sort_values("seconds", kind="stable")
+    outlier = fixes["outlier"].to_numpy()
+    for label, color, rows in (("UWB fixes", "fix", fixes[~outlier]), ("outlying fixes", "olive", fixes[outlier])):
+        if len(rows):
+            seconds, x_m, y_m = (rows[name].to_numpy() for name in ("seconds", "x_m", "y_m"))
+            yield Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
+    seconds, x_m, y_m = (fixes[name].to_numpy() for name in ("seconds", "x_m", "y_m"))
+    xx_m2, xy_m2, yy_m2 = (fixes[f"cov_{axes}_m2"].to_numpy() for axes in ("xx", "xy", "yy"))
+    yield Ellipses("95 % ellipse of the fix", "fix", seconds, x_m, y_m, xx_m2, xy_m2, yy_m2)
+
+
+def _late_ranges(run: Run) -> Iterator[Layer]:
+    """Circles about the anchors whose ranges of the moment are late: most likely not in line of sight."""
+    ranges = run.table("ranges")
+    if ranges is None:
+        return
+    places_m = {anchor.id: (anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors}
+    late = ranges[is_late(run, ranges) & ranges["anchor"].isin(places_m)]
+    if len(late):
+        x_m, y_m = np.array([places_m[anchor] for anchor in late["anchor"].tolist()]).T
+        seconds = late["seconds"].to_numpy()
+        until, radius_m = seconds + NEAR_S / 4, late["range_m"].to_numpy()
+        yield Marks(LATE, "note", x_m, y_m, "circle", seconds, until, radius_m, hidden=True)
+
+
+LATE_STD = 3.0
+"""A range is late if it is longer than predicted by more standard deviations."""
+
+
+def is_late(run: Run, ranges: DataFrame) -> Array:
+    """Which rows (N,) of the table ranges are late."""
+    late = ranges["range_m"] - ranges["predicted_m"] > LATE_STD * run.config.uwb.range_std_m
+    return late.to_numpy()
+
+
+def _plans(run: Run) -> Iterator[Lines]:
+    wanted = [("paths", "plan, recorded walk", "fix", 1, 0), ("resim_paths", "plan, simulated walk", "plan", 0, 12)]
+    for name, label, color, variant, shown in [] if run.simulated else wanted:
+        paths = run.table(name)
+        if paths is None:
+            continue
+        smooth = paths["smooth_x_m"].notna().groupby(paths["t_ns"]).transform("any")
+        x_m, y_m = (np.where(smooth, paths[f"smooth_{axis}_m"], paths[f"{axis}_m"]) for axis in "xy")
+        first = np.flatnonzero(np.append(True, np.diff(paths["t_ns"]) != 0))
+        seconds = paths["seconds"].to_numpy()[first]
+        yield Lines(label, color, np.append(first, len(paths)), x_m, y_m, seconds, variant, shown)
+
+
+def _errors(run: Run) -> Iterator[Layer]:
+    """The line from the simulated robot to the nearest point of its reference path: the error itself."""
+    control = run.table("control")
+    if control is not None and control["ref_x_m"].notna().any():
+        columns = ("seconds", "x_m", "y_m", "ref_x_m", "ref_y_m")
+        yield Link("distance to the path", "bad", *(control[name].to_numpy() for name in columns))
+
+
+def _contacts(run: Run) -> Iterator[Layer]:
+    contacts = run.table("contacts")
+    if contacts is not None:
+        yield Marks("contact", "bad", contacts["x_m"].to_numpy(), contacts["y_m"].to_numpy(), "cross")
+
+
+def _body(run: Run) -> tuple[float, float]:
+    return run.config.robot.length_m, run.config.robot.width_m
+
+
+def _moments(run: Run) -> list[Moment]:
+    """Contacts, collisions first, then the worst instant of each metric, tag and bound."""
+    found = []
+    contacts = run.table("contacts")
+    if contacts is not None:
+        rows = contacts.sort_values("collision", ascending=False, kind="stable")
+        columns = zip(*(rows[name].tolist() for name in ("seconds", "cause", "collision")), strict=True)
+        found = [Moment(at_s, cause, "collision" if hit else "no collision") for at_s, cause, hit in columns]
+    known = {moment.seconds for moment in found}
+    for name in (name for labels in THEMES.values() for name in labels):
+        metric = run.metrics.get(name)
+        if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
+            continue
+        seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])
+        if seconds not in known:  # metrics of one error are worst at one instant
+            known.add(seconds)
+            worst = "" if metric.worst is None else value_text(name, abs(metric.worst), metric.unit)
+            shows = (LATE,) if CATALOGUE[name].theme == "Position" else ()
+            label = CATALOGUE[name].label
+            what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
+            found.append(Moment(seconds, what, worst, name, shows))
+    return [*found, *_worst_of_tags(run)]
+
+
+_AS_GOOD = frozenset({
+    *("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m"),
+    *("uwb_nis", "rpe_rmse_m", "reference_time_offset_s"),
+})  # fmt: skip
+"""Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
+
+
+def _worst_of_tags(run: Run) -> Iterator[Moment]:
+    """Where the track is farthest outside of its 95 % bound, and the largest error of each of several tags."""
+    errors = run.table("uwb_errors")
+    if errors is None:
+        return
+    track = errors[errors["source"] == "track"].dropna(subset=["error_x_m", "error_y_m"])
+    seconds, tags, bound_m = (track[name].to_numpy() for name in ("seconds", "tag", "bound_m"))
+    error_m = np.hypot(track["error_x_m"].to_numpy(), track["error_y_m"].to_numpy())
+    beyond = np.where(bound_m > 0, error_m / np.where(bound_m > 0, bound_m, 1.0), 0.0)
+    if beyond.max(initial=0.0) > 1:
+        at = int(beyond.argmax())
+        words = f"{sig(float(beyond[at]), 2)} × the bound"
+        yield Moment(float(seconds[at]), "farthest outside of the 95 % bound", words, "", (LATE,))
+    known = np.unique(tags).tolist()
+    for tag in known if len(known) > 1 else []:
+        at = int(np.where(tags == tag, error_m, -1.0).argmax())
+        words = f"{sig(float(error_m[at]))} m"
+        yield Moment(float(seconds[at]), f"worst error of tag {tag}", words, f"tag {tag}", (LATE,))
+
+
+_ROLES = (
+    ("lidar", "scans"),
+    ("UWB", "ranges"),
+    ("positions", "poses"),
+    ("target", "target"),
+    ("joints", "joints"),
+    ("plans", "plans"),
+)
+
+
+def _activity(run: Run) -> Iterator[Activity]:
+    """When there was data of each role, contacts, and instants at which the reference path changes."""
+    for label, name in _ROLES:
+        table = run.table(name)
+        if table is not None and not run.simulated:
+            seconds = np.sort(table["seconds"].to_numpy())
+            cut = np.flatnonzero(np.diff(seconds) > GAP_S)
+            spans = zip(seconds[np.append(0, cut + 1)].tolist(), seconds[np.append(cut, -1)].tolist(), strict=True)
+            yield Activity(label, spans=list(spans))
+    contacts = run.table("contacts")
+    if contacts is not None:
+        events = zip(contacts["seconds"].tolist(), contacts["cause"].tolist(), strict=True)
+        yield Activity("contacts", events=list(events))
+
+
+def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
+    """One still polyline."""
+    return Lines(label, color, np.array([0, len(x)]), x, y, variant=variant)
+
+
+def geometry_scene(run: Run) -> Scene | None:
+    """How well the anchors' directions determine a position, and fixes with their ellipses."""
+    grid, fixes = run.arrays("dilution"), run.table("fixes")
+    if grid is None or fixes is None:
+        return None
+    hdop, cell_m = grid["hdop"], float(grid["cell_m"])
+    known = hdop[np.isfinite(hdop)]
+    low = float(known.min()) if len(known) else 0.0
+    high = max(1.3 * low, min(float(np.percentile(known, 98)), 4.0)) if len(known) else 4.0
+    values = np.clip(np.where(np.isfinite(hdop), hdop, high), low, high)
+    left, bottom = grid["origin_m"].tolist()
+    good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
+    layers: list[Layer] = [Raster("HDOP", "soft", values, (left, bottom), cell_m, low, high, "×")]
+    layers.append(Marks("UWB fixes", "fix", good["x_m"].to_numpy(), good["y_m"].to_numpy()))
+    layers += [
+        line(track.label, track.color, track.x, track.y, track.variant)
+        for track in _tracks(run)
+        if track is not None and track.label in ("reference", "robot")
+    ]
+    if len(good):
+        layers.append(_outlines(good.iloc[thin_evenly(len(good), 24)]))
+    rows, columns = hdop.shape
+    return Scene([*layers, *_anchors(run)], (left, left + columns * cell_m, bottom, bottom + rows * cell_m))
+
+
+SCALE_95 = 2.4477
+"""From the standard to the 95 % ellipse in two dimensions: √5.991."""
+
+
+def outline_95(x: Array, y: Array, xx: Array, xy: Array, yy: Array) -> tuple[Array, Array]:
+    """Points (N, 41) on the 95 % ellipses about (x, y) with these covariances (N,)."""
+    turn = np.linspace(0, 2 * np.pi, 41)
+    std_x = np.sqrt(np.maximum(xx, 1e-12))[:, None]
+    cross = xy[:, None] / std_x
+    std_y = np.sqrt(np.maximum(yy[:, None] - cross**2, 0.0))
+    along = SCALE_95 * std_x * np.cos(turn)
+    return x[:, None] + along, y[:, None] + SCALE_95 * (cross * np.cos(turn) + std_y * np.sin(turn))
+
+
+def _outlines(fixes: DataFrame) -> Lines:
+    columns = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
+    x_m, y_m = outline_95(*(fixes[name].to_numpy() for name in columns))
+    first = np.arange(len(fixes) + 1) * x_m.shape[1]
+    return Lines("95 % ellipses of some fixes", "note", first, x_m.ravel(), y_m.ravel())
+
+
+def scan_points(run: Run) -> dict[str, Array] | None:
+    """Points (N, 3) in base of the middle one of the saved scans, by class, the rarest last."""
+    saved = run.arrays("cloud_samples")
+    if saved is None or not len(saved["t_ns"]):
+        return None
+    number = len(saved["t_ns"]) // 2
+    rows = slice(*saved["offset"][number : number + 2])
+    xyz_m, label = saved["xyz_m"][rows].astype(float), saved["label"][rows]
+    finite = np.isfinite(xyz_m).all(axis=1)
+    points = {str(name).lower(): xyz_m[finite & (label == k)] for k, name in enumerate(saved["classes"])}
+    return dict(sorted(((name, of) for name, of in points.items() if len(of)), key=lambda item: -len(item[1])))
+
+
+def scan_scene(run: Run) -> Scene | None:
+    """One scan from above, in the frame base."""
+    points = scan_points(run)
+    if not points:
+        return None
+    layers: list[Layer] = [
+        Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
+    ]
+    corners = np.array(_body(run)) / 2 * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]
+    layers.append(line("robot", "robot", corners[:, 0], corners[:, 1]))
+    every = np.concatenate([of[:, :2] for of in points.values()])
+    reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
+    return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
+
+
+def terrain_scene(run: Run) -> Scene | None:
+    """The mean height of the ground in each cell."""
+    ground = run.arrays("ground")
+    if ground is None or not np.isfinite(ground["height_m"]).any():
+        return None
+    height_m, cell_m = ground["height_m"], float(ground["cell_m"])
+    low, high = np.nanpercentile(height_m, [1, 99]).tolist()
+    high = max(high, low + 0.02)  # a flat floor looks flat
+    left, bottom = ground["origin_m"].tolist()
+    row, column = np.nonzero(np.isfinite(height_m))
+    box = extent_of((left + cell_m * column, bottom + cell_m * row))
+    values = np.clip(height_m, low, high)
+    return Scene(
+        [Raster("height of the ground", "text", values, (left, bottom), cell_m, low, high, "m", "cividis")], box
+    )

@@ -1,0 +1,356 @@
+"""What a figure shows, without how it is drawn: panels of curves, and scenes seen from above.
+
+`page/pack.py` sends both to the browser, `mpl.py` draws them as pictures and films, `foxglove.py` reads scenes.
+A gap in a curve or a track is a row of NaN, made by `break_gaps`: no renderer draws a line across it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from quadlog.results.run import Run
+    from quadlog.results.saved.maps import MapSequence
+
+Array = NDArray[Any]
+
+TIME = "time (s)"
+GAP_S = 1.0
+"""After a longer time without a sample the value is unknown."""
+# The palette of Okabe and Ito, which colour-blind readers can tell apart; page/templates/app.css has the same names.
+COLORS = {
+    "robot": "#0072B2", "target": "#D55E00", "plan": "#009E73", "resim": "#CC79A7", "note": "#E69F00",
+    "fix": "#56B4E9", "olive": "#8A7A00", "text": "#1A1A1A", "soft": "#8C8C8C", "wall": "#6E6E6E", "cell": "#1A1A1A",
+    "bad": "#B3003C",
+}  # fmt: skip
+MOST_DOTS = 200
+"""Of a row of a forest plot."""
+CYCLE = ("robot", "target", "plan", "resim", "note", "fix", "olive", "text")
+"""Colours of things that are many and alike (anchors, runs, planners); after these they repeat with another variant."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """A curve: x (N,) rising, y (N,).
+
+    style: band fills between y and upper (N,). variant: 0 solid or filled, then dashed or hollow, and so on.
+    """
+
+    label: str
+    color: str
+    x: Array
+    y: Array
+    style: Literal["line", "points", "steps", "band"] = "line"
+    variant: int = 0
+    upper: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """Curves over one x axis. what: the quantity with its unit, as in "distance to the path (m)".
+
+    zero: the y axis begins at 0. log: it is logarithmic. lane: a low panel, one of many alike. robust: the y axis spans
+    the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
+    the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
+    the number of a row, and log is about the x axis.
+    """
+
+    what: str
+    series: Sequence[Series]
+    x: str = TIME
+    zero: bool = False
+    log: bool = False
+    lane: bool = False
+    robust: bool = False
+    marks: Array = field(default_factory=lambda: np.empty(0))
+    rows: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Raster:
+    """Still cells: values (rows, columns) from low to high, NaN for none, row = y; origin: lower-left corner.
+
+    ramp: `fade`, from transparent to the colour, or the colour map `cividis`, which gets a scale.
+    """
+
+    label: str
+    color: str
+    values: Array
+    origin: tuple[float, float]
+    cell: float
+    low: float
+    high: float
+    unit: str = ""
+    ramp: Literal["fade", "cividis"] = "fade"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """The occupied cells of a map sequence, each map shown from its instant, seconds (S,), until the next one's."""
+
+    label: str
+    color: str
+    seconds: Array
+    maps: MapSequence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Polylines; line k has the rows first[k] to first[k + 1] of x and y.
+
+    seconds (K,): line k is shown from then until the next one's. shown: number of timed lines in a picture of the whole
+    time; 0 for lines that only a single instant shows.
+    """
+
+    label: str
+    color: str
+    first: Array
+    x: Array
+    y: Array
+    seconds: Array | None = None
+    variant: int = 0
+    shown: int = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """Points. seconds, until (N,): the time in which each is shown; radius (N,): of circles instead of points.
+
+    names: written beside the points. hidden: switched off until the reader switches it on; left out of pictures.
+    """
+
+    label: str
+    color: str
+    x: Array
+    y: Array
+    shape: Literal["dot", "triangle", "cross", "star", "circle"] = "dot"
+    seconds: Array | None = None
+    until: Array | None = None
+    radius: Array | None = None
+    names: Sequence[str] = ()
+    hidden: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown.
+
+    feet: a bit for each standing foot, -1 where unknown. level: index of each pose's error class among the scene's
+    `levels`, -1 where unknown. trail: whether the way is drawn.
+    """
+
+    label: str
+    color: str
+    seconds: Array
+    x: Array
+    y: Array
+    yaw: Array | None = None
+    shape: Literal["body", "person", "dot", "star", "none"] = "body"
+    feet: Array | None = None
+    level: Array | None = None
+    trail: bool = True
+    variant: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """A line between two moving points at each instant, seconds (N,), with its length: what an error is measured to."""
+
+    label: str
+    color: str
+    seconds: Array
+    x: Array
+    y: Array
+    to_x: Array
+    to_y: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipses:
+    """The 95 % ellipse of each position, seconds (N,), with its covariance xx, xy, yy in m²; hidden as in Marks."""
+
+    label: str
+    color: str
+    seconds: Array
+    x: Array
+    y: Array
+    xx: Array
+    xy: Array
+    yy: Array
+    hidden: bool = False
+
+
+Layer = Raster | Windows | Lines | Marks | Track | Link | Ellipses
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """An instant worth a look: what happens, and its value with its unit. name: of the metric it is the worst of.
+
+    shows: labels of hidden layers that belong to it.
+    """
+
+    seconds: float
+    what: str
+    value: str = ""
+    name: str = ""
+    shows: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """A row of the timeline: spans (start, end) in which there is data, and instants with a word each."""
+
+    label: str
+    spans: Sequence[tuple[float, float]] = ()
+    events: Sequence[tuple[float, str]] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Layers, lowest first, in metres or cells. extent: left, right, bottom, top of the first view.
+
+    step: name of a step where the slider counts steps (`replan`), empty for seconds. near: width of a first view that
+    follows the last track; 0 for the whole extent. body: length and width of the
+    robot in metres.
+    """
+
+    layers: Sequence[Layer]
+    extent: tuple[float, float, float, float]
+    unit: str = "m"
+    axes: tuple[str, str] = ("x (m)", "y (m)")
+    step: str = ""
+    near: float = 0.0
+    body: tuple[float, float] | None = None
+    levels: Sequence[str] = ()
+    moments: Sequence[Moment] = ()
+    activity: Sequence[Activity] = ()
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a time."""
+        return any(isinstance(layer, Track) for layer in self.layers)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last instant of the tracks; those that are only a way, as the reference, may last longer."""
+        tracks = [layer for layer in self.layers if isinstance(layer, Track)]
+        times = [track.seconds for track in [each for each in tracks if each.shape != "none"] or tracks]
+        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+
+
+Drawing = Sequence[Panel] | Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure of a run. name: stem of its file. caption: how to read it. make: returns None without the data.
+
+    about: the part of the page, `walk` or `sensors`. saved: drawn into plots/ by a replay; `export --to figures` draws
+    all. compared: also shown for several runs.
+    """
+
+    name: str
+    title: str
+    caption: str
+    make: Callable[[Run], Drawing | None]
+    about: Literal["walk", "sensors"] = "walk"
+    saved: bool = False
+    compared: bool = True
+
+
+def look(number: int) -> dict[str, Any]:
+    """Colour and variant of the number-th of many alike, as keywords of Series, Lines and Track."""
+    return {"color": CYCLE[number % len(CYCLE)], "variant": number // len(CYCLE)}
+
+
+class Spread(NamedTuple):
+    """A row of a forest plot: a value, its interval, and what it summarises, (N,) in any order."""
+
+    value: float
+    interval: tuple[float, float] | None = None
+    dots: Array | Sequence[float] = ()
+    color: str = "robot"
+
+
+def forest(what: str, rows: Mapping[str, Spread], x: str, log: bool = False, marks: Sequence[float] = ()) -> Panel:
+    """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value.
+
+    On a logarithmic axis, log, what is not positive is left out.
+    """
+    series = []
+    for place, (name, of) in enumerate(rows.items()):
+        dots = np.sort(np.asarray(of.dots, float))
+        dots = dots[np.isfinite(dots) & ((dots > 0) | (not log))]
+        dots = dots[thin_evenly(len(dots), MOST_DOTS)]
+        ends = np.array(of.interval or ())
+        if log and len(ends):
+            ends = np.array([max(ends[0], min([0.2 * of.value, *dots[:1]])), ends[1]])
+        series += [
+            Series(name, of.color, shown, np.full(len(shown), place), style, variant)  # type: ignore[arg-type]
+            for shown, style, variant in ((dots, "points", 1), (ends, "line", 0), (np.array([of.value]), "points", 0))
+            if len(shown)
+        ]
+    return Panel(what, series, x, log=log, marks=np.array(marks, float), rows=list(rows))
+
+
+def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> list[Array]:
+    """Seconds (N,), rising, and columns (N,), with a row of NaN after the last row before each gap.
+
+    A gap is longer than longest_s and than five median steps.
+    """
+    steps = np.diff(seconds)
+    longest_s = max(longest_s, 5 * float(np.median(steps))) if len(steps) else longest_s
+    before = np.flatnonzero(steps > longest_s)
+    times = np.insert(seconds, before + 1, seconds[before] + longest_s)
+    return [times, *(np.insert(np.asarray(column, float), before + 1, np.nan) for column in columns)]
+
+
+def thin_evenly(length: int, most: int) -> Array:
+    """Indices of at most `most` of so many rows, the first and the last among them."""
+    return np.arange(length) if length <= most else np.unique(np.linspace(0, length - 1, most).astype(int))
+
+
+def extent_of(*points: tuple[Array, Array], margin: float = 0.5) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top around the finite points (x, y), with a margin."""
+    box = []
+    for axis in (0, 1):
+        values = np.concatenate([np.asarray(each[axis], float).ravel() for each in points])
+        values = values[np.isfinite(values)]
+        low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+        box += [low - margin, high + margin]
+    return box[0], box[1], box[2], box[3]
+
+
+def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
+    """The panels of several runs over each other: a colour for each run, a variant for each of its curves."""
+    merged: dict[str, Panel] = {}
+    for number, (name, panels) in enumerate(runs.items()):
+        for panel in panels:
+            one = merged.setdefault(panel.what, replace(panel, series=(), marks=np.empty(0)))
+            curves = [series for series in panel.series if series.style != "band"]
+            added = [
+                replace(series, label=f"{name}: {series.label}", color=look(number)["color"], variant=place)
+                for place, series in enumerate(curves)
+            ]
+            merged[panel.what] = replace(one, series=(*one.series, *added))
+    return list(merged.values())
+
+
+def merge_scenes(runs: Mapping[str, Scene]) -> Scene:
+    """The tracks of several runs in one scene on the walls of the first, a colour for each run."""
+    first = next(iter(runs.values()))
+    layers: list[Layer] = [layer for layer in first.layers if isinstance(layer, Raster)]
+    for number, (name, scene) in enumerate(runs.items()):
+        tracks = [layer for layer in scene.layers if isinstance(layer, Track)]
+        for place, track in enumerate(tracks):
+            label = name if len(tracks) == 1 else f"{name}: {track.label}"
+            layers.append(replace(track, label=label, level=None, color=look(number)["color"], variant=place))
+    box = np.array([scene.extent for scene in runs.values()])
+    extent = (float(box[:, 0].min()), float(box[:, 1].max()), float(box[:, 2].min()), float(box[:, 3].max()))
+    return replace(first, layers=layers, extent=extent, levels=(), moments=(), activity=())

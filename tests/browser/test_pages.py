@@ -1,0 +1,90 @@
+"""What can be done with the pages, each kind opened once in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadlog.results.page.run_page import write_run_page
+from quadlog.results.page.runs_page import write_folder_page
+from quadlog.results.run import Run
+from quadlog.results.saved.tables import TABLES, write_table
+from tests.lab.runs import KINDS, with_many_anchors
+
+Probe = Callable[..., dict[str, Any]]
+
+
+def _page(run: Path, kind: str) -> Path:
+    KINDS[kind](run)
+    return write_run_page(Run(run))
+
+
+def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None:
+    with_many_anchors(tiny_run, anchors=2, tags=3)
+    say = probe(write_run_page(Run(tiny_run)), "run", fragment="#t=1.85")
+    assert say["opened"] == 1.85
+    assert say["inSight"]
+    assert say["share"] == pytest.approx(0.58, abs=0.02)
+    assert say["sideways"] <= 0
+    assert say["parts"] == ["range", "Play", True]
+    assert say["keys"] == pytest.approx([0.0, 0.1, 1.1, 1.0, 3.98])
+    assert say["slider"] == pytest.approx([0.1, 0.1])
+    assert say["playing"] == "Pause"
+    assert say["played"] == pytest.approx(1.0, abs=0.01)
+    assert say["faster"] == pytest.approx(1.0, abs=0.01)
+    assert say["end"] == [3.98, "Play"]
+    assert say["linked"] == pytest.approx([0, 0])  # the same link twice
+    assert say["hidden"] == 0 < say["shown"]  # rings of late ranges
+    assert say["target"][1] == 0 < say["target"][0] == say["target"][2]
+    assert say["zoom"]["fixed"] == pytest.approx([0, 0], abs=0.03)
+    assert say["zoom"]["factor"] == pytest.approx(np.e, rel=0.05)
+    assert say["all"] == pytest.approx([0, 0], abs=0.03)
+    assert say["clicked"] == pytest.approx(3.98 / 4, abs=0.05)
+    assert say["samples"] == 200
+    assert say["fits"] < 0.5
+    assert say["whole"] == pytest.approx(1)
+    assert set(say["empty"]) <= {"clearance–"}  # infinite at most instants
+
+
+@pytest.mark.parametrize(
+    ("kind", "known"), [("one scan", [True, False, False, False]), ("gap", [True, True, False, True])]
+)
+def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kind: str, known: list[bool]) -> None:
+    say = probe(_page(tiny_run, kind), "few", size=(390, 844))
+    assert say["sideways"] <= 0
+    assert say["wide"] == 0
+    assert say["stays"] == "sticky"
+    assert say["known"] == known
+    assert (say["curves"] == 0) == (len(say["only"]) > 5) == (kind == "one scan")
+    if kind == "one scan":
+        assert "distance 0" in say["only"]
+
+
+def test_a_list_of_runs_is_sorted_searched_and_unfolded(tmp_path: Path, probe: Probe) -> None:
+    folder = tmp_path / "season"
+    folder.mkdir()
+    ate_m = np.arange(120) % 7 + np.arange(120) / 1000
+    ate_m[3] = np.nan
+    names = [f"walk-{number}" for number in range(120)]
+    columns = {"recording": names, "exit_code": [0] * 120, "reason": [""] * 120, "ate_rmse_m": ate_m}
+    write_table(folder / "summary.parquet", TABLES["summary"], columns)
+    say = probe(write_folder_page(folder), "tables", size=(390, 844))
+    assert say["sideways"] <= 0
+    assert (say["folded"], say["unfolded"]) == (100, 120)
+    rising = [names[at] for at in np.argsort(ate_m)]  # NaN last
+    assert say["rising"] == rising[:3]
+    assert say["falling"] == [*rising[-2:-5:-1], "walk-3"]
+    assert say["sorted"] == "descending"
+    assert set(say["found"]) == {"walk-10", *(f"walk-10{digit}" for digit in range(10))}
+
+
+def test_the_policy_stops_what_is_not_ours(tiny_run: Path, browse: Callable[..., tuple[str, list[str]]]) -> None:
+    page = _page(tiny_run, "ingest")
+    page.write_text(page.read_text().replace("</body>", "<script>document.title = 'owned';</script></body>"))
+    dom, complaints = browse(page, "--dump-dom")
+    assert "<title>owned" not in dom
+    assert any("Content Security Policy" in line for line in complaints)

@@ -1,0 +1,224 @@
+"""The page of a comparison against its tables: every answer on the map and in the charts, and names that could be
+anything.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import itertools
+import json
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from quadlog.mapping.grid import Window
+from quadlog.pipelines.comparison.compare import compare
+from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.results.page.planners import question_scene
+from quadlog.results.planner_comparison.shown_questions import MOST_BYTES, MOST_QUESTIONS, QuestionSample
+from quadlog.results.view import Windows
+
+OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
+NAMES = ("astar", "ia_star", "mt_d_star_lite", "dijkstra")
+HOSTILE = "<script>alert('1')</script>"
+PROBE = """
+const place = document.querySelector(".timeline");
+const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+const ask = () => {
+  if (place.dataset.now === undefined) return setTimeout(ask, 20);
+  const now = (key) => (press(key), Number(place.dataset.now));
+  const keys = ["End", "ArrowLeft", "Home", "ArrowRight"].map(now);
+  const say = { keys, clock: place.querySelector("output").textContent };
+  say.plots = document.querySelectorAll(".uplot").length;
+  say.heads = [...document.querySelectorAll(".playhead")].filter((head) => !head.hidden).length;
+  document.title = JSON.stringify(say);
+};
+setTimeout(ask, 300);
+"""
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two walks through a forest."""
+    folder = tmp_path_factory.mktemp("walks") / "out"
+    compare(["forest:0.2"], OPTIONS, folder, False, Silent())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def queries(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three queries on a map of 20 by 12 cells with a name that no page should believe; the last one has no answer."""
+    folder = tmp_path_factory.mktemp("queries")
+    blocked = np.zeros((12, 20), dtype=bool)
+    blocked[2:, 9] = blocked[4, 4] = True
+    blocked[0, 0:2] = blocked[1, 1] = True
+    path = folder / HOSTILE
+    path.mkdir(parents=True)
+    path = path / "b&m.map"
+    rows = ["".join("@" if cell else "." for cell in row) for row in blocked]
+    path.write_text("\n".join(["type octile", "height 12", "width 20", "map", *rows]) + "\n")
+    asked = ((0, 11, 19, 11), (2, 0, 3, 9), (0, 1, 0, 0))
+    lines = ["version 1", *(f"0\tm.map\t20\t12\t{a}\t{b}\t{c}\t{d}\t0" for a, b, c, d in asked)]
+    (folder / "m.scen").write_text("\n".join(lines) + "\n")
+    compare([str(path)], replace(OPTIONS, scen=folder / "m.scen"), folder / "out", False, Silent())
+    return folder / "out"
+
+
+def drawn(page: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """The page's drawings, and their columns as page/pack.py describes them."""
+    found = re.search(r'id="page-data">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert found is not None
+    data = json.loads(found[1])
+    raw, start, columns = np.frombuffer(zlib.decompress(base64.b64decode(data["packed"])), np.uint8), 0, []
+    for length, unit, offset in data["columns"]:
+        planes = raw[start : start + 4 * length].reshape(4, length).astype(np.int64)
+        code = np.array([256**place for place in range(4)]) @ planes
+        steps = np.where(code > 0, ((code - 1) >> 1) ^ -((code - 1) & 1), 0)
+        columns.append(np.where(code > 0, np.cumsum(steps) * unit + offset, np.nan))
+        start += 4 * length
+    return data, columns
+
+
+@pytest.mark.parametrize(("kind", "questions"), [("walks", None), ("queries", 3)])
+def test_the_map_and_the_charts_have_every_answer_of_the_table(kind, questions, request):
+    folder = request.getfixturevalue(kind)
+    table = pq.read_table(folder / "replans.parquet").to_pandas().sort_values(["episode", "replan"], kind="stable")
+    data, columns = drawn(folder / "report.html")
+    lines = {layer["label"]: layer for layer in data["scenes"]["paths-0"]["layers"] if layer["kind"] == "lines"}
+    assert list(lines) == list(NAMES)
+    charts = {panel["what"]: panel["series"] for panel in data["charts"]["answers-0"]["panels"]}
+    for number, name in enumerate(NAMES):
+        mine, line = table[table["planner"] == name], lines[name]
+        assert len(mine) == len(columns[line["t"]]) == (questions or len(mine))
+        first, x, y = (columns[line[key]] for key in ("first", "x", "y"))
+        for (begin, end), row in zip(itertools.pairwise(first.astype(int)), mine.itertuples(), strict=True):
+            path = np.column_stack([x[begin:end], y[begin:end]])
+            assert len(path) > 0 or not row.found
+            if row.found:
+                assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(row.length_m, abs=0.01)
+        for what, column in (("cells expanded", "expanded"), ("time (µs)", "us")):
+            values = columns[charts[what][number]["y"]]
+            wanted = mine[column].to_numpy(float)
+            assert np.nan_to_num(values) == pytest.approx(np.nan_to_num(wanted), rel=2e-3, abs=0.02)
+
+
+def test_the_table_has_the_rows_of_planners_parquet_and_the_forest_plot_their_ratios(walks):
+    page = (walks / "report.html").read_text()
+    saved = pq.read_table(walks / "planners.parquet").to_pylist()
+    table = re.search(r'<table id="planners-0">.*?</table>', page, re.DOTALL)
+    assert table is not None
+    for text, row in zip(re.findall(r"<tr>(<th scope=\"row\".*?)</tr>", table[0], re.DOTALL), saved, strict=True):
+        assert f">{row['planner']}</th>" in text.replace("<small>", "</th>")
+        values = [float(value) for value in re.findall(r'data-value="([^"]*)"', text)]
+        wanted = [row[name] for name in ("ratio_expanded", "us_median", "success_rate", "suboptimality_mean")]
+        assert values[:4] == wanted
+    data, columns = drawn(walks / "report.html")
+    (panel,) = data["charts"]["ratios-0"]["panels"]
+    ratios = {row["planner"]: row["ratio_expanded"] for row in saved if row["planner"] != "astar"}
+    assert panel["rows"] == sorted(ratios, key=ratios.__getitem__, reverse=True)
+    shown = {series["label"]: columns[series["x"]] for series in panel["series"] if not series["variant"]}
+    for name, ratio in ratios.items():
+        assert shown[name] == pytest.approx([ratio], rel=1e-3)  # two episodes are too few for an interval
+
+
+def test_the_verdict_comes_first_and_the_page_is_small(walks):
+    page = html.unescape((walks / "report.html").read_text())
+    assert re.search(r"<dt>Cells</dt><dd>\w+ saved most: [\d.]+ times fewer cells expanded than astar", page)
+    assert page.index("<dt>Time</dt>") < page.index("<dt>Rests on</dt>") < page.index('data-scene="paths-0"')
+    assert len(page) < 500_000
+
+
+def test_names_are_text(queries):
+    page = (queries / "report.html").read_text()
+    assert "<script>alert" not in page
+    assert "b&amp;m.map" in page
+    assert "style=" not in page.split("<body>")[1].split("<script")[0]
+
+
+def test_a_second_run_gives_the_same_page_but_for_the_times(tmp_path, monkeypatch):
+    monkeypatch.setattr("quadlog.planning.replan.time.perf_counter_ns", lambda: next(ticks))
+    pages = []
+    for name in ("one", "two"):
+        ticks = itertools.count(0, 1000)
+        compare(["forest:0.1"], replace(OPTIONS, planners=("ia_star",), episodes=1), tmp_path / name, False, Silent())
+        pages.append((tmp_path / name / "report.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_what_was_lost_is_on_the_page(tmp_path, monkeypatch):
+    from quadlog.pipelines.comparison import compare as module
+
+    opened = module.open_sources
+    monkeypatch.setattr(module, "open_sources", lambda *all_of: (opened(*all_of)[0], ["walk.mcap: <1> chunk damaged"]))
+    compare(["forest:0.1"], replace(OPTIONS, planners=("ia_star",), episodes=1), tmp_path / "out", False, Silent())
+    assert "walk.mcap: &lt;1&gt; chunk damaged" in (tmp_path / "out" / "report.html").read_text()
+
+
+def asked(count: int, side: int, *, passes: int = 1, sources: int = 1) -> QuestionSample:
+    """A sample of that many questions, each on a map of its own, whose cell (0, 0) says whether its number is odd."""
+    sample = QuestionSample(sources=sources)
+    for name, number in itertools.product(range(passes), range(count)):
+        occupied = np.zeros((side, side), dtype=bool)
+        occupied[0, 0] = number % 2
+        path = np.array([[0, number % side], [1, 0]])
+        window = Window(number, 0, 0.1, occupied.shape)
+        sample.add(number, (0, number), window, (occupied, occupied), ((0, 0), (1, 1)), {str(name): path})
+    return sample
+
+
+@pytest.mark.parametrize(("count", "side", "sources", "stride"), [
+    (MOST_QUESTIONS, 8, 1, 1), (2 * MOST_QUESTIONS + 1, 8, 1, 4), (MOST_QUESTIONS, 8, 4, 4), (129, 1024, 1, 4),
+])  # fmt: skip
+def test_every_kth_question_is_kept_with_its_own_map(count, side, sources, stride):
+    sample = asked(count, side, passes=2, sources=sources)
+    assert sample.stride == stride
+    assert [shown.at[1] for shown in sample.kept.values()] == list(range(0, count, stride))
+    assert all(set(shown.paths) == {"0", "1"} for shown in sample.kept.values())
+    assert sum(shown.map.bits.nbytes for shown in sample.kept.values()) <= MOST_BYTES // sources
+    scene = question_scene(sample, ["0", "1"])
+    (maps,) = (layer for layer in scene.layers if isinstance(layer, Windows))
+    assert maps.seconds.tolist() == list(range(1, len(sample.kept) + 1))
+    for place, number in enumerate(sample.kept):
+        assert maps.maps.occupied(place)[0, 0] == number % 2
+        assert maps.maps.origin_m[place] == pytest.approx([0.1 * number, 0])
+
+
+def test_no_wall_of_a_large_map_is_lost(tmp_path: Path) -> None:
+    occupied = np.zeros((2500, 3000), dtype=bool)
+    occupied[1234, :] = True
+    sample = QuestionSample("query", row_zero_on_top=True)
+    sample.add(0, (0, 0), Window(0, 0, 1.0, occupied.shape), (occupied, occupied), ((0, 0), (2999, 0)), {})
+    scene = question_scene(sample, [])
+    (layer,) = (layer for layer in scene.layers if isinstance(layer, Windows))
+    rows, columns = np.nonzero(layer.maps.occupied(0))
+    assert layer.maps.cell_m == 2
+    assert len(columns) == 1500
+    # The map's row 0 is the upper one.
+    assert set((rows * layer.maps.cell_m).tolist()) == {(2500 - 1 - 1234) // 2 * 2}
+
+
+def test_the_player_steps_from_question_to_question(
+    queries: Path, tmp_path: Path, browse: Callable[..., tuple[str, list[str]]]
+) -> None:
+    _, complaints = browse(queries / "report.html", "--dump-dom", "--virtual-time-budget=3000")
+    assert [line for line in complaints if "ResizeObserver" not in line] == []
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", (queries / "report.html").read_text())
+    probed = tmp_path / "probed.html"
+    probed.write_text(text.replace("</body>", f"<script>{{{PROBE}}}</script></body>"))
+    dom, _ = browse(probed, "--dump-dom", "--window-size=1400,2000", "--virtual-time-budget=6000")
+    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
+    assert title is not None
+    say = json.loads(html.unescape(title[1]))
+    assert say["keys"] == [3, 2, 1, 2]
+    assert say["clock"] == "query 2 of 3"
+    assert say["plots"] >= 3
+    assert say["heads"] == say["plots"] - 1  # the ratios have no step

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.errors import NotARun
+from quadlog.results.saved.find_runs import RECORDS, failed_recordings, find_runs, is_run, run_labels, runs_here
+from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.storage.remote_path import to_path
+
+
+def make_run(path: Path) -> Path:
+    RunFolder.create(path).write_config({})
+    return path
+
+
+def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path / name) for name in ("b", "a", "line-fpmw/seed-000", "line-fpmw/seed-001")]
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "report.html").write_text("")
+    make_run(tmp_path / ".hidden")
+    make_run(runs[0] / "copy")
+    make_run(tmp_path / "deeper" / "than" / "three" / "folders")
+    assert find_runs([tmp_path]) == [runs[1], runs[0], *runs[2:]]
+    assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
+
+
+def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "m")
+    for name in ("a.txt", "report.html", "summary.parquet"):
+        (tmp_path / name).write_text("")
+    assert find_runs(sorted(tmp_path.iterdir())) == [run]
+    (tmp_path / "no run").mkdir()
+    with pytest.raises(NotARun, match="no run"):
+        find_runs(sorted(tmp_path.iterdir()))
+
+
+def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "made" / "a")
+    link = tmp_path / "chosen" / "fast"
+    link.parent.mkdir()
+    link.symlink_to(run)
+    (tmp_path / "made" / "loop").symlink_to(tmp_path / "made")
+    assert find_runs([link.parent]) == [link]
+    assert find_runs([tmp_path / "made", link]) == [run]
+
+
+def test_what_is_no_run_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "empty").mkdir()
+    for name, words in (("none", "no such folder"), ("file", "is no folder"), ("empty", "contains none")):
+        with pytest.raises(NotARun, match=f"{name}: .*{words}"):
+            find_runs([tmp_path / name])
+
+
+def test_a_folder_is_a_run_by_what_its_files_say(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("[mine]\n")
+    assert not is_run(tmp_path)
+    (tmp_path / "run.json").write_text("{damaged")
+    assert is_run(tmp_path)
+
+
+def test_labels_are_as_short_as_they_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_labels([Path("runs/walk")]) == ["walk"]
+    assert run_labels([Path("runs/a"), Path("runs/b")]) == ["a", "b"]
+    assert run_labels([Path("sim/line/seed-000"), Path("sim/circle/seed-000")]) == ["line/seed-000", "circle/seed-000"]
+    assert run_labels([Path("runs/a"), tmp_path / "a"]) == ["runs/a", "a"]
+    assert run_labels([Path(), Path("runs")]) == [tmp_path.name, f"{tmp_path.name}/runs"]
+    assert run_labels([]) == []
+
+
+@given(
+    st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple), min_size=2, max_size=8, unique=True)
+)
+def test_labels_tell_all_runs_apart(parts: list[tuple[str, ...]]) -> None:
+    labels = run_labels([Path("/", *each) for each in parts])
+    assert len(set(labels)) == len(labels)
+    assert all(f"/{'/'.join(each)}".endswith(f"/{label}") for each, label in zip(parts, labels, strict=True))
+
+
+def write_summary(folder: Path, codes: Mapping[str, int]) -> None:
+    columns: dict[str, Any] = dict.fromkeys(TABLES["summary"].names, np.nan)
+    columns |= {"recording": list(codes), "exit_code": list(codes.values()), "reason": "no bag", "worker": ""}
+    write_table(folder / "summary.parquet", TABLES["summary"], columns)
+
+
+def test_those_without_a_run_are_told_with_their_reason(tiny_run: Path, tmp_path: Path) -> None:
+    season = tmp_path / "season"
+    shutil.copytree(tiny_run, season / "walk")
+    write_summary(season, {"walk": 1, "broken": 1, "lossy": 3, "fine": 0, "../outside": 1})
+    assert failed_recordings([season]) == {season / "broken": f"{season / 'broken'}: was not replayed: no bag"}
+    assert failed_recordings([season / "walk"]) == {}  # its last replay failed, and harmed no earlier run
+    (season / "summary.parquet").write_bytes(b"mine")
+    assert failed_recordings([season, tmp_path]) == {}
+
+
+def test_they_are_told_of_a_bucket_too(tiny_run: Path, tmp_path: Path, bucket: Any) -> None:
+    write_summary(tmp_path, {"walk": 0, "broken": 1})
+    bucket.put_file(str(tmp_path / "summary.parquet"), f"{bucket.name}/season/summary.parquet")
+    for name in ("run.json", "config.toml", "metrics.json"):
+        bucket.put_file(str(tiny_run / name), f"{bucket.name}/season/walk/{name}")
+    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as here:
+        (failed,) = failed_recordings(here)
+        assert here.as_given(failed) == f"s3://{bucket.name}/season/broken"

@@ -1,0 +1,187 @@
+"""Every figure of a run as data and as pictures: made from what there is, whole, and the same bytes each time."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from quadlog.errors import CannotWrite
+from quadlog.results.figures import FIGURES, drawings_of, write_plots
+from quadlog.results.mpl import COLORS, render
+from quadlog.results.page.pack import Pack
+from quadlog.results.run import Run
+from quadlog.results.saved.tables import TABLES, UNBOUNDED, has_table, read_table, write_table
+from quadlog.results.scenes import walk_scene
+from quadlog.results.view import Panel, Raster, Scene, Series, Track, break_gaps
+from quadlog.storage.formats.tum import write_tum
+from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors, with_one_scan
+
+NAMES = {figure.name for figure in FIGURES}
+
+
+def panels_of(run: Path, name: str) -> list[Panel]:
+    drawing = drawings_of(Run(run))[name]
+    assert not isinstance(drawing, Scene)
+    return list(drawing)
+
+
+def track_of(run: Path, label: str) -> Track:
+    scene = walk_scene(Run(run))
+    assert scene is not None
+    return next(layer for layer in scene.layers if isinstance(layer, Track) and layer.label == label)
+
+
+def pixels(png: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+
+def test_every_figure_is_drawn_in_every_format_the_same_way_each_time(tiny_original: Path) -> None:
+    drawings = drawings_of(Run(tiny_original))
+    assert set(drawings) == NAMES - {"trot", "torques", "posture"}  # of which the tiny run has nothing
+    for drawing in drawings.values():
+        assert Image.open(io.BytesIO(render(drawing))).size[0] == 1200
+    for name in ("trajectory", "uwb_error"):
+        for to, begins in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
+            picture = render(drawings[name], to, width_in=3.5, point_size=8)  # type: ignore[arg-type]
+            assert picture.startswith(begins)
+            assert render(drawings[name], to, width_in=3.5, point_size=8) == picture  # type: ignore[arg-type]
+
+
+def test_figures_without_data_are_absent_and_their_old_pictures_vanish(tiny_run: Path) -> None:
+    write_plots(tiny_run, drawings_of(Run(tiny_run)))
+    saved = {figure.name for figure in FIGURES if figure.saved}
+    assert {path.stem for path in (tiny_run / "plots").iterdir()} == saved
+    (tiny_run / "plots" / "notes.txt").write_text("the user's own")
+    until_ingest(tiny_run)
+    assert drawings_of(Run(tiny_run)) == {}
+    write_plots(tiny_run, {})
+    assert [path.name for path in (tiny_run / "plots").iterdir()] == ["notes.txt"]
+
+
+def test_pictures_are_not_written_through_a_link(tiny_run: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tiny_run / "plots").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(CannotWrite, match="link"):
+        write_plots(tiny_run, drawings_of(Run(tiny_run)))
+
+
+def test_nothing_is_joined_across_a_gap(tiny_run: Path) -> None:
+    with_gap(tiny_run)
+    for label in ("robot", "target", "simulated robot"):
+        track = track_of(tiny_run, label)
+        inside = (track.seconds > 3) & (track.seconds < 31)
+        before = (track.seconds > 1.9) & (track.seconds < 3.1)
+        assert np.isnan(track.x[inside | before]).any()
+        assert np.isfinite(track.x[track.seconds < 1.9]).all()
+    error = next(s for panel in panels_of(tiny_run, "tracking_error") for s in panel.series if s.label == "distance")
+    assert np.isnan(error.y).sum() == 1
+    # In the picture of the curve, the middle of the gap is empty.
+    curve = Panel("distance (m)", [error])
+    columns = (np.abs(pixels(render([curve])) - [0xCC, 0x79, 0xA7]).max(axis=2) < 40)[60:].any(axis=0)
+    assert not columns[400:900].any()
+    assert columns[:300].any()
+
+
+def test_breaks_come_where_time_is_missing_and_nowhere_else() -> None:
+    seconds, values = break_gaps(np.array([0.0, 1.0, 2.0, 9.0, 10.0]), np.arange(5.0))
+    assert seconds.tolist() == [0, 1, 2, 7, 9, 10]  # five median steps after the last sample
+    assert np.isnan(values).tolist() == [False, False, False, True, False, False]
+    assert break_gaps(np.arange(3.0) * 4, np.arange(3.0))[1].tolist() == [0, 1, 2]  # slow, without a gap
+    assert break_gaps(np.empty(0), np.empty(0))[0].tolist() == []
+
+
+def test_all_anchors_and_tags_are_shown(tiny_run: Path) -> None:
+    with_many_anchors(tiny_run)
+    assert len(panels_of(tiny_run, "ranges")) == 72
+    assert len(panels_of(tiny_run, "residuals")) == 12
+    assert len(panels_of(tiny_run, "uwb_error")) == 6
+    scene = walk_scene(Run(tiny_run))
+    assert scene is not None
+    anchors = next(layer for layer in scene.layers if layer.label == "anchors")
+    assert anchors.names == [str(10 + number) for number in range(12)]  # type: ignore[union-attr]
+    left, right, bottom, top = scene.extent
+    inside = (anchors.x > left) & (anchors.x < right) & (anchors.y > bottom) & (anchors.y < top)  # type: ignore
+    assert inside.all()
+    worst = {moment.what: moment.value for moment in scene.moments if moment.name.startswith("tag")}
+    assert worst["worst error of tag 5"] == "0.3 m"
+    assert len(worst) == 6
+
+
+def test_walls_of_a_large_map_are_in_the_picture(tiny_run: Path) -> None:
+    with_large_map(tiny_run)
+    scene = walk_scene(Run(tiny_run))
+    assert scene is not None
+    walls = [layer for layer in scene.layers if isinstance(layer, Raster)]
+    drawn = pixels(render(Scene(walls, (-20.0, 520.0, -120.0, 120.0)))).max(axis=2) < 160
+    columns = np.flatnonzero(drawn[40:-100, 120:].sum(axis=0) >= 5)
+    assert np.ptp(columns) == pytest.approx(500 / 540 * 1074, abs=6)
+
+
+def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
+    t_ns = read_table(tiny_run, "control")["t_ns"]
+    poses = read_table(tiny_run, "poses")
+    write_tum(tiny_run / "reference.tum", poses["t_ns"], poses["x_m"] + 0.1, poses["y_m"], poses["yaw_rad"])
+    worst = {"value": 0.2, "n": 9, "unit": "m", "worst": 0.3, "worst_t_ns": int(t_ns[100])}
+    change_json(tiny_run / "metrics.json", ate_rmse_m=worst, max_error_m=worst | {"worst_t_ns": int(t_ns[50])})
+    change(tiny_run, "fixes", outlier=lambda old: old | (np.arange(80) == 40))
+    scene = walk_scene(Run(tiny_run))
+    assert scene is not None
+    layers = {layer.label: layer for layer in scene.layers}
+    link, fixes, outliers = layers["distance to the path"], layers["UWB fixes"], layers["outlying fixes"]
+    control = read_table(tiny_run, "control")
+    assert np.hypot(link.to_x - link.x, link.to_y - link.y) == pytest.approx(control["error_m"])  # type: ignore
+    assert "reference" in layers
+    assert len(fixes.x) + len(outliers.x) == len(layers["95 % ellipse of the fix"].x) == 79  # type: ignore[union-attr]
+    assert (fixes.until - fixes.seconds) == pytest.approx(2.0)  # type: ignore[union-attr]
+    moments = {moment.name: moment for moment in scene.moments}
+    assert moments["ate_rmse_m"].seconds == pytest.approx(2.0)
+    assert moments["ate_rmse_m"].shows
+    assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ())
+
+
+def test_a_curve_without_two_samples_has_no_mean(tiny_run: Path) -> None:
+    with_one_scan(tiny_run)
+    assert [len(series.x) for panel in panels_of(tiny_run, "tracking_error") for series in panel.series] == [1] * 4
+    for drawing in drawings_of(Run(tiny_run)).values():
+        render(drawing)
+
+
+@pytest.mark.parametrize("value", [1e13, -np.inf])
+def test_numbers_that_cannot_be_drawn_are_left_out_with_a_note(tiny_run: Path, value: float) -> None:
+    changed = []
+    for name in (name for name in TABLES if has_table(tiny_run, name)):
+        columns = read_table(tiny_run, name)
+        kept = set() if abs(value) < np.inf else UNBOUNDED
+        wrong = [key for key, of in columns.items() if of.dtype.kind == "f" and key not in kept]
+        for key in wrong:
+            columns[key][-1] = value
+        write_table(tiny_run / f"{name}.parquet", TABLES[name], columns)
+        changed += [f"{name}.{key}" for key in wrong]
+    run = Run(tiny_run)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for drawing in drawings_of(run).values():
+            render(drawing)
+    told = " ".join(run.notes)
+    assert all(name in told for name in changed if name.startswith(("control", "poses", "fixes", "ranges")))
+
+
+def test_a_long_track_keeps_its_gaps_and_moments_when_it_is_thinned() -> None:
+    seconds = np.arange(100_000) / 100
+    pack = Pack()
+    pack.add("curve", [Panel("a", [Series("a", "robot", seconds, np.sin(seconds))])])
+    assert pack.thinned == ""
+    assert pack.finish()["columns"][pack.charts["curve"]["panels"][0]["series"][0]["y"]][0] == 100_000
+    x = np.where((seconds > 500) & (seconds < 530), np.nan, seconds)
+    pack.add("scene", Scene([Track("robot", "robot", seconds, x, seconds)], (0, 1, 0, 1)))
+    assert "a position every" in pack.thinned
+
+
+def test_colours_of_the_page_and_the_pictures_have_the_same_names() -> None:
+    css = (Path(__file__).parents[3] / "quadlog/results/page/templates/app.css").read_text()
+    assert all(css.count(f"--{name}:") == 2 for name in COLORS if name not in ("text", "soft", "bad"))

@@ -1,0 +1,249 @@
+"""derived.mcap says what the tables say, in Foxglove's own schemas; the layout shows it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import foxglove.layouts as official
+import numpy as np
+import pytest
+from mcap.reader import SeekingReader
+from mcap_protobuf.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
+
+from quadlog.config.schema import Config
+from quadlog.errors import NotARun
+from quadlog.results import load_maps, read_table
+from quadlog.results.foxglove import PLOTTED, RESIDUAL, write_derived, write_layout
+from quadlog.results.record import LossRecord, RunRecord
+from quadlog.results.run import Run
+from quadlog.results.saved.maps import CloudSample, write_cloud_samples
+from quadlog.results.saved.tables import TABLES, write_table
+
+START_NS = 1_700_000_000_123_456_789
+COUNTS = {
+    "/quadlog/tf": ("FrameTransform", 40),
+    "/quadlog/pose": ("PoseInFrame", 40),
+    "/quadlog/target": ("PoseInFrame", 40),
+    "/quadlog/uwb/anchors": ("SceneUpdate", 1),
+    "/quadlog/uwb/fix/0": ("PoseInFrame", 40),
+    "/quadlog/uwb/fix/1": ("PoseInFrame", 39),
+    "/quadlog/map": ("Grid", 40),
+    "/quadlog/scan": ("PointCloud", 2),
+    "/quadlog/cells": ("Vector2", 40),
+    "/quadlog/path": ("SceneUpdate", 40),
+    "/quadlog/path_smooth": ("SceneUpdate", 40),
+    "/quadlog/resim/tf": ("FrameTransform", 200),
+    "/quadlog/resim/pose": ("PoseInFrame", 200),
+    "/quadlog/resim/error": ("Vector3", 200),
+    "/quadlog/resim/command": ("Vector2", 200),
+    "/quadlog/resim/clearance": ("Vector2", 200),
+    "/quadlog/resim/path": ("SceneUpdate", 40),
+    "/quadlog/resim/path_smooth": ("SceneUpdate", 40),
+    "/quadlog/log": ("Log", 4),
+}
+
+
+def read(path: Path, topic: str) -> list[tuple[int, Any]]:
+    """(log time, decoded message) of a topic."""
+    with path.open("rb") as file:
+        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        return [(message.log_time, each) for _, _, message, each in reader.iter_decoded_messages(topics=[topic])]
+
+
+def test_topics_schemas_and_counts(tiny_run: Path) -> None:
+    with (tiny_run / "derived.mcap").open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+        stored = [message.log_time for *_, message in SeekingReader(file).iter_messages(log_time_order=False)]
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    found = {
+        channel.topic: (summary.schemas[channel.schema_id].name.removeprefix("foxglove."), counts.get(channel.id, 0))
+        for channel in summary.channels.values()
+    }
+    residuals = {topic for topic in found if topic.startswith(RESIDUAL)}
+    assert {topic: found[topic] for topic in found if topic not in residuals} == COUNTS
+    assert sum(found[topic][1] for topic in residuals) == len(read_table(tiny_run, "ranges")["t_ns"])
+    assert stored == sorted(stored)
+    assert stored[0] == START_NS
+
+
+def test_plotted_messages_are_the_columns(tiny_run: Path, derived: Any) -> None:
+    for _, name, topic, columns in PLOTTED:
+        if topic in derived:
+            table = read_table(tiny_run, name)
+            assert [t for t, _ in derived[topic]] == table["t_ns"].tolist()
+            for part, column in zip("xyz", columns, strict=False):
+                np.testing.assert_array_equal([getattr(each, part) for _, each in derived[topic]], table[column])
+    ranges = read_table(tiny_run, "ranges")
+    for tag, anchor in set(zip(ranges["tag"].tolist(), ranges["anchor"].tolist(), strict=True)):
+        mine = (ranges["tag"] == tag) & (ranges["anchor"] == anchor)
+        expected = (ranges["range_m"] - ranges["predicted_m"])[mine]
+        np.testing.assert_array_equal([each.x for _, each in derived[f"{RESIDUAL}/{tag}/{anchor}"]], expected)
+
+
+def test_poses_paths_and_anchors_are_the_tables(tiny_run: Path, derived: Any) -> None:
+    poses, links = read_table(tiny_run, "poses"), read_table(tiny_run, "links")
+    for i, (t_ns, message) in enumerate(derived["/quadlog/pose"]):
+        assert t_ns == poses["t_ns"][i] == message.timestamp.seconds * 10**9 + message.timestamp.nanos
+        assert (message.pose.position.x, message.pose.position.y) == (poses["x_m"][i], poses["y_m"][i])
+        quat = message.pose.orientation
+        assert 2 * np.arctan2(quat.z, quat.w) == pytest.approx(poses["yaw_rad"][i])
+    frames = [derived[topic][-1][1] for topic in ("/quadlog/tf", "/quadlog/resim/tf")]
+    assert [(each.parent_frame_id, each.child_frame_id) for each in frames] == [("map", "base"), ("map", "base_resim")]
+    assert derived["/quadlog/uwb/fix/0"][0][1].pose.position.z == 0.6
+    for prefix, topic in (("", "/quadlog"), ("resim_", "/quadlog/resim")):
+        paths = read_table(tiny_run, f"{prefix}paths")
+        for k, (t_ns, update) in enumerate(derived[f"{topic}/path"]):
+            points = update.entities[0].lines[0].points
+            rows = slice(10 * k, 10 * k + 10)
+            assert paths["t_ns"][rows].tolist() == [t_ns] * 10
+            np.testing.assert_array_equal([(each.x, each.y) for each in points],
+                                          np.column_stack([paths["x_m"], paths["y_m"]])[rows])  # fmt: skip
+            assert len(derived[f"{topic}/path_smooth"][k][1].entities[0].lines[0].points) == 8
+    ((_, update),) = derived["/quadlog/uwb/anchors"]
+    assert [entity.texts[0].text for entity in update.entities] == ["anchor 0", "anchor 1", "anchor 2"]
+    for k, entity in enumerate(update.entities):
+        at = entity.spheres[0].pose.position
+        assert (at.x, at.y, at.z) == tuple(links[name][k] for name in ("x_m", "y_m", "z_m"))
+
+
+def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
+    for (t_ns, grid), (map_t_ns, origin_m, occupied) in zip(derived["/quadlog/map"], load_maps(tiny_run), strict=True):
+        assert t_ns == map_t_ns
+        assert (grid.pose.position.x, grid.pose.position.y) == tuple(origin_m)
+        assert (grid.column_count, grid.row_stride, grid.cell_stride, grid.cell_size.x) == (50, 50, 1, 0.1)
+        np.testing.assert_array_equal(np.frombuffer(grid.data, np.uint8).reshape(60, 50), occupied)
+
+
+def test_scans_lie_in_map_with_the_colours_of_their_classes(tmp_path: Path, tiny_record: RunRecord) -> None:
+    rng = np.random.default_rng(0)
+    xyz_m, label = rng.normal(0, 9, (30, 3)).astype(np.float32), rng.integers(0, 4, 30).astype(np.uint8)
+    placed = CloudSample(START_NS, xyz_m, label, 3.0, -4.0, 2.0)
+    lost = CloudSample(START_NS + 1, xyz_m, label, np.nan, np.nan, np.nan)
+    classes = ["invalid", "ground", "obstacle", "unheard of"]
+    write_cloud_samples(tmp_path, [placed, lost], classes)
+    ((t_ns, cloud),) = read(write_derived(Run(tmp_path, tiny_record)), "/quadlog/scan")
+    assert t_ns == START_NS
+    kind = {1: "u1", 7: "<f4"}
+    form = {"names": [field.name for field in cloud.fields], "offsets": [field.offset for field in cloud.fields]}
+    form |= {"formats": [kind[field.type] for field in cloud.fields], "itemsize": cloud.point_stride}
+    points = np.frombuffer(cloud.data, np.dtype(form))
+    np.testing.assert_array_equal(np.column_stack([points[name] for name in "xyz"]), xyz_m)
+    np.testing.assert_array_equal(points["label"], label)
+    at, turn = cloud.pose.position, cloud.pose.orientation
+    assert (cloud.frame_id, at.x, at.y, at.z) == ("map", 3.0, -4.0, 0.0)
+    assert Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_euler("ZYX")[0] == pytest.approx(2.0)
+    colors = {int(each["label"]): (each["red"], each["green"], each["blue"]) for each in points}
+    assert colors[1] != colors[2]
+    assert colors[0] == colors[3]
+
+    write_cloud_samples(tmp_path, [placed], classes[:2])  # labels without a class
+    with pytest.raises(NotARun, match=r"cloud_samples\.npz"):
+        write_derived(Run(tmp_path, tiny_record))
+
+
+def test_the_same_results_are_the_same_bytes_in_any_process(tiny_run: Path) -> None:
+    written = (tiny_run / "derived.mcap").read_bytes()
+    script = (
+        "import foxglove; foxglove.Channel('/other', message_encoding='json')\n"
+        "from quadlog.results.foxglove import write_derived\nfrom quadlog.results.run import Run\n"
+        f"write_derived(Run({str(tiny_run)!r}))"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, env={**os.environ, "PYTHONHASHSEED": "7"})
+    assert (tiny_run / "derived.mcap").read_bytes() == written
+
+
+def test_a_walk_along_a_course_is_the_robot_and_its_tilt_is_scipys(tmp_path: Path, tiny_record: RunRecord) -> None:
+    rng = np.random.default_rng(0)
+    control = {name: np.zeros(50) for name in TABLES["control"].names}
+    control |= {name: rng.uniform(-1, 1, 50) for name in ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")}
+    control |= {"t_ns": np.arange(50), "fallen": np.zeros(50, bool)}
+    for name in ("z_m", "roll_rad", "pitch_rad"):
+        control[name][7] = np.nan  # as without a body
+    write_table(tmp_path / "control.parquet", TABLES["control"], control)
+    path = write_derived(Run(tmp_path, tiny_record))
+    frames = [each for _, each in read(path, "/quadlog/tf")]
+    assert {(frame.parent_frame_id, frame.child_frame_id) for frame in frames} == {("map", "base")}
+    turns = [frame.rotation for frame in frames]
+    angles = np.nan_to_num(np.column_stack([control["yaw_rad"], control["pitch_rad"], control["roll_rad"]]))
+    found = Rotation.from_quat([[turn.x, turn.y, turn.z, turn.w] for turn in turns])
+    assert (Rotation.from_euler("ZYX", angles).inv() * found).magnitude().max() < 1e-7
+    expected = np.nan_to_num(np.column_stack([control[name] for name in ("x_m", "y_m", "z_m")]))
+    at = [frame.translation for frame in frames]
+    np.testing.assert_array_equal([[place.x, place.y, place.z] for place in at], expected)
+    assert not read(path, "/quadlog/resim/tf")
+
+
+@pytest.mark.parametrize("t_ns", [-1, (1 << 32) * 10**9])
+def test_what_cannot_be_shown_leaves_no_file(tmp_path: Path, tiny_record: RunRecord, t_ns: int) -> None:
+    pose = dict.fromkeys(("x_m", "y_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad"), 0.0)
+    write_table(tmp_path / "poses.parquet", TABLES["poses"], {**pose, "t_ns": [t_ns], "source": "uwb"})
+    with pytest.raises(NotARun, match="before 1970 or after 2106"):
+        write_derived(Run(tmp_path, tiny_record))
+    (tmp_path / "plans.parquet").write_bytes(b"PAR1")
+    with pytest.raises(NotARun, match=r"plans\.parquet"):
+        write_derived(Run(tmp_path, tiny_record))
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["plans.parquet", "poses.parquet"]
+
+
+def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:
+    mount = {"x_m": 0.2, "y_m": -0.1, "z_m": 0.45, "roll_deg": 10.0, "pitch_deg": -20.0, "yaw_deg": 90.0}
+    words = ["Γειά \U0001f415 \x00\n</script>", "half a pair: \ud800"]
+    changed = {
+        "config": Config.model_validate({"lidar": {"mount": mount}}),
+        "losses": [LossRecord(cause="crc", detail=words[0])],
+        "warnings": [words[1]],
+    }
+    path = write_derived(Run(tiny_run, tiny_record.model_copy(update=changed)), tmp_path / "a.mcap")
+    ((t_ns, frame),) = read(path, "/quadlog/tf_static")
+    assert (t_ns, frame.parent_frame_id, frame.child_frame_id) == (START_NS, "base", "lidar")
+    assert (frame.translation.x, frame.translation.y, frame.translation.z) == (0.2, -0.1, 0.45)
+    turn = Rotation.from_quat([frame.rotation.x, frame.rotation.y, frame.rotation.z, frame.rotation.w])
+    assert (turn.inv() * Rotation.from_euler("ZYX", [90, -20, 10], degrees=True)).magnitude() < 1e-9
+    lines = [line.message for _, line in read(path, "/quadlog/log")]
+    assert lines[:2] == [words[0], "half a pair: ?"]
+    assert not [line for line in lines if "realtime_factor" in line]  # a duration is no result
+
+
+PANELS = {"3D": official.ThreeDeeConfig, "Plot": official.PlotConfig, "RosOut": official.LogConfig}
+SETTINGS = {
+    "Grid": official.BaseRendererGridTopicSettings,
+    "PointCloud": official.BaseRendererPointCloudTopicSettings,
+    "PoseInFrame": official.BaseRendererPoseTopicSettings,
+    "SceneUpdate": official.BaseRendererSceneUpdateTopicSettings,
+}
+
+
+def test_the_layout_has_settings_that_foxglove_knows_and_fields_that_the_messages_have(
+    tiny_run: Path, derived: Any
+) -> None:
+    def known(kind: Any, config: dict[str, Any]) -> bool:
+        return set(config) - {"foxglovePanelTitle"} <= set(kind()._to_dict())
+
+    def placed(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else placed(node["first"]) + placed(node["second"])
+
+    layout = json.loads(write_layout(Run(tiny_run)).read_bytes())
+    assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    panels = layout["configById"]
+    assert sorted(placed(layout["layout"])) == sorted(panels)
+    assert all(known(PANELS[name.partition("!")[0]], config) for name, config in panels.items())
+    scene = panels["3D!scene"]
+    assert known(official.ThreeDeeCameraState, scene["cameraState"])
+    assert scene["followTf"] == "base"
+    assert {"/quadlog/uwb/fix/0", "/quadlog/uwb/fix/1"} <= set(scene["topics"]) <= set(COUNTS)
+    assert all(known(SETTINGS[COUNTS[topic][0]], settings) for topic, settings in scene["topics"].items())
+    curves = [curve for name in panels if name.startswith("Plot!") for curve in panels[name]["paths"]]
+    for curve in curves:
+        assert known(official.PlotSeries, curve)
+        topic, _, field = curve["value"].partition(".")
+        if topic in derived:
+            assert isinstance(getattr(derived[topic][0][1], field), float)
+    assert any(curve["value"].startswith(RESIDUAL) for curve in curves)

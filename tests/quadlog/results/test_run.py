@@ -1,0 +1,97 @@
+"""A saved run from Python: `quadlog.load_run`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import quadlog
+from quadlog.errors import NotARun, UnknownName
+from quadlog.results import read_metrics
+from quadlog.results.record import RunRecord
+
+
+def test_tables_are_those_of_the_files_with_seconds_read_once(tiny_run: Path) -> None:
+    run = quadlog.load_run(str(tiny_run))
+    for path in tiny_run.glob("*.parquet"):
+        table = run.table(path.stem)
+        assert table is not None
+        expected = pq.read_table(path).to_pandas()
+        assert list(table.drop(columns="seconds", errors="ignore")) == list(expected)
+        for name in expected:
+            np.testing.assert_array_equal(table[name], expected[name])
+        if "t_ns" in table:
+            assert table["t_ns"].dtype == np.int64
+            np.testing.assert_allclose(table["seconds"], (table["t_ns"] - run.start_ns) / 1e9)
+    poses, some = run.table("poses"), run.table("poses", ["x_m"])
+    assert poses is not None
+    assert some is not None
+    assert list(some) == ["x_m"]
+    assert poses["seconds"].iloc[0] == 0
+    (tiny_run / "poses.parquet").unlink()
+    assert run.table("poses") is poses
+
+
+def test_everything_else_is_that_of_the_files(tiny_run: Path, tiny_record: RunRecord) -> None:
+    run = quadlog.load_run(tiny_run)
+    assert run.path == tiny_run
+    assert run.record.to_dict() == tiny_record.to_dict()
+    assert run.config.planner.name == "ia_star"
+    saved = {name: dataclasses.asdict(metric) for name, metric in run.metrics.items()}
+    assert {name: {key: saved[name][key] for key in of} for name, of in read_metrics(tiny_run).items()} == {
+        "eta_m": {"value": 0.123, "n": 200, "unit": "m"},
+        "fallen": {"value": 0, "n": 1, "unit": ""},
+    }
+    assert (run.metric("eta_m"), run.metric("ate_rmse_m")) == (0.123, None)
+    assert (run.title, run.simulated) == ("walk.mcap", False)
+    assert run.maps is not None
+    assert (len(run.maps), run.maps.shape, run.maps.occupied(0).dtype) == (40, (60, 50), np.bool_)
+    assert set(run.arrays("ground") or ()) >= {"height_m", "origin_m"}
+    assert len((run.trajectory("trajectory") or run.trajectory("none")).t_ns) == 40  # type: ignore[union-attr]
+
+
+def test_what_is_missing_is_none_and_an_unknown_name_is_refused(tiny_run: Path) -> None:
+    for name in ("control.parquet", "maps.npz", "ground.npz", "trajectory.tum", "metrics.json"):
+        (tiny_run / name).unlink()
+    run = quadlog.load_run(tiny_run)
+    missing = (run.table("control"), run.maps, run.arrays("ground"), run.trajectory("trajectory"), run.metric("eta_m"))
+    assert missing == (None,) * 5
+    assert run.metrics == {}
+    for wrong in ("../walk/poses", "pose"):
+        with pytest.raises(UnknownName):
+            run.table(wrong)
+    with pytest.raises(UnknownName):
+        run.table("poses", ["height_m"])
+
+
+def test_a_folder_that_is_no_run_is_refused_and_damage_when_it_is_read(tiny_run: Path, tmp_path: Path) -> None:
+    with pytest.raises(NotARun, match="no such folder"):
+        quadlog.load_run(tmp_path / "nowhere")
+    with pytest.raises(NotARun, match=r"has no run\.json"):
+        quadlog.load_run(tmp_path)
+    for name in ("poses.parquet", "maps.npz", "ground.npz", "metrics.json"):
+        (tiny_run / name).write_bytes(b"PAR1 damaged")
+    run = quadlog.load_run(tiny_run)
+    reads = (lambda: run.table("poses"), lambda: run.maps, lambda: run.arrays("ground"), lambda: run.metrics)
+    for read in reads:
+        with pytest.raises(NotARun, match=r"^[^\n]{1,400}$"):
+            read()
+    assert run.table("plans") is not None
+
+
+def test_values_beyond_all_measure_are_missing_with_a_note(tiny_run: Path, change: Callable[..., Any]) -> None:
+    change(tiny_run, "poses", x_m=lambda x_m: np.where(np.arange(len(x_m)) < 3, -2e12, x_m))
+    change(tiny_run, "clearances", clearance_m=np.inf)  # valid there
+    run = quadlog.load_run(tiny_run)
+    poses, clearances = run.table("poses"), run.table("clearances")
+    assert poses is not None
+    assert clearances is not None
+    assert poses["x_m"].isna().sum() == 3
+    assert np.isinf(clearances["clearance_m"]).all()
+    assert run.notes == ["3 values of poses.x_m beyond 1e+12 are not shown"]

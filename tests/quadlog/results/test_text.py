@@ -1,0 +1,176 @@
+"""Every table in every format, whatever its cells hold."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
+
+from quadlog.cli.terminal import parameters
+from quadlog.errors import csv_cell
+from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
+from quadlog.results.planner_comparison.tables import PLANNERS, format_rows
+from quadlog.results.text import FORMATS, TitledTable, metrics_text, print_table, print_tables, values_text
+
+NASTY = "a|b_$x#\x1b[31m\nc & 100% ~^{}<script>`*\\"
+HEADER = ("name", "value", "n")
+ROWS = [("a_b", 0.123456789, 1234567), ("[x]", None, 0), (NASTY, -1.5, -3), ("late", float("nan"), 2)]
+SUMMARY = SampleSummary(0.25, 600, 0.25, 0.125, 0.2, 0.5, (0.2, 0.3))
+
+
+def runs(*labels: str) -> list[MeasuredRun]:
+    metrics = {"eta_m": Measured(0.1 + 0.2, 600, "m", (0.2, 0.3), SUMMARY), "expanded_total": Measured(5931.0, 120, "")}
+    return [MeasuredRun(Path("runs") / label, label, metrics) for label in labels]
+
+
+def planners(source: str, planner: str) -> list[dict[str, Any]]:
+    row: dict[str, Any] = dict.fromkeys(PLANNERS.names, 1.5)
+    row |= {"source": source, "planner": planner, "episodes": 1, "replans": 12, "fallback_share": None}
+    return [row | {"ratio_low": None, "ratio_high": float("nan"), "us_p95": 0.1 + 0.2}]
+
+
+def printed(kind: str, to: str, name: str) -> str:
+    return metrics_text(runs(name), to) if kind == "metrics" else format_rows(planners(name, name), to, [name])
+
+
+def cells_of(markdown: str) -> list[str]:
+    """What a reader sees in cells; anything but plain text would be markup that slipped through."""
+    tokens = MarkdownIt("commonmark").enable("table").parse(markdown)
+    inline = [token for token in tokens if token.type == "inline"]
+    assert {child.type for token in inline for child in token.children or []} <= {"text"}
+    parts = {"table", "thead", "tbody", "tr", "th", "td", "inline", "paragraph"}
+    assert {token.type.split("_")[0] for token in tokens} <= parts
+    return ["".join(child.content for child in token.children or []) for token in inline]
+
+
+@pytest.mark.parametrize("kind", ["metrics", "planners"])
+@pytest.mark.parametrize("to", parameters.FORMATS)
+@pytest.mark.parametrize("name", ["walk", NASTY, "=1+1", "half \ud800", "[x]", "* x"])
+def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, name: str) -> None:
+    text = printed(kind, to, name)
+    assert text.encode().endswith(b"\n")
+    if to in ("table", "markdown", "latex"):
+        assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f]", text)
+        assert "0.3" in text
+        assert "0.30000000000000004" not in text
+    if to == "table":
+        assert name != "walk" or max(map(len, text.split("\n\n")[0].splitlines())) <= 80
+    if to == "markdown":
+        assert ("eta_m" if kind == "metrics" else "planner") in cells_of(text)
+    if to == "latex":
+        rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+        assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {4 if kind == "metrics" else 7}
+        assert not any(row.lstrip().startswith(("[", "*")) for row in rows)
+    if to == "csv":
+        read = list(csv.DictReader(io.StringIO(text, newline="")))
+        assert float(read[0]["value" if kind == "metrics" else "us_p95"]) == 0.1 + 0.2
+        first = next(iter(read[0].values()))
+        assert kind == "metrics" or first == csv_cell(name).encode("utf-8", "replace").decode()
+        assert read[-1]["low" if kind == "metrics" else "ratio_low"] == ""
+    if to == "json":
+        (found,) = json.loads(text)
+        assert found["eta_m" if kind == "metrics" else "us_p95"] == 0.1 + 0.2
+        assert not {"ratio_low", "ratio_high", "fallback_share"} & set(found)
+
+
+def test_readers_see_four_digits_one_minus_and_nothing_for_no_value() -> None:
+    head, *lines = print_table(HEADER, ROWS).splitlines()
+    assert head.split() == ["name", "value", "n"]
+    assert lines[0].split() == ["a_b", "0.1235", "1234567"]
+    assert lines[1].split() == ["[x]", "0"]
+    assert lines[2].endswith("\u22121.5       \u22123")
+    assert {len(line) for line in lines} == {len(head)}
+
+
+def test_scripts_get_all_digits_and_no_entry_for_no_value() -> None:
+    assert [set(each) for each in json.loads(print_table(HEADER, ROWS, "json"))] == [
+        set(HEADER), {"name", "n"}, set(HEADER), {"name", "n"}
+    ]  # fmt: skip
+    read = list(csv.reader(io.StringIO(print_table(HEADER, ROWS, "csv"), newline="")))
+    assert read[1:] == [
+        [name, "" if value is None or value != value else repr(value), str(n)] for name, value, n in ROWS
+    ]
+
+
+def test_texts_are_folded_to_the_width_and_numbers_are_not() -> None:
+    rows = [("/a/very/long/topic/name/of/a/camera", 12345.678, "as many words as it takes to fill a line and more")]
+    lines = print_table(("topic", "number", "why"), rows, width=60).splitlines()
+    assert max(map(len, lines)) <= 60
+    assert "/a/very/long/topic/name/of/a/camera" in lines[1]
+    assert max(map(len, print_table(("a", "b"), [("x" * 100, "y" * 100)], width=60).splitlines())) <= 60
+
+
+ANY, MARKS = st.text(max_size=9), st.text("|\\`*_[]()<>&~$#!-+.1 \n\x1b", max_size=9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.text(max_size=9), st.text("|\\`*_[]()<>&~$#!-+.1 \n\x1b", max_size=9)), min_size=1, max_size=3
+    )
+)
+def test_markdown_cells_are_what_went_in(rows: list[tuple[str, str]]) -> None:
+    tokens = MarkdownIt("commonmark").enable("table").parse(print_table(("name", "value"), rows, "markdown"))
+    assert sum(token.type == "td_open" for token in tokens) == 2 * len(rows)
+    assert {child.type for token in tokens for child in token.children or []} <= {"text"}
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.text('abc&%$#_{}~^\\<>|`"[]* \n', max_size=30))
+def test_latex_keeps_no_meaning_that_was_not_meant(text: str) -> None:
+    body = print_table(("a", "b"), [(text, "x")], "latex").split("\\midrule\n")[1].split("\\bottomrule")[0]
+    assert len(re.findall(r"(?<!\\)&", body)) == 1
+    plain = re.sub(r"\\[&%$#_{}]|\\\^\{\}|\\[a-z]+\{[<>]?\}|\{\}|\\\\|&", "", body)
+    assert not re.search(r"[&%$#_{}~^\\<>]", plain)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX is installed: nothing is typeset")
+def test_pdflatex_sets_any_name(tmp_path: Path) -> None:
+    head = r"\documentclass{article}\usepackage{booktabs}\begin{document}"
+    body = [printed(kind, "latex", name) for kind in ("metrics", "planners") for name in (NASTY, "[x]", "\ud800")]
+    (tmp_path / "t.tex").write_text("\n".join([head, *body, r"\end{document}"]))
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_formats_are_those_of_the_command_line() -> None:
+    """The command line has a list of its own, so that its help needs no numpy."""
+    assert set(parameters.FORMATS) < set(FORMATS)
+
+
+def test_a_few_runs_stand_side_by_side_and_many_are_summed_up() -> None:
+    text = values_text({f"r{number}": {"eta_m": float(number)} for number in range(3)})
+    beside, over = text.split("\n\n")
+    assert beside.splitlines()[1].split() == ["metric", "r0", "r1", "r2", "unit"]
+    assert beside.splitlines()[2].split() == ["eta_m", "0", "1", "2", "m"]
+    row = over.splitlines()[2].split()
+    assert (row[0], row[1], row[-3:]) == ("eta_m", "1", ["0", "2", "3"])
+    many = values_text({f"r{number}": {"eta_m": float(number)} for number in range(10)})
+    assert many.splitlines()[1].split() == ["metric", "mean", "95", "%", "lowest", "highest", "n"]
+
+
+def test_long_names_of_runs_are_letters_with_a_legend_and_other_settings_are_not_averaged() -> None:
+    names = [f"2024-05-0{day}-a-recording-of-a-long-walk" for day in range(1, 7)]
+    text = metrics_text(runs(*names), "table", ["planner.name: astar, ia_star"])
+    heads = [line.split() for line in text.splitlines() if line.startswith("metric ")]
+    assert heads == [["metric", *"ABCD", "unit"], ["metric", *"AB", "unit"]]
+    assert f"A: {names[0]}" in text
+    assert "mean" not in text
+    assert text.endswith("because their settings differ:\nplanner.name: astar, ia_star\n")
+
+
+def test_titles_and_notes_are_comments_in_latex() -> None:
+    lines = print_tables([TitledTable("one\n\\input{x}", ("a",), [("b",)])], "latex", ["note\n\x1b"]).splitlines()
+    assert lines[:2] == ["% needs \\usepackage{booktabs}", "% one \\input{x}"]
+    assert lines[-1] == "% note \N{REPLACEMENT CHARACTER}"
