@@ -19,7 +19,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.results.record import RunRecord, read_record
 from quadlog.results.saved.find_runs import fetch_runs
-from quadlog.results.saved.maps import MapSequence, load_maps
+from quadlog.results.saved.maps import MapSequence, load_maps, read_cloud_samples, read_dilution, read_ground
 from quadlog.results.saved.run_folder import read_metrics
 from quadlog.results.saved.tables import TABLES, UNBOUNDED, has_table, read_table, start_ns
 from quadlog.storage.formats.tum import read_tum
@@ -29,6 +29,8 @@ from quadlog.storage.remote_path import RemotePath, to_path
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_CHECKED = {"cloud_samples": read_cloud_samples, "dilution": read_dilution, "ground": read_ground}
+"""Readers that know which arrays a file has, of what types and shapes."""
 LARGEST_SHOWN = 1e12
 """No quantity of a run comes near; larger numbers are shown as missing, with a note."""
 
@@ -119,9 +121,13 @@ class Run:
         return frame if len(frame) else None
 
     def arrays(self, name: str) -> dict[str, NDArray[Any]] | None:
-        """The arrays of NAME.npz by name. Raises NotARun, TooLarge."""
+        """The arrays of NAME.npz by name. Raises NotARun for a damaged file or arrays that do not fit, TooLarge."""
         path = self.path / f"{name}.npz"
-        return read_arrays(path) if path.is_file() else None
+        if not path.is_file():
+            return None
+        if name in _CHECKED:
+            _CHECKED[name](self.path)
+        return read_arrays(path)
 
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""

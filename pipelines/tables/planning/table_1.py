@@ -331,15 +331,6 @@ def route_scene(pair: Pair, preset: Preset, density: float, seed: int) -> Scene:
     return Scene(layers, extent_of((every[:, 0], every[:, 1]), margin=1.0))
 
 
-def beside_line(points_m: Float, world: World) -> Float:
-    """Points (N, 2) of map as (along, aside) the line from start to goal, to the left positive."""
-    line_m = world.goal.at(0) - world.start_xy_m
-    ahead = line_m / np.hypot(*line_m)
-    axes = np.stack([ahead, [-ahead[1], ahead[0]]], axis=1)
-    turned: Float = (points_m - world.start_xy_m) @ axes
-    return turned
-
-
 FULL_WALKS, FAST_WALKS = 40, LENGTH_RUNS
 
 

@@ -28,14 +28,6 @@ from quadlog.storage.npz import NpzReader, write_npz
 _MAX_BYTES = 1 << 24
 
 
-def grid_extent_m(
-    origin_m: Float | tuple[float, float], shape: tuple[int, ...], cell_m: float
-) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top edge of a grid of (rows, columns), as imshow takes them."""
-    (left, bottom), (rows, columns) = map(float, origin_m), shape
-    return left, left + columns * cell_m, bottom, bottom + rows * cell_m
-
-
 @dataclass(frozen=True, slots=True)
 class DilutionGrid:
     """HDOP on cells of map: hdop (rows, columns) float64, row = y, inf where ranges give no fix.
@@ -47,11 +39,6 @@ class DilutionGrid:
     cell_m: float
     tag_height_m: float
     hdop: Float
-
-    @property
-    def extent_m(self) -> tuple[float, float, float, float]:
-        """As grid_extent_m."""
-        return grid_extent_m(self.origin_m, self.hdop.shape, self.cell_m)
 
 
 def write_dilution(run: Path, grid: DilutionGrid) -> None:

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import quadlog
+from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun, UnknownName
 from quadlog.results import read_metrics
 from quadlog.results.record import RunRecord
@@ -95,3 +96,26 @@ def test_values_beyond_all_measure_are_missing_with_a_note(tiny_run: Path, chang
     assert poses["x_m"].isna().sum() == 3
     assert np.isinf(clearances["clearance_m"]).all()
     assert run.notes == ["3 values of poses.x_m beyond 1e+12 are not shown"]
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "value"),
+    [
+        ("cloud_samples", "label", np.full(5, 99, np.uint8)),
+        ("cloud_samples", "x_m", np.zeros(1)),
+        ("dilution", "cell_m", np.array(0.0)),
+        ("dilution", "hdop", np.zeros(3)),
+        ("ground", "height_m", np.zeros(7)),
+    ],
+)
+def test_arrays_that_do_not_fit_are_damage_and_a_report_says_so_in_a_line(
+    tiny_run: Path, capsys: pytest.CaptureFixture[str], name: str, array: str, value: np.ndarray
+) -> None:
+    run = quadlog.load_run(tiny_run)
+    members = run.arrays(name)
+    assert members is not None
+    np.savez(tiny_run / f"{name}.npz", **(members | {array: value}))
+    with pytest.raises(NotARun, match=rf"{name}\.npz"):
+        run.arrays(name)
+    assert run_cli(["report", str(tiny_run)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
