@@ -46,7 +46,8 @@ def ended(name, number, folder):
 )
 def test_a_stopped_command_says_so_in_a_line_and_leaves_nothing(name, number, words, tmp_path):
     code, lines = ended(name, number, tmp_path)
-    assert (code, lines) == (1, [f"quadlog: {words}; nothing half-written was left"])
+    assert lines == [f"quadlog: {words}; nothing half-written was left"]
+    assert code in (1, -signal.SIGINT)  # Python may end itself by the signal after the line is printed
     assert list(tmp_path.iterdir()) == []
 
 
