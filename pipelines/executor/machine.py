@@ -65,8 +65,12 @@ def _interrupt(number: int, _: FrameType | None) -> None:
         _raise(number)
 
 
+class _Stopped(KeyboardInterrupt):
+    """Not a plain one: where that leaves `exec`, `python -m` ends by SIGINT whatever exit code is asked for."""
+
+
 def _raise(number: int) -> None:
-    raise KeyboardInterrupt(*([] if number == signal.SIGINT else [signal.Signals(number).name]))
+    raise _Stopped(*([] if number == signal.SIGINT else [signal.Signals(number).name]))
 
 
 def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
@@ -76,7 +80,7 @@ def _raise_lost_again(lost: sys.UnraisableHookArgs) -> None:
     """
     if lost.exc_type is OSError and lost.object is None:
         return
-    if lost.exc_type is not KeyboardInterrupt or threading.current_thread() is not threading.main_thread():
+    if not issubclass(lost.exc_type, KeyboardInterrupt) or threading.current_thread() is not threading.main_thread():
         sys.__unraisablehook__(lost)
         return
     name = lost.exc_value.args[0] if lost.exc_value is not None and lost.exc_value.args else "SIGINT"
