@@ -53,7 +53,7 @@ def command(run: Path, to: str, output: Path | None, picture: str | None, width:
     from quadlog.errors import UsageError
     from quadlog.results.saved.find_runs import runs_here
 
-    options = {name: value for name, value in (("to", picture), ("width_in", width)) if value is not None}
+    options = {name: value for name, value in (("picture", picture), ("width_in", width)) if value is not None}
     if options and to != "figures":
         raise UsageError("--format and --width are for  --to figures")
     with runs_here([run]) as (here,):

@@ -108,21 +108,21 @@ def export_film(run: Path, output: Path, force: bool, to: Literal["gif", "mp4"])
 
 
 def export_figures(
-    run: Path, output: Path, force: bool, to: Literal["png", "pdf", "svg"] = "pdf", width_in: float = 3.5
+    run: Path, output: Path, force: bool, picture: Literal["png", "pdf", "svg"] = "pdf", width_in: float = 3.5
 ) -> list[Path]:
-    """Every figure of the run as `output/NAME.FORMAT`, for a paper: 8 pt, no titles, width_in inches wide."""
+    """Every figure of the run as `output/NAME.PICTURE`, for a paper: 8 pt, no titles, width_in inches wide."""
     from quadlog.results.figures import drawings_of
     from quadlog.results.mpl import render
     from quadlog.results.run import Run
     from quadlog.storage.atomic_write import write_whole
 
     drawings = drawings_of(Run(run))
-    written = {output / f"{name}.{to}": drawing for name, drawing in drawings.items()}
+    written = {output / f"{name}.{picture}": drawing for name, drawing in drawings.items()}
     if not written:
         raise NotARun(run, "has nothing to draw")
     _prepare([*written], force)
     for path, drawing in written.items():
-        write_whole(path, render(drawing, to, width_in, point_size=8.0))
+        write_whole(path, render(drawing, picture, width_in, point_size=8.0))
     return [*written]
 
 

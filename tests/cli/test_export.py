@@ -37,6 +37,14 @@ def test_evo_ape_reads_the_trajectory_and_finds_the_same_error(follow, tmp_path,
     assert theirs["rmse"] > 0
 
 
+def test_figures_for_a_paper_have_the_format_and_the_width_that_were_asked_for(follow, tmp_path, ok, refused):
+    out = tmp_path / "figures"
+    listed = ok("export", follow, "--to", "figures", "--format", "svg", "--width", "4in", "-o", out).splitlines()
+    assert "trajectory.svg" in {Path(line).name for line in listed}
+    assert all('width="288pt"' in Path(line).read_text()[:2000] for line in listed)
+    assert "for  --to figures" in refused(2, "export", follow, "--to", "csv", "--format", "svg")
+
+
 FORMATS = [to for to in EXPORTERS if to != "mp4" or shutil.which("ffmpeg")]
 
 

@@ -1,4 +1,4 @@
-"""Several tags on the robot: solved as one body, and what is said of them."""
+"""Several tags on the robot: solved as one body, with notes and warnings."""
 
 from __future__ import annotations
 

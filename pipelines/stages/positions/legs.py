@@ -1,4 +1,4 @@
-"""The robot's track by its legs: their geometry from [robot], and what is said about how well they tell it."""
+"""The robot's track by its legs: their geometry from [robot], and notes on how well they tell it."""
 
 from __future__ import annotations
 

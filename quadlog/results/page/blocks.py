@@ -43,7 +43,6 @@ class Verdict:
     """What came out, in about four sentences with a coloured dot each, worst first."""
 
     lines: Sequence[Sentence]
-    kind: str = "verdict"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,6 @@ class Cards:
     """Tiles: a title with one large number and a few small ones."""
 
     cards: Sequence[tuple[str, Sequence[Shown]]]
-    kind: str = "cards"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,6 @@ class Notes:
     title: str
     lines: Sequence[str]
     state: State = "warn"
-    kind: str = "notes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +111,6 @@ class Table:
     sortable: bool = False
     folded: int | None = None
     title: str = ""
-    kind: str = "table"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +120,6 @@ class Chart:
     name: str
     title: str = ""
     caption: str = ""
-    kind: str = "chart"
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +137,6 @@ class SceneView:
     most: int = 40
     small: bool = False
     href: str = ""
-    kind: str = "scene"
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +145,6 @@ class Beside:
 
     scene: SceneView
     charts: Sequence[Chart]
-    kind: str = "beside"
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +152,6 @@ class Gallery:
     """Thumbnails beside each other."""
 
     views: Sequence[SceneView]
-    kind: str = "gallery"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +161,6 @@ class Picture:
     png: bytes
     alt: str
     caption: str = ""
-    kind: str = "picture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +169,6 @@ class Text:
 
     text: str
     code: bool = False
-    kind: str = "text"
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +177,6 @@ class Details:
 
     summary: str
     blocks: Sequence[Any]
-    kind: str = "details"
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +251,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["kind"] = lambda block: type(block).__name__.lower()
     environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
     return environment
 

@@ -58,7 +58,10 @@ def papers_page(saved: Sequence[SavedTable], code: str, appendices: Sequence[Sec
     if notes:
         first.append(Notes("Not all alike", notes))
     first.append(_overview(tables))
-    facts = [f"{count(len(tables))} tables", f"{count(sum(len(table.rows) for table in tables))} quantities"]
+    facts = [
+        f"{count(len(tables))} table{'s' * (len(tables) != 1)}",
+        f"{count(sum(len(table.rows) for table in tables))} quantities",
+    ]
     sections = [Section("", first), *map(_section, tables), *appendices]
     return Page("The papers' tables, measured again", sections, facts)
 

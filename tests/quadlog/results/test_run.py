@@ -14,8 +14,8 @@ import pytest
 import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun, UnknownName
-from quadlog.results import read_metrics
 from quadlog.results.record import RunRecord
+from quadlog.results.saved.run_folder import read_metrics
 
 
 def test_tables_are_those_of_the_files_with_seconds_read_once(tiny_run: Path) -> None:

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results import load_maps
 from quadlog.results.saved import maps
 from quadlog.results.saved.maps import (
     CloudSample,
     DilutionGrid,
     GroundMap,
     MapsWriter,
+    load_maps,
     read_cloud_samples,
     read_dilution,
     read_ground,

@@ -11,8 +11,14 @@ from aiohttp import web as http
 
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun, RecordingNotFound, UnknownRunFormat
-from quadlog.results import read_record
-from quadlog.results.record import InputRecord, RunRecord, describe_input, describe_input_aside, input_bytes
+from quadlog.results.record import (
+    InputRecord,
+    RunRecord,
+    describe_input,
+    describe_input_aside,
+    input_bytes,
+    read_record,
+)
 from quadlog.results.saved.run_folder import RunFolder
 from quadlog.storage.remote_path import to_path
 

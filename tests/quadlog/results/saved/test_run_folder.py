@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun
-from quadlog.results import read_metrics, read_record
+from quadlog.results.record import read_record
 from quadlog.results.saved.names import OWN_FILES
-from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.saved.run_folder import RunFolder, read_metrics
 from quadlog.storage.atomic_write import part_prefix
 
 
