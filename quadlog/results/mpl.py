@@ -49,7 +49,7 @@ WIDTH_IN = 8.0
 POINT_SIZE = 9.0
 PANEL_IN, LANE_IN, ABOVE_IN, BELOW_IN, LEFT_IN, RIGHT_IN = 1.35, 0.55, 0.34, 0.48, 0.72, 0.12
 ROW_IN, LETTER_IN = 0.21, 0.078
-"""Height of a row of a panel with rows, and width of a letter of its name."""
+"""Height of a row of a panel with rows or of a legend, and width of a letter."""
 MOST_CELLS = 800
 """Across a picture."""
 MAX_POINTS = 20_000
@@ -77,17 +77,19 @@ def render(drawing: Drawing, to: Format = "png", width_in: float = WIDTH_IN, poi
 
 
 def _panel_picture(panels: Sequence[Panel], wide: float, text: float) -> Picture:
-    """Panels one below the other over one x axis; a quantity stands above its panel, beside the legend."""
+    """Panels one below the other over one x axis; a quantity stands above its panel, beside or above the legend."""
     heights_in = [
         text * ROW_IN * len(panel.rows) if panel.rows else LANE_IN if panel.lane else PANEL_IN for panel in panels
     ]
-    above_in, below_in = ABOVE_IN * text, BELOW_IN * text
-    height_in = sum(heights_in) + above_in * len(panels) + below_in
-    width_in = WIDTH_IN * wide
+    width_in, below_in = WIDTH_IN * wide, BELOW_IN * text
+    room = int((width_in - LEFT_IN * text - RIGHT_IN) / (LETTER_IN * text))
+    legends = [_legend_shape(panel, room) for panel in panels]
+    aboves_in = [text * (ABOVE_IN + ROW_IN * rows) for rows, _ in legends]
+    height_in = sum(heights_in) + sum(aboves_in) + below_in
     picture = Picture(figsize=(width_in, height_in))
     FigureCanvasAgg(picture)
     top_in, first = height_in, None
-    for panel, panel_in in zip(panels, heights_in, strict=True):
+    for panel, panel_in, above_in, legend in zip(panels, heights_in, aboves_in, legends, strict=True):
         top_in -= above_in + panel_in
         letters = max((len(name) for panel in panels for name in panel.rows), default=0)
         left_in = text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
@@ -95,13 +97,22 @@ def _panel_picture(panels: Sequence[Panel], wide: float, text: float) -> Picture
         scaled = tuple(np.array(box) / [width_in, height_in, width_in, height_in])
         axes = picture.add_axes(scaled, sharex=first)
         first = first or axes
-        _draw_panel(axes, panel)
+        _draw_panel(axes, panel, legend[1], title_pad=3 + 72 * ROW_IN * text * legend[0])
         axes.tick_params(labelbottom=panel is panels[-1])
     axes.set_xlabel(panels[-1].x)
     return picture
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
+def _legend_shape(panel: Panel, room: int) -> tuple[int, int]:
+    """Rows of the legend below the quantity, 0 where both fit side by side in so many letters, and columns."""
+    widths = [] if panel.rows or panel.lane else [len(series.label) + 5 for series in panel.series]
+    if len(panel.what) + sum(widths) <= room:
+        return 0, max(1, len(widths))
+    columns = max(1, room // max(widths, default=1))
+    return -(-len(widths) // columns), columns
+
+
+def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> None:
     for series in panel.series:
         _draw_series(axes, series, bool(panel.rows))
     for x in panel.marks.tolist():
@@ -115,12 +126,14 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         axes.set_ylim(bottom=0)
     if panel.log:
         _set_log(axes, "x" if panel.rows else "y")
-    axes.set_title(panel.what, loc="left", pad=3)
+    axes.set_title(panel.what, loc="left", pad=title_pad)
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
     elif not panel.lane:
-        legend = axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=5, borderaxespad=0.1, handlelength=1.4)
+        legend = axes.legend(
+            loc="lower right", bbox_to_anchor=(1, 1), ncols=columns, borderaxespad=0.1, handlelength=1.4
+        )
         _enlarge(legend)
 
 

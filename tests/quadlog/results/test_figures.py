@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from quadlog.errors import CannotWrite
+from quadlog.results import mpl
 from quadlog.results.figures import FIGURES, drawings_of, write_plots
 from quadlog.results.mpl import COLORS, render
 from quadlog.results.page.pack import Pack
@@ -185,3 +186,26 @@ def test_a_long_track_keeps_its_gaps_and_moments_when_it_is_thinned() -> None:
 def test_colours_of_the_page_and_the_pictures_have_the_same_names() -> None:
     css = (Path(__file__).parents[3] / "quadlog/results/page/templates/app.css").read_text()
     assert all(css.count(f"--{name}:") == 2 for name in COLORS if name not in ("text", "soft", "bad"))
+
+
+@pytest.mark.parametrize("width_in", [2.5, 3.5, 8.0])
+def test_a_legend_never_covers_the_quantity_of_its_panel(
+    tiny_run: Path, width_in: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Matplotlib says where both are drawn."""
+    covered, seen = [], []
+
+    def look(picture: mpl.Picture, *_: object, **__: object) -> None:
+        picture.canvas.draw()  # type: ignore[attr-defined]
+        for axes in picture.axes:
+            title, legend = axes._left_title, axes.get_legend()  # type: ignore[attr-defined]
+            if title.get_text() and legend is not None:
+                seen.append(title.get_text())
+                if legend.get_window_extent().overlaps(title.get_window_extent()):
+                    covered.append(title.get_text())
+
+    monkeypatch.setattr(mpl.Picture, "savefig", look)
+    for drawing in drawings_of(Run(tiny_run)).values():
+        render(drawing, "pdf", width_in, point_size=8.0)
+    assert len(seen) > 8
+    assert covered == []
