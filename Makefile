@@ -13,7 +13,7 @@ check-python = $(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version
 
 .PHONY: demo tables test test-all install lint typecheck unit bench fuzz docs fixture clean
 
-demo: $(RUNNABLE)  ## replay the committed recording, print its metrics and where its page is
+demo: $(RUNNABLE)  ## replay the committed recording, print its verdict and where its page is
 	@echo "demo: replaying fixtures/follow.mcap, 12 s of a synthetic walk; the first time compiles for some 20 s"
 	@$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
 
