@@ -275,6 +275,7 @@ class LocalPool(Executor):
 
     def terminate_workers(self) -> None:
         """Stop at once: queued tasks are cancelled, running ones clean up and fail with WorkerDied."""
+        self.shutdown(wait=False, cancel_futures=True)  # first, or a worker that ends would take a queued task
         with self._changed:
             self._stopped = True
             running = list(self._running)
@@ -283,7 +284,7 @@ class LocalPool(Executor):
         late = threading.Timer(LAST_WORDS_S, _kill, (running,))
         late.start()
         try:
-            self.shutdown(cancel_futures=True)
+            self.shutdown()
         finally:
             late.cancel()
 
