@@ -23,7 +23,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
 )
 from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
 from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
-from quadlog.positioning.link_quality import link_quality, weak_first_path_share
+from quadlog.positioning.links import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Located, TagResult, locate
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
@@ -53,7 +53,8 @@ def uwb_diagnostics(
         tags = tags_of(config, streams.ranges)
         body = body_tags_of(config, list(tags))
         if len(body) == 1 and config.uwb.odometry:  # as in a replay, so that both have the same residuals
-            tags[body[0]] = replace(tags[body[0]], body_motion=odometry_motion(streams))
+            x_m, y_m = lever_of(config, body[0])
+            tags[body[0]] = replace(tags[body[0]], body_motion=odometry_motion(streams), x_m=x_m, y_m=y_m)
         anchors, settings = anchors_of(config), settings_of(config)
         located = locate(streams.ranges, anchors, list(tags.values()), settings)
     except QuadlogError as error:
@@ -64,8 +65,7 @@ def uwb_diagnostics(
     found = {
         "uwb": _link_rows(located, streams, config),
         "uwb_tags": [
-            _tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference, located.why_no_bias)
-            for each in located.tags
+            _tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags
         ],
         "uwb_body": body if len(body) > 1 else [],
         "dilution": _dilution(located, robot, config),
@@ -85,7 +85,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     rows = []
     for result in located.tags:
-        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, located.why_no_bias)
+        links = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
         weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor_ids)
         rows += [
             {
@@ -107,7 +107,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
 
 
 def _tag_row(
-    result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None, why_no_bias: str
+    result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None
 ) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
@@ -125,7 +125,7 @@ def _tag_row(
         "ellipse_major_median_m": _median(major_m),
         "ellipse_minor_median_m": _median(minor_m),
         "nis": float(np.mean(result.nis)) if len(result.nis) else None,
-        "calibration": why_no_bias if result.bias is None else result.bias.reason,
+        "calibration": "calibration is off" if result.bias is None else result.bias.reason,
     }
     if errors is None:
         return row | {"reference": None, "fix_error": None, "track_error": None}

@@ -21,7 +21,7 @@ from quadlog.pipelines.executor.compilation import Compilation, python
 from quadlog.pipelines.stages.perceive import make_memory
 from quadlog.pipelines.stages.positions.tag_errors import has_body_of_tags
 from quadlog.pipelines.stages.scans import ScanSettings
-from quadlog.positioning.body.locate_body import locate_body
+from quadlog.positioning.body import locate_body
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 

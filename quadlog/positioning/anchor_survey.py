@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, takewhile
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.positioning.epochs import Epochs, thin_rows
+from quadlog.positioning.factors import Border, TagRanges
 from quadlog.positioning.fix.trilateration import solve_gauss_newton
-from quadlog.positioning.shared_errors import (
-    SharedErrors,
-    column_medians,
-    redescending_weights,
-    scatter_covariances,
-    solve_shared_errors,
-    track_epochs,
-    wander_covariance,
-    weigh_by_lateness,
-)
+from quadlog.positioning.links import COMMON_STD_M
+from quadlog.positioning.solve import refine
+from quadlog.positioning.tracking import Body, Starts, Tracked, TrackSettings, track_tag
 
 MIN_RANGES = 4
 """Three ranges agree with almost any order of their anchors."""
@@ -84,23 +79,28 @@ def layout_misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: floa
 def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
     range_m = log.epochs.range_m[thin_rows(np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES, MAX_EPOCHS)]
     fixes = solve_gauss_newton(anchors_m, range_m, log.height_m, range_std_m, np.inf)
-    bias_m = column_medians(fixes.residual_m).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
+    bias_m = _medians(fixes.residual_m).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
     off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
     cost = np.log1p((off_std / COST_STD) ** 2)
     return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])
+
+
+def _medians(values: Float) -> Float:
+    """(A,) of columns, zero of those that are all NaN."""
+    known = np.isfinite(values).any(axis=0)
+    found = np.zeros(values.shape[1])
+    found[known] = np.nanmedian(values[:, known], axis=0)
+    return found
 
 
 MAX_SHIFT_EPOCHS = 400
 MIN_EPOCHS = 40
 MIN_WALK_M = 0.5
 """A tag whose places scatter less stood still: what it seems to see from several sides is noise."""
-ROUNDS = 2
-COMMON_BIAS_STD_M, LINK_BIAS_STD_M, SHIFT_STD_M = 0.2, 0.1, 5.0
-"""Priors. Links of one make share most of their bias; without that, a shift towards the tag would pass for one."""
-WANDER_STD_M, WANDER_S = 0.05, 10.0
-"""What every link may be off by, and for how long at a time, as the reflections of a place have it."""
-LATE_STD_M = 0.02
-"""What late ranges may do to a place."""
+SHIFT_STD_M, PLACE_STD_M = 5.0, 0.05
+"""Priors of a displacement, and of what reflections that depend on the place make of one."""
+LATE_STD = 2.0
+SHIFT_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,69 +137,80 @@ class AnchorShift:
         return float(np.sqrt(along @ self.covariance_m2 @ along))
 
 
-def fit_anchor_shift(
-    log: TagEpochs, anchors_m: Float, anchor: int, range_std_m: float, acceleration_std_mps2: float
-) -> AnchorShift | None:
-    """How far anchor, an index into anchors_m (A, 3), is off, judged by the track that the others give.
+@dataclass(frozen=True, slots=True)
+class _CheckedTag:
+    """A log thinned to E epochs, with how each anchor was heard then, and its track with the anchors as configured."""
 
-    That track gives the weights and the first guess; then the displacement is solved for together with the biases of
-    all links and the fixes. None without MIN_EPOCHS epochs in which three others were heard with it, and for a tag
-    that stood still.
-    """
-    heard = np.isfinite(log.epochs.range_m)
-    rows = thin_rows(heard[:, anchor] & (heard.sum(axis=1) >= MIN_RANGES), MAX_SHIFT_EPOCHS)
+    epochs: Epochs
+    t_s: Float
+    tracked: Tracked
+
+    @property
+    def place_m(self) -> Float:
+        """(E, 3) at the epochs."""
+        pose, _, _ = self.tracked.poses(self.t_s)
+        return np.column_stack([pose, np.full(len(pose), self.tracked.body.ranges.height_m[0])])
+
+
+def track_for_check(
+    log: TagEpochs, anchors_m: Float, range_std_m: float, acceleration_std_mps2: float
+) -> _CheckedTag | None:
+    """The track of a tag by the epochs with MIN_RANGES; None without MIN_EPOCHS, and for a tag that stood still."""
+    rows = thin_rows(np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES, MAX_SHIFT_EPOCHS)
     if len(rows) < MIN_EPOCHS:
         return None
     t_ns, range_m = log.epochs.t_ns[rows], log.epochs.range_m[rows]
-    others = np.delete(np.arange(len(anchors_m)), anchor)
-    prior = _prior(len(anchors_m))
-
-    def track_without(bias_m: Float) -> tuple[Float, int]:
-        unbiased = Epochs(t_ns, t_ns, (range_m - bias_m)[:, others])
-        return track_epochs(unbiased, anchors_m[others], log.height_m, range_std_m, acceleration_std_mps2)
-
-    def fit(place_m: Float, free_axes: int, shift_m: Float) -> tuple[SharedErrors, Float]:
-        placed_m = _place(anchors_m, anchor, shift_m)
-        residual_m = range_m - np.linalg.norm(place_m[:, None] - placed_m, axis=2)
-        weight = weigh_by_lateness(residual_m, range_std_m)
-        moving = np.array([anchor])
-        return solve_shared_errors(anchors_m, moving, range_m, weight, place_m, free_axes, prior), weight
-
-    place_m, free_axes = track_without(np.zeros(len(anchors_m)))
-    if np.sqrt(place_m.var(axis=0).sum()) < MIN_WALK_M:
-        return None
-    shift_m = _place_anchor(place_m, anchors_m[anchor], range_m[:, anchor], range_std_m)
-    errors, weight = fit(place_m, free_axes, shift_m)
-    for _ in range(ROUNDS - 1):
-        errors, weight = fit(*track_without(errors.bias_m), errors.shift_m[0])
+    fixes = solve_gauss_newton(anchors_m, range_m, log.height_m, range_std_m, np.inf)
+    at, anchor = np.nonzero(np.isfinite(range_m))
     t_s = seconds_since(t_ns, int(t_ns[0]))
-    return AnchorShift(anchor, errors.shift_m[0], _shift_covariance(errors, weight, t_s), float(t_s[-1]))
+    if not fixes.solved.any():
+        return None
+    own, tag = np.array([log.height_m]), np.zeros_like(anchor)
+    ranges = TagRanges(t_s[at], tag, anchor, range_m[at, anchor], np.zeros((1, 2)), own, len(anchors_m))
+    settings = TrackSettings(range_std_m, acceleration_std_mps2, 0.0, calibrate=True)
+    starts = Starts(t_s[fixes.solved], fixes.position_m[fixes.solved, :2])
+    tracked = track_tag(Body(ranges, anchors_m, settings, np.empty(0)), starts)
+    checked = _CheckedTag(Epochs(t_ns, t_ns, range_m), t_s, tracked)
+    return checked if np.sqrt(checked.place_m.var(axis=0).sum()) >= MIN_WALK_M else None
 
 
-def _shift_covariance(errors: SharedErrors, weight: Float, t_s: Float) -> Float:
-    """(2, 2) the widest there is reason for, what a place does to ranges included."""
-    told_m2 = np.array([errors.covariance_m2, *scatter_covariances(errors, weight)])[:, -2:, -2:]
-    widest_m2 = told_m2[np.trace(told_m2, axis1=1, axis2=2).argmax()]
-    wander_m2 = wander_covariance(errors, t_s, WANDER_STD_M, WANDER_S)[-2:, -2:]
-    return np.asarray(widest_m2 + wander_m2 + LATE_STD_M**2 * np.eye(2))
+def fit_anchor_shift(checked: _CheckedTag, anchor: int) -> AnchorShift | None:
+    """How far an anchor, by its index, is off: its displacement is solved for together with the track and all biases.
 
-
-def _prior(n_links: int) -> Float:
-    """(A + 2, A + 2) information in 1/m^2 about the biases and one displacement."""
-    covariance_m2 = np.eye(n_links + 2) * SHIFT_STD_M**2
-    covariance_m2[:n_links, :n_links] = LINK_BIAS_STD_M**2 * np.eye(n_links) + COMMON_BIAS_STD_M**2
-    return np.asarray(np.linalg.inv(covariance_m2))
+    None without MIN_EPOCHS epochs in which three others were heard with it.
+    """
+    heard = np.isfinite(checked.epochs.range_m)
+    with_it = heard[:, anchor] & (heard.sum(axis=1) >= MIN_RANGES)
+    if np.count_nonzero(with_it) < MIN_EPOCHS:
+        return None
+    estimate = checked.tracked.last
+    problem, n = estimate.problem, len(estimate.values)
+    columns = np.where(np.arange(len(problem.model.anchors_m)) == anchor, n, -1)
+    level = np.square([SHIFT_STD_M, SHIFT_STD_M, 1e-3])
+    freed = replace(
+        problem,
+        model=replace(problem.model, border=Border(problem.model.border.n_links, n + 3, columns)),
+        mean=np.append(problem.mean, np.zeros(3)),
+        priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
+    )
+    range_m = checked.epochs.range_m[with_it, anchor]
+    guess_m = _place_anchor(checked.place_m[with_it], problem.model.anchors_m[anchor], range_m, problem.range_std_m)
+    values = np.concatenate([estimate.values, guess_m, [0.0]])
+    solved = refine(freed, estimate.knots, values, estimate.weights.lasts, SHIFT_ROUNDS)
+    covariance_m2 = solved.covariance[n : n + 2, n : n + 2] + PLACE_STD_M**2 * np.eye(2)
+    return AnchorShift(anchor, solved.values[n : n + 2], covariance_m2, float(np.ptp(checked.t_s[with_it])))
 
 
 def _place_anchor(place_m: Float, anchor_m: Float, range_m: Float, range_std_m: float) -> Float:
     """(2,) displacement at which an anchor (3,) is at ranges (E,) from places (E, 3), but for one bias; robust."""
     value = np.zeros(3)
-    prior = np.diag([SHIFT_STD_M**-2, SHIFT_STD_M**-2, COMMON_BIAS_STD_M**-2])
+    prior = np.diag([SHIFT_STD_M**-2, SHIFT_STD_M**-2, COMMON_STD_M**-2])
     for _ in range(15):
         offset_m = place_m - anchor_m - np.append(value[:2], 0.0)
         distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-9)
         residual_m = range_m - distance_m - value[2]
-        weight = redescending_weights(residual_m, range_std_m)
+        spread_m = max(range_std_m, 1.4826 * float(np.median(np.abs(residual_m))))
+        weight = 1 / (1 + (residual_m / (LATE_STD * spread_m)) ** 2) ** 2
         effect = np.column_stack([-offset_m[:, :2] / distance_m[:, None], np.ones(len(range_m))])
         pull = effect.T @ (weight * residual_m) - prior @ value
         step_m = np.linalg.solve((effect.T * weight) @ effect + prior, pull)
@@ -252,9 +263,10 @@ def check_survey(
     exchanged = bool(swapped or turned)
     if not exchanged and max(np.ptp(log.epochs.t_ns) for log in logs if len(log.epochs)) * 1e-9 < MIN_LOG_S:
         return SurveyFaults()
+    tracked = [track_for_check(log, anchors_m, range_std_m, acceleration_std_mps2) for log in logs]
     shifts = []
     for anchor in range(len(anchors_m)):
-        fits = [fit_anchor_shift(log, anchors_m, anchor, range_std_m, acceleration_std_mps2) for log in logs]
+        fits = [fit_anchor_shift(each, anchor) for each in tracked if each is not None]
         found = [fit for fit in fits if fit is not None]
         if found:
             shifts.append(_combine(found))

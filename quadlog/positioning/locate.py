@@ -1,4 +1,4 @@
-"""Where every tag was: screen, group, calibrate, fix, track."""
+"""Where every tag was: screen, group, fix, track with the links' biases."""
 
 from __future__ import annotations
 
@@ -11,14 +11,31 @@ import numpy as np
 from quadlog.errors import AnchorsCollinear
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.anchor_bias import AnchorBias, Calibration, calibrate_links
+from quadlog.positioning.causal import Known, follow
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
+from quadlog.positioning.factors import TagRanges
 from quadlog.positioning.fix.ambiguity import heights_are_told, solve_on_side, start_on_side
 from quadlog.positioning.fix.least_squares import Fixes, require_spread
 from quadlog.positioning.fix.trilateration import solve_fixes
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity, measure_velocity
-from quadlog.positioning.track.range_log import VelocitySeries
-from quadlog.positioning.track.tracker import Track, TrackedRanges, track_ranges
+from quadlog.positioning.heading.odometry_velocity import (
+    BodyMotion,
+    MeasuredMotion,
+    measure_motion,
+    moves_of,
+    way_of,
+)
+from quadlog.positioning.links import AnchorBias, RangeRows
+from quadlog.positioning.motion import Track
+from quadlog.positioning.tracking import (
+    LONGEST_GAP_S,
+    Body,
+    OdometrySteps,
+    Starts,
+    Tracked,
+    TrackSettings,
+    track_tag,
+    track_turning,
+)
 
 HEIGHT_STD_M = 0.5
 """How far the given height of a tag whose height is tracked may be off: what a person lifts or lowers it by."""
@@ -69,31 +86,18 @@ class LocateSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class RangeRows:
-    """The N usable ranges of one tag.
-
-    range_m: as measured; predicted_m: from the track, bias included, NaN off the track.
-    weight: robust weight in the track, one for full trust, near zero for NLOS, zero off the track.
-    """
-
-    t_ns: Int
-    anchor: Int
-    range_m: Float
-    predicted_m: Float
-    weight: Float
-
-
-@dataclass(frozen=True, slots=True)
 class TagResult:
     """All that is known of one tag. Fixes are calibrated, not smoothed, one row per epoch at fix_t_ns (E,).
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
-    shared_m: beyond that, what all links have in common, which the smoothed track alone does without.
+    shared_m: the bias of all links that the track alone does without, where they are not calibrated.
     n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
-    restart_ns, n_ranges, nis: of the track, as in TrackedRanges; epochs: the ranges the fixes are made from, as
-    measured.
-    velocity: what odometry told of the tag's motion, None where there is none.
+    restart_ns: (R,) where the tag was carried away and its track begins again.
+    n_ranges, nis: (T,) of each of the track's instants, its ranges and what they miss the track by, squared, over the
+    variance that they have where range_std_m and the motion are right, by their weights over the mean weight.
+    epochs: the ranges the fixes are made from, as measured. velocity: what odometry has of the tag's motion, None where
+    there is none.
     """
 
     tag: int
@@ -114,7 +118,7 @@ class TagResult:
     n_ranges: Int
     nis: Float
     epochs: Epochs
-    velocity: MeasuredVelocity | None
+    velocity: MeasuredMotion | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +128,6 @@ class Located:
     tags: tuple[TagResult, ...]
     counts: RangeCounts
     on_line: bool
-
-    @property
-    def why_no_bias(self) -> str:
-        """Why tags without an estimate of biases have none."""
-        return "biases are not estimated with anchors on a line" if self.on_line else "calibration is off"
 
 
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
@@ -140,8 +139,7 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     on_line = _are_on_line(anchors, settings)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
-    step = _locate_on_side if on_line else _locate_tag
-    return Located(tuple(step(usable, anchors, tag, settings) for tag in tags), counts, on_line)
+    return Located(tuple(_Tag(usable, anchors, tag, settings, on_line).located() for tag in tags), counts, on_line)
 
 
 def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
@@ -155,181 +153,159 @@ def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
     return False
 
 
-def _locate_tag(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
-    epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
-    known_m = epochs.range_m - anchors.known_bias_m
-    flat = _fix("gauss_newton", known_m, anchors, tag.height_m, settings)
-    solved = _solves_height(known_m, anchors, tag, settings, flat)
-    rows = _rows(ranges, anchors, tag)
-    height_std_m = HEIGHT_STD_M if solved else 0.0
-    known = _Known(rows, anchors, tag, settings, height_std_m, anchors.known_bias_m, None)
-    known = known.calibrated(epochs, flat)
-    fixes = _fix(settings.method, epochs.range_m - known.bias_m, anchors, None if solved else tag.height_m, settings)
-    tracked = known.track(epochs, fixes)
-    velocity = _measure_velocity(tag, tracked, settings)
-    if velocity is not None and velocity.series is not None:
-        tracked = known.track(epochs, fixes, velocity.series)
-    return _result(known, epoch_s, epochs, fixes, tracked, velocity)
+def columns_of(ids: Int, wanted: Int) -> Int:
+    """(N,) indices into ids (A,) of ids (N,), which are all among them."""
+    order = np.argsort(ids)
+    columns: Int = order[np.searchsorted(ids, wanted, sorter=order)]
+    return columns
 
 
-def _solves_height(range_m: Float, anchors: Anchors, tag: TagInfo, settings: LocateSettings, flat: Fixes) -> bool:
-    """Whether the height is solved for, with the ranges (E, A) of a whole log: where asked, or where they tell it.
+class _Tag:
+    """A tag that is being located: its usable ranges, epochs, and the fixes that its track starts from."""
 
-    flat: the fixes at the given height.
-    """
-    if settings.height != "auto":
-        return settings.height == "solved"
-    heard = np.isfinite(range_m)
-    return heights_are_told(anchors.position_m, flat.position_m, tag.height_m, heard, settings.range_std_m)
+    def __init__(
+        self, ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings, on_line: bool
+    ) -> None:
+        self.anchors, self.tag, self.settings, self.on_line = anchors, tag, settings, on_line
+        mine = ranges.tag == tag.id
+        self.t_ns, self.anchor, self.range_m = ranges.t_ns[mine], ranges.anchor[mine], ranges.range_m[mine]
+        self.column = columns_of(anchors.ids, self.anchor)
+        self.epoch_s = settings.epoch_s or derive_epoch_s(ranges, tag.id, anchors.ids)
+        self.epochs = group_epochs(ranges, tag.id, anchors.ids, self.epoch_s)
+        self.start = self.fix("gauss_newton", anchors.known_bias_m, tag.height_m, None)
+        self.height_solved = not on_line and self._solves_height()
 
+    def fix(self, method: str, bias_m: Float, height_m: float | None, near: Track | None) -> Fixes:
+        """Fixes of the epochs less biases (A,); with anchors on a line on the side of a track, or where it starts."""
+        settings, range_m = self.settings, self.epochs.range_m - bias_m
+        if not self.on_line:
+            return solve_fixes(
+                method, self.anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m
+            )
+        assert settings.mirror != "refuse"
+        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
+        start_m = start_on_side(*seen, settings.mirror)
+        if near is not None:
+            zero = np.zeros(len(near))
+            start_m, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
+        return solve_on_side(*seen, settings.outlier_m, start_m)
 
-def _fix(method: str, range_m: Float, anchors: Anchors, height_m: float | None, settings: LocateSettings) -> Fixes:
-    return solve_fixes(method, anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m)
+    def _solves_height(self) -> bool:
+        """Whether the height is solved for: where asked, or where the ranges of the whole log show it."""
+        if self.settings.height != "auto":
+            return self.settings.height == "solved"
+        heard = np.isfinite(self.epochs.range_m)
+        place_m, height_m = self.start.position_m, self.tag.height_m
+        return heights_are_told(self.anchors.position_m, place_m, height_m, heard, self.settings.range_std_m)
 
+    def located(self) -> TagResult:
+        """Track, then fixes with its biases."""
+        known_ns = self.epochs.t_ns if self.settings.smooth else self.epochs.last_ns
+        usable = self.start.solved & ~self.start.outlier
+        on_track = _in_segments_with_a_fix(self.t_ns, known_ns[usable], causal=not self.settings.smooth)
+        if not on_track.any():
+            return self._result(None, on_track, None)
+        first_ns = int(self.t_ns[0])
+        column, range_m = self.column[on_track], (self.range_m - self.anchors.known_bias_m[self.column])[on_track]
+        t_s = (self.t_ns[on_track] - first_ns) * 1e-9
+        lever_m, height_m = np.zeros((1, 2)), np.array([self.tag.height_m])
+        ranges = TagRanges(t_s, np.zeros_like(column), column, range_m, lever_m, height_m, len(self.anchors.ids))
+        starts = Starts((known_ns[usable] - first_ns) * 1e-9, self.start.position_m[usable, :2])
+        body = Body(ranges, self.anchors.position_m, self._track_settings(), np.empty(0))
+        tracked = track_tag(body, starts) if self.settings.smooth else follow(body, starts)
+        if self.tag.body_motion is None:
+            return self._result(tracked, on_track, None)
+        alone, place = self._track(tracked, on_track), (self.tag.x_m, self.tag.y_m)
+        motion = measure_motion(self.tag.body_motion, alone, *place, causal=not self.settings.smooth)
+        if motion.reason is None:
+            tracked = with_motion(tracked, starts, motion, self.tag, first_ns)
+        return self._result(tracked, on_track, motion)
 
-def _measure_velocity(tag: TagInfo, tracked: TrackedRanges, settings: LocateSettings) -> MeasuredVelocity | None:
-    if tag.body_motion is None:
-        return None
-    return measure_velocity(tag.body_motion, tracked.track, tag.x_m, tag.y_m, causal=not settings.smooth)
+    def _track(self, tracked: Tracked | Known, on_track: np.ndarray) -> Track:
+        t_ns, first = np.unique(self.t_ns[on_track], return_index=True)
+        return tracked.track(tracked.body.ranges.t_s[first], t_ns, 0)
 
-
-def _locate_on_side(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> TagResult:
-    """With anchors on a line: the track keeps to the side it starts on, and the fixes to the track's.
-
-    Heights are as given, fixes are of maximum likelihood, and biases are not estimated.
-    """
-    assert settings.mirror != "refuse"
-    epoch_s, epochs = _epochs(ranges, anchors, tag, settings)
-    unbiased_m = epochs.range_m - anchors.known_bias_m
-    seen = anchors.position_m, unbiased_m, tag.height_m, settings.range_std_m
-    first = solve_on_side(*seen, settings.outlier_m, start_on_side(*seen, settings.mirror))
-    known = _Known(_rows(ranges, anchors, tag), anchors, tag, settings, 0.0, anchors.known_bias_m, None)
-    tracked = known.track(epochs, first)
-    velocity = _measure_velocity(tag, tracked, settings)
-    if velocity is not None and velocity.series is not None:
-        tracked = known.track(epochs, first, velocity.series)
-    track = tracked.track
-    start_m, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, np.zeros(len(track)), epoch_s)
-    fixes = solve_on_side(*seen, settings.outlier_m, start_m)
-    return _result(known, epoch_s, epochs, fixes, tracked, velocity)
-
-
-def _epochs(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings) -> tuple[float, Epochs]:
-    epoch_s = settings.epoch_s
-    if epoch_s is None:
-        epoch_s = derive_epoch_s(ranges, tag.id, anchors.ids)
-    return epoch_s, group_epochs(ranges, tag.id, anchors.ids, epoch_s)
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """The usable ranges of one tag; column: each range's anchor as an index into the anchors."""
-
-    t_ns: Int
-    anchor: Int
-    column: Int
-    range_m: Float
-
-
-def _rows(ranges: RangeSeries, anchors: Anchors, tag: TagInfo) -> _Rows:
-    mine = ranges.tag == tag.id
-    anchor = ranges.anchor[mine]
-    order = np.argsort(anchors.ids)
-    return _Rows(
-        ranges.t_ns[mine], anchor, order[np.searchsorted(anchors.ids, anchor, sorter=order)], ranges.range_m[mine]
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What is known of a tag before it is tracked: its ranges, and the biases (A,) to subtract from them."""
-
-    rows: _Rows
-    anchors: Anchors
-    tag: TagInfo
-    settings: LocateSettings
-    height_std_m: float
-    bias_m: Float
-    calibration: Calibration | None
-
-    @property
-    def shared_m(self) -> float:
-        """The bias that all links share, where a smoother estimates it with the track."""
-        return self.calibration.shared_m if self.calibration is not None and self.settings.smooth else 0.0
-
-    def calibrated(self, epochs: Epochs, flat: Fixes) -> _Known:
-        """With what the whole log shows of the ranges beyond the known biases; starts from fixes at a given height."""
-        rows, start, settings = self.rows, flat.solved & ~flat.outlier, self.settings
-        calibration = calibrate_links(
-            rows.t_ns,
-            rows.column,
-            rows.range_m - self.bias_m[rows.column],
-            self.anchors.position_m,
-            self.tag.height_m,
-            epochs.last_ns[start],
-            flat.position_m[start],
-            range_std_m=settings.range_std_m,
-            acceleration_std_mps2=settings.acceleration_std_mps2,
-            tag_height_std_m=self.height_std_m,
-            apply=settings.calibrate,
+    def _track_settings(self) -> TrackSettings:
+        """As this tag is tracked."""
+        settings = self.settings
+        height_std_m = HEIGHT_STD_M if self.height_solved else 0.0
+        return TrackSettings(
+            settings.range_std_m, settings.acceleration_std_mps2, height_std_m, settings.calibrate
         )
-        return replace(self, bias_m=self.bias_m + calibration.bias.applied_m, calibration=calibration)
 
-    def track(self, epochs: Epochs, fixes: Fixes, velocity: VelocitySeries | None = None) -> TrackedRanges:
-        """The tag's track, its predictions with the biases in them."""
-        rows, start, settings = self.rows, fixes.solved & ~fixes.outlier, self.settings
-        known = self.calibration
-        bias_m, usual_m = self.bias_m + self.shared_m, None
-        if known is not None and settings.smooth:
-            usual_m = known.usual_m - self.shared_m
-        tracked = track_ranges(
-            rows.t_ns,
-            rows.column,
-            rows.range_m - bias_m[rows.column],
-            self.anchors.position_m,
-            self.tag.height_m,
-            epochs.last_ns[start],
-            fixes.position_m[start],
-            range_std_m=settings.range_std_m,
-            acceleration_std_mps2=settings.acceleration_std_mps2,
-            smooth=settings.smooth,
-            tag_height_std_m=self.height_std_m,
+    def _result(self, tracked: Tracked | Known | None, on_track: np.ndarray, velocity: MeasuredMotion | None) -> TagResult:
+        height_m, n_anchors = self.tag.height_m, len(self.anchors.ids)
+        predicted_m, weight = np.full(len(self.t_ns), np.nan), np.zeros(len(self.t_ns))
+        bias_m, shared_m, bias = self.anchors.known_bias_m, 0.0, None
+        heard = np.bincount(self.column, minlength=n_anchors)
+        if tracked is None:
+            track, restart_ns, n_ranges, nis = no_track(), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        else:
+            t_ns, first, n_ranges = np.unique(self.t_ns[on_track], return_index=True, return_counts=True)
+            track = self._track(tracked, on_track)
+            residual_m, weight[on_track], square = tracked.of_ranges()
+            predicted_m[on_track] = self.range_m[on_track] - residual_m
+            nis = np.add.reduceat(square, first) / n_ranges
+            cuts_ns = int(self.t_ns[0]) + np.rint(tracked.restarts_s * 1e9).astype(np.int64)
+            restart_ns = t_ns[np.searchsorted(t_ns, cuts_ns - 1)]
+            own_m, std_m = tracked.biases()
+            if self.settings.calibrate:
+                bias = AnchorBias(own_m, std_m, heard, tracked.last.shares)
+                bias_m = bias_m + bias.applied_m
+            else:
+                shared_m = float(own_m.mean())
+        fixes_height_m = None if self.height_solved else height_m
+        fixes = self.fix(self.settings.method, bias_m, fixes_height_m, track)
+        fewest = 4 if self.height_solved else 3
+        return TagResult(
+            tag=self.tag.id,
+            height_m=height_m,
+            epoch_s=self.epoch_s,
+            height_solved=self.height_solved,
+            fix_t_ns=self.epochs.t_ns,
+            fixes=fixes,
+            ranges=RangeRows(self.t_ns, self.anchor, self.range_m, predicted_m, weight),
+            track=track,
+            bias=bias,
+            bias_m=bias_m,
+            shared_m=shared_m,
+            n_too_few=int((fixes.n_ranges < fewest).sum()),
+            n_degenerate=int(fixes.degenerate.sum()),
+            n_untracked=int(np.isnan(predicted_m).sum()),
+            restart_ns=restart_ns,
+            n_ranges=n_ranges,
+            nis=nis,
+            epochs=self.epochs,
             velocity=velocity,
-            usual_m=usual_m,
-            spread=None if known is None else known.spread,
         )
-        return replace(tracked, predicted_m=tracked.predicted_m + bias_m[rows.column])
 
 
-def _result(
-    known: _Known,
-    epoch_s: float,
-    epochs: Epochs,
-    fixes: Fixes,
-    tracked: TrackedRanges,
-    velocity: MeasuredVelocity | None,
-) -> TagResult:
-    rows, height_solved = known.rows, known.height_std_m > 0
-    fewest = 4 if height_solved else 3
-    bias = known.calibration.bias if known.calibration is not None and known.settings.calibrate else None
-    return TagResult(
-        tag=known.tag.id,
-        height_m=known.tag.height_m,
-        epoch_s=epoch_s,
-        height_solved=height_solved,
-        fix_t_ns=epochs.t_ns,
-        fixes=fixes,
-        ranges=RangeRows(rows.t_ns, rows.anchor, rows.range_m, tracked.predicted_m, tracked.weight),
-        track=tracked.track,
-        bias=bias,
-        bias_m=known.bias_m,
-        shared_m=known.shared_m,
-        n_too_few=int((fixes.n_ranges < fewest).sum()),
-        n_degenerate=int(fixes.degenerate.sum()),
-        n_untracked=int(np.isnan(tracked.predicted_m).sum()),
-        restart_ns=tracked.restart_ns,
-        n_ranges=tracked.n_ranges,
-        nis=tracked.nis,
-        epochs=epochs,
-        velocity=velocity,
-    )
+def with_motion(
+    tracked: Tracked | Known, starts: Starts, motion: MeasuredMotion, tag: TagInfo, first_ns: int
+) -> Tracked | Known:
+    """The track of a tag again, with the odometry of what carries it."""
+    assert tag.body_motion is not None
+    if isinstance(tracked, Known):
+        moves = moves_of(motion, first_ns)
+        return follow(replace(tracked.body, motion=moves), starts)
+    way = way_of(tag.body_motion, first_ns, tag.x_m, tag.y_m)
+    t_s, pose = tracked.body.timeline.t_s, tracked.last.knots[:, 0]
+    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, way.t_s, motion.yaw_rad)]))
+    return track_turning(replace(tracked.body, yaw=True, motion=OdometrySteps(way, motion.std_mps)), at_knots)
+
+
+def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, *, causal: bool) -> np.ndarray:
+    """(R,) bool, of ranges at t_ns (R,) those between whose gaps of LONGEST_GAP_S there is a fix; causal: from it on."""
+    segment = np.append(0, np.cumsum(np.diff(t_ns) > LONGEST_GAP_S * 1e9))[: len(t_ns)]
+    of_fix = segment[(np.searchsorted(t_ns, fix_ns, side="right") - 1).clip(0)]
+    found, first = np.unique(of_fix, return_index=True)
+    kept = np.isin(segment, found)
+    if causal and len(found):
+        kept &= t_ns >= fix_ns[first][np.searchsorted(found, segment).clip(max=len(found) - 1)]
+    return kept
+
+
+def no_track() -> Track:
+    """Of a tag that was never located."""
+    none = np.empty((0, 2, 2))
+    return Track(np.empty(0, np.int64), none[:, 0], none[:, 0], none, none, np.empty(0), np.empty(0))

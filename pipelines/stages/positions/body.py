@@ -8,8 +8,8 @@ import numpy as np
 
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of
-from quadlog.positioning.body.locate_body import LocatedBody, keep_distance, locate_body
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredVelocity
+from quadlog.positioning.body import LocatedBody, keep_distance, locate_body
+from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
 from quadlog.recordings.formatting import listed
 
@@ -49,11 +49,11 @@ def _tell_body(walk: ReplayContext, body: LocatedBody) -> None:
         )
 
 
-def velocity_words(velocity: MeasuredVelocity, track: str) -> str:
+def velocity_words(velocity: MeasuredMotion, track: str) -> str:
     """Whether velocities of another sensor steady a track by UWB, and how well they are known."""
-    if velocity.series is None:
+    if velocity.reason is not None:
         return f"velocities by {velocity.source} do not steady {track}: {velocity.reason}"
-    return f"velocities by {velocity.source} steady {track}, known to {velocity.std_mps:.2f} m/s from the log"
+    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s from the log"
 
 
 def tell_roles(walk: ReplayContext, located: Located) -> None:

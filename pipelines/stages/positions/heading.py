@@ -25,7 +25,7 @@ from quadlog.positioning.heading.heading import (
     filter_lag_s,
 )
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD, SensorDrift
-from quadlog.positioning.track.tracker import Track
+from quadlog.positioning.motion import Track
 
 COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
 UNCERTAIN_HEADING_RAD = np.radians(5.0)

@@ -25,12 +25,11 @@ from quadlog.pipelines.stages.positions.tag_errors import (
     levers_on_robot,
     roles_of,
 )
-from quadlog.positioning.anchor_bias import AnchorBias
-from quadlog.positioning.body.locate_body import LocatedBody
+from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
-from quadlog.positioning.link_quality import link_quality, weak_first_path_share
+from quadlog.positioning.links import AnchorBias, link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.formatting import listed
@@ -64,9 +63,7 @@ def _write_links(walk: ReplayContext, uwb: UwbPositions) -> None:
     places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
     with TableWriter(walk.run.path / "links.parquet", TABLES["links"]) as links:
         for result in uwb.located.tags:
-            quality = link_quality(
-                result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, uwb.located.why_no_bias
-            )
+            quality = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
             columns = {
                 "tag": result.tag,
                 "anchor": anchor_ids,
@@ -143,8 +140,8 @@ def _located_notes(located: Located, config: Config) -> list[str]:
         first, *_, last = (anchor.id for anchor in config.uwb.anchors)
         texts.append(
             f"the anchors lie on a line: tracks start to the {config.uwb.mirror} of the way from anchor {first} to "
-            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well; uwb.calibrate, uwb.method "
-            "and uwb.height do not apply"
+            f"anchor {last} (uwb.mirror); on the other side their mirror images fit as well; uwb.method and uwb.height "
+            "do not apply"
         )
     for result in _described(located, config):
         if config.uwb.epoch_s is None and result.epoch_s != USUAL_EPOCH_S:
@@ -211,9 +208,7 @@ def _late_links(result: TagResult, config: Config) -> list[str]:
 
 
 def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
-    """Whether ranges are corrected, by how much, and why."""
-    if not bias.significant.any():
-        return f"tag {tag}: ranges are not corrected by anchor biases: {bias.reason}"
+    """By how much ranges are corrected, and what speaks for it."""
     links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
     words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
     return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}; {bias.reason}"
@@ -271,7 +266,8 @@ def locate_tags(walk: ReplayContext) -> UwbPositions | None:
     tags = tags_of(config, ranges)
     robot, motion = body_tags_of(config, list(tags)), _body_motion(walk) if config.uwb.odometry else None
     if len(robot) == 1 and motion is not None:
-        tags[robot[0]] = replace(tags[robot[0]], body_motion=motion)
+        x_m, y_m = lever_of(config, robot[0])
+        tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
     if robot and motion is not None and motion.source == "odometry":
         walk.use("odometry")
     anchors, settings = anchors_of(config), settings_of(config)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.messages import Float
+from quadlog.messages import Float, RangeSeries
 from quadlog.metrics.intervals import Interval
 from quadlog.pipelines.tables.following.uwb_ranges import (
     BOX_HIGH_M,
@@ -22,7 +22,7 @@ from quadlog.pipelines.tables.intervals import bootstrap_rms, rms_interval, shar
 from quadlog.positioning.fix.dilution import CHI2_95
 from quadlog.positioning.fix.least_squares import Fixes
 from quadlog.positioning.fix.trilateration import solve_fixes
-from quadlog.positioning.track.tracker import track_ranges
+from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 from quadlog.results.papers.table import PaperRow, RowGroup
 
 ANCHORS = (3, 4, 5, 8)
@@ -247,23 +247,18 @@ def _errors(
     t_ns = np.rint(t_s * 1e9).astype(np.int64)
     n_epochs, n_anchors = range_m.shape
     fixes = solve_fixes("gauss_newton", STATIONS_M, range_m, 0.0, RANGE_STD_M, OUTLIER_M)
-    start = fixes.solved & ~fixes.outlier
+    anchor, stamps_ns = np.tile(np.arange(n_anchors), n_epochs), np.repeat(t_ns, n_anchors)
+    series = RangeSeries(stamps_ns, np.zeros_like(anchor), anchor, range_m.ravel())
+    anchors = Anchors(np.arange(n_anchors), STATIONS_M, np.zeros(n_anchors))
+    settings = LocateSettings(
+        range_std_m=RANGE_STD_M, outlier_m=OUTLIER_M, acceleration_std_mps2=acceleration_mps2, calibrate=False
+    )
     errors = {}
     for estimate in estimates:
         if estimate not in SMOOTH:
             errors[estimate] = np.linalg.norm(fixes.position_m - position_m, axis=1)
             continue
-        track = track_ranges(
-            np.repeat(t_ns, n_anchors),
-            np.tile(np.arange(n_anchors), n_epochs),
-            range_m.ravel(),
-            STATIONS_M,
-            0.0,
-            t_ns[start],
-            fixes.position_m[start],
-            range_std_m=RANGE_STD_M,
-            acceleration_std_mps2=acceleration_mps2,
-            smooth=SMOOTH[estimate],
-        ).track
+        how = replace(settings, smooth=SMOOTH[estimate])
+        track = locate(series, anchors, [TagInfo(0, 0.0)], how).tags[0].track
         errors[estimate] = np.linalg.norm(track.position_m - position_m[np.searchsorted(t_ns, track.t_ns)], axis=1)
     return errors

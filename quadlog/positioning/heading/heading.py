@@ -20,7 +20,7 @@ from quadlog.positioning.heading.yaw_offset import (
     SensorDrift,
     fit_offset,
 )
-from quadlog.positioning.track.tracker import Track
+from quadlog.positioning.motion import Track
 
 HOLD_BELOW_MPS = 0.2
 TURN_STD_RADPS = 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,8 +11,9 @@ from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, align_yaw, align_yaw_causally
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
-from quadlog.positioning.track.range_log import HOLD_S, VelocitySeries
-from quadlog.positioning.track.tracker import Track
+from quadlog.positioning.causal import OdometryMoves
+from quadlog.positioning.factors import HOLD_S, Way, turned
+from quadlog.positioning.motion import Track
 
 STANDING_MPS = 0.05
 """Below it odometry has no course of its own."""
@@ -63,58 +65,83 @@ def motion_between(
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredVelocity:
-    """What odometry tells of a tag: the series for track_ranges, or None and the reason why not.
+class MeasuredMotion:
+    """An odometry in map, at its own M instants t_ns (M,), or the reason why it is not used.
 
-    std_mps: of each axis of a second's mean, over the log. source: as in BodyMotion.
+    velocity_mps: (M, 2) of the tag; yaw_rad: (M,) of base, not wrapped. std_mps: (M,) of each axis of a second's mean
+    velocity in base, without what the yaw adds: yaw_std_rad (M,). typical_std_mps: over the log. source: as in
+    BodyMotion.
     """
 
-    series: VelocitySeries | None
-    reason: str | None
-    std_mps: float
+    t_ns: Int
+    velocity_mps: Float
+    yaw_rad: Float
+    std_mps: Float
+    yaw_std_rad: Float
+    typical_std_mps: float
     source: str
+    reason: str | None = None
 
 
-def measure_velocity(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredVelocity:
-    """The velocity of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
+def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredMotion:
+    """The motion of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
 
-    track: of that tag from ranges alone, smoothed, or causal with causal=True; then nothing of the series depends on
-    what came later. Odometry's course is turned onto the track's, as a heading is, its offset's std times the speed
-    counting as error. What odometry misses of the way in LEG_S, as the track has it, is charged to odometry in full. So
-    one that slips or has the wrong scale loses its say, and one that misses half of the way is refused (not the causal
-    one, which could not know).
+    track: of that tag from ranges alone, smoothed, or causal with causal=True; then nothing depends on what came later.
+    Odometry's course is turned onto the track's, as a heading is. What odometry misses of the way in LEG_S is charged
+    to odometry, but for the track's own errors (not of the causal one). So one that slips or has the wrong scale loses
+    its say, and one that misses half of the way is refused (not the causal one, which could not know).
     """
-    own_mps = _tag_velocity(motion, x_m, y_m)
+    nothing = np.zeros((len(motion.t_ns), 2))
+    refused = partial(MeasuredMotion, motion.t_ns, nothing, nothing[:, 0], nothing[:, 0], nothing[:, 0])
     if len(motion.t_ns) < 2 or len(track) < 2:
-        return MeasuredVelocity(None, "it or the track is too short", np.inf, motion.source)
+        return refused(np.inf, motion.source, "it or the track is too short")
+    own_mps = _tag_velocity(motion, x_m, y_m)
     offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
-    cos, sin = np.cos(offset_rad), np.sin(offset_rad)
-    map_mps = np.stack([cos * own_mps[:, 0] - sin * own_mps[:, 1], sin * own_mps[:, 0] + cos * own_mps[:, 1]], axis=1)
+    map_mps = turned(offset_rad, own_mps)
     missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
     compared = np.isfinite(missed_m)
     if not compared.any():
-        reason = f"it and the track never overlap for {LEG_S:.0f} s"
-        return MeasuredVelocity(None, reason, np.inf, motion.source)
+        return refused(np.inf, motion.source, f"it and the track never overlap for {LEG_S:.0f} s")
     per_leg = missed_m**2 / (2 * LEG_S)
-    std = _std_so_far(motion.t_ns, per_leg) if causal else np.full(len(missed_m), _typical_std(per_leg[compared]))
+    if causal:
+        std = _std_so_far(motion.t_ns, per_leg)
+    else:
+        track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
+        std = np.full(len(missed_m), _typical_std(per_leg[compared], track_m2 / LEG_S))
     typical = float(std[-1])
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
         reason = f"it misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
-        return MeasuredVelocity(None, reason, typical, motion.source)
-    std = np.where(compared & (per_leg > (SLIP_STD * std) ** 2), np.sqrt(per_leg), std)
-    speed = np.hypot(own_mps[:, 0], own_mps[:, 1])
-    series = VelocitySeries(motion.t_ns, map_mps, np.hypot(std, offset_std * speed))
-    return MeasuredVelocity(series, None, typical, motion.source)
+        return refused(typical, motion.source, reason)
+    usual = np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
+    std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)
+    yaw_rad = np.unwrap(motion.yaw_rad) + np.unwrap(offset_rad)
+    return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std, offset_std, typical, motion.source)
 
 
 def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
     """(M, 2) of the tag, in the sensor's own frame: turning swings a tag that sits off the middle."""
     forward = motion.velocity_mps[:, 0] - motion.yaw_rate_radps * y_m
     left = motion.velocity_mps[:, 1] + motion.yaw_rate_radps * x_m
-    cos, sin = np.cos(motion.yaw_rad), np.sin(motion.yaw_rad)
-    return np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=1)
+    return turned(motion.yaw_rad, np.stack([forward, left], axis=1))
+
+
+def way_of(motion: BodyMotion, start_ns: int, x_m: float, y_m: float) -> Way:
+    """The way of a tag by the sensor's velocities, since its poses may jump; instants in seconds since start_ns."""
+    t_s, velocity_mps, yaw_rad = (
+        seconds_since(motion.t_ns, start_ns), _tag_velocity(motion, x_m, y_m), np.unwrap(motion.yaw_rad),
+    )
+    steps_m = np.diff(t_s)[:, None] * (velocity_mps[1:] + velocity_mps[:-1]) / 2
+    return Way(t_s, np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)]), yaw_rad)
+
+
+def moves_of(motion: MeasuredMotion, start_ns: int) -> OdometryMoves:
+    """The way in map, with what its direction adds to the std."""
+    t_s, speed_mps = seconds_since(motion.t_ns, start_ns), np.hypot(*motion.velocity_mps.T)
+    steps_m = np.diff(t_s)[:, None] * (motion.velocity_mps[1:] + motion.velocity_mps[:-1]) / 2
+    way_m = np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    return OdometryMoves(t_s, way_m, np.hypot(motion.std_mps, motion.yaw_std_rad * speed_mps))
 
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:
@@ -164,9 +191,9 @@ def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
     return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
 
 
-def _typical_std(per_leg: Float) -> float:
+def _typical_std(per_leg: Float, tracks_share: float) -> float:
     """From the median, which slips do not move: of a squared Rayleigh variable it is 2 ln 2 variances."""
-    return float(max(np.sqrt(np.median(per_leg) / np.log(2)), LEAST_STD_MPS))
+    return float(np.sqrt(max(np.median(per_leg) / np.log(2) - tracks_share, LEAST_STD_MPS**2)))
 
 
 def _std_so_far(t_ns: Int, per_leg: Float) -> Float:

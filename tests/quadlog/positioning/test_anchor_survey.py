@@ -14,6 +14,7 @@ from quadlog.positioning.anchor_survey import (
     check_survey,
     find_exchanges,
     fit_anchor_shift,
+    track_for_check,
 )
 from quadlog.positioning.epochs import Epochs, group_epochs
 
@@ -37,6 +38,12 @@ def stand(t_s):
 
 def check(anchors_m: Float, *logs: TagEpochs) -> SurveyFaults:
     return check_survey(logs, anchors_m, 0.1, 1.0)
+
+
+def shift(log: TagEpochs, anchors_m: Float, anchor: int) -> AnchorShift | None:
+    checked = track_for_check(log, anchors_m, 0.1, 1.0)
+    assert checked is not None
+    return fit_anchor_shift(checked, anchor)
 
 
 def moved(anchors_m: Float, anchor: int, x_m: float, y_m: float) -> Float:
@@ -79,7 +86,7 @@ def test_an_anchor_that_nobody_heard_is_no_part_of_an_exchange(lab):
 def test_ranges_without_noise_put_an_anchor_where_it_is(lab, shift_m):
     """Configured off by minus the shift; only the filter's own smoothing of the walk is left."""
     log = log_of(lab, 0, anchors_m=IRREGULAR_M, std_m=1e-4, bursts=False, bias_m=0.0, rate_hz=10)
-    got = fit_anchor_shift(log, moved(IRREGULAR_M, 2, *np.negative(shift_m)), 2, 0.1, 1.0)
+    got = shift(log, moved(IRREGULAR_M, 2, *np.negative(shift_m)), 2)
     assert got is not None
     np.testing.assert_allclose(got.shift_m, shift_m, atol=0.01)
     assert got.lasted_s == pytest.approx(29.9)
@@ -90,7 +97,7 @@ def test_a_large_shift_is_placed_as_well_as_none(lab):
     x_m, y_m = np.tile([0.6, 4.1, 7.6], 3), np.repeat([0.5, 3.5, 6.5], 3)
     ring_m = np.column_stack([x_m, y_m, np.full(9, 1.24)])[[0, 1, 2, 3, 5, 6, 7, 8]]
     log = log_of(lab, 0, anchors_m=ring_m, bias_m=0.15, rate_hz=10)
-    near, far = (fit_anchor_shift(log, each_m, 6, 0.1, 1.0) for each_m in (ring_m, moved(ring_m, 6, -2.0, -3.0)))
+    near, far = (shift(log, each_m, 6) for each_m in (ring_m, moved(ring_m, 6, -2.0, -3.0)))
     assert near is not None
     assert far is not None
     np.testing.assert_allclose(far.shift_m - [2.0, 3.0], near.shift_m, atol=0.03)
@@ -103,7 +110,7 @@ def test_covariance_is_honest_about_links_that_wander(lab):
         rng = np.random.default_rng(seed)
         log = log_of(lab, seed, anchors_m=IRREGULAR_M, bias_m=rng.uniform(0, 0.3, 5), rate_hz=10)
         log.epochs.range_m[:] += np.repeat(0.05 * rng.standard_normal((6, 5)), 50, axis=0)
-        got = fit_anchor_shift(log, IRREGULAR_M, seed % 5, 0.1, 1.0)
+        got = shift(log, IRREGULAR_M, seed % 5)
         assert got is not None
         normalised.append(got.significance**2)
     assert 0.8 < np.mean(normalised) < 4.0  # measured 1.4
@@ -112,8 +119,8 @@ def test_covariance_is_honest_about_links_that_wander(lab):
 def test_too_few_ranges_together(lab):
     log = log_of(lab, 2)
     log.epochs.range_m[39:, 1] = np.nan
-    assert fit_anchor_shift(log, ANCHORS_M, 1, 0.1, 1.0) is None
-    assert fit_anchor_shift(log, ANCHORS_M, 0, 0.1, 1.0) is not None
+    assert shift(log, ANCHORS_M, 1) is None
+    assert shift(log, ANCHORS_M, 0) is not None
 
 
 def test_a_true_survey_raises_no_alarm(lab):
@@ -135,7 +142,7 @@ def test_a_true_survey_raises_no_alarm(lab):
 def test_what_is_named(lab, monkeypatch, x_m, std_m, second_x_m, named):
     found = {2: (x_m, std_m), 4: (second_x_m, 0.1)}
 
-    def fit(log, anchors_m, anchor, *_):
+    def fit(checked, anchor):
         along_m, along_std_m = found.get(anchor, (0.0, 0.1))
         return AnchorShift(anchor, np.array([along_m, 0.0]), along_std_m**2 * np.eye(2), 60.0)
 

@@ -7,13 +7,73 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.anchor_bias import AnchorBias
-from quadlog.positioning.locate import RangeRows
 
 NLOS_STD = 3.0
 """A range longer than predicted by so many std was late: its straight way was blocked."""
 WEAK_FIRST_PATH_DB = 6.0
 """Receiver power this far above that of the first path is the radios' own hint of a blocked way."""
+
+COMMON_STD_M = 0.2
+LINK_STDS_M = (0.0, 0.002, 0.02, 0.05)
+PRIORS = ("no biases", "one bias of all links", "one of all links, and small ones of each", "a bias of each link")
+"""Biases that are possible a priori, and the std of those of each link; real sets lie within 0 and 0.4 m, and links of
+one make share most of it."""
+NO_BIAS_M = 1e-3
+
+
+def bias_priors(n_links: int, calibrate: bool) -> Float:
+    """(P, L, L) covariances of the links' biases that are possible a priori; without calibration the first two."""
+    found = []
+    for link_std_m in LINK_STDS_M if calibrate else LINK_STDS_M[:2]:
+        common_m = COMMON_STD_M if link_std_m else NO_BIAS_M
+        found.append(common_m**2 + max(link_std_m, NO_BIAS_M) ** 2 * np.eye(n_links))
+    return np.array(found)
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRows:
+    """The N usable ranges of one tag.
+
+    range_m: as measured; predicted_m: from the track, bias included, NaN off the track.
+    weight: robust weight in the track, one for full trust, near zero for NLOS, zero off the track.
+    """
+
+    t_ns: Int
+    anchor: Int
+    range_m: Float
+    predicted_m: Float
+    weight: Float
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorBias:
+    """Measured minus true range of one tag's links to A anchors, as estimated with its track.
+
+    bias_m, std_m: (A,); n: (A,) ranges of each link in the log. shares: (P,) of each of PRIORS in the estimate, by how
+    likely the ranges are under it.
+    """
+
+    bias_m: Float
+    std_m: Float
+    n: Int
+    shares: Float
+
+    @property
+    def applied(self) -> np.ndarray:
+        """(A,) bool, the links that are corrected: all that were heard."""
+        heard: np.ndarray = self.n > 0
+        return heard
+
+    @property
+    def applied_m(self) -> Float:
+        """(A,) what to subtract from the ranges: the biases of the links that were heard, zero elsewhere."""
+        return np.where(self.applied, self.bias_m, 0.0)
+
+    @property
+    def reason(self) -> str:
+        """What the ranges say about biases as a whole."""
+        best = int(np.argmax(self.shares))
+        return f"the ranges favour {PRIORS[best]} ({self.shares[best]:.0%})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +96,11 @@ class LinkQuality:
     why_not: tuple[str, ...]
 
 
-def link_quality(
-    rows: RangeRows,
-    anchor_ids: Int,
-    bias: AnchorBias | None,
-    range_std_m: float,
-    why_no_bias: str = "calibration is off",
-) -> LinkQuality:
+def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: float) -> LinkQuality:
     """The links of a tag to anchors (A,), whose bias, in the same order, is None when it was not estimated."""
     count = len(anchor_ids)
     n = np.zeros(count, dtype=np.int64)
-    rms_m, median_m, nlos_share = (np.full(count, np.nan) for _ in range(3))
+    rms_m, median_m, nlos_share, unknown = (np.full(count, np.nan) for _ in range(4))
     residual_m = rows.range_m - rows.predicted_m
     on_track = np.isfinite(residual_m)
     for index, anchor in enumerate(anchor_ids):
@@ -56,7 +110,8 @@ def link_quality(
             rms_m[index] = np.sqrt(np.mean(mine_m**2))
             median_m[index] = np.median(mine_m)
             nlos_share[index] = np.mean(mine_m > NLOS_STD * range_std_m)
-    unknown = np.full(count, np.nan)
+    applied = np.zeros(count, dtype=bool) if bias is None else bias.applied
+    why_not = "calibration is off" if bias is None else "no ranges"
     return LinkQuality(
         n=n,
         residual_rms_m=rms_m,
@@ -64,15 +119,9 @@ def link_quality(
         nlos_share=nlos_share,
         bias_m=unknown if bias is None else bias.bias_m,
         bias_std_m=unknown if bias is None else bias.std_m,
-        bias_applied=np.zeros(count, dtype=bool) if bias is None else bias.significant,
-        why_not=(why_no_bias,) * count if bias is None else why_not_applied(bias),
+        bias_applied=applied,
+        why_not=tuple("" if each else why_not for each in applied),
     )
-
-
-def why_not_applied(bias: AnchorBias) -> tuple[str, ...]:
-    """For each link why its estimated bias is not subtracted, empty where it is."""
-    heard = zip(bias.significant, bias.n > 0, strict=True)
-    return tuple("" if applied else bias.reason if has_ranges else "no ranges" for applied, has_ranges in heard)
 
 
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:

@@ -9,7 +9,7 @@ import pytest
 
 from quadlog.geometry import base_covariance, base_to_tag, tag_to_base, wrap_angle
 from quadlog.messages import RangeSeries
-from quadlog.positioning.body.locate_body import LocatedBody, locate_body
+from quadlog.positioning.body import LocatedBody, locate_body
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 LEVERS_M = np.array([[0.25, 0.0], [-0.2, 0.15], [-0.2, -0.15]])
@@ -98,57 +98,6 @@ def test_position_and_yaw_of_a_walk(lab, in_turn, smooth):
     assert min(np.mean(shares), np.mean(yaw_shares)) > 0.9
     claimed = rms(body.yaw.std_rad[later])
     assert claimed < 2 * rms(yaw_errors)
-
-
-def test_smoothing_is_least_squares_over_the_whole_log():
-    """Against scipy's solution of the same problem: ranges, white acceleration and a decaying yaw rate."""
-    from scipy.linalg import expm
-    from scipy.optimize import least_squares
-
-    from quadlog.positioning.body.body_tracker import START_STD, filter_segment, log_body, smooth_segment
-
-    rng, true = np.random.default_rng(0), walk(1, duration_s=1.0)
-    n, keep = len(true.t_s), len(ANCHORS_M)
-    lever_m = LEVERS_M[rng.integers(0, 3, n)].repeat(keep, axis=0)
-    t_ns = START_NS + np.rint(true.t_s * 1e9).astype(np.int64)
-    anchor_m = np.tile(ANCHORS_M - [0, 0, HEIGHT_M], (n, 1)) * [1, 1, -1]
-
-    def distances(poses: np.ndarray) -> np.ndarray:
-        x, y, yaw = np.repeat(poses, keep, axis=0).T
-        tag_m = np.column_stack([x, y]) + np.stack(
-            [
-                np.cos(yaw) * lever_m[:, 0] - np.sin(yaw) * lever_m[:, 1],
-                np.sin(yaw) * lever_m[:, 0] + np.cos(yaw) * lever_m[:, 1],
-            ],
-            axis=1,
-        )
-        return np.hypot(np.linalg.norm(tag_m - anchor_m[:, :2], axis=1), anchor_m[:, 2])
-
-    range_m = distances(np.column_stack([true.xy_m, true.yaw_rad])) + 0.01 * rng.standard_normal(n * keep)
-    log = log_body(
-        t_ns.repeat(keep), anchor_m, lever_m, range_m, np.ones(n * keep), range_std_m=0.01, acceleration_std_mps2=1.0
-    )
-    start = np.array([*true.xy_m[0], true.yaw_rad[0], 0, 0, 0])
-    smoothed = smooth_segment(log, filter_segment(log, 0, n, start))
-    density, rate_std, lasts_s = log.motion
-    dt_s = true.t_s[1] - true.t_s[0]
-    drift, noise = np.zeros((6, 6)), np.diag([0, 0, 0, density, density, 2 * rate_std**2 / lasts_s])
-    drift[:3, 3:], drift[5, 5] = np.eye(3), -1 / lasts_s
-    # Van Loan: both matrices of the discrete model from one exponential.
-    both = expm(np.block([[-drift, noise], [np.zeros((6, 6)), drift.T]]) * dt_s)
-    step, whiten = both[6:, 6:].T, np.linalg.inv(np.linalg.cholesky(both[6:, 6:].T @ both[:6, 6:]))
-
-    def misfit(flat: np.ndarray) -> np.ndarray:
-        states = flat.reshape(n, 6)
-        moved = (states[1:] - states[:-1] @ step.T) @ whiten.T
-        begin = (states[0] - smoothed.start) / START_STD
-        return np.concatenate([(range_m - distances(states[:, :3])) / 0.01, moved.ravel(), begin])
-
-    best = least_squares(misfit, smoothed.states.ravel())
-    np.testing.assert_allclose(best.x.reshape(n, 6)[:, :3], smoothed.states[:, :3], atol=2e-3)
-    covariance = np.linalg.inv(best.jac.T @ best.jac).reshape(n, 6, n, 6)
-    expected = np.array([np.diag(covariance[k, :, k]) for k in range(n)])
-    np.testing.assert_allclose(np.sqrt(np.diagonal(smoothed.covariances, 0, 1, 2)), np.sqrt(expected), rtol=0.05)
 
 
 def test_a_causal_track_knows_nothing_of_the_future():

@@ -1,1 +1,0 @@
-"""Several tags on one rigid body: its place and its yaw."""

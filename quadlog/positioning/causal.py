@@ -1,0 +1,261 @@
+"""What a robot could have known: the batch over the last few seconds, with all that came before as its prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+from quadlog.positioning.factors import Axes, Moves
+from quadlog.positioning.motion import Track
+from quadlog.positioning.robust import lateness_weights, link_windows
+from quadlog.positioning.solve import Estimate, Factor, Past, refine
+from quadlog.positioning.spline import Timeline
+from quadlog.positioning.tracking import (
+    KNOT_S,
+    STAMP_STD_S,
+    Body,
+    Starts,
+    find_jumps,
+    step_variances,
+    track_of,
+)
+
+STEP_S = 0.1
+"""Ranges so close together are used at once, when the last of them has come."""
+WINDOW_S = 2.0
+FORGOTTEN_AT_ONCE = 5
+"""Knots, so that this is seldom."""
+ROUNDS = 5
+"""At most, of each step; one is enough where the last one was near."""
+LASTS_S, LASTS_WORTH_S = 0.3, 3.0
+"""How long errors of a link are taken to last before the log shows it, and how many seconds that guess is worth."""
+BLOCK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryMoves:
+    """Velocities (M, 2) in map at t_s (M,), with the std (M,) of a second's mean of each axis, as known at each."""
+
+    t_s: Float
+    way_m: Float
+    std_mps: Float
+
+    @property
+    def globals(self) -> tuple[Float, Float]:
+        """None."""
+        return np.empty(0), np.empty(0)
+
+    def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
+        """Steps between knots, by what had come by the last of them."""
+        n = int(np.searchsorted(self.t_s, timeline.t_s[-1], side="right"))
+        if n < 2:
+            return ()
+        variance_m2 = step_variances(timeline, self.t_s[:n], self.std_mps[:n])
+        return (Moves(timeline, self.t_s[:n], self.way_m[:n], len(axes), variance_m2),)
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What was known of a body after each of S steps, at t_s (S,).
+
+    state (S, 2D), covariance (S, 2D, 2D): of the pose and its rate then; values (S, M): of the globals. restarts_s:
+    when it was found that the body had been carried away. last: the estimate in the end, of the last few seconds.
+    """
+
+    body: Body
+    t_s: Float
+    state: Float
+    covariance: Float
+    values: Float
+    restarts_s: Float
+    last: Estimate
+
+    def poses(self, t_s: Float, *, before: bool = False) -> tuple[Float, Float, Float]:
+        """Coordinates and rates (N, D) at instants (N,), and covariances (N, 2D, 2D), from what was known then.
+
+        before: without a step at the instant itself.
+        """
+        at = self.steps(t_s, before=before)
+        size, ahead_s = len(self.body.axes), t_s - self.t_s[at]
+        pose, rate = self.state[at, :size], self.state[at, size:]
+        density = np.array([each.density for each in self.body.axes.motions])
+        move, shaken = np.tile(np.eye(2 * size), (len(at), 1, 1)), np.zeros((len(at), 2 * size, 2 * size))
+        own = np.arange(size)
+        move[:, own, size + own] = ahead_s[:, None]
+        shaken[:, own, own] = ahead_s[:, None] ** 3 / 3 * density
+        shaken[:, own, size + own] = shaken[:, size + own, own] = ahead_s[:, None] ** 2 / 2 * density
+        shaken[:, size + own, size + own] = ahead_s[:, None] * density
+        covariance = move @ self.covariance[at] @ move.transpose(0, 2, 1) + shaken
+        return pose + ahead_s[:, None] * rate, rate, covariance
+
+    def steps(self, t_s: Float, *, before: bool = False) -> Int:
+        """(N,) the last step until each of the instants."""
+        last: Int = (np.searchsorted(self.t_s, t_s, side="left" if before else "right") - 1).clip(0)
+        return last
+
+    def track(self, t_s: Float, t_ns: Int, tag: int | None) -> Track:
+        """Of a tag, or of the body's origin, at t_ns (N,), which are t_s."""
+        pose, rate, covariance = self.poses(t_s)
+        excess = 1 + STAMP_STD_S**2 * (rate[:, :2] ** 2).sum(axis=1) / np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
+        size = pose.shape[1]
+        covariance[:, :size, :size] += STAMP_STD_S**2 * rate[:, :, None] * rate[:, None, :]
+        return track_of(self.body, t_ns, pose, rate, covariance, excess, tag)
+
+    def of_ranges(self) -> tuple[Float, Float, Float]:
+        """For each of the body's ranges (R,): residual by the pose that was known with it, weight, and its squared
+        innovation, by what was known before it, over the variance that this should have.
+        """
+        problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
+        std_m, found = problem.range_std_m, []
+        for before in (False, True):
+            pose, rate, covariance = self.poses(slots.t_s, before=before)
+            values = self.values[self.steps(slots.t_s, before=before)]
+            predicted_m, slope, _, _ = problem.model.predict(slots, pose, rate, np.zeros(values.shape[1]))
+            residual_m = slots.range_m - predicted_m - values[np.arange(len(values)), slots.link]
+            variance_m2 = std_m**2 + np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope)
+            found.append((residual_m, variance_m2))
+        (residual_m, _), (innovation_m, variance_m2) = found
+        order, weight = np.lexsort((slots.t_s, slots.link)), np.empty(len(residual_m))
+        windows = link_windows(slots.t_s[order], slots.link[order])
+        weight[order] = lateness_weights(windows, residual_m[order], std_m)
+        return residual_m, weight, weight * innovation_m**2 / variance_m2 / max(float(weight.mean()), 1e-3)
+
+    def biases(self) -> tuple[Float, Float]:
+        """Of all links (L,) as they are known in the end, and their std."""
+        n = self.body.ranges.n_links
+        return self.values[-1, :n], np.sqrt(np.diag(self.last.covariance)[:n])
+
+
+class _Persistence:
+    """How many ranges of a link share an error, by sums of residuals over seconds that have left the window."""
+
+    def __init__(self, n_links: int) -> None:
+        self.sums, self.block = np.zeros(n_links), 0
+        self.squares, self.information = 0.0, 0.0
+
+    def take(self, estimate: Estimate, count: int) -> None:
+        """The ranges of the first so many intervals."""
+        slots, std_m = estimate.problem.slots, estimate.problem.range_std_m
+        mine = estimate.problem.sampling.interval[slots.slot] < count
+        if not mine.any():
+            return
+        link, information = slots.range_link[mine], estimate.weights.globals[mine] / std_m**2
+        block = int(estimate.problem.timeline.t_s[count] / BLOCK_S)
+        if block != self.block:
+            heard = np.count_nonzero(self.sums)
+            free = max(heard - len(estimate.problem.model.axes), 1) / max(heard, 1)
+            self.squares += float((self.sums**2).sum()) / free
+            self.block, self.sums[:] = block, 0.0
+        self.sums += np.bincount(link, estimate.linear.residual_m[mine] * information, len(self.sums))
+        self.information += float(information.sum())
+
+    def lasts(self, estimate: Estimate | None, std_m: float) -> float:
+        """By the ranges in the window of an estimate, and those before."""
+        if estimate is None:
+            return 1.0
+        slots, timeline = estimate.problem.slots, estimate.problem.timeline
+        span_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), KNOT_S)
+        rate_hz = len(slots.range_m) / len(np.unique(slots.link)) / span_s
+        guess = LASTS_WORTH_S * len(slots.range_m) / span_s / std_m**2
+        expected = guess * max(1.0, LASTS_S * rate_hz) + self.squares
+        return float(max(1.0, expected / (guess + self.information)))
+
+
+class _Follower:
+    """Follows a body, range by range."""
+
+    def __init__(self, body: Body, starts: Starts) -> None:
+        self.body, self.starts = body, starts
+        self.found = [(cut_s, cut_s) for cut_s in body.cuts_s.tolist()]
+        self.first_s, self.past, self.estimate = None, None, None
+        self.persistence = _Persistence(body.ranges.n_links)
+
+    first_s: float | None
+    past: Past | None
+    estimate: Estimate | None
+
+    def follow(self) -> Known:
+        """Step by step: at the first range of each STEP_S, which is known then."""
+        t_s = self.body.ranges.t_s
+        number = np.floor(t_s / STEP_S)
+        known_s, steps = t_s[np.flatnonzero(np.diff(number, prepend=number[0] - 1))], []
+        for now_s in known_s.tolist():
+            estimate = self._step(now_s)
+            steps.append((estimate.knots[-1].ravel(), estimate.for_knots.last_covariance(estimate.covariance), estimate.values))
+            self._forget(estimate, now_s - WINDOW_S)
+            self.estimate = estimate
+        state, covariance, values = (np.array(each) for each in zip(*steps, strict=True))
+        restarts_s = np.array([known_s for known_s, _ in self.found])
+        return Known(self.body, known_s, state, covariance, values, restarts_s, estimate)
+
+    def _step(self, now_s: float) -> Estimate:
+        """The window until now, solved again where the body turns out to have been carried away."""
+        ranges, std_m = self.body.ranges, self.body.settings.range_std_m
+        low = 0 if self.first_s is None else int(np.searchsorted(ranges.t_s, self.first_s))
+        window = replace(
+            self.body,
+            ranges=ranges.rows(slice(low, int(np.searchsorted(ranges.t_s, now_s, side="right")))),
+            first_s=self.first_s,
+        )
+        lasts = self.persistence.lasts(self.estimate, std_m)
+        known = int(np.searchsorted(self.starts.t_s, now_s, side="right"))
+        starts = Starts(self.starts.t_s[:known], self.starts.pose[:known])
+        while True:
+            cuts_s = np.unique([cut_s for known_s, cut_s in self.found if known_s <= now_s])
+            problem = replace(window, cuts_s=cuts_s).problem(self.past)
+            knots = self._guess(problem.timeline, starts)
+            values = problem.mean if self.estimate is None else self.estimate.values
+            estimate = refine(problem, knots, values, lasts, ROUNDS)
+            jumps_s = cuts_s[:0] if self.body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)
+            if len(jumps_s) == 0:
+                return estimate
+            self.found += [(now_s, cut_s) for cut_s in jumps_s.tolist()]
+
+    def _guess(self, timeline: Timeline, starts: Starts) -> Float:
+        """Knots going on from the last estimate, or from starts where a segment is new."""
+        size, before = len(self.body.axes), self.estimate
+        axes = [0, 1] if self.body.axes.yaw is None else [0, 1, self.body.axes.yaw]
+        knots, first_s = np.zeros((len(timeline), 2, size)), timeline.t_s[timeline.firsts]
+        if before is not None:
+            pose, rate = before.at(timeline.t_s)
+            ahead_s = (timeline.t_s - before.problem.timeline.t_s[-1]).clip(0.0)
+            knots = np.stack([pose + ahead_s[:, None] * rate, rate], axis=1)
+            old_s = before.problem.timeline.t_s[before.problem.timeline.firsts]
+            first_s = first_s[1:][np.abs(first_s[1:, None] - old_s).min(axis=1) > 1e-6]
+        for each_s in first_s:
+            new = timeline.t_s >= each_s
+            since = starts.t_s >= each_s - KNOT_S
+            knots[new] = 0.0
+            knots[np.ix_(new, [0], axes)] = Starts(starts.t_s[since], starts.pose[since]).at(timeline.t_s[new])[:, None, : len(axes)]
+        return knots
+
+    def _forget(self, estimate: Estimate, until_s: float) -> None:
+        """What is older becomes information about the first knot that is left, and the globals."""
+        timeline = estimate.problem.timeline
+        count = int(np.searchsorted(timeline.t_s, until_s, side="right")) - 1
+        if count < FORGOTTEN_AT_ONCE:
+            return
+        self.persistence.take(estimate, count)
+        parts = [_eliminate(arrow.dense(), count * arrow.size) for arrow in estimate.arrows(count)]
+        information, pull = (np.array(each) for each in zip(*parts, strict=True))
+        at = np.append(estimate.knots[count], estimate.values)
+        self.past = Past(at, information, pull, bool(timeline.connected[count - 1]))
+        self.first_s = float(timeline.t_s[count])
+
+
+def _eliminate(equations: tuple[Float, Float], n: int) -> tuple[Float, Float]:
+    """Normal equations without the first n unknowns."""
+    matrix, right = equations
+    gain = np.linalg.solve(matrix[:n, :n], np.column_stack([matrix[:n, n:], right[:n]]))
+    left = matrix[n:, n:] - matrix[n:, :n] @ gain[:, :-1]
+    return (left + left.T) / 2, right[n:] - matrix[n:, :n] @ gain[:, -1]
+
+
+def follow(body: Body, starts: Starts) -> Known:
+    """The track of a body as it was known at each instant, of R > 0 ranges from its first start on.
+
+    starts, and where the body was carried away, count from their own instants on; of a single tag that is looked for.
+    """
+    return _Follower(body, starts).follow()

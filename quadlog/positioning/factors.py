@@ -1,0 +1,321 @@
+"""What a measurement says about a body's pose at the knots and about the global unknowns, as linearised rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+from quadlog.positioning.motion import Motion
+from quadlog.positioning.spline import Sampling, Timeline
+
+HOLD_S = 0.5
+"""A sensor that is silent for longer says nothing of the interval."""
+ERRORS_LAST_S = 1.0
+"""Correlation time of an odometry's errors: this much time counts as one measurement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """N scalar measurements, linearised.
+
+    interval (N,): between which knots, in order; local (4D, N): slope by the two knots (q, q', q, q'); residual (N,): measured
+    minus predicted. column, slope (G, N): slopes by G global unknowns each, and which.
+    """
+
+    interval: Int
+    local: Float
+    residual: Float
+    column: Int
+    slope: Float
+
+    def rows(self, rows: np.ndarray) -> Rows:
+        """Those of a mask or of indices."""
+        parts = self.interval[rows], self.local[:, rows], self.residual[rows]
+        return Rows(*parts, self.column[:, rows], self.slope[:, rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """Coordinates of the body: x, y, then height above the given one (z) and yaw, where they are tracked."""
+
+    motions: tuple[Motion, ...]
+    z: int | None = None
+    yaw: int | None = None
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    def places(self, pose: Float, lever_m: Float) -> tuple[Float, Float]:
+        """Places (N, 2) of tags at lever_m (N, 2) in base, whose pose is (N, D), and their slopes by yaw (N, 2)."""
+        if self.yaw is None:
+            return pose[:, :2], np.zeros_like(lever_m)
+        arm_m = turned(pose[:, self.yaw], lever_m)
+        return pose[:, :2] + arm_m, np.column_stack([-arm_m[:, 1], arm_m[:, 0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Slots:
+    """N means of one link's ranges over a slot each, in time order, and the R single ranges, by link, then time.
+
+    t_s (N,): mean time; link, anchor (N,); lever_m (N, 2): the tag in base; height_m (N,): of the tag. slot (R,): which
+    slot a range belongs to; late_s (R,): by how much it is later than its slot; range_m (R,). order (R,): the ranges as
+    they were given.
+    """
+
+    t_s: Float
+    link: Int
+    anchor: Int
+    lever_m: Float
+    height_m: Float
+    slot: Int
+    late_s: Float
+    range_m: Float
+    order: Int
+
+    @property
+    def range_t_s(self) -> Float:
+        """(R,) when each range was measured."""
+        return self.t_s[self.slot] + self.late_s
+
+    @property
+    def range_link(self) -> Int:
+        """(R,) the link of each range."""
+        return self.link[self.slot]
+
+
+@dataclass(frozen=True, slots=True)
+class TagRanges:
+    """R ranges of the T tags of a body: t_s, tag, anchor (indices), range_m (R,).
+
+    lever_m (T, 2): where the tags sit in base; height_m (T,): in map. n_anchors: that may be heard.
+    """
+
+    t_s: Float
+    tag: Int
+    anchor: Int
+    range_m: Float
+    lever_m: Float
+    height_m: Float
+    n_anchors: int
+
+    @property
+    def n_links(self) -> int:
+        """A link for each tag and anchor."""
+        return len(self.lever_m) * self.n_anchors
+
+    def rows(self, rows: np.ndarray) -> TagRanges:
+        """Those of a mask or of indices."""
+        parts = (each[rows] for each in (self.t_s, self.tag, self.anchor, self.range_m))
+        return replace(self, **dict(zip(("t_s", "tag", "anchor", "range_m"), parts, strict=True)))
+
+    def slots(self, edges_s: Float) -> Slots:
+        """Means of each link's ranges between rising edges."""
+        link = self.tag * self.n_anchors + self.anchor
+        order = np.lexsort((self.t_s, link))
+        t_s, link = self.t_s[order], link[order]
+        number = np.searchsorted(edges_s, t_s, side="right")
+        cell, slot = np.unique(number * self.n_links + link, return_inverse=True)
+        mean_s = np.bincount(slot, t_s) / np.bincount(slot)
+        in_time = np.argsort(mean_s, kind="stable")
+        slot, mean_s, of_slot = np.argsort(in_time)[slot], mean_s[in_time], (cell % self.n_links)[in_time]
+        tag, anchor = np.divmod(of_slot, self.n_anchors)
+        late_s = t_s - mean_s[slot]
+        return Slots(
+            mean_s, of_slot, anchor, self.lever_m[tag], self.height_m[tag], slot, late_s, self.range_m[order], order
+        )
+
+    def single(self) -> Slots:
+        """Each range by itself, in time order."""
+        n, link = len(self.t_s), self.tag * self.n_anchors + self.anchor
+        own = np.arange(n)
+        place = self.lever_m[self.tag], self.height_m[self.tag]
+        return Slots(self.t_s, link, self.anchor, *place, own, np.zeros(n), self.range_m, own)
+
+
+@dataclass(frozen=True, slots=True)
+class Border:
+    """Where the global unknowns are: first the bias of each link, then what is named here, to `width` in all.
+
+    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays. delay: of
+    the ranges' stamps.
+    """
+
+    n_links: int
+    width: int
+    anchors: Int | None = None
+    delay: int | None = None
+
+    def displaced(self, anchors_m: Float, values: Float) -> Float:
+        """Anchors (A, 3) where the values (M,) of the globals have them."""
+        if self.anchors is None:
+            return anchors_m
+        free = self.anchors >= 0
+        moved = anchors_m.copy()
+        moved[free] += values[self.anchors[free][:, None] + np.arange(3)]
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class RangeModel:
+    """range = |tag - anchor| + bias of the link, of a body with these axes among anchors (A, 3)."""
+
+    axes: Axes
+    border: Border
+    anchors_m: Float
+
+    def predict(self, slots: Slots, pose: Float, rate: Float, values: Float) -> tuple[Float, Float, Int, Float]:
+        """Predictions (N,), slopes by the pose (N, D), and by globals: columns (G, N), slopes (G, N).
+
+        pose, rate (N, D) at the slots' instants; values (M,) of the globals.
+        """
+        axes, border = self.axes, self.border
+        place_m, swing_m = axes.places(pose, slots.lever_m)
+        anchors_m = border.displaced(self.anchors_m, values)
+        apart_m = np.column_stack([place_m, slots.height_m]) - anchors_m[slots.anchor]
+        if border.delay is not None:
+            velocity_mps = rate[:, :2] + (swing_m * rate[:, axes.yaw, None] if axes.yaw is not None else 0.0)
+            apart_m[:, :2] += values[border.delay] * velocity_mps
+        if axes.z is not None:
+            apart_m[:, 2] += pose[:, axes.z]
+        distance_m = np.sqrt(np.einsum("ni,ni->n", apart_m, apart_m))
+        unit = apart_m / np.maximum(distance_m, 1e-6)[:, None]
+        by_pose = np.zeros_like(pose)
+        by_pose[:, :2] = unit[:, :2]
+        if axes.z is not None:
+            by_pose[:, axes.z] = unit[:, 2]
+        if axes.yaw is not None:
+            by_pose[:, axes.yaw] = np.einsum("ni,ni->n", unit[:, :2], swing_m)
+        columns, slopes = [slots.link], [np.ones(len(distance_m))]
+        if border.anchors is not None:
+            first = border.anchors[slots.anchor]
+            columns += [np.where(first >= 0, first + axis, 0) for axis in range(3)]
+            slopes += [np.where(first >= 0, -unit[:, axis], 0.0) for axis in range(3)]
+        if border.delay is not None:
+            columns.append(np.full(len(distance_m), border.delay))
+            slopes.append(np.einsum("ni,ni->n", unit[:, :2], velocity_mps))
+        return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
+
+
+def rows_of_pose(sampling: Sampling, by_pose: Float, column: Int, slope: Float) -> Rows:
+    """Rows of measurements of the pose at sampled instants, by their slopes (N, D); residuals are still zero."""
+    local = (sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
+    return Rows(sampling.interval, local, np.zeros(len(by_pose)), column, slope)
+
+
+@dataclass(frozen=True, slots=True)
+class YawSensor:
+    """Yaw at t_s (M,) in a frame of its own, not wrapped; std of its constant drift; its random walk (rad/sqrt s)."""
+
+    t_s: Float
+    yaw_rad: Float
+    drift_std_radps: float
+    walk_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """Poses of base at t_s (M,) in a frame of its own: xy_m (M, 2), yaw_rad (M,) not wrapped."""
+
+    t_s: Float
+    xy_m: Float
+    yaw_rad: Float
+
+    def at(self, t_s: Float) -> tuple[Float, Float]:
+        """xy_m (N, 2) and yaw (N,), interpolated."""
+        x_m, y_m, yaw_rad = (np.interp(t_s, self.t_s, each) for each in (*self.xy_m.T, self.yaw_rad))
+        return np.column_stack([x_m, y_m]), yaw_rad
+
+
+def covered(timeline: Timeline, t_s: Float) -> Int:
+    """Intervals between knots that a sensor's instants (M,) cover without a silence longer than HOLD_S."""
+    knots_s = timeline.t_s
+    after = np.searchsorted(t_s, knots_s).clip(0, len(t_s) - 1)
+    near_s = np.minimum(np.abs(t_s[after] - knots_s), np.abs(t_s[(after - 1).clip(0)] - knots_s))
+    near = near_s <= HOLD_S
+    return np.flatnonzero(timeline.connected & near[1:] & near[:-1])
+
+
+class Turns:
+    """A sensor's turns between knots: scale turn = psi_1 - psi_0 + drift dt, a random walk apart.
+
+    column: of the drift; scale: of a factor on the turns, None where that is 1. variance (K - 1,): of the walk.
+    """
+
+    def __init__(
+        self, timeline: Timeline, sensor: YawSensor, axes: Axes, column: int, scale: int | None = None
+    ) -> None:
+        assert axes.yaw is not None
+        self.interval, self.yaw, self.size = covered(timeline, sensor.t_s), axes.yaw, len(axes)
+        self.drift, self.scale = column, scale
+        self.dt_s = np.diff(timeline.t_s)[self.interval]
+        self.turn_rad = np.diff(np.interp(timeline.t_s, sensor.t_s, sensor.yaw_rad))[self.interval]
+        self.weight = 1 / np.maximum(sensor.walk_std**2 * self.dt_s, 1e-12)
+
+    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
+        """Rows, and one over their variances."""
+        yaw_rad, n = knots[:, 0, self.yaw], len(self.interval)
+        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.drift] * self.dt_s
+        local = np.zeros((4 * self.size, n))
+        local[self.yaw], local[2 * self.size + self.yaw] = -1.0, 1.0
+        column, slope = np.full((1, n), self.drift), self.dt_s[None]
+        if self.scale is not None:
+            residual = residual + (values[self.scale] - 1) * self.turn_rad
+            column, slope = np.vstack([column, np.full((1, n), self.scale)]), np.vstack([slope, -self.turn_rad])
+        return Rows(self.interval, local, residual, column, slope), self.weight
+
+
+class Steps:
+    """An odometry's steps between knots, in base: scale R(-psi) (p_1 - p_0), psi halfway. variance (K - 1,); column:
+    of the scale.
+    """
+
+    def __init__(self, timeline: Timeline, way: Way, axes: Axes, column: int, variance: Float) -> None:
+        assert axes.yaw is not None
+        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
+        self.column, self.weight = column, 1 / variance[self.interval]
+        xy_m, yaw_rad = way.at(timeline.t_s)
+        self.step_m = turned(-(yaw_rad[1:] + yaw_rad[:-1]) / 2, np.diff(xy_m, axis=0))[self.interval]
+
+    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
+        """Rows of both axes, and one over their variances."""
+        before, after = knots[self.interval, 0], knots[self.interval + 1, 0]
+        middle_rad, n = (before[:, self.yaw] + after[:, self.yaw]) / 2, len(self.interval)
+        cos, sin, scale = np.cos(middle_rad), np.sin(middle_rad), values[self.column]
+        ahead_m, left_m = turned(-middle_rad, (after - before)[:, :2]).T
+        local = np.zeros((4 * self.size, n, 2))
+        for first, sign in ((0, -scale), (2 * self.size, scale)):
+            local[first : first + 2] = sign * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
+            local[first + self.yaw] = scale / 2 * np.column_stack([left_m, -ahead_m])
+        slope = np.column_stack([ahead_m, left_m]).reshape(1, -1)
+        residual, column = self.step_m.ravel() - scale * slope[0], np.full((1, 2 * n), self.column)
+        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, column, slope)
+        return rows, np.repeat(self.weight, 2)
+
+
+class Moves:
+    """Steps of the body between knots in map, by way_m (M, 2) at t_s (M,). variance (K - 1,)."""
+
+    def __init__(self, timeline: Timeline, t_s: Float, way_m: Float, size: int, variance: Float) -> None:
+        self.interval, self.size = covered(timeline, t_s), size
+        at_knots = np.column_stack([np.interp(timeline.t_s, t_s, each) for each in way_m.T])
+        self.step_m, self.weight = np.diff(at_knots, axis=0)[self.interval], 1 / variance[self.interval]
+
+    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
+        """Rows of both axes, and one over their variances."""
+        n, moved_m = len(self.interval), (knots[self.interval + 1, 0] - knots[self.interval, 0])[:, :2]
+        local = np.zeros((4 * self.size, n, 2))
+        for axis in range(2):
+            local[axis, :, axis], local[2 * self.size + axis, :, axis] = -1.0, 1.0
+        none = np.zeros((0, 2 * n))
+        residual = (self.step_m - moved_m).ravel()
+        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, none.astype(np.int64), none)
+        return rows, np.repeat(self.weight, 2)
+
+
+def turned(yaw_rad: Float, vector_m: Float) -> Float:
+    """(N, 2) a vector (2,), or (N, 2), turned by yaw (N,)."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y = vector_m.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)

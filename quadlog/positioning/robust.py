@@ -1,0 +1,80 @@
+"""Robust weights of ranges: late ranges (blocked paths) are common and persistent, early ones rare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadlog.messages import Float, Int
+
+WINDOW_S = 0.3
+"""Window over which a link's residuals are averaged; a path stays blocked for about one step."""
+LATE_MEAN_STD, LATE_MEAN_LEAST = 2.0, 0.4
+"""A mean of n residuals is half trusted at the larger of 2 std / sqrt(n) and 0.4 std."""
+LATE_STD, EARLY_STD = 3.0, 8.0
+"""A single residual is half trusted so many std late or early."""
+CLIP_STD = 4.0
+HALF_TRUST_STD = 2.0
+BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
+"""Over how long residuals of a link are summed to see how much of them lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkWindows:
+    """N ranges sorted by link, then time; first, end (N,): the window about each of its own link's."""
+
+    first: Int
+    end: Int
+
+
+def link_windows(t_s: Float, link: Int) -> LinkWindows:
+    """Windows of WINDOW_S about each of N > 0 ranges sorted by link, then time."""
+    key = t_s + (np.ptp(t_s) + 2 * WINDOW_S) * link
+    return LinkWindows(np.searchsorted(key, key - WINDOW_S / 2), np.searchsorted(key, key + WINDOW_S / 2, side="right"))
+
+
+def lateness_weights(windows: LinkWindows, residual_m: Float, std_m: float) -> Float:
+    """(N,) weights in (0, 1]: low where the mean of a link's residuals over a window is late, or one residual is."""
+    x = residual_m / std_m
+    total = np.append(0.0, np.cumsum(x.clip(-CLIP_STD, CLIP_STD)))
+    n = windows.end - windows.first
+    mean = (total[windows.end] - total[windows.first]) / n
+    late = np.maximum(LATE_MEAN_STD / np.sqrt(n), LATE_MEAN_LEAST)
+    by_mean = 1 + (mean / np.where(mean > 0, late, EARLY_STD)) ** 2
+    by_one = 1 + (x / np.where(x > 0, LATE_STD, EARLY_STD)) ** 2
+    weights: Float = 1 / (by_mean * by_one)
+    return weights
+
+
+def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
+    """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
+    off_m = residual_m - link_medians(residual_m, link)[link]
+    spread_m = max(std_m, 1.4826 * float(np.median(np.abs(off_m))))
+    return 1 / (1 + (off_m / (HALF_TRUST_STD * spread_m)) ** 2) ** 2
+
+
+def link_medians(residual_m: Float, link: Int) -> Float:
+    """(L,) median residual of each link, zero where it has none; ranges are sorted by link."""
+    ordered = np.append(residual_m[np.lexsort((residual_m, link))], 0.0)
+    n = np.bincount(link)
+    first = np.cumsum(n) - n
+    middle: Float = (ordered[first + (n - 1).clip(0) // 2] + ordered[first + n // 2 * (n > 0)]) / 2
+    return np.where(n > 0, middle, 0.0)
+
+
+def persistence(t_s: Float, link: Int, residual: Float, information: Float, free: float) -> float:
+    """By how much the variance of a link's summed residuals exceeds that of white noise, at least 1.
+
+    The largest over blocks of BLOCKS_S counts, at most as many as ranges are in a block. information (N,); free: the
+    share of the residuals' degrees of freedom that a fit leaves.
+    """
+    pull, largest = residual * information, 1.0
+    for block_s in BLOCKS_S:
+        block = ((t_s - t_s.min()) / block_s).astype(np.int64)
+        if block.max() + 1 < FEWEST_BLOCKS:
+            break
+        cell = block * (int(link.max()) + 1) + link
+        excess = float((np.bincount(cell, pull) ** 2).sum() / information.sum()) / free
+        largest = max(largest, min(excess, len(cell) / len(np.unique(cell))))
+    return largest

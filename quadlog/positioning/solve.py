@@ -1,0 +1,438 @@
+"""The batch: knots and global unknowns from all factors at once, by iteratively reweighted least squares.
+
+The normal equations are an arrow: a band over the knots, and a thin border of global unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from quadlog.messages import Float
+from quadlog.positioning.factors import RangeModel, Rows, Slots, rows_of_pose
+from quadlog.positioning.motion import motion_information
+from quadlog.positioning.robust import LinkWindows, lateness_weights, link_windows, persistence, symmetric_weights
+from quadlog.positioning.spline import Sampling, Timeline
+
+ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
+SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
+
+
+class Arrow:
+    """[[A, B], [B^T, C]] and its right side: A banded over K knots of `size` numbers, C over `width` globals."""
+
+    def __init__(self, n_knots: int, size: int, width: int) -> None:
+        self.n_knots, self.size, self.width = n_knots, size, width
+        self.blocks = np.zeros((n_knots - 1, 2 * size, 2 * size))
+        self.pulls = np.zeros((n_knots - 1, 2 * size))
+        self.border = np.zeros((n_knots * size, width))
+        self.corner, self.pull = np.zeros((width, width)), np.zeros(width)
+
+    def copy(self) -> Arrow:
+        """A copy that may be added to."""
+        other = Arrow(self.n_knots, self.size, self.width)
+        for name in ("blocks", "pulls", "border", "corner", "pull"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
+
+    def add(self, rows: Rows, weight: Float) -> None:
+        """Add measurements with weights (N,), one over their variances; a negative weight takes them away."""
+        if len(weight) == 0:
+            return
+        firsts = np.flatnonzero(np.diff(rows.interval, prepend=-1))
+        touched, weighted = rows.interval[firsts], weight * rows.local
+        self.pulls[touched] += np.add.reduceat(weighted * rows.residual, firsts, axis=1).T
+        for i, own in enumerate(weighted):
+            self.blocks[touched, i] += np.add.reduceat(own * rows.local, firsts, axis=1).T
+        row = rows.interval * self.size + np.arange(len(weighted))[:, None]
+        for column, slope in zip(rows.column, rows.slope, strict=True):
+            cells = (row * self.width + column).ravel()
+            self.border += _summed(cells, (weighted * slope).ravel(), self.border.shape)
+            self.pull += np.bincount(column, weight * slope * rows.residual, self.width)
+            for other, other_slope in zip(rows.column, rows.slope, strict=True):
+                cells = column * self.width + other
+                self.corner += _summed(cells, weight * slope * other_slope, self.corner.shape)
+
+    def add_motion(self, information: Float, knots: Float) -> None:
+        """Add information (K - 1, 4D, 4D) about a zero of each two neighbouring knots of (K, 2, D)."""
+        self.blocks += information
+        self.pulls -= np.einsum("kij,kj->ki", information, _neighbours(knots))
+
+    def add_past(self, information: Float, pull: Float) -> None:
+        """Add information (size + width, ...) about the first knot and the globals, and the pull towards its mean."""
+        size = self.size
+        self.blocks[0, :size, :size] += information[:size, :size]
+        self.pulls[0, :size] += pull[:size]
+        self.border[:size] += information[:size, size:]
+        self.corner += information[size:, size:]
+        self.pull += pull[size:]
+
+    def dense(self) -> tuple[Float, Float]:
+        """The whole matrix (n + width, n + width) and its right side."""
+        n, twice = self.n_knots * self.size, 2 * self.size
+        matrix, right = np.zeros((n + self.width, n + self.width)), np.zeros(n + self.width)
+        for k, (block, pull) in enumerate(zip(self.blocks, self.pulls, strict=True)):
+            at = slice(k * self.size, k * self.size + twice)
+            matrix[at, at] += block
+            right[at] += pull
+        matrix[:n, n:], matrix[n:, :n], matrix[n:, n:], right[n:] = self.border, self.border.T, self.corner, self.pull
+        return matrix, right
+
+    def factorise(self) -> Factorised:
+        """Cholesky of the band, Schur complement on the border."""
+        size, n, band = self.size, self.n_knots * self.size, 2 * self.size - 1
+        upper, pull = np.zeros((band + 1, n)), np.zeros(n)
+        for j in range(2 * size):
+            pull[j : n - size + j : size] += self.pulls[:, j]
+            for i in range(j + 1):
+                upper[band + i - j, j : n - size + j : size] += self.blocks[:, i, j]
+        chol = cholesky_banded(upper, check_finite=False)
+        solved = cho_solve_banded((chol, False), np.column_stack([pull, self.border]), check_finite=False)
+        schur = self.corner - self.border.T @ solved[:, 1:]
+        return Factorised(self, chol, solved[:, 0], solved[:, 1:], (schur + schur.T) / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Factorised:
+    """chol: upper banded Cholesky of A; step (n,) = A^-1 a; reach (n, M) = A^-1 B; schur (M, M) = C - B^T A^-1 B."""
+
+    arrow: Arrow
+    chol: Float
+    step: Float
+    reach: Float
+    schur: Float
+
+    def step_of_knots(self, global_step: Float) -> Float:
+        """(K, 2, D) step of the knots where the globals move by (M,)."""
+        step = self.step - self.reach @ global_step
+        return step.reshape(self.arrow.n_knots, 2, -1)
+
+    def last_covariance(self, global_covariance: Float) -> Float:
+        """(2D, 2D) marginal of the last knot, with that of the globals (M, M)."""
+        size = self.arrow.size
+        upper = np.zeros((size, size))
+        for above in range(size):
+            at = np.arange(size - above)
+            upper[at, at + above] = self.chol[-1 - above, self.chol.shape[1] - size + above :]
+        inverse, reach = np.linalg.inv(upper), self.reach[-size:]
+        marginal: Float = inverse @ inverse.T + reach @ global_covariance @ reach.T
+        return marginal
+
+    def covariances(self, global_covariance: Float) -> Float:
+        """(K, 2D, 2D) marginals of the knots by selected inversion, with that of the globals (M, M)."""
+        size, count = self.arrow.size, self.arrow.n_knots
+        band, column = 2 * size - 1, np.arange(count * size).reshape(count, size)
+        own, next_ = np.zeros((count, size, size)), np.zeros((count - 1, size, size))
+        for i in range(size):
+            for j in range(size):
+                if i <= j:
+                    own[:, i, j] = self.chol[band + i - j, column[:, j]]
+                next_[:, i, j] = self.chol[band + i - j - size, column[1:, j]]
+        inverse = np.linalg.inv(own)
+        gain, found = inverse[:-1] @ next_, inverse @ inverse.transpose(0, 2, 1)
+        for k in range(count - 2, -1, -1):
+            found[k] += gain[k] @ found[k + 1] @ gain[k].T
+        reach = self.reach.reshape(count, size, -1)
+        marginals: Float = found + reach @ global_covariance @ reach.transpose(0, 2, 1)
+        return marginals
+
+
+def _summed(cell: np.ndarray, values: Float, shape: tuple[int, int]) -> Float:
+    """Sums of values (N,) that fall into the same cell (N,) of a matrix."""
+    return np.bincount(cell, values, shape[0] * shape[1]).reshape(shape)
+
+
+def _neighbours(knots: Float) -> Float:
+    """(K - 1, 4D) each knot of (K, 2, D) and the next."""
+    flat = knots.reshape(len(knots), -1)
+    return np.concatenate([flat[:-1], flat[1:]], axis=1)
+
+
+class Factor(Protocol):
+    """Measurements beside the ranges."""
+
+    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
+        """Rows at a state, and one over their variances."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What measurements before the first knot say about it and the globals, together n numbers, where these are at `at`.
+
+    information (2, n, n), pull (2, n): for the globals, and for the knots, which weigh ranges differently. knows_knot:
+    whether anything is known of the knot.
+    """
+
+    at: Float
+    information: Float
+    pull: Float
+    knows_knot: bool
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All measurements and priors.
+
+    mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
+    past: before the first knot.
+    """
+
+    timeline: Timeline
+    model: RangeModel
+    slots: Slots
+    range_std_m: float
+    mean: Float
+    priors: Float
+    others: tuple[Factor, ...] = ()
+    past: Past | None = None
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """Of the slots."""
+        return self.timeline.sample(self.slots.t_s)
+
+    @cached_property
+    def windows(self) -> LinkWindows:
+        """Of the ranges."""
+        return link_windows(self.slots.range_t_s, self.slots.range_link)
+
+    @cached_property
+    def prior_information(self) -> Float:
+        """(P, M, M) inverse of the priors."""
+        return np.linalg.inv(self.priors)
+
+    @cached_property
+    def motion(self) -> Float:
+        """(K - 1, 4D, 4D) information about neighbouring knots."""
+        starts = self.timeline.firsts[self.past is not None and self.past.knows_knot :]
+        return motion_information(self.model.axes.motions, self.timeline, starts)
+
+    def stress(self, knots: Float) -> Float:
+        """(K - 1,) normalised squared misfit of the knots to the motion."""
+        around = _neighbours(knots)
+        found: Float = np.einsum("ki,kij,kj->k", around, self.motion, around)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Of R ranges: for the knots and for the globals (R,); lasts: how many ranges of a link share an error."""
+
+    knots: Float
+    globals: Float
+    lasts: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """The ranges at a state: rows of the slots, whose residuals are still open, and residuals (R,) of all ranges."""
+
+    rows: Rows
+    residual_m: Float
+
+    def weighted(self, slots: Slots, weight: Float) -> tuple[Rows, Float]:
+        """Rows of the slots with the weighted means of their residuals, and the sums of their weights."""
+        n = len(slots.t_s)
+        total = np.maximum(np.bincount(slots.slot, weight, n), 1e-12)
+        mean_m = np.bincount(slots.slot, weight * self.residual_m, n) / total
+        return replace(self.rows, residual=mean_m), total
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """knots (K, 2, D), values (M,) of the globals with covariance (M, M), and the share (P,) of each prior in them.
+
+    Weights and equations are those at the solution.
+    """
+
+    problem: Problem
+    knots: Float
+    values: Float
+    covariance: Float
+    shares: Float
+    weights: Weights
+    linear: Linearised
+    for_globals: Arrow
+    for_knots: Factorised
+
+    def at(self, t_s: Float) -> tuple[Float, Float]:
+        """Coordinates and rates (N, D)."""
+        return self.problem.timeline.sample(t_s).of(self.knots)
+
+    def knot_covariances(self) -> Float:
+        """(K, 2D, 2D) of the knots' coordinates and rates."""
+        return self.for_knots.covariances(self.covariance)
+
+    def arrows(self, count: int) -> tuple[Arrow, Arrow]:
+        """The normal equations of the first so many intervals between knots."""
+        return assemble(self.problem, self.linear, self.weights, self.knots, self.values, count)
+
+
+def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
+    """The ranges at a state; each at its own time, to first order about its slot's."""
+    slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
+    predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, rate, values)
+    speed_mps = np.einsum("nd,nd->n", by_pose, rate)
+    residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * slots.late_s
+    return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)
+
+
+def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
+    """Weights from residuals (R,); lasts None: estimated from them."""
+    slots, std_m, link = problem.slots, problem.range_std_m, problem.slots.range_link
+    alike = symmetric_weights(residual_m, link, std_m)
+    if lasts is None:
+        heard = len(np.unique(link))
+        free = max(heard - len(problem.model.axes), 1) / heard
+        lasts = persistence(slots.range_t_s, link, residual_m, alike / std_m**2, free)
+    return Weights(lateness_weights(problem.windows, residual_m, std_m), alike, lasts)
+
+
+def assemble(
+    problem: Problem, linear: Linearised, weights: Weights, knots: Float, values: Float, count: int | None = None
+) -> tuple[Arrow, Arrow]:
+    """Normal equations for the globals and for the knots, which differ by the weights of the ranges.
+
+    count: of the first so many intervals between knots alone.
+    """
+    count = len(knots) - 1 if count is None else count
+    for_globals = Arrow(count + 1, 2 * len(problem.model.axes), len(problem.mean))
+    for_globals.add_motion(problem.motion[:count], knots[: count + 1])
+    for factor in problem.others:
+        rows, weight = factor.linearise(knots, values)
+        within = rows.interval < count
+        for_globals.add(rows.rows(within), weight[within])
+    for_knots = for_globals.copy()
+    if problem.past is not None:
+        off = np.append(knots[0], values) - problem.past.at
+        parts = zip((for_globals, for_knots), problem.past.information, problem.past.pull, strict=True)
+        for arrow, information, pull in parts:
+            arrow.add_past(information, pull - information @ off)
+    variance_m2 = weights.lasts * problem.range_std_m**2
+    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots)):
+        rows, total = linear.weighted(problem.slots, each)
+        within = rows.interval < count
+        arrow.add(rows.rows(within), total[within] / variance_m2)
+    return for_globals, for_knots
+
+
+def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple[Float, Float, Float]:
+    """Step (M,) and covariance (M, M) of the globals, the knots being free, and the share (P,) of each prior.
+
+    A mean over the possible priors: each, P, counts by how likely the log is under it [Laplace]. With information L
+    about the globals and gradient g at their prior mean, log p = (g^T (L + P^-1)^-1 g - log |I + L P|) / 2.
+    """
+    factorised = arrow.factorise()
+    off = values - problem.mean
+    gradient = arrow.pull - arrow.border.T @ factorised.step + factorised.schur @ off
+    covariances = np.linalg.inv(factorised.schur + problem.prior_information)
+    means = covariances @ gradient
+    volumes = np.linalg.slogdet(np.eye(len(off)) + factorised.schur @ problem.priors)[1]
+    evidence = (means @ gradient - volumes) / 2
+    shares = np.exp(evidence - evidence.max())
+    shares /= shares.sum()
+    mean = shares @ means
+    apart = means - mean
+    covariance = np.einsum("p,pij->ij", shares, covariances + apart[:, :, None] * apart[:, None, :])
+    return mean - off, covariance, shares
+
+
+def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: int) -> Estimate:
+    """At most so many rounds from a start that is near enough for robust weights, until it moves no more than NEAR_M.
+
+    lasts: how many ranges share an error.
+    """
+    linear = linearise(problem, knots, values)
+    for _ in range(rounds):
+        weights = weigh(problem, linear.residual_m, lasts)
+        for_globals, for_knots = assemble(problem, linear, weights, knots, values)
+        global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
+        factorised = for_knots.factorise()
+        step = factorised.step_of_knots(global_step)
+        knots, values = knots + step, values + global_step
+        linear = linearise(problem, knots, values)
+        if max(np.abs(step[:, 0, :2]).max(), np.abs(global_step).max()) < NEAR_M:
+            break
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised)
+
+
+def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> Estimate:
+    """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
+
+    One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, errors taken as white;
+    then the persistence of the errors is estimated once and kept. It is not estimated again, because motion that a
+    stiffer track cannot follow would look like persistent errors. warm: the start is near enough for robust weights.
+    """
+    weights = Weights(*np.ones((2, len(problem.slots.range_m))))
+    linear = linearise(problem, knots, values)
+    if warm:
+        weights = weigh(problem, linear.residual_m, 1.0)
+    white = True
+    for index in range(ROUNDS):
+        for_globals, for_knots = assemble(problem, linear, weights, knots, values)
+        global_step, _, _ = posterior_of_globals(problem, for_globals, values)
+        step = for_knots.factorise().step_of_knots(global_step)
+        knots, values = knots + step, values + global_step
+        linear = linearise(problem, knots, values)
+        moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
+        if not white and moved_m < SETTLED_M:
+            break
+        if warm or index >= PLAIN_ROUNDS - 1:
+            near = index >= WHITE_ROUNDS - 1 and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS - 1)
+            weights = weigh(problem, linear.residual_m, weights.lasts if not white else None if near else 1.0)
+            white = white and not near
+    for_globals, for_knots = assemble(problem, linear, weights, knots, values)
+    _, covariance, shares = posterior_of_globals(problem, for_globals, values)
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorise())
+
+
+RARE_SHARE = 0.05
+"""Anchors with fewer ranges than this share of the busiest one's are not left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deleted:
+    """Without each of G anchors: knots (G, K, 2, D) and globals (G, M), one Newton step from the estimate."""
+
+    anchors: np.ndarray
+    knots: Float
+    values: Float
+
+    def variances(self) -> Float:
+        """(K, D) of the knots' coordinates: jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates.
+
+        Each of m anchors has a share of 2/m in a place.
+        """
+        off, m = self.knots[:, :, 0] - self.knots[:, :, 0].mean(axis=0), len(self.knots)
+        found: Float = (m - 2) / m * (off**2).sum(axis=0)
+        return found
+
+
+def delete_anchors(estimate: Estimate) -> Deleted | None:
+    """Every busy anchor left out in turn; None where fewer than three are busy."""
+    problem, weights = estimate.problem, estimate.weights
+    n = np.bincount(problem.slots.anchor[problem.slots.slot])
+    busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))
+    if len(busy) < 3:
+        return None
+    variance_m2 = weights.lasts * problem.range_std_m**2
+    parts = [
+        (arrow, *estimate.linear.weighted(problem.slots, each))
+        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
+    ]
+    knots, values = [], []
+    for anchor in busy:
+        mine, without = problem.slots.anchor == anchor, []
+        for arrow, rows, total in parts:
+            left = arrow.copy()
+            left.add(rows.rows(mine), -total[mine] / variance_m2)
+            without.append(left)
+        step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
+        knots.append(estimate.knots + without[1].factorise().step_of_knots(step))
+        values.append(estimate.values + step)
+    return Deleted(busy, np.array(knots), np.array(values))
