@@ -64,9 +64,7 @@ def uwb_diagnostics(
     errors = errors_of_tags(located, levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),
-        "uwb_tags": [
-            _tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags
-        ],
+        "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
         "uwb_body": body if len(body) > 1 else [],
         "dilution": _dilution(located, robot, config),
     }
@@ -106,9 +104,7 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     return rows
 
 
-def _tag_row(
-    result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None
-) -> dict[str, Any]:
+def _tag_row(result: TagResult, role: str | None, errors: TagErrors | None, reference: str | None) -> dict[str, Any]:
     """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
     solved, fixes = result.fixes.solved, result.fixes
     major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])

@@ -100,8 +100,7 @@ class UwbConfig(Section):
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
         True,
-        description="constant bias of each anchor, estimated with the track from the log, applied when positions "
-        "without one of the anchors agree better by 30 % with it",
+        description="constant bias of each link, estimated with the track, as far as the ranges speak for one",
     )
     smooth: bool = Field(
         True,

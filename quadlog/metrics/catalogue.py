@@ -212,9 +212,9 @@ _ENTRIES = (
         *(
             "uwb_nis",
             "",
-            "mean normalised innovation squared per range; 1 where uwb.range_std_m and the motion are right",
+            "mean squared residual per range over its variance, causal: innovation; 1 where uwb.range_std_m is right",
         ),
-        *("1/N Σ νᵢᵀ Sᵢ⁻¹ νᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
+        *("1/N Σ rᵢᵀ Sᵢ⁻¹ rᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
         better="",
     ),
     MetricEntry(

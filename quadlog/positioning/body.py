@@ -181,8 +181,8 @@ def _starts(tags: Sequence[TagResult], arms_m: Float, rows: _BodyRows, *, smooth
     for place_m, track in zip(places_m, (tag.track for tag in tags), strict=True):
         if len(track) == 0:
             continue
-        side = "left" if smooth else "right"
-        k = (np.searchsorted(track.t_ns, known_ns, side=side) - (not smooth)).clip(0, len(track) - 1)
+        last = np.searchsorted(track.t_ns, known_ns, side="right") - 1
+        k = (np.searchsorted(track.t_ns, known_ns) if smooth else last).clip(0, len(track) - 1)
         ahead_s = (known_ns - track.t_ns[k]) * 1e-9
         near = (np.abs(ahead_s) <= START_NEAR_S) & (smooth | (ahead_s >= 0))
         place_m[near] = track.position_m[k[near]] + ahead_s[near, None] * track.velocity_mps[k[near]]
@@ -241,5 +241,3 @@ def _misplaced(
     if sum(squares_m2) <= MISPLACED_STD**2 * sum(variances_m2):
         return ()
     return tuple(each for each in found if each.distance_m**2 > np.mean(squares_m2) / 2)
-
-

@@ -14,6 +14,7 @@ from quadlog.positioning.solve import Estimate, Factor, Past, refine
 from quadlog.positioning.spline import Timeline
 from quadlog.positioning.tracking import (
     KNOT_S,
+    LONGEST_GAP_S,
     STAMP_STD_S,
     Body,
     Starts,
@@ -60,11 +61,13 @@ class OdometryMoves:
 class Known:
     """What was known of a body after each of S steps, at t_s (S,).
 
-    state (S, 2D), covariance (S, 2D, 2D): of the pose and its rate then; values (S, M): of the globals. restarts_s:
-    when it was found that the body had been carried away. last: the estimate in the end, of the last few seconds.
+    known (R,): the ranges with which there is a pose. state (S, 2D), covariance (S, 2D, 2D): of the pose and its rate
+    then; values (S, M): of the globals. restarts_s: when it was found that the body had been carried away. last: the
+    estimate in the end, of the last few seconds.
     """
 
     body: Body
+    known: np.ndarray
     t_s: Float
     state: Float
     covariance: Float
@@ -122,6 +125,11 @@ class Known:
         weight[order] = lateness_weights(windows, residual_m[order], std_m)
         return residual_m, weight, weight * innovation_m**2 / variance_m2 / max(float(weight.mean()), 1e-3)
 
+    def biases_at(self, t_s: Float) -> Float:
+        """(N, L) of all links as they were known at instants (N,), zero before the first step."""
+        known: Float = self.values[self.steps(t_s), : self.body.ranges.n_links]
+        return np.where(t_s[:, None] >= self.t_s[0], known, 0.0)
+
     def biases(self) -> tuple[Float, Float]:
         """Of all links (L,) as they are known in the end, and their std."""
         n = self.body.ranges.n_links
@@ -144,7 +152,7 @@ class _Persistence:
         link, information = slots.range_link[mine], estimate.weights.globals[mine] / std_m**2
         block = int(estimate.problem.timeline.t_s[count] / BLOCK_S)
         if block != self.block:
-            heard = np.count_nonzero(self.sums)
+            heard = int(np.count_nonzero(self.sums))
             free = max(heard - len(estimate.problem.model.axes), 1) / max(heard, 1)
             self.squares += float((self.sums**2).sum()) / free
             self.block, self.sums[:] = block, 0.0
@@ -179,16 +187,22 @@ class _Follower:
     def follow(self) -> Known:
         """Step by step: at the first range of each STEP_S, which is known then."""
         t_s = self.body.ranges.t_s
-        number = np.floor(t_s / STEP_S)
-        known_s, steps = t_s[np.flatnonzero(np.diff(number, prepend=number[0] - 1))], []
+        segment = np.append(0, np.cumsum(np.diff(t_s) > LONGEST_GAP_S))
+        begin_s = t_s[np.append(True, np.diff(segment) > 0)]
+        start = np.searchsorted(self.starts.t_s, begin_s).clip(max=len(self.starts.t_s) - 1)
+        known = t_s >= self.starts.t_s[start][segment]
+        number = np.floor(t_s[known] / STEP_S) + segment[known]
+        known_s, steps = t_s[known][np.flatnonzero(np.diff(number, prepend=-1))], []
         for now_s in known_s.tolist():
             estimate = self._step(now_s)
-            steps.append((estimate.knots[-1].ravel(), estimate.for_knots.last_covariance(estimate.covariance), estimate.values))
+            steps.append(
+                (estimate.knots[-1].ravel(), estimate.for_knots.last_covariance(estimate.covariance), estimate.values)
+            )
             self._forget(estimate, now_s - WINDOW_S)
             self.estimate = estimate
         state, covariance, values = (np.array(each) for each in zip(*steps, strict=True))
         restarts_s = np.array([known_s for known_s, _ in self.found])
-        return Known(self.body, known_s, state, covariance, values, restarts_s, estimate)
+        return Known(self.body, known, known_s, state, covariance, values, restarts_s, estimate)
 
     def _step(self, now_s: float) -> Estimate:
         """The window until now, solved again where the body turns out to have been carried away."""
@@ -226,9 +240,11 @@ class _Follower:
             first_s = first_s[1:][np.abs(first_s[1:, None] - old_s).min(axis=1) > 1e-6]
         for each_s in first_s:
             new = timeline.t_s >= each_s
-            since = starts.t_s >= each_s - KNOT_S
+            since = starts.t_s >= min(each_s, starts.t_s[-1])
             knots[new] = 0.0
-            knots[np.ix_(new, [0], axes)] = Starts(starts.t_s[since], starts.pose[since]).at(timeline.t_s[new])[:, None, : len(axes)]
+            knots[np.ix_(new, [0], axes)] = Starts(starts.t_s[since], starts.pose[since]).at(timeline.t_s[new])[
+                :, None, : len(axes)
+            ]
         return knots
 
     def _forget(self, estimate: Estimate, until_s: float) -> None:

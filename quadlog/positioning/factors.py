@@ -20,8 +20,8 @@ ERRORS_LAST_S = 1.0
 class Rows:
     """N scalar measurements, linearised.
 
-    interval (N,): between which knots, in order; local (4D, N): slope by the two knots (q, q', q, q'); residual (N,): measured
-    minus predicted. column, slope (G, N): slopes by G global unknowns each, and which.
+    interval (N,): between which knots, in order; local (4D, N): slope by the two knots (q, q', q, q'); residual (N,):
+    measured minus predicted. column, slope (G, N): slopes by G global unknowns each, and which.
     """
 
     interval: Int
@@ -105,8 +105,8 @@ class TagRanges:
         """A link for each tag and anchor."""
         return len(self.lever_m) * self.n_anchors
 
-    def rows(self, rows: np.ndarray) -> TagRanges:
-        """Those of a mask or of indices."""
+    def rows(self, rows: np.ndarray | slice) -> TagRanges:
+        """Those of a mask, of indices or of a slice."""
         parts = (each[rows] for each in (self.t_s, self.tag, self.anchor, self.range_m))
         return replace(self, **dict(zip(("t_s", "tag", "anchor", "range_m"), parts, strict=True)))
 

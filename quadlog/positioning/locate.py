@@ -176,7 +176,7 @@ class _Tag:
         self.height_solved = not on_line and self._solves_height()
 
     def fix(self, method: str, bias_m: Float, height_m: float | None, near: Track | None) -> Fixes:
-        """Fixes of the epochs less biases (A,); with anchors on a line on the side of a track, or where it starts."""
+        """Fixes of the epochs less biases (A,) or (E, A), of anchors on a line on the side of a track or its start."""
         settings, range_m = self.settings, self.epochs.range_m - bias_m
         if not self.on_line:
             return solve_fixes(
@@ -202,7 +202,8 @@ class _Tag:
         """Track, then fixes with its biases."""
         known_ns = self.epochs.t_ns if self.settings.smooth else self.epochs.last_ns
         usable = self.start.solved & ~self.start.outlier
-        on_track = _in_segments_with_a_fix(self.t_ns, known_ns[usable], causal=not self.settings.smooth)
+        since_ns = known_ns[usable] - (0 if self.settings.smooth else round(self.epoch_s * 1e9))
+        on_track = _in_segments_with_a_fix(self.t_ns, known_ns[usable], since_ns, causal=not self.settings.smooth)
         if not on_track.any():
             return self._result(None, on_track, None)
         first_ns = int(self.t_ns[0])
@@ -222,29 +223,31 @@ class _Tag:
         return self._result(tracked, on_track, motion)
 
     def _track(self, tracked: Tracked | Known, on_track: np.ndarray) -> Track:
-        t_ns, first = np.unique(self.t_ns[on_track], return_index=True)
-        return tracked.track(tracked.body.ranges.t_s[first], t_ns, 0)
+        t_ns, first = np.unique(self.t_ns[on_track][tracked.known], return_index=True)
+        return tracked.track(tracked.body.ranges.t_s[tracked.known][first], t_ns, 0)
 
     def _track_settings(self) -> TrackSettings:
         """As this tag is tracked."""
         settings = self.settings
         height_std_m = HEIGHT_STD_M if self.height_solved else 0.0
-        return TrackSettings(
-            settings.range_std_m, settings.acceleration_std_mps2, height_std_m, settings.calibrate
-        )
+        return TrackSettings(settings.range_std_m, settings.acceleration_std_mps2, height_std_m, settings.calibrate)
 
-    def _result(self, tracked: Tracked | Known | None, on_track: np.ndarray, velocity: MeasuredMotion | None) -> TagResult:
+    def _result(
+        self, tracked: Tracked | Known | None, on_track: np.ndarray, velocity: MeasuredMotion | None
+    ) -> TagResult:
         height_m, n_anchors = self.tag.height_m, len(self.anchors.ids)
         predicted_m, weight = np.full(len(self.t_ns), np.nan), np.zeros(len(self.t_ns))
         bias_m, shared_m, bias = self.anchors.known_bias_m, 0.0, None
+        subtracted_m = bias_m
         heard = np.bincount(self.column, minlength=n_anchors)
         if tracked is None:
             track, restart_ns, n_ranges, nis = no_track(), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         else:
-            t_ns, first, n_ranges = np.unique(self.t_ns[on_track], return_index=True, return_counts=True)
             track = self._track(tracked, on_track)
-            residual_m, weight[on_track], square = tracked.of_ranges()
-            predicted_m[on_track] = self.range_m[on_track] - residual_m
+            rows = np.flatnonzero(on_track)[tracked.known]
+            t_ns, first, n_ranges = np.unique(self.t_ns[rows], return_index=True, return_counts=True)
+            residual_m, weight[rows], square = (each[tracked.known] for each in tracked.of_ranges())
+            predicted_m[rows] = self.range_m[rows] - residual_m
             nis = np.add.reduceat(square, first) / n_ranges
             cuts_ns = int(self.t_ns[0]) + np.rint(tracked.restarts_s * 1e9).astype(np.int64)
             restart_ns = t_ns[np.searchsorted(t_ns, cuts_ns - 1)]
@@ -252,10 +255,14 @@ class _Tag:
             if self.settings.calibrate:
                 bias = AnchorBias(own_m, std_m, heard, tracked.last.shares)
                 bias_m = bias_m + bias.applied_m
+                subtracted_m = bias_m
+                if isinstance(tracked, Known):
+                    known_s = (self.epochs.last_ns - int(self.t_ns[0])) * 1e-9
+                    subtracted_m = self.anchors.known_bias_m + tracked.biases_at(known_s)
             else:
                 shared_m = float(own_m.mean())
         fixes_height_m = None if self.height_solved else height_m
-        fixes = self.fix(self.settings.method, bias_m, fixes_height_m, track)
+        fixes = self.fix(self.settings.method, subtracted_m, fixes_height_m, track)
         fewest = 4 if self.height_solved else 3
         return TagResult(
             tag=self.tag.id,
@@ -294,14 +301,16 @@ def with_motion(
     return track_turning(replace(tracked.body, yaw=True, motion=OdometrySteps(way, motion.std_mps)), at_knots)
 
 
-def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, *, causal: bool) -> np.ndarray:
-    """(R,) bool, of ranges at t_ns (R,) those between whose gaps of LONGEST_GAP_S there is a fix; causal: from it on."""
+def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, since_ns: Int, *, causal: bool) -> np.ndarray:
+    """(R,) bool, of ranges at t_ns (R,) those between whose gaps of LONGEST_GAP_S there is a fix; causal: from since_ns
+    of the first fix on.
+    """
     segment = np.append(0, np.cumsum(np.diff(t_ns) > LONGEST_GAP_S * 1e9))[: len(t_ns)]
     of_fix = segment[(np.searchsorted(t_ns, fix_ns, side="right") - 1).clip(0)]
     found, first = np.unique(of_fix, return_index=True)
     kept = np.isin(segment, found)
     if causal and len(found):
-        kept &= t_ns >= fix_ns[first][np.searchsorted(found, segment).clip(max=len(found) - 1)]
+        kept &= t_ns >= since_ns[first][np.searchsorted(found, segment).clip(max=len(found) - 1)]
     return kept
 
 

@@ -143,7 +143,8 @@ class Factorised:
 
 def _summed(cell: np.ndarray, values: Float, shape: tuple[int, int]) -> Float:
     """Sums of values (N,) that fall into the same cell (N,) of a matrix."""
-    return np.bincount(cell, values, shape[0] * shape[1]).reshape(shape)
+    sums: Float = np.bincount(cell, values, shape[0] * shape[1]).reshape(shape).astype(np.float64, copy=False)
+    return sums
 
 
 def _neighbours(knots: Float) -> Float:
@@ -162,10 +163,10 @@ class Factor(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """What measurements before the first knot say about it and the globals, together n numbers, where these are at `at`.
+    """What measurements before the first knot say about it and the globals, together n numbers.
 
-    information (2, n, n), pull (2, n): for the globals, and for the knots, which weigh ranges differently. knows_knot:
-    whether anything is known of the knot.
+    at (n,): their values; information (2, n, n), pull (2, n) there: for the globals, and for the knots, which weigh
+    ranges differently. knows_knot: whether anything is known of the knot.
     """
 
     at: Float

@@ -20,7 +20,6 @@ from quadlog.positioning.factors import (
     Turns,
     Way,
     YawSensor,
-    turned,
 )
 from quadlog.positioning.links import bias_priors
 from quadlog.positioning.motion import Track, lifting, turning, walking
@@ -166,7 +165,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """last: the estimate, and the covariances (K, 2D, 2D) of its knots; excess: by how much that of the place was raised.
+    """last: the estimate; covariance (K, 2D, 2D): of its knots; excess: by how much that of the place was raised.
 
     deleted: without each anchor, None with fewer than three.
     """
@@ -176,6 +175,11 @@ class Tracked:
     covariance: Float
     excess: float
     deleted: Deleted | None
+
+    @property
+    def known(self) -> np.ndarray:
+        """(R,) bool, the ranges with which there is a pose: all."""
+        return np.ones(len(self.body.ranges.t_s), dtype=bool)
 
     @property
     def restarts_s(self) -> Float:

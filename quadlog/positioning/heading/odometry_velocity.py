@@ -9,10 +9,10 @@ import numpy as np
 
 from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, align_yaw, align_yaw_causally
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.causal import OdometryMoves
 from quadlog.positioning.factors import HOLD_S, Way, turned
+from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, align_yaw, align_yaw_causally
+from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.motion import Track
 
 STANDING_MPS = 0.05
@@ -130,7 +130,9 @@ def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
 def way_of(motion: BodyMotion, start_ns: int, x_m: float, y_m: float) -> Way:
     """The way of a tag by the sensor's velocities, since its poses may jump; instants in seconds since start_ns."""
     t_s, velocity_mps, yaw_rad = (
-        seconds_since(motion.t_ns, start_ns), _tag_velocity(motion, x_m, y_m), np.unwrap(motion.yaw_rad),
+        seconds_since(motion.t_ns, start_ns),
+        _tag_velocity(motion, x_m, y_m),
+        np.unwrap(motion.yaw_rad),
     )
     steps_m = np.diff(t_s)[:, None] * (velocity_mps[1:] + velocity_mps[:-1]) / 2
     return Way(t_s, np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)]), yaw_rad)

@@ -145,9 +145,12 @@ def test_a_tag_that_falls_silent_leaves_the_track_to_the_others(lab):
 
 
 def test_three_tags_on_the_real_trolley(lab, trolley):
-    """Yaw once a constant is taken out, which the motion capture's frame may have; position as it is."""
+    """Yaw once a constant is taken out, which the motion capture's frame may have; position as it is.
+
+    Causal: biases are as they were known then, which costs 0.007 m.
+    """
     levers_m = np.asarray(trolley.lever_m)[:, :2]
-    limits = {True: (5.0, 0.040, 0.92), False: (5.2, 0.047, 0.87)}
+    limits = {True: (5.0, 0.036, 0.97), False: (5.5, 0.055, 0.9)}
     for smooth, (yaw_deg, position_m, share) in limits.items():
         tags, body = solve(trolley.series, levers_m, None, trolley.anchors_m, 0.97, smooth=smooth)
         t_ns = body.track.t_ns

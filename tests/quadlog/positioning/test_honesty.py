@@ -68,7 +68,7 @@ def test_ellipses_of_the_trolley_hold_its_errors(lab, trolley, tag):
     got, _, _ = locate_trolley(trolley, cut(trolley, tag, 0.0, np.inf), tag)
     error_m = got.track.position_m - trolley.truth_at(tag, got.track.t_ns)
     assert lab.share_in_ellipses(error_m, got.track.covariance_m2) > 0.88
-    assert got.bias.significant.all()
+    assert got.bias.applied.all()
 
 
 @pytest.mark.parametrize(("length_s", "worst"), [(5.0, 1.25), (10.0, 1.05), (30.0, 0.6)])

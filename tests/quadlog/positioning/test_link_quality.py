@@ -1,29 +1,19 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from quadlog.messages import RangeSeries
-from quadlog.positioning.anchor_bias import AnchorBias
-from quadlog.positioning.link_quality import link_quality, weak_first_path_share, why_not_applied
-from quadlog.positioning.locate import RangeRows
+from quadlog.positioning.links import AnchorBias, RangeRows, link_quality, weak_first_path_share
 
 IDS = np.array([7, 3, 5])
-WELL, BADLY = 0.03, 0.16
 
 
 def rows(anchor, residual_m) -> RangeRows:
     n = len(anchor)
     predicted_m = np.where(np.isnan(residual_m), np.nan, 4.0)
     return RangeRows(np.arange(n), np.array(anchor), np.nan_to_num(residual_m) + 4.0, predicted_m, np.ones(n))
-
-
-def bias_of(bias_m, std_m, applied, n) -> AnchorBias:
-    spread_m, corrected_m = (0.2, 0.05) if any(applied) else (0.2, 0.18)
-    return AnchorBias(np.array(bias_m), np.array(std_m), np.array(applied), np.array(n), spread_m, corrected_m)
 
 
 def test_every_link_in_the_order_of_its_anchors():
@@ -46,22 +36,13 @@ def test_nlos_is_late_by_more_than_three_std_and_never_early(residual_m, late):
 
 
 def test_an_estimate_goes_with_its_std_and_whether_it_is_used():
-    bias = bias_of([0.2, 0.01, 0.1], [WELL, WELL, BADLY], [True, True, False], [90, 80, 0])
+    bias = AnchorBias(np.array([0.2, 0.01, 0.1]), np.array([0.03, 0.03, 0.16]), np.array([90, 80, 0]), np.eye(4)[3])
     quality = link_quality(rows([7], np.array([0.0])), IDS, bias, 0.1)
     assert_allclose(quality.bias_m, [0.2, 0.01, 0.1])
-    assert_allclose(quality.bias_std_m, [WELL, WELL, BADLY])
+    assert_allclose(quality.bias_std_m, [0.03, 0.03, 0.16])
     assert quality.bias_applied.tolist() == [True, True, False]
-    assert quality.why_not[:2] == ("", "")
-    assert quality.why_not[2] == "no ranges"
-
-
-def test_why_a_bias_is_left_in():
-    """One reason for all links that were heard: by how much positions without one of them agree better."""
-    left_in = bias_of([0.2, 0.2, 0.0], [WELL, BADLY, BADLY], [False] * 3, [90, 80, 0])
-    reason = "positions without one link differ by 0.180 m with biases, 0.200 m without: 10% less, 30% is needed"
-    assert why_not_applied(left_in) == (reason, reason, "no ranges")
-    untried = replace(left_in, spread_m=0.0, corrected_spread_m=0.0)
-    assert why_not_applied(untried)[0] == "too few links to try positions without one of them"
+    assert quality.why_not == ("", "", "no ranges")
+    assert bias.reason == "the ranges favour a bias of each link (100%)"
 
 
 def test_weak_first_paths_are_counted_where_the_radio_tells():

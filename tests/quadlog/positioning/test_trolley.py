@@ -52,7 +52,7 @@ def test_biases_are_those_that_the_truth_shows(trolley, calibrated):
         excess_m = range_m - np.linalg.norm(place_m - trolley.anchors_m[anchor], axis=1)
         true_m = [np.mean(excess_m[(anchor == a) & (range_m > 0)]) for a in range(8)]
         assert tag.bias is not None
-        assert tag.bias.significant.all()
+        assert tag.bias.applied.all()
         np.testing.assert_allclose(tag.bias.bias_m, true_m, atol=0.03)
 
 
@@ -72,7 +72,7 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, calibrated):
         aligned = align_yaw(tag.track, trolley.t_ns, wrap_angle(true_yaw - np.radians(50)), ahead_m)
         assert aligned.offset_rad == pytest.approx(np.radians(50) + slip, abs=np.radians(2))
         # Tag 0's courses err for tens of seconds at a time, which its std must know: by 1.7 degrees on this walk.
-        assert abs(aligned.offset_rad - np.radians(50) - slip) < 2 * aligned.std_rad < np.radians(4)
+        assert abs(aligned.offset_rad - np.radians(50) - slip) < 2 * aligned.std_rad < np.radians(5)
 
 
 def test_the_lever_arm_leads_to_the_trolleys_origin(lab, trolley, calibrated):

@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from quadlog.geometry import wrap_angle
 from quadlog.positioning.heading.heading import GyroHeading, align_gyro, align_gyro_causally, integrate_yaw_rate
-from quadlog.positioning.track.tracker import Track
+from quadlog.positioning.motion import Track
 
 START_NS = 1_700_000_000_000_000_000
 

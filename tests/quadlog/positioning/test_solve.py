@@ -1,0 +1,171 @@
+"""The batch against scipy's dense least squares of the same problem, and its slopes against finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+from quadlog.positioning import solve as module
+from quadlog.positioning.factors import Axes, Border, Moves, RangeModel, Steps, TagRanges, Turns, Way, YawSensor
+from quadlog.positioning.links import bias_priors
+from quadlog.positioning.motion import lifting, motion_information, transition, turning, walking
+from quadlog.positioning.solve import Problem, Weights, assemble, linearise, posterior_of_globals, solve
+from quadlog.positioning.spline import make_timeline
+
+ANCHORS_M = np.array([[0, 0, 0.3], [8, 0, 2.4], [8, 7, 0.5], [0, 7, 2.5], [4, -1, 1.2]])
+AXES = Axes((walking(1.0), walking(1.0), lifting(0.5), turning()), 2, 3)
+LEVERS_M = np.array([[0.2, 0.1], [-0.3, 0.0]])
+
+
+def problem_of(*, delay: bool = False, seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """Four seconds of two tags on a body, every factor there is, and a state about right."""
+    rng, t_s = np.random.default_rng(seed), np.sort(np.random.default_rng(seed).uniform(0, 4, 60))
+    tag, anchor = rng.integers(0, 2, 60), rng.integers(0, 5, 60)
+    place_m = np.column_stack([3 + 0.5 * t_s, 3 + np.sin(t_s), np.full(60, 0.6)])
+    range_m = np.linalg.norm(place_m - ANCHORS_M[anchor], axis=1) + 0.05 * rng.standard_normal(60)
+    ranges = TagRanges(t_s, tag, anchor, range_m, LEVERS_M, np.array([0.6, 0.8]), 5)
+    timeline = make_timeline(t_s, 0.5, 2.0, np.empty(0))
+    n, way_s = ranges.n_links, np.arange(0, 4.2, 0.1)
+    way = Way(way_s, np.column_stack([0.5 * way_s, np.sin(way_s)]) + 0.01 * rng.standard_normal((42, 2)), 0.3 * way_s)
+    variance = np.full(len(timeline) - 1, 0.02)
+    others = (
+        Turns(timeline, YawSensor(way_s, way.yaw_rad, 0.01, 0.02), AXES, n, n + 1),
+        Steps(timeline, way, AXES, n + 1, variance),
+        Moves(timeline, way_s, way.xy_m, len(AXES), variance),
+    )
+    mean = np.concatenate([np.zeros(n), [0.0, 1.0], np.zeros(3), [0.0]])
+    border = Border(n, n + 6, np.array([-1, -1, n + 2, -1, -1]), n + 5 if delay else None)
+    prior = np.diag(np.concatenate([np.ones(n), np.square([0.01, 0.1, 1.0, 1.0, 0.1, 0.1])]))
+    prior[:n, :n] = bias_priors(n, True)[-1]
+    problem = Problem(
+        timeline, RangeModel(AXES, border, ANCHORS_M), ranges.slots(timeline.t_s), 0.1, mean, prior[None], others
+    )
+    knots = 0.1 * rng.standard_normal((len(timeline), 2, 4))
+    knots[:, 0, 0] += 3 + 0.5 * timeline.t_s
+    knots[:, 0, 1] += 3
+    return problem, knots, mean + 0.01 * rng.standard_normal(len(mean))
+
+
+@pytest.mark.parametrize("delay", [False, True])
+def test_slopes_are_finite_differences(delay):
+    problem, knots, values = problem_of(delay=delay)
+    flat, size = np.append(knots.ravel(), values), knots.size
+
+    def residuals(state: np.ndarray) -> np.ndarray:
+        own = state[:size].reshape(knots.shape), state[size:]
+        ranges = linearise(problem, *own)
+        slots = ranges.weighted(problem.slots, np.ones(len(ranges.residual_m)))[0].residual
+        return np.concatenate([slots, *(each.linearise(*own)[0].residual for each in problem.others)])
+
+    rows = [linearise(problem, knots, values).rows, *(each.linearise(knots, values)[0] for each in problem.others)]
+    dense = np.zeros((sum(len(each.interval) for each in rows), len(flat)))
+    at = 0
+    for each in rows:
+        for k, interval in enumerate(each.interval):
+            dense[at + k, interval * 8 : interval * 8 + 16] += each.local[:, k]
+            np.add.at(dense[at + k], size + each.column[:, k], each.slope[:, k])
+        at += len(each.interval)
+    step = 1e-6
+    numeric = np.array([(residuals(flat - d) - residuals(flat + d)) / (2 * step) for d in step * np.eye(len(flat))]).T
+    # The displacement within a slot is of first order in time, and its slope is left out.
+    np.testing.assert_allclose(dense, numeric, atol=0.08)
+    own = len(rows[0].interval)
+    np.testing.assert_allclose(dense[own:], numeric[own:], atol=1e-6)
+
+
+def test_the_arrow_is_the_dense_system_and_its_marginals():
+    problem, knots, values = problem_of()
+    weights = Weights(*np.random.default_rng(1).uniform(0.2, 1, (2, len(problem.slots.range_m))), 2.0)
+    for_globals, for_knots = assemble(problem, linearise(problem, knots, values), weights, knots, values)
+    matrix, right = for_globals.dense()
+    n = knots.size
+    prior = np.linalg.inv(problem.priors[0])
+    full, pull = matrix.copy(), right.copy()
+    full[n:, n:] += prior
+    pull[n:] -= prior @ (values - problem.mean)
+    step, covariance, _ = posterior_of_globals(problem, for_globals, values)
+    np.testing.assert_allclose(step, np.linalg.solve(full, pull)[n:], atol=1e-8)
+    np.testing.assert_allclose(covariance, np.linalg.inv(full)[n:, n:], atol=1e-9)
+    factorised = for_knots.factorise()
+    own, own_right = for_knots.dense()
+    wanted = np.linalg.solve(own[:n, :n], own_right[:n] - own[:n, n:] @ step)
+    np.testing.assert_allclose(factorised.step_of_knots(step).ravel(), wanted, atol=1e-7)
+    inverse = np.linalg.inv(own[:n, :n])
+    spread = inverse + inverse @ own[:n, n:] @ covariance @ own[n:, :n] @ inverse
+    blocks = [spread[k : k + 8, k : k + 8] for k in range(0, n, 8)]
+    np.testing.assert_allclose(factorised.covariances(covariance), blocks, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(factorised.last_covariance(covariance), blocks[-1], rtol=1e-6, atol=1e-9)
+
+
+def test_it_is_least_squares_over_the_whole_log(monkeypatch):
+    """Against scipy, which solves for all knots and globals at once; weights are one."""
+    problem, knots, values = problem_of()
+    ones = np.ones(len(problem.slots.range_m))
+    monkeypatch.setattr(module, "weigh", lambda *_: Weights(ones, ones))
+    solved = solve(problem, knots, values)
+    roots = np.linalg.cholesky(problem.motion + 1e-12 * np.eye(16)).transpose(0, 2, 1)
+    prior = np.linalg.inv(np.linalg.cholesky(problem.priors[0]))
+
+    def misfit(state: np.ndarray) -> np.ndarray:
+        own, its = state[: knots.size].reshape(knots.shape), state[knots.size :]
+        around = np.concatenate([own[:-1], own[1:]], axis=1).reshape(-1, 16)
+        rows, total = linearise(problem, own, its).weighted(problem.slots, ones)
+        parts = [np.einsum("kij,kj->ki", roots, around).ravel(), rows.residual * np.sqrt(total) / 0.1]
+        for each in problem.others:
+            rows, weight = each.linearise(own, its)
+            parts.append(rows.residual * np.sqrt(weight))
+        return np.concatenate([*parts, prior @ (its - problem.mean)])
+
+    best = least_squares(misfit, np.append(knots.ravel(), values), xtol=1e-12)
+    found = best.x[: knots.size].reshape(knots.shape)
+    np.testing.assert_allclose(solved.knots[:, 0], found[:, 0], atol=5e-3)
+    np.testing.assert_allclose(solved.values, best.x[knots.size :], atol=5e-3)
+
+
+def test_motion_is_the_exact_discretisation():
+    for motion in (walking(1.5), turning(), lifting(0.5)):
+        step, noise = transition(motion, 0.3)
+        drift = np.array([[0.0, 1.0], [-motion.stiffness, -motion.damping]])
+        np.testing.assert_allclose(step, expm(drift * 0.3), atol=1e-12)
+        fine, summed = 3000, np.zeros((2, 2))
+        for k in range(fine):
+            column = expm(drift * 0.3 * (k + 0.5) / fine)[:, 1]
+            summed += motion.density * np.outer(column, column) * 0.3 / fine
+        np.testing.assert_allclose(noise, summed, rtol=1e-4, atol=1e-12)
+
+
+def test_a_spline_passes_through_its_knots_and_segments_are_apart():
+    timeline = make_timeline(np.array([0.0, 0.3, 1.1, 4.0, 4.5]), 0.2, 2.0, np.array([1.1]))
+    np.testing.assert_allclose(timeline.t_s[timeline.firsts], [0.0, 1.1, 4.0])
+    knots = np.random.default_rng(0).standard_normal((len(timeline), 2, 3))
+    value, rate = timeline.sample(timeline.t_s).of(knots)
+    np.testing.assert_allclose(value, knots[:, 0], atol=1e-9)
+    inside = np.append(timeline.connected, False) | np.append(False, timeline.connected)
+    np.testing.assert_allclose(rate[inside], knots[inside, 1], atol=1e-9)
+    information = motion_information((walking(1.0),), timeline, timeline.firsts)
+    assert np.abs(information[~timeline.connected][:, :2, 2:]).max() == 0
+
+
+def test_what_is_forgotten_leaves_the_same_estimate():
+    """The first intervals eliminated, and the rest solved with what they said: the same as all at once."""
+    from quadlog.positioning.causal import _eliminate
+
+    problem, knots, values = problem_of()
+    weights = Weights(*np.ones((2, len(problem.slots.range_m))))
+    linear = linearise(problem, knots, values)
+    count, size = 4, 8
+    whole, _ = assemble(problem, linear, weights, knots, values)
+    begun, _ = assemble(problem, linear, weights, knots, values, count)
+    wanted, wanted_right = _eliminate(whole.dense(), count * size)
+    information, pull = _eliminate(begun.dense(), count * size)
+    # What the later intervals say by themselves, and the prior of all that came before.
+    later, later_right = (each[count * size :].copy() for each in whole.dense())
+    later, own = later[:, count * size :], slice(-size - len(values), None)
+    n = len(later_right)
+    head = np.append(np.arange(size), np.arange(n - len(values), n))
+    later[np.ix_(head, head)] += information - begun.dense()[0][own, own]
+    later_right[head] += pull - begun.dense()[1][own]
+    np.testing.assert_allclose(later, wanted, atol=1e-6)
+    np.testing.assert_allclose(later_right, wanted_right, atol=1e-6)

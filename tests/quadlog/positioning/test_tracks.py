@@ -1,0 +1,167 @@
+"""Tracks of single tags from ranges alone, smoothed and as they were known then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadlog.messages import Float, RangeSeries
+from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
+
+HALL_M = np.array([(0.0, 0.0, 1.2), (40.0, 0.0, 1.2), (40.0, 35.0, 1.2), (0.0, 35.0, 1.2)])
+HEIGHTS_M = np.array([[0.0, 0.0, 0.3], [8.0, 0.0, 2.6], [8.0, 7.0, 0.4], [0.0, 7.0, 2.5], [4.0, -1.0, 1.5]])
+
+
+def run(lab, series: RangeSeries, anchors_m: Float, height_m: float | None = None, **settings) -> TagResult:
+    anchors = Anchors(np.arange(len(anchors_m)), anchors_m, np.zeros(len(anchors_m)))
+    tag = TagInfo(0, lab.TAG_HEIGHT_M if height_m is None else height_m)
+    return locate(series, anchors, [tag], LocateSettings(**({"calibrate": False} | settings))).tags[0]
+
+
+def errors(simulated, got: TagResult) -> Float:
+    return got.track.position_m - simulated.truth_at(got.track.t_ns)
+
+
+def test_clean_ranges_are_smoothed_far_below_their_noise(lab):
+    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 1)
+    got = run(lab, simulated.series, lab.TRIANGLE_M)
+    assert lab.rmse(errors(simulated, got)) < 0.05
+    np.testing.assert_allclose(got.track.velocity_mps[100:-100].mean(axis=0), [0.4, 0.3], atol=0.02)
+
+
+@pytest.mark.parametrize(("smooth", "rate_hz"), [(True, 50), (False, 10)])
+def test_weights_point_at_the_late_ranges(lab, smooth, rate_hz):
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 5, rate_hz=rate_hz)
+    since_s = (simulated.series.t_ns - simulated.t_ns[0]) * 1e-9
+    late = (simulated.series.anchor == 2) & (since_s > 4) & (since_s < 4.7)
+    simulated.series.range_m[late] += 1.0
+    got = run(lab, simulated.series, lab.SQUARE_M, smooth=smooth).ranges
+    assert got.weight[late].max() < 0.3
+    assert np.median(got.weight[~late]) > 0.8
+    assert (got.range_m - got.predicted_m)[late].mean() == pytest.approx(1.0, abs=0.25)
+
+
+def walk_as_assumed(seed: int):
+    """White acceleration of the density that is assumed."""
+
+    def walk(t_s):
+        rng, step_s = np.random.default_rng([99, seed]), t_s[1] - t_s[0]
+        noise = 0.1 * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
+        kick = rng.standard_normal((len(t_s), 2, 2)) @ np.linalg.cholesky(noise).T
+        velocity = rng.normal(0, 0.3, 2) + np.cumsum(kick[:, :, 1], axis=0)
+        return np.array([4.0, 2.8]) + np.cumsum(velocity * step_s + kick[:, :, 0], axis=0)
+
+    return walk
+
+
+@pytest.mark.parametrize(("smooth", "seeds"), [(True, 12), (False, 4)])
+def test_ellipses_hold_what_they_say_under_white_noise(lab, smooth, seeds):
+    """More than 95 %: stamps may be off as well, which these are not."""
+    inside = []
+    for seed in range(seeds):
+        simulated = lab.simulate(walk_as_assumed(seed), lab.SQUARE_M, seed, rate_hz=20)
+        got = run(lab, simulated.series, lab.SQUARE_M, smooth=smooth)
+        inside.append(lab.share_in_ellipses(errors(simulated, got)[20:], got.track.covariance_m2[20:]))
+    assert 0.94 < np.mean(inside) <= 1.0
+
+
+@pytest.mark.parametrize(("smooth", "low"), [(True, 0.8), (False, 0.7)])
+def test_residuals_show_how_far_ranges_err(lab, smooth, low):
+    """One per range on average under the noise that is assumed, the square of the ratio where it is another."""
+    for ratio in (0.5, 1.0, 1.5):
+        simulated = lab.simulate(walk_as_assumed(3), lab.SQUARE_M, 3, duration_s=20, rate_hz=10, std_m=0.1 * ratio)
+        got = run(lab, simulated.series, lab.SQUARE_M, smooth=smooth)
+        assert set(got.n_ranges.tolist()) == {4}
+        assert low < got.nis.mean() / ratio**2 < 1.4
+
+
+def test_a_turned_and_shifted_world_gives_the_turned_and_shifted_track(lab):
+    """Ranges do not know where map's axes lie."""
+    simulated = lab.simulate(lab.walk_figure_eight, HEIGHTS_M, 8, rate_hz=20, bursts=True)
+    turn = np.array([[np.cos(2.0), -np.sin(2.0)], [np.sin(2.0), np.cos(2.0)]])
+    anchors_m = np.column_stack([HEIGHTS_M[:, :2] @ turn.T + [30.0, -7.0], HEIGHTS_M[:, 2]])
+    here, there = (run(lab, simulated.series, each, height="solved").track for each in (HEIGHTS_M, anchors_m))
+    np.testing.assert_allclose(there.position_m, here.position_m @ turn.T + [30.0, -7.0], atol=2e-3)
+    np.testing.assert_allclose(there.covariance_m2, turn @ here.covariance_m2 @ turn.T, rtol=3e-2, atol=1e-6)
+    np.testing.assert_allclose(there.z_m, here.z_m, atol=2e-3)
+
+
+@pytest.mark.parametrize(("smooth", "rate_hz"), [(True, 50), (False, 10)])
+def test_the_height_is_found_where_the_geometry_shows_it(lab, smooth, rate_hz):
+    """The tag is 0.4 m lower than configured."""
+    simulated = lab.simulate(lab.walk_figure_eight, HEIGHTS_M, 10, duration_s=20, rate_hz=rate_hz)
+    given, solved = (
+        run(lab, simulated.series, HEIGHTS_M, 1.0, smooth=smooth, height=height).track for height in ("given", "solved")
+    )
+    np.testing.assert_array_equal(given.z_m, 1.0)
+    np.testing.assert_array_equal(given.z_std_m, 0.0)
+    later = solved.t_ns > solved.t_ns[0] + 2e9
+    assert np.abs(solved.z_m[later] - 0.6).mean() < 0.1
+    assert (np.abs(solved.z_m - 0.6)[later] < 3 * solved.z_std_m[later]).mean() > 0.97
+    off_m = [lab.rmse(each.position_m[later] - simulated.truth_at(each.t_ns[later])) for each in (solved, given)]
+    assert off_m[0] < 0.7 * off_m[1]
+
+
+def walk_and_jump(far_m: float):
+    """0.5 m/s, but carried far_m away after 8 s."""
+    return lambda t_s: (
+        np.array([10.0, 10.0]) + np.array([0.4, 0.3]) * t_s[:, None] + np.where(t_s[:, None] > 8, [far_m, 0.0], 0.0)
+    )
+
+
+@pytest.mark.parametrize(("far_m", "rate_hz", "smooth"), [(2, 50, True), (8, 4, True), (8, 10, False), (30, 4, False)])
+def test_a_tag_that_is_carried_away_is_followed(lab, far_m, rate_hz, smooth):
+    """Smoothed: to the instant. Causal: it is known within two seconds."""
+    simulated = lab.simulate(walk_and_jump(far_m), HALL_M, 5, duration_s=16, rate_hz=rate_hz)
+    got = run(lab, simulated.series, HALL_M, smooth=smooth)
+    assert len(got.restart_ns) == 1
+    restart_s = (got.restart_ns[0] - simulated.t_ns[0]) * 1e-9
+    assert 8.0 <= restart_s < (8.0 + 1.1 / rate_hz if smooth else 10.0)
+    t_s, off_m = (got.track.t_ns - simulated.t_ns[0]) * 1e-9, np.hypot(*errors(simulated, got).T)
+    quiet = (t_s < 8) | (t_s >= restart_s) if smooth else (t_s < 8) | (t_s > restart_s + 1)
+    assert off_m[quiet & (t_s > 1)].max() < 0.45
+
+
+def test_a_tag_carried_away_again_and_again(lab):
+    simulated = lab.simulate(
+        lambda t_s: np.array([10.0, 10.0]) + 9.0 * (t_s[:, None] // 3 % 2) * [1.0, 0.5], HALL_M, 6, duration_s=15
+    )
+    got = run(lab, simulated.series, HALL_M)
+    np.testing.assert_allclose((got.restart_ns - simulated.t_ns[0]) * 1e-9, [3, 6, 9, 12], atol=0.021)
+    assert np.hypot(*errors(simulated, got).T).max() < 0.35
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_bursts_are_no_jumps(lab, smooth):
+    for seed in range(20 if smooth else 3):
+        simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, seed, rate_hz=20, bursts=True)
+        assert len(run(lab, simulated.series, lab.TRIANGLE_M, smooth=smooth).restart_ns) == 0
+
+
+def test_a_long_gap_starts_a_new_segment_where_there_is_a_fix(lab):
+    """Silent from 5 to 9 s; then only two anchors until 12 s, and silent again until 15 s."""
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 6, duration_s=20, rate_hz=20)
+    since_s = (simulated.series.t_ns - simulated.t_ns[0]) * 1e-9
+    silent = ((since_s > 5) & (since_s < 9)) | ((since_s > 12) & (since_s < 15))
+    alone = (since_s >= 9) & (since_s <= 12)
+    keep = ~silent & ~(alone & (simulated.series.anchor > 1))
+    series = RangeSeries(*(getattr(simulated.series, name)[keep] for name in ("t_ns", "tag", "anchor", "range_m")))
+    for smooth in (True, False):
+        got = run(lab, series, lab.SQUARE_M, smooth=smooth)
+        np.testing.assert_array_equal(np.isnan(got.ranges.predicted_m), alone[keep])
+        np.testing.assert_array_equal(got.ranges.weight == 0, alone[keep])
+        assert len(got.restart_ns) == 0
+        later = got.track.t_ns > simulated.t_ns[0] + 2e9
+        assert lab.rmse(errors(simulated, got)[later]) < (0.07 if smooth else 0.2)
+
+
+def test_ranges_across_a_clock_jump_of_one_second(lab):
+    """Stamps leap ahead, the tag does not: that is no loss."""
+    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 7)
+    leap = np.where(np.arange(600) >= 300, 1_000_000_000, 0)
+    series = replace(simulated.series, t_ns=simulated.series.t_ns + np.repeat(leap, 4))
+    got = run(lab, series, lab.SQUARE_M)
+    assert len(got.restart_ns) == 0
+    assert np.hypot(*(got.track.position_m - simulated.position_m).T).max() < 0.35
