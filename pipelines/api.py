@@ -61,8 +61,8 @@ def replay(
         command=("quadlog.replay", str(recording)),
         notes=configured.notes,
     )
-    outcome = replay_anywhere(request, Silent())
-    summarise({request.run.parent}, [outcome], Silent())
+    replay_anywhere(request, Silent())
+    summarise(request.run.parent, Silent())
     return load_run(request.run)
 
 

@@ -97,8 +97,7 @@ class Bars(BatchLines):
     def expect(self, tally: BatchCounts, workers: int) -> None:
         """Add the bar of the whole batch."""
         super().expect(tally, workers)
-        self._count = workers
-        self._first = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, workers))
+        self._first = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, None))
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """Update the bar of a worker."""
@@ -121,8 +120,9 @@ class Bars(BatchLines):
                 del self._runs[worker]
                 self._bars.remove_task(self._workers.pop(worker))
             assert self._first is not None, "a batch starts with expect"
-            words = total_words(self._tally, self._count)
-            self._bars.update(self._first, completed=self._tally.done, words=words)
+            self._bars.update(self._first, completed=self._tally.done)
+            left_s = next(task for task in self._bars.tasks if task.id == self._first).time_remaining
+            self._bars.update(self._first, words=total_words(self._tally, left_s))
 
 
 def step_words(step: Mapping[str, Any], last: str) -> str:
@@ -133,11 +133,10 @@ def step_words(step: Mapping[str, Any], last: str) -> str:
     return "  ".join(word for word in (far, rate, last) if word)
 
 
-def total_words(tally: BatchCounts, workers: int) -> str:
+def total_words(tally: BatchCounts, left_s: float | None) -> str:
     """Numbers of finished and failed recordings, and the time left once it is known."""
     words = f"{tally.done}/{tally.recordings} recordings"
     words += f", {tally.failed} failed" if tally.failed else ""
-    left_s = tally.left_s(workers)
     return words if left_s is None or tally.done == tally.recordings else f"{words}, {duration_words(left_s)} left"
 
 

@@ -2,28 +2,48 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+import gc
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from queue import Empty
 from typing import Any
 
-from quadlog.errors import CannotWrite, ExitCode, RunExists
+from quadlog.errors import (
+    AlreadyExists,
+    CannotWrite,
+    ClusterUnusable,
+    ExitCode,
+    QuadlogError,
+    RecordingNotFound,
+    RunExists,
+    RunOfAnother,
+    VersionsDiffer,
+)
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchProgress
+from quadlog.pipelines.batch.progress import BatchCounts, BatchProgress, TaskProgress
 from quadlog.pipelines.batch.remote import replay_anywhere
-from quadlog.pipelines.batch.run import BatchRun
-from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.batch.task import BatchTask, measured
-from quadlog.pipelines.executor.executor import open_engine
-from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.batch.summary import note_failure, summarise
+from quadlog.pipelines.executor.machine import is_out_of_memory
+from quadlog.pipelines.executor.pool import Workers, open_executor
+from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, peak_memory_mb, worker_name
+from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.saved.run_folder import place_of_new
-from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
+from quadlog.results.saved.stages import reused_words
+from quadlog.storage.atomic_write import is_full, remove_stale_parts
 
 SHOWN_FAILURES = 20
+LOOK_AGAIN_S = 5.0
+"""How often a cluster is asked for its size while nothing happens."""
+WORTH_COLLECTING_S = 5.0
+"""Figures leave reference cycles of some 20 MB. Collecting them takes 0.1 s, too long after every short recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +75,8 @@ class BatchOutcome:
 
 def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
-    cost: dict[str, Any] = {}
-    with measured(cost, planned.request.run, planned.size_bytes):
-        outcome = replay_anywhere(planned.request, progress)
-    outcome = replace(outcome, cost=cost)
-    summarise({planned.request.run.parent}, [outcome], progress)
+    outcome = replay_anywhere(planned.request, progress)
+    summarise(planned.request.run.parent, progress)
     return BatchOutcome((outcome,))
 
 
@@ -71,7 +88,14 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
     """
     with open_workers(batch, jobs, scheduler, progress) as replay_all:
         outcomes = replay_all(batch)
-    summarise({each.request.run.parent for each in batch}, outcomes, progress)
+    for outcome in outcomes:
+        if outcome.failed and not outcome.refused:
+            note_failure(outcome)
+    for folder in sorted({each.request.run.parent for each in batch}):
+        try:
+            summarise(folder, progress)
+        except CannotWrite as error:
+            progress.say(f"warning: no summary: {error}")
     return BatchOutcome(outcomes)
 
 
@@ -87,48 +111,200 @@ def open_workers(
 
     repeats: whether a warning is printed for each run that has it, or once.
     """
-    folders = {each.request.run.parent for each in batch}
-    runs, said = [BatchRun([], progress)], None if repeats else set[str]()
-    with ExitStack() as stack:
-        stack.callback(_clear_unfinished, batch)  # after the workers have stopped
-        shared = stack.enter_context(_seen_by_all(folders if scheduler else set()))
-        engine = stack.enter_context(open_engine(min(jobs, len(batch)), scheduler, lambda step: runs[-1].hear(step)))
-        if engine.greeting:
-            progress.say(engine.greeting)
-
-        def replay_all(part: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
-            refused = _refused(part)
-            order = sorted(range(len(part)), key=lambda number: (-part[number].size_bytes, number))
-            tasks = [_task(part, number, shared) for number in order if number not in refused]
-            runs.append(BatchRun(tasks, progress, runs[-1].halted, said))
-            runs[-1].go(engine)
-            ended = refused | runs[-1].outcomes
-            return tuple(
-                replace(ended[number], recording=each.request.recording, run=each.request.run)
-                for number, each in enumerate(part)
-            )
-
-        yield replay_all
-
-
-def _clear_unfinished(batch: Sequence[Planned]) -> None:
-    """Remove unfinished files of stopped workers on this machine, which may have missed a file when the signal came."""
-    local = [each.request.run for each in batch if isinstance(each.request.run, Path)]
-    for run in (place for each in local for place in (each, place_of_new(each))):
-        if run.is_dir() and not (run / "run.json").is_file():
-            for folder in (run, run / "plots"):
+    try:
+        with open_executor(min(jobs, len(batch)), scheduler) as workers:
+            if workers.greeting:
+                progress.say(workers.greeting)
+            yield _Batch(workers, progress, repeats).replay
+    finally:  # the workers have ended, and may have been killed
+        for run in (each.request.run for each in batch if isinstance(each.request.run, Path)):
+            for folder in (run, run / "plots", place_of_new(run), place_of_new(run) / "plots"):
                 with suppress(OSError):
                     remove_stale_parts(folder)
 
 
-def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) -> BatchTask:
-    """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
-    request, size_bytes = batch[number].request, batch[number].size_bytes
-    passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
-    if refuses:
-        request = replace(request, existing=Existing.RESUME)
-    anywhere = _from_anywhere(request)  # fails for relative paths where the working folder was deleted
-    return BatchTask(number, anywhere if shared else request, size_bytes, passing, refuses)
+@dataclass(frozen=True, slots=True)
+class BatchAnswer:
+    """What a worker returns. warnings: lines of the replay. disk_full: text of the error if the disk is full."""
+
+    outcome: ReplayOutcome
+    warnings: tuple[str, ...] = ()
+    disk_full: str = ""
+
+
+def replay_task(request: ReplayRequest, number: int, refuses: bool) -> BatchAnswer:
+    """In a worker: replay one recording; its error becomes its outcome.
+
+    refuses: a run that another process finished meanwhile is refused; what a killed worker began of it is continued.
+    """
+    told, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), ""
+    forget_peak_memory()
+    told.begin("open", None)
+    try:
+        if refuses and (request.run / "run.json").is_file() and finished_outcome(request) is None:
+            raise RunExists(request.run)
+        outcome = replay_anywhere(request, told)
+    except (AlreadyExists, RunOfAnother) as error:
+        outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
+    except Exception as error:
+        full = _one_line(error) if _tells_of_a_full_disk(error) else ""
+        outcome = ReplayOutcome.of_failure(request, _failure_words(error))
+    if time.monotonic() - began_s > WORTH_COLLECTING_S:
+        gc.collect()
+    return BatchAnswer(outcome, tuple(told.warnings), full)
+
+
+def _failure_words(error: Exception) -> str:
+    """The error in one line; for a bug its traceback is printed, too."""
+    if is_out_of_memory(error):
+        return f"out of memory{_peak_words(peak_memory_mb())}; {GOES_ON}"
+    if isinstance(error, RecordingNotFound):
+        return f"{_one_line(error)} (on {worker_name()})"
+    if isinstance(error, (QuadlogError, OSError)):
+        return _one_line(error)
+    traceback.print_exception(error, file=sys.stderr)
+    return f"a bug in quadlog: {type(error).__name__}: {error}"
+
+
+def _tells_of_a_full_disk(error: BaseException | None) -> bool:
+    """Whether a full disk is the error or among its causes."""
+    while error is not None and not (isinstance(error, OSError) and is_full(error)):
+        error = error.__cause__
+    return error is not None
+
+
+def _peak_words(peak_mb: float | None) -> str:
+    return "" if peak_mb is None else f", {peak_mb:.0f} MB at its peak"
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+class _Batch:
+    """Recordings on their way through the workers. halted: why no more is started, empty while it goes on."""
+
+    def __init__(self, workers: Workers, progress: BatchProgress, repeats: bool) -> None:
+        self._workers, self._progress, self._repeats = workers, progress, repeats
+        self._numbers = count()
+        self._said: set[str] = set()
+        self._halted = ""
+        self._tally = BatchCounts(0)
+
+    def replay(self, batch: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
+        """The outcomes, in the order of the recordings. Ctrl-C is reported with the number done, and raised again."""
+        refused = _refused(batch)
+        numbers = [next(self._numbers) for _ in batch]  # a late message of an earlier part is nobody's
+        self._requests = dict(zip(numbers, (each.request for each in batch), strict=True))
+        self._outcomes = {numbers[index]: outcome for index, outcome in refused.items()}
+        self._running: dict[Future[BatchAnswer], int] = {}
+        self._tries = dict.fromkeys(numbers, 0)
+        self._peak_mb: dict[int, float] = {}
+        self._tally = BatchCounts(len(batch) - len(refused))
+        self._progress.expect(self._tally, self._workers.count())
+        for index in sorted(range(len(batch)), key=lambda index: (-batch[index].size_bytes, index)):
+            if index not in refused:
+                self._submit(numbers[index])
+        try:
+            self._go()
+        except KeyboardInterrupt:
+            self._progress.say(f"interrupted with {self._tally.done} of {self._tally.recordings} recordings done")
+            raise
+        return tuple(self._outcomes[number] for number in numbers)
+
+    def _submit(self, number: int) -> None:
+        """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
+        request = self._requests[number]
+        refuses = request.existing is Existing.REFUSE
+        request = replace(request, existing=Existing.RESUME) if refuses else request
+        if self._workers.address:
+            request = _from_anywhere(request)
+        if self._halted:
+            self._count(number, self._halted_answer(number))
+            return
+        self._tries[number] += 1
+        future = self._workers.submit(replay_task, request, number, refuses)
+        self._running[future] = number
+        future.add_done_callback(self._workers.messages.put)
+
+    def _go(self) -> None:
+        """Until every task has an outcome. A cluster without workers is waited for, which is said."""
+        waiting = False
+        while self._running:
+            if waiting != (self._workers.count() == 0):
+                waiting = not waiting
+                words = f"no workers: waiting until one connects to {self._workers.address}; Ctrl-C stops, {GOES_ON}"
+                self._progress.say(words if waiting else "a worker has connected: going on")
+            with suppress(Empty):
+                came = self._workers.messages.get(timeout=LOOK_AGAIN_S)
+                if not isinstance(came, Future):
+                    self._hear(came)
+                elif came in self._running:
+                    self._take(self._running.pop(came), came)
+
+    def _hear(self, step: Mapping[str, Any]) -> None:
+        """A message from a worker. Its peak memory is kept in case it is killed."""
+        if step["number"] in self._requests and step["number"] not in self._outcomes:
+            self._peak_mb[step["number"]] = step["peak_memory_mb"]
+            self._progress.hear(step)
+
+    def _take(self, number: int, future: Future[BatchAnswer]) -> None:
+        """Take the outcome of a task that has ended, or submit the task again."""
+        try:
+            answer = future.result()
+        except CancelledError:
+            self._halt("the scheduler has ended, or dropped what it was given")
+            answer = self._halted_answer(number)
+        except self._workers.death:
+            if self._tries[number] < self._workers.tries and not self._halted:
+                self._submit(number)
+                return
+            if number not in self._peak_mb:
+                self._halt("workers end before they begin: quadlog cannot be loaded there")
+            answer = self._halted_answer(number) if self._halted else self._failed(number, self._death_words(number))
+        except (ClusterUnusable, VersionsDiffer, ImportError) as error:
+            self._halt(_one_line(error))
+            answer = self._halted_answer(number)
+        except Exception as error:
+            answer = self._failed(number, _failure_words(error))
+        self._count(number, answer)
+        if answer.disk_full:
+            self._halt(f"disk full ({answer.disk_full.removesuffix(f'; {GOES_ON}')})")
+
+    def _count(self, number: int, answer: BatchAnswer) -> None:
+        request = self._requests[number]
+        outcome = replace(answer.outcome, recording=request.recording, run=request.run)  # as they were given
+        if self._workers.address and not outcome.failed and not request.run.is_dir():
+            outcome = ReplayOutcome.of_failure(request, f"its worker saw another folder than {request.run.parent}: share it")
+        self._outcomes[number] = outcome
+        self._tally.done += 1
+        self._tally.failed += outcome.failed
+        for warning in answer.warnings:
+            if self._repeats or warning not in self._said:
+                self._progress.say(f"{outcome.run.name}: {warning}")
+        self._said.update(answer.warnings)
+        words = [outcome.reason or ("done" if request.pause_after is None else f"{request.pause_after} is done for all")]
+        if outcome.reused:
+            words.append(reused_words(outcome.reused, request.options.until))
+        self._progress.finish(outcome.run.name, "; ".join(words))
+
+    def _halt(self, reason: str) -> None:
+        """Stop the batch, with one line for the user."""
+        if not self._halted:
+            self._halted = reason
+            self._progress.say(f"stopping: {reason}; {GOES_ON}")
+            self._workers.stop()
+
+    def _halted_answer(self, number: int) -> BatchAnswer:
+        return self._failed(number, f"{'stopped' if number in self._peak_mb else 'not started'}: {self._halted}; {GOES_ON}")
+
+    def _death_words(self, number: int) -> str:
+        again = ", and so was the next one" if self._tries[number] > 1 else ""
+        peak = _peak_words(self._peak_mb.get(number))
+        return f"its worker was killed{again}{peak}; out of memory is the usual cause; {GOES_ON}"
+
+    def _failed(self, number: int, reason: str) -> BatchAnswer:
+        return BatchAnswer(ReplayOutcome.of_failure(self._requests[number], reason))
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
@@ -144,35 +320,8 @@ def _absolute(path: Path) -> Path:
 def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
     """Outcomes by number of the recordings whose runs exist and may be neither replaced nor resumed."""
     there = existing_runs(batch)
-    refused = {}
-    for number, each in enumerate(batch):
-        if each.request.existing is Existing.REFUSE and each.request.run in there:
-            error = RunExists(each.request.run)
-            refused[number] = ReplayOutcome.of_failure(each.request, str(error), refused=True)
-    return refused
-
-
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
-
-
-@contextmanager
-def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
-    """A temporary file in each output folder, by which workers elsewhere check that they see the same folder."""
-    with ExitStack() as stack:
-        shared = {}
-        for folder in folders:
-            if not isinstance(folder, Path):
-                continue  # a URL: the same for all
-            try:
-                if not folder.exists():
-                    folder.mkdir(parents=True)
-                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: there was no worker
-                passing = stack.enter_context(
-                    NamedTemporaryFile(dir=folder, prefix=part_prefix(os.getpid()), suffix=".part")
-                )
-            except OSError as error:
-                raise CannotWrite(folder, error.strerror or str(error)) from error
-            shared[folder] = Path(passing.name).absolute()
-        yield shared
+    return {
+        number: ReplayOutcome.of_failure(each.request, str(RunExists(each.request.run)), refused=True)
+        for number, each in enumerate(batch)
+        if each.request.existing is Existing.REFUSE and each.request.run in there
+    }

@@ -14,30 +14,11 @@ TOLD_EVERY_S = 0.5
 
 @dataclass(slots=True)
 class BatchCounts:
-    """Recordings and bytes of a batch: all, and those that are done, with the time they took."""
+    """Recordings of a batch: all, those that have ended, and those of them that failed."""
 
     recordings: int
-    size_bytes: int
     done: int = 0
     failed: int = 0
-    done_bytes: int = 0
-    worked_s: float = 0.0
-
-    def count(self, size_bytes: int, failed: bool, wall_s: float | None) -> None:
-        """Count a recording that has ended. wall_s: duration of its replay, None when it had been done before."""
-        self.done += 1
-        self.failed += failed
-        if wall_s is None:
-            self.size_bytes -= size_bytes  # says nothing about how long the others take
-        else:
-            self.done_bytes += size_bytes
-            self.worked_s += wall_s
-
-    def left_s(self, workers: int) -> float | None:
-        """Estimated seconds until all is done, from the time per byte so far; None before any byte is done."""
-        if not self.done_bytes or not workers:
-            return None
-        return (self.size_bytes - self.done_bytes) * self.worked_s / self.done_bytes / workers
 
 
 class BatchProgress(Progress, Protocol):
@@ -47,7 +28,7 @@ class BatchProgress(Progress, Protocol):
         """The batch starts on this many workers. The tally is updated by its owner while it runs."""
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """A message of TaskProgress from a worker; called from any thread."""
+        """A message of TaskProgress from a worker."""
 
     def finish(self, run: str, words: str) -> None:
         """The recording of this run folder has ended. words: `done`, or the reason."""
@@ -57,7 +38,7 @@ class BatchLines(Silent):
     """One line for each recording, as for a log file."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
-        self._say, self._tally = say, BatchCounts(0, 0)
+        self._say, self._tally = say, BatchCounts(0)
 
     def say(self, text: str) -> None:
         """One line."""
@@ -83,29 +64,26 @@ class TaskProgress(Silent):
         self.warnings: list[str] = []
         self._who = {"number": number, "run": run, "worker": worker_name()}
         self._stage, self._total, self._steps = "", 0, 0
-        self._recorded_s: float | None = None
         self._began_s = self._told_s = 0.0
 
     def begin(self, stage: str, total: int | None) -> None:
         """Send the new stage at once."""
-        self._stage, self._total, self._steps, self._recorded_s = stage, total or 0, 0, None
+        self._stage, self._total, self._steps = stage, total or 0, 0
         self._began_s = time.monotonic()
-        self._tell(self._began_s)
+        self._tell(self._began_s, None)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """Count a step; send a message unless the last one is recent."""
         self._steps += 1
-        self._recorded_s = recorded_s
         if (now_s := time.monotonic()) - self._told_s >= TOLD_EVERY_S:
-            self._tell(now_s)
+            self._tell(now_s, None if recorded_s is None else recorded_s / max(now_s - self._began_s, 1e-9))
 
     def say(self, text: str) -> None:
         """Keep a warning. Choices are in the run's record and are not kept."""
         if text.startswith("warning: "):
             self.warnings.append(text)
 
-    def _tell(self, now_s: float) -> None:
+    def _tell(self, now_s: float, factor: float | None) -> None:
         self._told_s = now_s
-        factor = None if self._recorded_s is None else self._recorded_s / max(now_s - self._began_s, 1e-9)
         where = {"stage": self._stage, "steps": self._steps, "total": self._total, "realtime_factor": factor}
         tell(self._who | where | {"peak_memory_mb": peak_memory_mb()})

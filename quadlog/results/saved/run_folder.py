@@ -15,7 +15,7 @@ import tomli_w
 
 from quadlog.errors import CannotWrite, NotARun, RunExists, UnknownRunFormat, clipped, printable
 from quadlog.results.record import RunRecord, read_object, read_record
-from quadlog.results.saved.names import OWN_FILES
+from quadlog.results.saved.names import OWN_FILES, is_absent
 from quadlog.storage.atomic_write import check_name, is_part, move_whole, remove_stale_parts, uninterrupted, write_whole
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
@@ -74,7 +74,7 @@ class RunFolder:
             names = {entry.name for entry in path.iterdir()}
         except OSError as error:
             raise CannotWrite(path, error.strerror or str(error)) from error
-        if all(is_part(name) for name in names):
+        if all(is_absent(name) for name in names):
             remove_stale_parts(path)
             return cls(path)
         if not _is_ours(path):
