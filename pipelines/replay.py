@@ -67,12 +67,11 @@ def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             return finished
         refuse_another(request, described)
 
-    from quadlog.pipelines.executor.compilation import compiling_s
+    from quadlog.pipelines.executor.compilation import compilation, compiling_s
     from quadlog.pipelines.stages.ingest import open_log, open_walk, reachable_stages
     from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
     from quadlog.pipelines.stages.scans import wants_lidar_track
     from quadlog.pipelines.stages.stage import stages_for
-    from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:

@@ -94,9 +94,9 @@ class Bars(BatchLines):
         step = {"steps": round(task.completed), "total": task.total, "realtime_factor": factor}
         self._bars.update(self._first, words=step_words(step, last))
 
-    def expect(self, tally: BatchCounts, workers: int) -> None:
+    def expect(self, tally: BatchCounts) -> None:
         """Add the bar of the whole batch."""
-        super().expect(tally, workers)
+        super().expect(tally)
         self._first = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, None))
 
     def hear(self, step: Mapping[str, Any]) -> None:

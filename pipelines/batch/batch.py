@@ -6,11 +6,11 @@ import gc
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 from queue import Empty
 from typing import Any
@@ -18,7 +18,6 @@ from typing import Any
 from quadlog.errors import (
     AlreadyExists,
     CannotWrite,
-    ClusterUnusable,
     ExitCode,
     QuadlogError,
     RecordingNotFound,
@@ -27,7 +26,7 @@ from quadlog.errors import (
     VersionsDiffer,
 )
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchCounts, BatchProgress, TaskProgress
+from quadlog.pipelines.batch.progress import BatchCounts, BatchLines, TaskProgress
 from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.machine import is_out_of_memory
@@ -80,7 +79,7 @@ def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
     return BatchOutcome((outcome,))
 
 
-def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
+def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines) -> BatchOutcome:
     """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster, and summarise them.
 
     An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
@@ -105,7 +104,7 @@ ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
 
 @contextmanager
 def open_workers(
-    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress, *, repeats: bool = True
+    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
 ) -> Iterator[ReplayAll]:
     """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch.
 
@@ -123,21 +122,12 @@ def open_workers(
                     remove_stale_parts(folder)
 
 
-@dataclass(frozen=True, slots=True)
-class BatchAnswer:
-    """What a worker returns. warnings: lines of the replay. disk_full: text of the error if the disk is full."""
-
-    outcome: ReplayOutcome
-    warnings: tuple[str, ...] = ()
-    disk_full: str = ""
-
-
-def replay_task(request: ReplayRequest, number: int, refuses: bool) -> BatchAnswer:
-    """In a worker: replay one recording; its error becomes its outcome.
+def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[ReplayOutcome, list[str], bool]:
+    """In a worker: the outcome of one recording, errors among them; its warnings; and whether the disk is full.
 
     refuses: a run that another process finished meanwhile is refused; what a killed worker began of it is continued.
     """
-    told, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), ""
+    told, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), False
     forget_peak_memory()
     told.begin("open", None)
     try:
@@ -147,23 +137,24 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> BatchAnsw
     except (AlreadyExists, RunOfAnother) as error:
         outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
     except Exception as error:
-        full = _one_line(error) if _tells_of_a_full_disk(error) else ""
-        outcome = ReplayOutcome.of_failure(request, _failure_words(error))
+        full = _tells_of_a_full_disk(error)
+        outcome = ReplayOutcome.of_failure(request, _failure_words(error, peak_memory_mb()))
     if time.monotonic() - began_s > WORTH_COLLECTING_S:
         gc.collect()
-    return BatchAnswer(outcome, tuple(told.warnings), full)
+    return outcome, told.warnings, full
 
 
-def _failure_words(error: Exception) -> str:
+def _failure_words(error: Exception, peak_mb: float | None) -> str:
     """The error in one line; for a bug its traceback is printed, too."""
+    words = " ".join(str(error).split())
     if is_out_of_memory(error):
-        return f"out of memory{_peak_words(peak_memory_mb())}; {GOES_ON}"
+        return f"out of memory{_peak_words(peak_mb)}; {GOES_ON}"
     if isinstance(error, RecordingNotFound):
-        return f"{_one_line(error)} (on {worker_name()})"
+        return f"{words} (on {worker_name()})"
     if isinstance(error, (QuadlogError, OSError)):
-        return _one_line(error)
+        return words
     traceback.print_exception(error, file=sys.stderr)
-    return f"a bug in quadlog: {type(error).__name__}: {error}"
+    return f"a bug in quadlog: {type(error).__name__}: {words}"
 
 
 def _tells_of_a_full_disk(error: BaseException | None) -> bool:
@@ -177,34 +168,30 @@ def _peak_words(peak_mb: float | None) -> str:
     return "" if peak_mb is None else f", {peak_mb:.0f} MB at its peak"
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
 class _Batch:
     """Recordings on their way through the workers. halted: why no more is started, empty while it goes on."""
 
-    def __init__(self, workers: Workers, progress: BatchProgress, repeats: bool) -> None:
+    def __init__(self, workers: Workers, progress: BatchLines, repeats: bool) -> None:
         self._workers, self._progress, self._repeats = workers, progress, repeats
-        self._numbers = count()
+        self._requests: list[ReplayRequest] = []  # of all parts, so that a late message is never taken for another's
+        self._outcomes: dict[int, ReplayOutcome] = {}
+        self._running: dict[Future[Any], int] = {}
+        self._tries: Counter[int] = Counter()
+        self._peak_mb: dict[int, float] = {}
         self._said: set[str] = set()
         self._halted = ""
-        self._tally = BatchCounts(0)
 
     def replay(self, batch: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
         """The outcomes, in the order of the recordings. Ctrl-C is reported with the number done, and raised again."""
-        refused = _refused(batch)
-        numbers = [next(self._numbers) for _ in batch]  # a late message of an earlier part is nobody's
-        self._requests = dict(zip(numbers, (each.request for each in batch), strict=True))
-        self._outcomes = {numbers[index]: outcome for index, outcome in refused.items()}
-        self._running: dict[Future[BatchAnswer], int] = {}
-        self._tries = dict.fromkeys(numbers, 0)
-        self._peak_mb: dict[int, float] = {}
-        self._tally = BatchCounts(len(batch) - len(refused))
-        self._progress.expect(self._tally, self._workers.count())
-        for index in sorted(range(len(batch)), key=lambda index: (-batch[index].size_bytes, index)):
-            if index not in refused:
-                self._submit(numbers[index])
+        first = len(self._requests)
+        numbers = range(first, first + len(batch))
+        self._requests += [each.request for each in batch]
+        self._outcomes |= {first + number: outcome for number, outcome in _refused(batch).items()}
+        todo = [number for number in numbers if number not in self._outcomes]
+        self._tally = BatchCounts(len(todo))
+        self._progress.expect(self._tally)
+        for number in sorted(todo, key=lambda number: (-batch[number - first].size_bytes, number)):
+            self._submit(number)
         try:
             self._go()
         except KeyboardInterrupt:
@@ -214,79 +201,83 @@ class _Batch:
 
     def _submit(self, number: int) -> None:
         """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
+        if self._halted:
+            self._end(number, "")
+            return
         request = self._requests[number]
         refuses = request.existing is Existing.REFUSE
         request = replace(request, existing=Existing.RESUME) if refuses else request
-        if self._workers.address:
-            request = _from_anywhere(request)
-        if self._halted:
-            self._count(number, self._halted_answer(number))
-            return
-        self._tries[number] += 1
+        request = _from_anywhere(request) if self._workers.address else request
         future = self._workers.submit(replay_task, request, number, refuses)
+        self._tries[number] += 1
         self._running[future] = number
         future.add_done_callback(self._workers.messages.put)
 
     def _go(self) -> None:
         """Until every task has an outcome. A cluster without workers is waited for, which is said."""
-        waiting = False
+        idle, waiting = True, False
         while self._running:
-            if waiting != (self._workers.count() == 0):
+            if idle and waiting != (self._workers.count() == 0):
                 waiting = not waiting
                 words = f"no workers: waiting until one connects to {self._workers.address}; Ctrl-C stops, {GOES_ON}"
                 self._progress.say(words if waiting else "a worker has connected: going on")
-            with suppress(Empty):
+            try:
                 came = self._workers.messages.get(timeout=LOOK_AGAIN_S)
-                if not isinstance(came, Future):
-                    self._hear(came)
-                elif came in self._running:
-                    self._take(self._running.pop(came), came)
+            except Empty:
+                idle = True
+                continue
+            idle = waiting
+            if isinstance(came, Future):
+                self._take(self._running.pop(came), came)
+            elif came["number"] not in self._outcomes:
+                self._peak_mb[came["number"]] = came["peak_memory_mb"]
+                self._progress.hear(came)
 
-    def _hear(self, step: Mapping[str, Any]) -> None:
-        """A message from a worker. Its peak memory is kept in case it is killed."""
-        if step["number"] in self._requests and step["number"] not in self._outcomes:
-            self._peak_mb[step["number"]] = step["peak_memory_mb"]
-            self._progress.hear(step)
-
-    def _take(self, number: int, future: Future[BatchAnswer]) -> None:
+    def _take(self, number: int, future: Future[Any]) -> None:
         """Take the outcome of a task that has ended, or submit the task again."""
         try:
-            answer = future.result()
-        except CancelledError:
-            self._halt("the scheduler has ended, or dropped what it was given")
-            answer = self._halted_answer(number)
+            outcome, warnings, full = future.result()
         except self._workers.death:
-            if self._tries[number] < self._workers.tries and not self._halted:
+            if self._tries[number] < self._workers.tries:
                 self._submit(number)
                 return
             if number not in self._peak_mb:
                 self._halt("workers end before they begin: quadlog cannot be loaded there")
-            answer = self._halted_answer(number) if self._halted else self._failed(number, self._death_words(number))
-        except (ClusterUnusable, VersionsDiffer, ImportError) as error:
-            self._halt(_one_line(error))
-            answer = self._halted_answer(number)
+            again = ", and so was the next one" if self._workers.tries > 1 else ""
+            words = f"its worker was killed{again}{_peak_words(self._peak_mb.get(number))}"
+            self._end(number, f"{words}; out of memory is the usual cause; {GOES_ON}")
+        except (CancelledError, VersionsDiffer, ImportError) as error:
+            self._halt(str(error) or "the scheduler has ended, or dropped what it was given")
+            self._end(number, "")
         except Exception as error:
-            answer = self._failed(number, _failure_words(error))
-        self._count(number, answer)
-        if answer.disk_full:
-            self._halt(f"disk full ({answer.disk_full.removesuffix(f'; {GOES_ON}')})")
+            self._end(number, _failure_words(error, self._peak_mb.get(number)))
+        else:
+            if full:
+                self._halt(f"disk full ({outcome.reason.removesuffix(f'; {GOES_ON}')})")
+            self._end(number, outcome, warnings)
 
-    def _count(self, number: int, answer: BatchAnswer) -> None:
+    def _end(self, number: int, ended: ReplayOutcome | str, warnings: Sequence[str] = ()) -> None:
+        """ended: the outcome, or why there is none."""
         request = self._requests[number]
-        outcome = replace(answer.outcome, recording=request.recording, run=request.run)  # as they were given
+        if isinstance(ended, str):
+            ended = ReplayOutcome.of_failure(request, self._stopped_words(number) if self._halted else ended)
+        outcome = replace(ended, recording=request.recording, run=request.run)  # as they were given
         if self._workers.address and not outcome.failed and not request.run.is_dir():
-            outcome = ReplayOutcome.of_failure(request, f"its worker saw another folder than {request.run.parent}: share it")
+            words = f"{worker_name()} does not see the run that its worker made: share {request.run.parent}"
+            outcome = ReplayOutcome.of_failure(request, words)
         self._outcomes[number] = outcome
         self._tally.done += 1
         self._tally.failed += outcome.failed
-        for warning in answer.warnings:
+        for warning in warnings:
             if self._repeats or warning not in self._said:
                 self._progress.say(f"{outcome.run.name}: {warning}")
-        self._said.update(answer.warnings)
-        words = [outcome.reason or ("done" if request.pause_after is None else f"{request.pause_after} is done for all")]
+        self._said.update(warnings)
+        words = outcome.reason or (
+            f"{request.pause_after} is done for all that share it" if request.pause_after else "done"
+        )
         if outcome.reused:
-            words.append(reused_words(outcome.reused, request.options.until))
-        self._progress.finish(outcome.run.name, "; ".join(words))
+            words += f"; {reused_words(outcome.reused, request.options.until)}"
+        self._progress.finish(outcome.run.name, words)
 
     def _halt(self, reason: str) -> None:
         """Stop the batch, with one line for the user."""
@@ -295,16 +286,8 @@ class _Batch:
             self._progress.say(f"stopping: {reason}; {GOES_ON}")
             self._workers.stop()
 
-    def _halted_answer(self, number: int) -> BatchAnswer:
-        return self._failed(number, f"{'stopped' if number in self._peak_mb else 'not started'}: {self._halted}; {GOES_ON}")
-
-    def _death_words(self, number: int) -> str:
-        again = ", and so was the next one" if self._tries[number] > 1 else ""
-        peak = _peak_words(self._peak_mb.get(number))
-        return f"its worker was killed{again}{peak}; out of memory is the usual cause; {GOES_ON}"
-
-    def _failed(self, number: int, reason: str) -> BatchAnswer:
-        return BatchAnswer(ReplayOutcome.of_failure(self._requests[number], reason))
+    def _stopped_words(self, number: int) -> str:
+        return f"{'stopped' if number in self._peak_mb else 'not started'}: {self._halted}; {GOES_ON}"
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from quadlog.pipelines.executor.progress import Progress, Silent, peak_memory_mb, tell, worker_name
+from quadlog.pipelines.executor.progress import Progress, peak_memory_mb, tell, worker_name
 
 TOLD_EVERY_S = 0.5
 
@@ -21,21 +21,8 @@ class BatchCounts:
     failed: int = 0
 
 
-class BatchProgress(Progress, Protocol):
-    """What the command line shows while many recordings are replayed."""
-
-    def expect(self, tally: BatchCounts, workers: int) -> None:
-        """The batch starts on this many workers. The tally is updated by its owner while it runs."""
-
-    def hear(self, step: Mapping[str, Any]) -> None:
-        """A message of TaskProgress from a worker."""
-
-    def finish(self, run: str, words: str) -> None:
-        """The recording of this run folder has ended. words: `done`, or the reason."""
-
-
-class BatchLines(Silent):
-    """One line for each recording, as for a log file."""
+class BatchLines(Progress):
+    """What the command line shows while recordings are replayed: a line for each that ends, as for a log file."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say, self._tally = say, BatchCounts(0)
@@ -44,19 +31,19 @@ class BatchLines(Silent):
         """One line."""
         self._say(text)
 
-    def expect(self, tally: BatchCounts, workers: int) -> None:
-        """Nothing to show yet."""
+    def expect(self, tally: BatchCounts) -> None:
+        """A batch starts. The tally is updated by its owner while it runs."""
         self._tally = tally
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """Ignored: one line for each step would be thousands."""
+        """A message of TaskProgress from a worker. A line for each would be thousands."""
 
     def finish(self, run: str, words: str) -> None:
-        """One line."""
+        """The recording of this run folder has ended. words: `done`, or the reason."""
         self._say(f"[{self._tally.done}/{self._tally.recordings}] {run}: {words}")
 
 
-class TaskProgress(Silent):
+class TaskProgress(Progress):
     """Progress of a replay in a batch: sends its position every TOLD_EVERY_S at most, and keeps warnings."""
 
     def __init__(self, number: int, run: str) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from quadlog.errors import CannotWrite, ExitCode, NotARun, QuadlogError
+from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
@@ -110,7 +110,7 @@ def _fetched(folder: RemotePath, scratch: Path) -> Path:
     here = scratch / run_name(folder.name)
     here.mkdir()
     files = {name: folder / name for name in (_TABLE,) if (folder / name).is_file()}
-    for number, name in enumerate(sorted(_names(folder))):
+    for number, name in enumerate(sorted(_names(cast(Path, folder)))):
         there = {path.name: path for path in (folder / name).iterdir()}
         wanted = (*_READ, *(_DRAWN if number < MOST_THUMBNAILS else ()))
         files |= {f"{name}/{each}": there[each] for each in wanted if each in there}

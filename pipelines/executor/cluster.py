@@ -92,7 +92,9 @@ def open_cluster(address: str) -> Iterator[Workers]:
     _check_scheduler(dask, address)
     topic, versions = f"quadlog-{uuid4().hex}", own_versions()
     messages: SimpleQueue[Any] = SimpleQueue()
-    with _silent_loggers(), dask.Client(address, timeout=ANSWER_S, set_as_default=False) as client:
+    # Dask's log prints a traceback for each error that is reported here in one line.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with dask.Client(address, timeout=ANSWER_S, set_as_default=False) as client:
         for worker, found in sorted(client.run(own_versions, on_error="return").items()):
             if isinstance(found, Exception):
                 raise ClusterUnusable(address, f"worker {worker} cannot load quadlog ({_one_line(found)})")
@@ -111,9 +113,9 @@ def open_cluster(address: str) -> Iterator[Workers]:
                 submit=partial(executor.submit, do_task, topic, versions),
                 messages=messages,
                 stop=stop,
-                count=partial(_count, client, address),
+                count=partial(_count, client),
                 death=dask.KilledWorker,
-                greeting=_greeting(client),
+                greeting=f"{_count(client)} workers; dashboard: {client.dashboard_link}",
                 address=address,
             )
         except BaseException:
@@ -121,34 +123,12 @@ def open_cluster(address: str) -> Iterator[Workers]:
             raise
 
 
-def _count(client: Any, address: str) -> int:
-    """Number of workers now. Raises ClusterUnusable when the scheduler does not answer."""
+def _count(client: Any) -> int:
+    """Number of workers; of a scheduler that has gone, which ends the tasks, what stops nobody."""
     try:
         return len(client.nthreads())
-    except (OSError, TimeoutError) as error:
-        raise ClusterUnusable(address, f"does not answer any more ({_one_line(error)})") from error
-
-
-def _greeting(client: Any) -> str:
-    """Number of workers, and the address of the dashboard."""
-    workers = len(client.nthreads())
-    many = "1 worker" if workers == 1 else f"{workers} workers"
-    served = "dashboard" in client.scheduler_info().get("services", {})
-    return f"{many}; dashboard: {client.dashboard_link}" if served else many
-
-
-@contextmanager
-def _silent_loggers() -> Iterator[None]:
-    """Switch off Dask's log, which prints a traceback for each error reported here in one line."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+    except (OSError, TimeoutError):
+        return 1
 
 
 def _check_scheduler(dask: Any, address: str) -> None:

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
@@ -14,7 +15,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
@@ -23,10 +23,9 @@ from quadlog.pipelines.executor.progress import Kept, Progress, send_to
 from quadlog.storage.atomic_write import remove_unfinished
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-# One heap for all threads of a worker: with glibc's own for each, it grows by 5 % with every recording.
+# A worker has one core. One heap for all its threads: with glibc's own for each, it grows by 5 % with every recording.
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
 _SPAWN = multiprocessing.get_context("spawn")
-_environment = threading.Lock()
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -43,6 +42,7 @@ class LocalPool(Executor):
 
     def __init__(self, workers: int) -> None:
         """The number of processes; `messages` receives what tasks `tell`."""
+        os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
         self._threads = ThreadPoolExecutor(workers, "quadlog-worker", initializer=_block_interrupts)
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self._own = threading.local()
@@ -51,7 +51,8 @@ class LocalPool(Executor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """The future of a queued call. Raises RuntimeError after `shutdown`."""
-        return self._threads.submit(self._do, fn, *args, **kwargs)
+        done: Future[T] = self._threads.submit(self._do, fn, *args, **kwargs)
+        return done
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; finish those submitted, or cancel those that have not begun."""
@@ -73,49 +74,38 @@ class LocalPool(Executor):
             self.stop()
         self.shutdown()
 
-    def _do(self, fn: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+    def _do(self, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """In a thread: run a task in its process, which is started unless it is there."""
-        process: _Process | None = getattr(self._own, "process", None)
         try:
-            if process is None:
-                process = self._own.process = _Process(self.messages)
-                self._processes.add(process)
-                process.start()
+            if getattr(self._own, "process", None) is None:
+                self._own.process = _Process(self.messages)
+                self._processes.add(self._own.process)
                 if self._stopped:
-                    process.kill()
-            return process.pool.submit(fn, *args, **kwargs).result()
+                    self._own.process.kill()
+            return self._own.process.pool.submit(fn, *args, **kwargs).result()
         except BrokenProcessPool:
-            assert process is not None
-            self._own.process = None
-            self._processes.discard(process)
-            process.end()
+            if (process := getattr(self._own, "process", None)) is not None:
+                self._processes.discard(process)
+                process.end()
+                self._own.process = None
             raise WorkerDied from None
 
 
 class _Process:
-    """A process, its pipe for messages, and its folder for temporary files."""
+    """A process, its pipe for messages, and its folder for temporary files. Raises BrokenProcessPool."""
 
     def __init__(self, messages: SimpleQueue[Any]) -> None:
-        self._folder = TemporaryDirectory(prefix="quadlog-", ignore_cleanup_errors=True)
-        self._reader, self._writer = _SPAWN.Pipe(duplex=False)
-        self.pool = ProcessPoolExecutor(1, _SPAWN, _begin, (self._writer, self._folder.name))
-        self._listening = threading.Thread(target=_listen, args=(self._reader, messages), daemon=True)
-        self._pid: int | None = None
-
-    def start(self) -> None:
-        """Wait until it runs. Raises BrokenProcessPool."""
-        try:
-            with _environment_of_worker(self._folder.name):
-                pid = self.pool.submit(os.getpid)
-            self._pid = pid.result()
-        finally:
-            self._writer.close()
-            self._listening.start()
+        self._folder = tempfile.TemporaryDirectory(prefix="quadlog-", ignore_cleanup_errors=True)
+        reader, writer = _SPAWN.Pipe(duplex=False)
+        with writer:
+            self.pool = ProcessPoolExecutor(1, _SPAWN, _begin, (writer, self._folder.name))
+            self._pid = self.pool.submit(os.getpid).result()
+        self._listening = threading.Thread(target=_listen, args=(reader, messages), daemon=True)
+        self._listening.start()
 
     def kill(self) -> None:
-        if self._pid is not None:
-            with suppress(ProcessLookupError):
-                os.kill(self._pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
 
     def end(self) -> None:
         """Wait for its end and its last message, and remove its temporary files."""
@@ -132,8 +122,9 @@ def _listen(reader: Connection, messages: SimpleQueue[Any]) -> None:
 
 
 def _begin(writer: Connection, folder: str) -> None:
-    """In a new process: say where messages go, and do not outlive a parent that is killed."""
+    """In a new process: set where messages and temporary files go, and do not outlive a parent that is killed."""
     send_to(writer.send)
+    os.environ["TMPDIR"] = tempfile.tempdir = folder
 
     def leave_with_parent() -> None:
         parent = multiprocessing.parent_process()
@@ -149,23 +140,6 @@ def _begin(writer: Connection, folder: str) -> None:
 def _block_interrupts() -> None:
     """In a thread, and in the processes that it starts: Ctrl-C reaches all of them, and the main thread handles it."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-
-
-@contextmanager
-def _environment_of_worker(folder: str) -> Iterator[None]:
-    """What libraries look up when they are loaded in a process that the block starts. Threads share it."""
-    own = _ENVIRONMENT | {"TMPDIR": folder}
-    with _environment:
-        before = {name: os.environ.get(name) for name in own}
-        os.environ.update(own)
-        try:
-            yield
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +178,9 @@ def open_executor(jobs: int, scheduler: str | None) -> Iterator[Workers]:
             yield Workers(pool.submit, pool.messages, pool.stop, lambda: jobs, tries=2)
 
 
-def side_by_side(call: Callable[[Task, Progress], T], tasks: Sequence[Task], workers: int, progress: Progress) -> list[T]:
+def side_by_side(
+    call: Callable[[Task, Progress], T], tasks: Sequence[Task], workers: int, progress: Progress
+) -> list[T]:
     """call(task, progress) for each task in parallel; results in the order of the tasks.
 
     Lines of a call are passed to `progress` when it ends. The first QuadlogError in that order, WorkerDied among them,
@@ -218,11 +194,13 @@ def side_by_side(call: Callable[[Task, Progress], T], tasks: Sequence[Task], wor
                 for line in lines:
                     progress.say(line)
             progress.advance()
-    results = [future.result()[0] for future in futures]
-    for result in results:
+    results: list[T] = []
+    for future in futures:
+        result, _ = future.result()
         if isinstance(result, QuadlogError):
             raise result
-    return results  # type: ignore[return-value]
+        results.append(result)
+    return results
 
 
 def _keeping_lines(call: Callable[[Task, Progress], T], task: Task) -> tuple[T | QuadlogError, list[str]]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from socket import gethostname
-from typing import Any, Protocol
+from typing import Any
 
 _send: Callable[[Any], None] | None = None
 _name: str | None = None
@@ -34,8 +34,8 @@ def worker_name() -> str:
     return _name or f"{gethostname()}:{os.getpid()}"
 
 
-class Progress(Protocol):
-    """What is shown while a recording is replayed."""
+class Progress:
+    """What is shown while a recording is replayed; here, nothing."""
 
     def begin(self, stage: str, total: int | None) -> None:
         """A stage starts; total is the number of its steps, None when unknown."""
@@ -47,20 +47,10 @@ class Progress(Protocol):
         """A choice or a warning, one line."""
 
 
-class Silent:
-    """Shows nothing."""
-
-    def begin(self, stage: str, total: int | None) -> None:
-        """Nothing to show."""
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        """Nothing to show."""
-
-    def say(self, text: str) -> None:
-        """Nothing to show."""
+Silent = Progress
 
 
-class Kept(Silent):
+class Kept(Progress):
     """Keeps the lines, for the process that has the terminal."""
 
     def __init__(self) -> None:
@@ -83,7 +73,7 @@ class StageClock:
 
         self.seconds: dict[str, float] = {}
         self.peak_memory_mb: dict[str, float] = {}
-        self._now_s = lambda: time.perf_counter() - compiling_s()
+        self._now_s: Callable[[], float] = lambda: time.perf_counter() - compiling_s()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -239,7 +239,7 @@ class RemotePath:
         return self.read_bytes().decode(encoding)
 
     def upload_all(self, folder: Path, names: Sequence[str]) -> None:
-        """Files of a folder of this machine, under the same names below this one, each whole: one PUT. Raises CannotWrite."""
+        """Files of a folder of this machine, under the same names here, each whole: one PUT. Raises CannotWrite."""
         here = [str(folder / name) for name in names]
         self._write(lambda system, place: system.put(here, [f"{place.rstrip('/')}/{name}" for name in names]))
 
