@@ -59,8 +59,9 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _recording_of(run: Path) -> str | None:
+    """The place of the recording whose finished run this is."""
     try:
-        return read_record(run).input.path
+        return _place(read_record(run).input.path)
     except (NotARun, UnknownRunFormat):
         return None
 

@@ -95,7 +95,7 @@ class _Process:
     """A process, its pipe for messages, and its folder for temporary files. Raises BrokenProcessPool."""
 
     def __init__(self, messages: SimpleQueue[Any]) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="quadlog-", ignore_cleanup_errors=True)
+        self._folder = tempfile.TemporaryDirectory(prefix="quadlog-worker-", ignore_cleanup_errors=True)
         reader, writer = _SPAWN.Pipe(duplex=False)
         with writer:
             self.pool = ProcessPoolExecutor(1, _SPAWN, _begin, (writer, self._folder.name))

@@ -127,4 +127,6 @@ def test_a_cluster_without_workers_is_waited_for_aloud(planned, make_cluster, tm
                 if text.startswith("no workers: waiting until one connects to "):
                     empty.scale(1)
 
-        assert replay_batch(planned(tmp_path / "runs", "walk.bag"), 1, empty.scheduler_address, Scaling()).exit_code == 0
+        assert (
+            replay_batch(planned(tmp_path / "runs", "walk.bag"), 1, empty.scheduler_address, Scaling()).exit_code == 0
+        )
