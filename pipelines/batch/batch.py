@@ -138,20 +138,22 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
         outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
     except Exception as error:
         full = _tells_of_a_full_disk(error)
-        outcome = ReplayOutcome.of_failure(request, _failure_words(error, peak_memory_mb()))
+        outcome = ReplayOutcome.of_failure(request, _failure_words(error, request.run, peak_memory_mb()))
     if time.monotonic() - began_s > WORTH_COLLECTING_S:
         gc.collect()
     return outcome, told.warnings, full
 
 
-def _failure_words(error: Exception, peak_mb: float | None) -> str:
+def _failure_words(error: Exception, run: Path, peak_mb: float | None) -> str:
     """The error in one line; for a bug its traceback is printed, too."""
     words = " ".join(str(error).split())
     if is_out_of_memory(error):
         return f"out of memory{_peak_words(peak_mb)}; {GOES_ON}"
     if isinstance(error, RecordingNotFound):
         return f"{words} (on {worker_name()})"
-    if isinstance(error, (QuadlogError, OSError)):
+    if isinstance(error, OSError):
+        return f"{error.filename or run}: {error.strerror or words}"
+    if isinstance(error, QuadlogError):
         return words
     traceback.print_exception(error, file=sys.stderr)
     return f"a bug in quadlog: {type(error).__name__}: {words}"
@@ -250,7 +252,7 @@ class _Batch:
             self._halt(str(error) or "the scheduler has ended, or dropped what it was given")
             self._end(number, "")
         except Exception as error:
-            self._end(number, _failure_words(error, self._peak_mb.get(number)))
+            self._end(number, _failure_words(error, self._requests[number].run, self._peak_mb.get(number)))
         else:
             if full:
                 self._halt(f"disk full ({outcome.reason.removesuffix(f'; {GOES_ON}')})")
@@ -272,12 +274,11 @@ class _Batch:
             if self._repeats or warning not in self._said:
                 self._progress.say(f"{outcome.run.name}: {warning}")
         self._said.update(warnings)
-        words = outcome.reason or (
-            f"{request.pause_after} is done for all that share it" if request.pause_after else "done"
-        )
-        if outcome.reused:
-            words += f"; {reused_words(outcome.reused, request.options.until)}"
-        self._progress.finish(outcome.run.name, words)
+        if self._halted and number not in self._peak_mb:
+            return  # not begun: it stands among the failures, and is not worth a line of its own
+        done = f"{request.pause_after} is done for all that share it" if request.pause_after else "done"
+        words = f"; {reused_words(outcome.reused, request.options.until)}" if outcome.reused else ""
+        self._progress.finish(outcome.run.name, (outcome.reason or done) + words)
 
     def _halt(self, reason: str) -> None:
         """Stop the batch, with one line for the user."""
