@@ -43,6 +43,7 @@ class Bars(BatchLines):
             BarColumn(bar_width=12),
             TextColumn("{task.fields[words]}", markup=False),
             console=Console(stderr=True),
+            speed_estimate_period=3600.0,  # recordings may take minutes
         )
         self._first: TaskID | None = None  # the current stage, or the whole batch
         self._recorded_s: float | None = None

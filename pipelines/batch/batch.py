@@ -17,7 +17,6 @@ from typing import Any
 
 from quadlog.errors import (
     AlreadyExists,
-    CannotWrite,
     ExitCode,
     QuadlogError,
     RecordingNotFound,
@@ -93,7 +92,7 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
     for folder in sorted({each.request.run.parent for each in batch}):
         try:
             summarise(folder, progress)
-        except CannotWrite as error:
+        except QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
     return BatchOutcome(outcomes)
 

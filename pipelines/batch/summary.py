@@ -85,11 +85,13 @@ def _row(run: Path) -> dict[str, Any] | None:
     except QuadlogError:
         return None
     lost = "; ".join(loss.detail for loss in record.losses)
+    # A simulated walk that ended early is done, and says how it ended.
+    ended = [text for text in record.warnings if text.startswith("the robot ") and "course" in record.options]
     return {
         **{name: metric["value"] for name, metric in metrics.items()},
         "recording": run.name,
         "exit_code": int(ExitCode.WITH_LOSS if lost else ExitCode.DONE),
-        "reason": lost,
+        "reason": lost or "; ".join(ended),
         "wall_s": record.startup_s + sum(stage.seconds for stage in record.stages),
         "peak_memory_mb": max((stage.peak_memory_mb for stage in record.stages), default=float("nan")),
         "input_bytes": float(record.input.size_bytes),

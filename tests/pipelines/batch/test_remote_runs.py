@@ -29,8 +29,8 @@ from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 
 FILES_UNTIL = {
-    "position": ("poses.parquet", "report.html", "stages.json"),
-    "map": ("poses.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
+    "position": ("fixes.parquet", "report.html", "stages.json"),
+    "map": ("fixes.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
 }
 Request = Callable[..., ReplayRequest]
 
@@ -78,7 +78,7 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     for name in FILES_UNTIL[request.options.until]:
         (folder.path / name).write_bytes(name.encode())
     marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
-    marks[0].files.extend(mark_files(folder.path, ["poses.parquet"]))
+    marks[0].files.extend(mark_files(folder.path, ["fixes.parquet"]))
     write_marks(folder.path, marks)
     metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
     folder.write_metrics(metrics)
@@ -90,7 +90,7 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
         input=describe_input(request.recording),
         seed=0,
         recorded_s=1.0,
-        stages=[StageRecord("ingest", 2.0, 300.0)],
+        stages=[StageRecord(name="ingest", seconds=2.0, peak_memory_mb=300.0)],
     )
     folder.write_run_json(record)
     return ReplayOutcome(request.recording, request.run, 0, metrics=metrics)
@@ -112,7 +112,7 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
     assert finished.metrics["eta_m"]["value"] == 0.25
     assert bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"] == written
-    bucket.rm_file(f"{bucket.name}/runs/walk/poses.parquet")
+    bucket.rm_file(f"{bucket.name}/runs/walk/fixes.parquet")
     assert finished_outcome(small) is None
     bucket.pipe_file(f"{bucket.name}/runs/walk/notes.txt", b"mine")
     until_position = replace(small, options=replace(small.options, until="position"), existing=Existing.FORCE)
@@ -218,5 +218,5 @@ def test_two_machines_do_not_lose_each_other_s_rows(
 @pytest.mark.usefixtures("without_pictures")
 def test_from_python_both_may_be_urls(request_there: ReplayRequest, bucket: Any) -> None:
     run = quadlog.replay(request_there.recording.url, output=f"s3://{bucket.name}/runs", until="position")
-    assert len(run.tables["poses"]) > 0
+    assert len(run.table("poses")) > 0
     assert f"{bucket.name}/runs/summary.parquet" in bucket.find(f"{bucket.name}/runs")
