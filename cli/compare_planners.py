@@ -86,7 +86,7 @@ def command(
     from quadlog.config.file import load_config
     from quadlog.pipelines.comparison.compare import compare
     from quadlog.pipelines.comparison.problems import CompareOptions
-    from quadlog.results.planner_comparison.tables import format_rows
+    from quadlog.results.planners import format_rows
 
     config = load_config(config_path, overrides)
     problems = CompareOptions(ties=ties.replace("-", "_"), config=config, **options)

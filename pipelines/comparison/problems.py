@@ -21,7 +21,7 @@ class Question(NamedTuple):
 
     t_ns: int
     query: Query | NoQuery
-    occupied: Bool | None = None
+    occupied: Bool
 
 
 Episode = Iterable[Question]

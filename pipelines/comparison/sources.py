@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import MissingInput, UsageError
 from quadlog.mapping.grid import Window, window_at
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.problems import Episode, ProblemSource, Question
+from quadlog.pipelines.comparison.problems import CompareOptions, Episode, ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
@@ -37,9 +37,6 @@ from quadlog.storage.formats.movingai import check_scen, read_movingai_map, read
 from quadlog.storage.formats.ros_map import read_rosmap
 from quadlog.storage.remote_path import RemotePath, to_path
 
-if TYPE_CHECKING:
-    from quadlog.pipelines.comparison.problems import CompareOptions
-
 PREFIX = "forest:"
 
 
@@ -48,7 +45,12 @@ def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation:
 
     dilation: of `inflation.INFLATIONS`. Raises UsageError for a density that is none.
     """
-    density_per_m2 = _density(name)
+    try:
+        density_per_m2 = float(name.removeprefix(PREFIX))
+    except ValueError:
+        density_per_m2 = -1.0
+    if not 0 <= density_per_m2 <= MOST_PER_M2:
+        raise UsageError(f"{name}: trees per m² between 0 and {MOST_PER_M2:g}, as in  forest:0.2")
 
     def walks() -> Iterator[Episode]:
         for number in range(episodes):
@@ -73,16 +75,6 @@ def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
         yield Question(instant.t_ns, query, occupied)
 
 
-def _density(name: str) -> float:
-    try:
-        density_per_m2 = float(name.removeprefix(PREFIX))
-    except ValueError:
-        density_per_m2 = -1.0
-    if not 0 <= density_per_m2 <= MOST_PER_M2:
-        raise UsageError(f"{name}: trees per m² between 0 and {MOST_PER_M2:g}, as in  forest:0.2")
-    return density_per_m2
-
-
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
 Ends = tuple[Cell, Cell]
 
@@ -94,22 +86,18 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
     """
     blocked = read_movingai_map(path)
     rows, cols = blocked.shape
+    window = Window(0, 0, 1.0, (rows, cols))
     about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
     if scen is None:
-        return _single(name, f"{about}, one query", blocked, Window(0, 0, 1.0, (rows, cols)), _needed(name, ends), True)
+        source = _on_map(name, f"{about}, one query", window, (blocked, blocked), [_checked(name, ends, blocked.shape)])
+        return replace(source, row_zero_on_top=True)
     queries = read_movingai_scen(scen)
     check_scen(queries, (rows, cols), scen)
     if not queries:
         raise UsageError(f"{scen}: holds no query")
-
-    def episodes() -> Iterator[Episode]:
-        for query in queries:
-            yield [_question(blocked, Window(0, 0, 1.0, (rows, cols)), (query.start, query.goal), blocked)]
-
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
-    return ProblemSource(
-        name, about, episodes, len(queries), is_static=True, queries=tuple(queries), row_zero_on_top=True
-    )
+    source = _on_map(name, about, window, (blocked, blocked), [(query.start, query.goal) for query in queries])
+    return replace(source, queries=tuple(queries), row_zero_on_top=True)
 
 
 def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, dilation: str) -> ProblemSource:
@@ -126,28 +114,29 @@ def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, 
         "unknown cells blocked, one query"
     )
     window = window_at(ros_map.origin_m, ros_map.cell_m, blocked.shape)
-    return _single(name, about, blocked, window, _needed(name, ends), False, ros_map.blocked | unknown)
+    return _on_map(name, about, window, (ros_map.blocked | unknown, blocked), [_checked(name, ends, blocked.shape)])
 
 
-def _single(
-    name: str, about: str, blocked: Bool, window: Window, ends: Ends, on_top: bool, occupied: Bool | None = None
-) -> ProblemSource:
-    rows, cols = blocked.shape
-    for option, (col, row) in zip(("--start-cell", "--goal-cell"), ends, strict=True):
-        if not (0 <= col < cols and 0 <= row < rows):
-            raise UsageError(f"{option} {col},{row} lies outside {name}, whose cells are 0,0 to {cols - 1},{rows - 1}")
-    question = _question(blocked, window, ends, blocked if occupied is None else occupied)
-    return ProblemSource(name, about, lambda: iter([[question]]), 1, is_static=True, row_zero_on_top=on_top)
+def _on_map(name: str, about: str, window: Window, layers: tuple[Bool, Bool], asked: Sequence[Ends]) -> ProblemSource:
+    """An episode for each start and goal on one map: occupied, and blocked after obstacles were grown."""
+    occupied, blocked = layers
+
+    def episodes() -> Iterator[Episode]:
+        for start, goal in asked:
+            yield [Question(0, Query(window, blocked, start, goal, False, NO_CELLS), occupied)]
+
+    return ProblemSource(name, about, episodes, len(asked), is_static=True)
 
 
-def _question(blocked: Bool, window: Window, ends: Ends, occupied: Bool) -> Question:
-    return Question(0, Query(window, blocked, ends[0], ends[1], False, NO_CELLS), occupied)
-
-
-def _needed(name: str, ends: Ends | None) -> Ends:
+def _checked(name: str, ends: Ends | None, shape: tuple[int, int]) -> Ends:
+    """Start and goal. Raises UsageError where they are missing or outside the map."""
     if ends is None:
         other = " or --scen FILE.scen" if name.endswith(".map") else ""
         raise UsageError(f"{name}: where from and where to? Give --start-cell COL,ROW and --goal-cell COL,ROW{other}")
+    rows, cols = shape
+    for option, (col, row) in zip(("--start-cell", "--goal-cell"), ends, strict=True):
+        if not (0 <= col < cols and 0 <= row < rows):
+            raise UsageError(f"{option} {col},{row} lies outside {name}, whose cells are 0,0 to {cols - 1},{rows - 1}")
     return ends
 
 
@@ -214,22 +203,16 @@ def open_sources(
     which come last.
     """
     _check_fit(arguments, options)
-    sources: list[ProblemSource] = []
-    losses: list[str] = []
-    recordings: list[str] = []
-    for name in dict.fromkeys(arguments):
-        source = _open(name, options, scratch / str(len(sources)))
-        if source is None:
-            recordings.append(name)
-        else:
-            sources.append(source)
+    names = list(dict.fromkeys(arguments))
+    opened = {name: _open(name, options, scratch / str(number)) for number, name in enumerate(names)}
+    sources = [source for source in opened.values() if source is not None]
+    recordings = [name for name, source in opened.items() if source is None]
     found = find_recordings(recordings) if recordings else []
+    losses = []
     for recording, run in zip(found, run_names(found), strict=True):
-        source, loss = recording_source(
-            recording, str(recording), options.config, scratch / run, options.seed, progress
-        )
-        sources.append(source)
-        losses += [loss] if loss else []
+        asked = recording_source(recording, str(recording), options.config, scratch / run, options.seed, progress)
+        sources.append(asked[0])
+        losses += [asked[1]] if asked[1] else []
     return sources, losses
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from quadlog.planning.replan import Panel
-from quadlog.results.planner_comparison import tables
+from quadlog.results import planners as tables
 
 COLUMNS = tables.PLANNERS
 PLAN = ["--planner", "ia_star", "--planner", "mt_d_star_lite"]

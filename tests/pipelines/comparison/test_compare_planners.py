@@ -18,7 +18,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import PLANNERS as ALL_PLANNERS
 from quadlog.planning.replan import Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.planner_comparison.tables import PLANNERS, REPLANS, SCENARIOS
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
 
 SMALL = CompareOptions(planners=("ia_star", "mt_d_star_lite"), episodes=2)
 # Figures that the clock decides.

@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 from quadlog.cli.terminal import parameters
 from quadlog.errors import csv_cell
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
-from quadlog.results.planner_comparison.tables import PLANNERS, format_rows
+from quadlog.results.planners import PLANNERS, format_rows
 from quadlog.results.text import FORMATS, TitledTable, metrics_text, print_table, print_tables, values_text
 
 NASTY = "a|b_$x#\x1b[31m\nc & 100% ~^{}<script>`*\\"

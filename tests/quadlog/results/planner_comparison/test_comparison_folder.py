@@ -11,7 +11,7 @@ from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.metrics.planning import compare_planners
 from quadlog.results.planner_comparison import folder as comparison_folder
 from quadlog.results.planner_comparison.folder import ComparisonFiles
-from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
+from quadlog.results.planners import REPLANS, SCENARIOS
 from quadlog.storage.atomic_write import complete_folders
 
 NAMES = ("astar", "ia_star")

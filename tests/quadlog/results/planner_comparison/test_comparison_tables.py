@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import csv_cell
-from quadlog.results.planner_comparison.tables import PLANNERS, format_rows, write_planners
+from quadlog.results.planners import PLANNERS, format_rows, write_planners
 
 INTEGERS = {field.name for field in PLANNERS if field.type == pa.int64()}
 
