@@ -76,7 +76,7 @@ def command(
     from quadlog.pipelines.request import ReplayOptions
     from quadlog.pipelines.sweep.grid import make_grid
     from quadlog.pipelines.sweep.sweep import SweepRequest, outcome_of, sweep
-    from quadlog.results.text import sweep_text
+    from quadlog.results.sweep import sweep_text
 
     grid = make_grid(config_path, overrides, range(seed, seed + seeds), preset=preset)
     for note in grid[0].configured.notes:

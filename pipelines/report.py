@@ -22,7 +22,7 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
     from quadlog.results.page.runs_page import write_sweep_page
     from quadlog.results.run import Run
     from quadlog.results.saved.find_runs import files_beside_runs, is_run
-    from quadlog.results.sweep.table import TABLE
+    from quadlog.results.sweep import TABLE
 
     beside = files_beside_runs(runs)
     for path in (path for path in runs if path not in beside):
