@@ -15,13 +15,13 @@ from quadlog.config.schema import Config
 from quadlog.errors import MissingInput, UsageError
 from quadlog.mapping.grid import Window, window_at
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.problems import CompareOptions, Episode, ProblemSource, Question
+from quadlog.pipelines.comparison.problems import CompareOptions, Ends, Episode, ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import RobotTrack, TargetTrack
 from quadlog.pipelines.stages.plan import growth_of, planned_as, recorded_maps
-from quadlog.planning.protocol import Bool, Cell
+from quadlog.planning.protocol import Bool
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
@@ -76,7 +76,6 @@ def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
 
 
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-Ends = tuple[Cell, Cell]
 
 
 def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None) -> ProblemSource:
@@ -150,28 +149,26 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
     robot, target = RobotTrack.read(run), TargetTrack.read(run)
     rows, cols = maps.shape
-    about = f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
     dilation_m, shape = growth_of(config)
 
-    def episodes() -> Iterator[Episode]:
-        yield _questions(run, config, robot, target)
+    def questions() -> Iterator[Question]:
+        """One for each map at which it is known where robot and target were."""
+        is_empty = True
+        for instant in recorded_maps(run):
+            pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
+            target_m = target.at(np.array([instant.t_ns]))[0]
+            if pose is not None and np.isfinite(target_m).all():
+                query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
+                is_empty = False
+                yield Question(instant.t_ns, query, instant.occupied)
+        if is_empty:
+            raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
 
-    return ProblemSource(name, f"{about}{dilation_m:g} m ({shape})", episodes, 1, smoothing=planned_as(config))
-
-
-def _questions(run: Path, config: Config, robot: RobotTrack, target: TargetTrack) -> Iterator[Question]:
-    """One for each map at which it is known where robot and target were; MissingInput where there is none."""
-    dilation_m, shape = growth_of(config)
-    is_empty = True
-    for instant in recorded_maps(run):
-        pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
-        target_m = target.at(np.array([instant.t_ns]))[0]
-        if pose is not None and np.isfinite(target_m).all():
-            query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
-            is_empty = False
-            yield Question(instant.t_ns, query, instant.occupied)
-    if is_empty:
-        raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
+    about = (
+        f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
+        f"{dilation_m:g} m ({shape})"
+    )
+    return ProblemSource(name, about, lambda: iter([questions()]), 1, smoothing=planned_as(config))
 
 
 def recording_source(
@@ -218,22 +215,18 @@ def open_sources(
 
 def _check_fit(arguments: Sequence[str], options: CompareOptions) -> None:
     """Raises UsageError for a query that no source takes."""
-    has_cells = [cell is not None for cell in (options.start_cell, options.goal_cell)]
-    if any(has_cells) != all(has_cells):
+    if (options.start_cell is None) != (options.goal_cell is None):
         raise UsageError("--start-cell and --goal-cell go together")
-    if options.scen is not None and any(has_cells):
+    if options.scen is not None and options.ends is not None:
         raise UsageError("--scen has starts and goals of its own, without --start-cell and --goal-cell")
     if options.scen is not None and not all(name.endswith(".map") for name in arguments):
         raise UsageError("--scen FILE.scen is for MovingAI .map files")
-    if any(has_cells) and not all(name.endswith((".map", *YAML)) for name in arguments):
+    if options.ends is not None and not all(name.endswith((".map", *YAML)) for name in arguments):
         raise UsageError("--start-cell and --goal-cell are for MovingAI .map and ROS map_server .yaml files")
 
 
 def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | None:
     """The source, None for what is to be looked for as a recording. A run behind a URL is copied to `scratch`."""
-    ends = None
-    if options.start_cell is not None and options.goal_cell is not None:
-        ends = options.start_cell, options.goal_cell
     path, given = to_path(name), options.config.model_dump(exclude_unset=True)
     if isinstance(path, RemotePath):
         return run_source(fetch_runs(path, scratch), str(path), given) if is_run(to_path(name)) else None
@@ -243,9 +236,9 @@ def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | 
         forest = forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
         return replace(forest, smoothing=planned_as(options.config))
     if path.suffix == ".map":
-        return movingai_source(path, name, options.scen, ends)
+        return movingai_source(path, name, options.scen, options.ends)
     if path.suffix in YAML:
-        return ros_map_source(path, name, ends, dilation_m, dilation)
+        return ros_map_source(path, name, options.ends, dilation_m, dilation)
     if (path / "run.json").is_file() or (path / "maps.npz").is_file():
         return run_source(path, name, given)
     return None

@@ -214,20 +214,20 @@ def question_scene(sample: QuestionSample, names: Sequence[str]) -> Scene:
     maps = [shown[k] for k in new]
     origin, cell, columns = np.array([of.origin for of in maps]), maps[0].cell, maps[0].columns
     layers: list[Layer] = []
-    if any(len(of.bits) > 1 for of in maps):
-        grown = MapSequence.of(origin, cell, np.stack([of.bits[-1] for of in maps]), columns)
-        layers.append(Windows("kept clear of", "wall", steps[new], grown))
-    obstacles = MapSequence.of(origin, cell, np.stack([of.bits[0] for of in maps]), columns)
-    layers.append(Windows("obstacle", "cell", steps[new], obstacles))
+    for label, color, layer in (("kept clear of", "wall", -1), ("obstacle", "cell", 0)):
+        if layer == 0 or any(len(of.bits) > 1 for of in maps):
+            grids = MapSequence.of(origin, cell, np.stack([of.bits[layer] for of in maps]), columns)
+            layers.append(Windows(label, color, steps[new], grids))
     layers += [_paths(shown, name, steps, number) for number, name in enumerate(names)]
     for label, color, shape, places in (
         ("goal", "target", "star", np.array([of.goal for of in shown])),
         ("start", "text", "dot", np.array([of.start for of in shown])),
     ):
         layers.append(Track(label, color, steps, places[:, 0], places[:, 1], shape=shape, trail=False))  # type: ignore[arg-type]
-    far = origin + cell * np.array([columns, obstacles.shape[0]])
+    size = cell * np.array([columns, maps[0].bits.shape[1]])
+    far = origin + size
     extent = extent_of((origin[:, 0], origin[:, 1]), (far[:, 0], far[:, 1]))
-    unit, window = sample.unit, cell * max(columns, obstacles.shape[0])
+    unit, window = sample.unit, float(size.max())
     near = 1.1 * window if max(extent[1] - extent[0], extent[3] - extent[2]) > 3 * window else 0.0
     return Scene(layers, extent, unit, (f"x ({unit})", f"y ({unit})"), step=sample.step, near=near)
 
