@@ -61,11 +61,11 @@ def export_csv(run: Run, output: Path, force: bool) -> list[Path]:
     tables = {name: output / f"{name}.csv" for name in _tables(run)}
     _prepare([*tables.values()], force)
     for name, path in tables.items():
-        table = pd.DataFrame(read_table(run.path, name))
-        for column in table.select_dtypes(object):  # a spreadsheet must not take texts of a recording for formulas
-            table[column] = table[column].map(csv_cell)
+        columns = read_table(run.path, name).items()
+        # A spreadsheet must not take texts of a recording for formulas.
+        table = {key: [*map(csv_cell, cells)] if cells.dtype == object else cells for key, cells in columns}
         with whole_file(path) as part:
-            table.to_csv(part, index=False, lineterminator="\n")
+            pd.DataFrame(table).to_csv(part, index=False, lineterminator="\n")
     return [*tables.values()]
 
 
