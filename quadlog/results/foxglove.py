@@ -24,7 +24,7 @@ from quadlog.errors import NotARun
 from quadlog.geometry import quat_from_euler
 from quadlog.results.run import Run
 from quadlog.results.scenes import CLASSES
-from quadlog.results.view import COLORS, look, thin_evenly
+from quadlog.results.view import COLORS, look
 from quadlog.results.words import value_text
 from quadlog.storage.atomic_write import whole_file, write_whole
 from quadlog.version import __version__
@@ -45,7 +45,7 @@ PLOTTED = (
 """Title, table, topic, and the columns that are x, y and z: Foxglove has no schema for bare numbers."""
 RESIDUAL = "/quadlog/uwb/residual"
 MOST_RESIDUALS = 4000
-"""Of all anchors together; those of a longer or faster log are thinned: they would take most of the time and file."""
+"""Of all anchors together; of a longer or faster log every k-th of each anchor: they would take most of the time."""
 TIMINGS = ("realtime_factor",)
 _FLAT = ["t_ns", "x_m", "y_m", "yaw_rad"]
 _FLOAT, _BYTE = fox.PackedElementFieldNumericType.Float32, fox.PackedElementFieldNumericType.Uint8
@@ -127,9 +127,8 @@ def _uwb_topics(run: Run) -> Iterator[Topic]:
         yield "/quadlog/uwb/anchors", fox.SceneUpdate, _anchors(links, run.start_ns)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
         yield f"/quadlog/uwb/fix/{number}", fox.PoseInFrame, _poses(rows)
-    groups = () if ranges is None else list(ranges.groupby(["tag", "anchor"]))
-    for (tag, anchor), rows in groups:
-        some = rows.iloc[thin_evenly(len(rows), MOST_RESIDUALS // len(groups))]
+    for (tag, anchor), rows in () if ranges is None else ranges.groupby(["tag", "anchor"]):
+        some = rows.iloc[:: math.ceil(len(ranges) / MOST_RESIDUALS)]
         residuals = some.assign(residual_m=some["range_m"] - some["predicted_m"])
         yield f"{RESIDUAL}/{tag}/{anchor}", fox.Vector2, _vectors(residuals, ("residual_m", "weight"))
 

@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, RecordingNotFound, UnknownName, UsageError
-from quadlog.pipelines.comparison import compare as compare_planners
 from quadlog.pipelines.comparison.compare import compare, failures
 from quadlog.pipelines.comparison.problems import CompareOptions
 from quadlog.pipelines.comparison.sources import open_sources
@@ -149,24 +148,6 @@ def test_an_earlier_comparison_is_kept_unless_forced_and_until_the_new_one_is_wh
     assert not (folder / "scenarios.parquet").exists()
     assert (folder / "notes.txt").read_text() == "mine"
     assert "forest:0.1" in (folder / "report.html").read_text()
-
-
-def test_an_interruption_in_the_second_source_leaves_nothing_of_the_first(tmp_path, monkeypatch, scen):
-    second = tmp_path / "second.map"
-    second.write_text(Path(scen[0]).read_text())
-    ask_everything, sources = compare_planners.ask_everything, []
-
-    def interrupted(source, *rest, **more):
-        sources.append(source)
-        if len(sources) == 2:
-            raise KeyboardInterrupt
-        return ask_everything(source, *rest, **more)
-
-    monkeypatch.setattr(compare_planners, "ask_everything", interrupted)
-    before = sorted(tmp_path.iterdir())
-    with pytest.raises(KeyboardInterrupt):
-        compared([scen[0], str(second)], replace(SMALL, scen=scen[1]), tmp_path / "out")
-    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("in_the_way", ["taken", "taken/plots"])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadlog.errors import UnreadableFile
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.pipelines.comparison.run_planners import ask_everything, scenarios_of
 from quadlog.pipelines.comparison.sources import movingai_source, ros_map_source
@@ -109,18 +108,6 @@ def test_rows_count_from_the_top(write_map):
     assert_array_equal(shown.start, [0.5, 1.5])
     assert_array_equal(shown.goal, [2.5, 0.5])
     assert np.unpackbits(shown.bits, axis=2, count=4)[0].tolist() == [[1, 1, 0, 1], [0, 0, 0, 1]]
-
-
-def test_malformed_files_name_file_and_line(write_map, write_scen):
-    good = write_map(["..", ".."])
-    with pytest.raises(UnreadableFile, match=r"bad\.map, line 6: the row has only 1 of 2 columns"):
-        movingai_source(write_map(["..", "."], "bad.map"), "bad.map", None, ((0, 0), (0, 0)))
-    with pytest.raises(UnreadableFile, match=r"small\.map\.scen, line 2: the length"):
-        movingai_source(good, "small.map", write_scen((2, 2), [((0, 0), (1, 1), "far")]), None)
-    path = write_scen((2, 2), [((0, 0), (1, 1), 2)])
-    path.write_text(path.read_text() + "0\tsmall.map\t3\t3\t0\t0\t2\t2\t4\n")
-    with pytest.raises(UnreadableFile, match=r"line 3: is for a map of 3 x 3 cells, and the map has 2 x 2"):
-        movingai_source(good, "small.map", path, None)
 
 
 def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):

@@ -65,18 +65,6 @@ def test_a_run_with_a_file_missing_names_it(own_run, gone, error, says):
         run_source(own_run, "walk")
 
 
-def test_damaged_maps_are_a_known_error(own_run):
-    content = bytearray((own_run / "maps.npz").read_bytes())
-    (own_run / "maps.npz").write_bytes(content[: len(content) // 2])
-    with pytest.raises(NotARun, match="damaged"):
-        run_source(own_run, "walk")
-    middle = len(content) // 2
-    content[middle : middle + 40] = bytes(each ^ 0x5A for each in content[middle : middle + 40])
-    (own_run / "maps.npz").write_bytes(content)
-    with pytest.raises(NotARun, match="damaged"):
-        ask_everything(run_source(own_run, "walk"), ["astar"], Rules(), Silent())
-
-
 def test_a_run_whose_target_was_never_seen_at_a_map_has_no_question(own_run):
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -113,7 +113,8 @@ def test_residuals_of_many_anchors_share_the_room(tmp_path: Path, tiny_record: R
     )
     path = write_derived(Run(tmp_path, tiny_record))
     counts = [len(read(path, f"{RESIDUAL}/0/{anchor}")) for anchor in range(10)]
-    assert counts == [MOST_RESIDUALS // 10] * 10
+    assert counts == [300] * 10
+    assert sum(counts) <= MOST_RESIDUALS
 
 
 def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
