@@ -47,8 +47,8 @@ def export_tum(run: Run, output: Path, force: bool) -> list[Path]:
         return _copy(run, {"trajectory.tum": output}, force)
     poses = read_table(run.path, "poses")
     _prepare([output], force)
-    place = (poses[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
-    write_tum(output, *place, np.column_stack([poses["roll_rad"], poses["pitch_rad"]]))
+    tilt_rad = np.column_stack([poses["roll_rad"], poses["pitch_rad"]])
+    write_tum(output, poses["t_ns"], poses["x_m"], poses["y_m"], poses["yaw_rad"], poses["z_m"], tilt_rad)
     return [output]
 
 

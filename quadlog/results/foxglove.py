@@ -127,8 +127,9 @@ def _uwb_topics(run: Run) -> Iterator[Topic]:
         yield "/quadlog/uwb/anchors", fox.SceneUpdate, _anchors(links, run.start_ns)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
         yield f"/quadlog/uwb/fix/{number}", fox.PoseInFrame, _poses(rows)
+    step = 1 if ranges is None else math.ceil(len(ranges) / MOST_RESIDUALS)
     for (tag, anchor), rows in () if ranges is None else ranges.groupby(["tag", "anchor"]):
-        some = rows.iloc[:: math.ceil(len(ranges) / MOST_RESIDUALS)]
+        some = rows.iloc[::step]
         residuals = some.assign(residual_m=some["range_m"] - some["predicted_m"])
         yield f"{RESIDUAL}/{tag}/{anchor}", fox.Vector2, _vectors(residuals, ("residual_m", "weight"))
 

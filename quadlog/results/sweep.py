@@ -94,7 +94,10 @@ def read_sweep_table(folder: Path) -> list[SweepRow]:
     return [
         SweepRow(
             {key: row[key] for key in keys},
-            *(row[name] for name in _ENDS.names),
+            row["seed"],
+            row["run"],
+            row["exit_code"],
+            row["reason"],
             {name: row[name] for name in metrics if np.isfinite(row[name])},
         )
         for row in rows
