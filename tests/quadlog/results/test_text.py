@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from quadlog.cli.terminal import parameters
+from quadlog.cli import options
 from quadlog.errors import csv_cell
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
 from quadlog.results.planner_comparison.tables import PLANNERS, format_rows
@@ -54,7 +54,7 @@ def cells_of(markdown: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", ["metrics", "planners"])
-@pytest.mark.parametrize("to", parameters.FORMATS)
+@pytest.mark.parametrize("to", options.FORMATS)
 @pytest.mark.parametrize("name", ["walk", NASTY, "=1+1", "half \ud800", "[x]", "* x"])
 def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, name: str) -> None:
     text = printed(kind, to, name)
@@ -146,7 +146,7 @@ def test_pdflatex_sets_any_name(tmp_path: Path) -> None:
 
 def test_formats_are_those_of_the_command_line() -> None:
     """The command line has a list of its own, so that its help needs no numpy."""
-    assert set(parameters.FORMATS) < set(FORMATS)
+    assert set(options.FORMATS) < set(FORMATS)
 
 
 def test_a_few_runs_stand_side_by_side_and_many_are_summed_up() -> None:
