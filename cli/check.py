@@ -26,17 +26,15 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     \b
     [default]                                    for every run
     success_rate = { min = 0.99 }
-    [recordings.follow]                          for runs of that name
-    eta_m = { max = 0.05 }
+    [recordings.follow]                          for runs in folders of that name
     following_distance_mean_m = { min = 1.5, max = 2.5 }
 
-    A run is named by its folder. Simulated walks in seed folders are named by the folder above, as in line-fpmw;
-    "line-fpmw/seed-000" names a single seed. A bound under a name replaces the bound of [default] on the same
-    metric; {} removes it. A check fails if the run lacks the metric, or if no bounds apply to the run.
+    Simulated walks are named by the folder above their seeds, as in line-fpmw, or by both: "line-fpmw/seed-000". A
+    bound under a name replaces that of [default]; {} removes it. A metric that was not measured, and a run without
+    bounds, fail.
 
-    --write bounds each metric on the worse side, or on both where neither is better (uwb_nees, uwb_coverage_95), 10 %
-    beyond the worst run of that name (0.01 for shares, 0 for falls and contacts); realtime_factor is left out. A
-    bound that accepts a contact or a fall is named on stderr and has a comment.
+    --write bounds metrics on the worse side, or on both where neither is better, 10 % beyond the worst run of that
+    name (0.01 for shares, 0 for falls and contacts, which are named on stderr if a bound accepts them).
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click reads \b as: keep the lines of this paragraph

@@ -47,9 +47,9 @@ def cell(text: str) -> tuple[int, int]:
 def command(sources: tuple[str, ...], to: str, output: Path | None, force: bool, ties: str, **given: Any) -> int:
     """Compare planners on the same maps.
 
-    Cells, time, cost and length are compared on the same problems, with 95 % intervals. A SOURCE is a run folder (its
-    recorded maps), a recording, a MovingAI .map (with --scen, or --start-cell and --goal-cell), a ROS map_server .yaml
-    (with --start-cell and --goal-cell, from the lower left), or forest:DENSITY (simulated episodes, trees per m²).
+    A SOURCE is a run folder (its recorded maps), a recording, a MovingAI .map (with --scen, or --start-cell and
+    --goal-cell), a ROS map_server .yaml (with --start-cell and --goal-cell, from the lower left), or forest:DENSITY
+    (simulated episodes, trees per m²).
 
     Baseline, --leader and --count are astar, astar and expanded; with --preset paper astar_paper, ia_star, generated.
     """

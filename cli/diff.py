@@ -26,11 +26,10 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     rows, the first values, and the largest difference. Rows are matched by their time stamps. --json prints the list.
 
     Exit code 0: all saved results are the same, 4: one differs, 1: a run is unfinished, or a file is damaged.
-    Differences in config, seed, options, versions and input are listed, but do not change the exit code, so that
-    two versions of quadlog can be compared.
+    Differences in config, seed, options, versions and input are listed, but do not change the exit code.
 
-    Not compared: durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap, which repeat what the
-    tables hold. NaN equals NaN. With both tolerances, numbers within either of them are the same.
+    Durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap are not compared. NaN equals NaN. With
+    both tolerances, numbers within either of them are the same.
     """
     from quadlog.results.diff import COLUMNS, COMPARED, diff_runs, diff_text, of_results
     from quadlog.results.run import Run

@@ -22,13 +22,7 @@ from quadlog.errors import UsageError
 @click.argument("runs", nargs=-1, metavar="RUN...", type=options.PATH_OR_URL)
 @click.option("--reference", type=options.LOCAL_PATH, metavar="FILE.tum", help="Ground-truth trajectory.")
 @click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' time stamps.")
-@click.option(
-    "--t-max-diff",
-    type=click.FloatRange(min=0),
-    default=0.01,
-    metavar="S",
-    help="Maximum time difference when pairing poses.",
-)
+@click.option("--t-max-diff", type=click.FloatRange(0), default=0.01, metavar="S", help="Most between paired poses.")
 @click.option("--align", is_flag=True, help="Align each trajectory with the reference first.")
 @click.option("--project-to-plane", type=click.Choice(["xy"]), help="Ignore height, roll and pitch.")
 @options.FORMAT

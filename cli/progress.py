@@ -129,8 +129,16 @@ class Bars(BatchLines):
     def expect(self, tally: BatchCounts, workers: int) -> None:
         """Add the bar of the whole batch."""
         super().expect(tally, workers)
-        self._count = workers
-        self._first = self._bars.add_task("total", total=tally.recordings, words=total_words(tally, workers))
+        self._count, self._first = workers, self._bars.add_task("total", total=tally.recordings, words="")
+        self._show_total()
+
+    def _show_total(self) -> None:
+        """Numbers of finished and failed recordings, and the time left once it is known."""
+        tally, left_s = self._tally, self._tally.left_s(self._count)
+        words = f"{tally.done}/{tally.recordings} recordings" + (f", {tally.failed} failed" if tally.failed else "")
+        words += f", {duration_words(left_s)} left" if left_s is not None and tally.done < tally.recordings else ""
+        assert self._first is not None, "a batch starts with expect"
+        self._bars.update(self._first, completed=tally.done, words=words)
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """Update the bar of a worker."""
@@ -150,29 +158,18 @@ class Bars(BatchLines):
         with self._changing:
             for worker in [worker for worker, (_, at) in self._workers.items() if at == run]:
                 self._bars.remove_task(self._workers.pop(worker)[0])
-            assert self._first is not None, "a batch starts with expect"
-            words = total_words(self._tally, self._count)
-            self._bars.update(self._first, completed=self._tally.done, words=words)
+            self._show_total()
 
 
 def step_words(step: Mapping[str, Any], last: str) -> str:
     """Steps of the stage, real-time factor, and the last words."""
     steps, total, factor = step["steps"], step["total"], step["realtime_factor"]
     far = f"{steps}/{total:g}" if total else f"{steps}" if steps else ""
-    rate = "" if factor is None else f"{factor:.1f}x real time"
-    return "  ".join(word for word in (far, rate, last) if word)
-
-
-def total_words(tally: BatchCounts, workers: int) -> str:
-    """Numbers of finished and failed recordings, and the time left once it is known."""
-    words = f"{tally.done}/{tally.recordings} recordings" + (f", {tally.failed} failed" if tally.failed else "")
-    left_s = tally.left_s(workers)
-    return words if left_s is None or tally.done == tally.recordings else f"{words}, {duration_words(left_s)} left"
+    return "  ".join(filter(None, (far, "" if factor is None else f"{factor:.1f}x real time", last)))
 
 
 def duration_words(seconds: float) -> str:
     """Seconds, minutes, or hours and minutes."""
     minutes = round(seconds / 60)
-    if seconds < 60 or minutes < 120:
-        return f"{seconds:.0f} s" if seconds < 60 else f"{minutes} min"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
+    longer = f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
+    return f"{seconds:.0f} s" if seconds < 60 else longer

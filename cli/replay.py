@@ -73,9 +73,10 @@ def _print_plan(previewed: Sequence[Previewed], jobs: int | None, as_json: bool)
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
-        reused = f", reuses {', '.join(row['reused_stages'])}" if row["reused_stages"] else ""
-        size = f"{row['size_bytes'] / 1e6:.1f} MB{reused}"
-        click.echo(f"{row['action']:<7} {row['recording']} ({size}) -> {row['run']}")
+        about = ", reuses ".join(
+            [f"{row['size_bytes'] / 1e6:.1f} MB", *filter(None, [", ".join(row["reused_stages"])])]
+        )
+        click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
     click.echo(_total_words(previewed, jobs), err=as_json)
 
 

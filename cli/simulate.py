@@ -30,11 +30,7 @@ def terrain_of(text: str) -> str:
 @click.argument("course", metavar="COURSE", shell_complete=options.files("line", "circle", "s-curve", TROT))
 @options.named("--controller", choices=CONTROLLERS, what="Controller")
 @click.option(
-    "--terrain",
-    type=terrain_of,
-    metavar=f"{'|'.join(TERRAINS)}|RUN",
-    shell_complete=options.files(*TERRAINS),
-    help="Terrain, or a run folder with a ground map. Default: flat.",
+    "--terrain", type=terrain_of, metavar="|".join([*TERRAINS, "RUN"]), shell_complete=options.files(*TERRAINS)
 )
 @click.option("--speed", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
 @click.option("--disturbed", is_flag=True, help="Add pushes, mass and velocity errors, pose noise and lag.")
@@ -56,7 +52,8 @@ def command(
     the columns x_m and y_m. Each seed has a run folder.
 
     Controllers: fpmw (fuzzy look-ahead, MPC, whole-body control), fpm (without whole-body control), pmw (fixed
-    look-ahead), kinematic (a point without a body). A fall is a result, not an error.
+    look-ahead), kinematic (a point without a body). A RUN is a run folder with a ground map; the default terrain is
+    flat. A fall is a result, not an error.
 
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.
@@ -68,9 +65,8 @@ def command(
     if course == TROT and (disturbed or any(given[name] is not None for name in keys)):
         raise UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help")
     given["overrides"] = [*(DISTURBED_OVERRIDES if disturbed else ()), *given["overrides"]]
-    config, typed = options.configured(given, **keys).config, ("quadlog", *sys.argv[1:])
-    seeds_walked = range(seed, seed + seeds)
-    request = SimulateRequest(course, config, seeds_walked, command=typed, plots=not no_plots, **given)
+    config, how = options.configured(given, **keys).config, {"command": ("quadlog", *sys.argv[1:]), **given}
+    request = SimulateRequest(course, config, range(seed, seed + seeds), plots=not no_plots, **how)
     with open_progress() as progress:
         runs = (trot_32s if course == TROT else simulate)(request, jobs, progress)
     if as_json:

@@ -38,13 +38,7 @@ def anchor_height(text: str) -> tuple[int | None, float]:
 @options.CONFIG
 @options.set_option("topics.position=/mocap/pose")
 @options.output_option("Configuration file to write, for `quadlog replay -c`.")
-@options.repeated(
-    "--anchor-height",
-    "heights",
-    type=anchor_height,
-    metavar="[ID=]M",
-    help="Height above the floor of anchor ID or of all others, m",
-)
+@options.repeated("--anchor-height", "heights", type=anchor_height, metavar="[ID=]M", help="Height above the floor, m")
 @options.STAMP
 @options.MSG_PATH
 @options.AS_JSON
@@ -60,8 +54,8 @@ def command(
     the model's.
 
     Positions are in the frame base at the first pose, or in map if [[uwb.anchors]] has two anchors or more. Configure
-    three to detect an odometry that turns to the wrong side, which mirrors all positions. Anchors without a known
-    height are placed above the tag.
+    three to detect an odometry that turns to the wrong side, which mirrors all positions. Anchors without a height
+    (of this ID, or of all others) are placed above the tag.
 
     Exit code 1: the walk does not determine the positions, or the ranges contradict the odometry or the known anchors.
     """
