@@ -1,30 +1,11 @@
 from __future__ import annotations
 
-import json
-import os
 import shutil
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import pytest
 
 from quadlog.results.export import EXPORTERS
-
-
-def test_evo_ape_reads_the_trajectory_and_finds_the_same_error(follow, tmp_path, ok):
-    out, result, truth = tmp_path / "follow.tum", tmp_path / "evo.zip", follow / "reference.tum"
-    ok("export", follow, "--to", "tum", "-o", out)
-    evo_ape = [Path(sys.executable).with_name("evo_ape"), "tum", truth, out, "--save_results", result]
-    # evo keeps its settings at home.
-    environment = {**os.environ, "HOME": str(tmp_path)}
-    subprocess.run([*map(str, evo_ape)], check=True, capture_output=True, env=environment)
-    with zipfile.ZipFile(result) as archive:
-        theirs = json.loads(archive.read("stats.json"))
-    ours = json.loads((follow / "metrics.json").read_text())["ate_rmse_m"]
-    assert ours["value"] == pytest.approx(theirs["rmse"], abs=1e-9)
-    assert theirs["rmse"] > 0
 
 
 def test_figures_for_a_paper_have_the_format_and_the_width_that_were_asked_for(follow, tmp_path, ok, refused):

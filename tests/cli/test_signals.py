@@ -100,7 +100,7 @@ def two(tmp_path):
 def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, ok, number, monkeypatch):
     """Ctrl-C as a terminal sends it: to the workers, too."""
     words = [*two, "--jobs", "2", "--until", "map"]
-    code, lines = ended(words, number, tmp_path, "poses.parquet", group=number is signal.SIGINT)
+    code, lines = ended(words, number, tmp_path, "fixes.parquet", group=number is signal.SIGINT)
     assert code == 1
     assert any("interrupted with 0 of 2 recordings done" in line for line in lines)
     assert lines[-1].endswith("nothing half-written was left, and --resume goes on")
