@@ -77,7 +77,7 @@ def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeyp
 
 
 def test_trot_has_a_row_for_each_curve_and_no_plots(tmp_path, ok, monkeypatch):
-    monkeypatch.setattr(trot_walk, "TROT_S", 1.0)
+    monkeypatch.setattr(trot_walk, "TROT_S", 2.0)
     settings = ["--set", "simulation.trot.payload_kg=1.2", "--set", "simulation.trot.payload_y_m=-0.1"]
     rows = json.loads(ok("simulate", "trot-32s", *settings, "--seed", "5", "--no-plots", "--json", "-o", tmp_path))
     assert [row["controller"] for row in rows] == ["baseline", "3d-curve"]
