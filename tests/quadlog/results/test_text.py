@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from quadlog.cli.terminal import parameters
+from quadlog.cli import options
 from quadlog.errors import csv_cell
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
 from quadlog.results.planners import PLANNERS, format_rows
@@ -52,7 +52,7 @@ def cells_of(markdown: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", ["metrics", "planners"])
-@pytest.mark.parametrize("to", parameters.FORMATS)
+@pytest.mark.parametrize("to", options.FORMATS)
 @pytest.mark.parametrize("name", ["walk", NASTY, "=1+1", "half \ud800", "[x]", "* x"])
 def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, name: str) -> None:
     text = printed(kind, to, name)
@@ -82,7 +82,7 @@ def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, n
 
 
 def test_readers_see_four_digits_one_minus_and_nothing_for_no_value() -> None:
-    assert set(parameters.FORMATS) < set(FORMATS)  # a list of its own, so that the help needs no numpy
+    assert set(options.FORMATS) < set(FORMATS)  # a list of its own, so that the help needs no numpy
     head, *lines = print_table(HEADER, ROWS).splitlines()
     assert head.split() == ["name", "value", "n"]
     assert lines[0].split() == ["a_b", "0.1235", "1234567"]
@@ -118,6 +118,11 @@ def test_latex_keeps_no_meaning_that_was_not_meant(text: str) -> None:
     assert len(re.findall(r"(?<!\\)&", body)) == 1
     plain = re.sub(r"\\[&%$#_{}]|\\\^\{\}|\\[a-z]+\{[<>]?\}|\{\}|\\\\|&", "", body)
     assert not re.search(r"[&%$#_{}~^\\<>]", plain)
+
+
+def test_formats_are_those_of_the_command_line() -> None:
+    """The command line has a list of its own, so that its help needs no numpy."""
+    assert set(options.FORMATS) < set(FORMATS)
 
 
 def test_a_few_runs_stand_side_by_side_and_many_are_summed_up() -> None:
