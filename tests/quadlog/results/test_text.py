@@ -120,11 +120,6 @@ def test_latex_keeps_no_meaning_that_was_not_meant(text: str) -> None:
     assert not re.search(r"[&%$#_{}~^\\<>]", plain)
 
 
-def test_formats_are_those_of_the_command_line() -> None:
-    """The command line has a list of its own, so that its help needs no numpy."""
-    assert set(options.FORMATS) < set(FORMATS)
-
-
 def test_a_few_runs_stand_side_by_side_and_many_are_summed_up() -> None:
     text = values_text({f"r{number}": {"eta_m": float(number)} for number in range(3)})
     beside, over = text.split("\n\n")
