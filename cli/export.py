@@ -51,12 +51,12 @@ def command(run: Path, to: str, output: Path | None, picture: str | None, width:
     Without -o the result is written to the current folder, named after the run.
     """
     from quadlog.errors import UsageError
-    from quadlog.results.saved.find_runs import runs_here
+    from quadlog.results.saved.find_runs import files_ending, runs_here
 
     options = {name: value for name, value in (("picture", picture), ("width_in", width)) if value is not None}
     if options and to != "figures":
         raise UsageError("--format and --width are for  --to figures")
-    with runs_here([run]) as (here,):
+    with runs_here([run], files_ending("run.json", *EXPORTERS[to].reads)) as (here,):
         target = output or Path(f"{here.resolve().name}-{EXPORTERS[to].suffix}")
         for path in export_run(here, to, target, force, **options):
             click.echo(path)

@@ -16,9 +16,8 @@ from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.page.runs_page import MOST_THUMBNAILS
-from quadlog.results.record import RunRecord, read_record
+from quadlog.results.record import RunRecord, read_metrics, read_record
 from quadlog.results.saved.names import run_name
-from quadlog.results.saved.run_folder import read_metrics
 from quadlog.results.saved.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
 from quadlog.storage.remote_path import RemotePath, copy_object
 

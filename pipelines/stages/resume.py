@@ -22,8 +22,7 @@ from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
 from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Stage, stages_for
 from quadlog.recordings.containers.container import Loss
-from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord, describe_input, read_record
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord, describe_input, read_metrics, read_record
 from quadlog.results.saved.stage_marks import (
     MARKS_FILE,
     Marked,

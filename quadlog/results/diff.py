@@ -13,7 +13,7 @@ import numpy as np
 from quadlog.errors import clipped, printable, some_of
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import MapSequence
+from quadlog.results.arrays import MapSequence
 from quadlog.results.saved.stages import STAGE_FILES
 from quadlog.results.saved.tables import read_table
 from quadlog.results.text import print_table, terminal_width

@@ -14,10 +14,14 @@ from quadlog.storage.atomic_write import whole_file
 
 
 class Exporter(NamedTuple):
-    """write(run, output, force) returns the files it wrote. suffix: end of the output's name where none is given."""
+    """write(run, output, force) returns the files it wrote. suffix: end of the output's name where none is given.
+
+    reads: end of the names of the files of a run that it reads, beside run.json.
+    """
 
     write: Callable[..., list[Path]]
     suffix: str
+    reads: tuple[str, ...]
 
 
 def export_run(run: Path, to: str, output: Path, force: bool = False, **options: Any) -> list[Path]:
@@ -126,14 +130,15 @@ def export_figures(
     return [*written]
 
 
+_ALL = (".parquet", ".npz", ".tum", "metrics.json")
 EXPORTERS = {
-    "csv": Exporter(export_csv, "csv"),
-    "figures": Exporter(export_figures, "figures"),
-    "gif": Exporter(partial(export_film, to="gif"), "walk.gif"),
-    "mcap": Exporter(export_mcap, "derived.mcap"),
-    "mp4": Exporter(partial(export_film, to="mp4"), "walk.mp4"),
-    "rosmap": Exporter(export_rosmap, "rosmap"),
-    "tum": Exporter(export_tum, "trajectory.tum"),
+    "csv": Exporter(export_csv, "csv", (".parquet",)),
+    "figures": Exporter(export_figures, "figures", _ALL),
+    "gif": Exporter(partial(export_film, to="gif"), "walk.gif", _ALL),
+    "mcap": Exporter(export_mcap, "derived.mcap", _ALL),
+    "mp4": Exporter(partial(export_film, to="mp4"), "walk.mp4", _ALL),
+    "rosmap": Exporter(export_rosmap, "rosmap", ("map.pgm", "map.yaml")),
+    "tum": Exporter(export_tum, "trajectory.tum", ("poses.parquet", "trajectory.tum")),
 }
 
 

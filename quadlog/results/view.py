@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from quadlog.results.run import Run
-    from quadlog.results.saved.maps import MapSequence
+    from quadlog.results.arrays import MapSequence
 
 Array = NDArray[Any]
 

@@ -31,7 +31,7 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestion
-from quadlog.results.saved.maps import MapSequence
+from quadlog.results.arrays import MapSequence
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
 from quadlog.results.words import State
 

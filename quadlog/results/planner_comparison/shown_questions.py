@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float
 from quadlog.planning.protocol import Bool, Cell, Cells
-from quadlog.results.saved.maps import MOST_CELLS
+from quadlog.results.arrays import MOST_CELLS
 
 MOST_QUESTIONS = 1200
 MOST_BYTES = 8 << 20

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results.saved.tables import METRIC_NAMES, column_to_numpy, write_table
+from quadlog.results.saved.tables import METRIC_NAMES, column_to_numpy, read_parquet, write_table
 
 TABLE, PAGE = "sweep.parquet", "report.html"
 SWEEP_METRICS = tuple(name for name in METRIC_NAMES if name != "realtime_factor")
@@ -57,26 +57,18 @@ def write_sweep_table(folder: Path, rows: Sequence[SweepRow]) -> None:
 def read_sweep_table(folder: Path) -> list[SweepRow]:
     """The rows of sweep.parquet. Raises NotARun where it is missing, damaged or foreign, TooLarge."""
     path = folder / TABLE
-    if not path.is_file():
-        raise NotARun(folder, f"has no {TABLE}")
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as parquet:
-            if parquet.metadata.num_rows > _MOST_ROWS:
-                raise TooLarge(f"{path}: rows", parquet.metadata.num_rows, _MOST_ROWS)
-            table = parquet.read()
-    except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
-        raise NotARun(path, f"is damaged or no table: {(str(error).splitlines() or [''])[0][:200]}") from error
+    table = read_parquet(path)
+    if table.num_rows > _MOST_ROWS:
+        raise TooLarge(f"{path}: rows", table.num_rows, _MOST_ROWS)
     names = table.column_names
     if not set(_ENDS) <= set(names) or len(set(names)) < len(names):
         raise NotARun(path, "is no table of a sweep")
     kinds = {"seed": pa.int64(), "exit_code": pa.int64(), "run": pa.string(), "reason": pa.string()}
     keys, metrics = names[: names.index("seed")], [name for name in SWEEP_METRICS if name in names]
-    kinds |= dict.fromkeys(metrics, pa.float64())
-    wrong = [name for name, kind in kinds.items() if table.schema.field(name).type != kind]
-    wrong += [key for key in keys if table.schema.field(key).type not in _KINDS.values()]
-    if wrong:
+    kinds = {key: table.schema.field(key).type for key in keys} | kinds | dict.fromkeys(metrics, pa.float64())
+    if wrong := [key for key in keys if kinds[key] not in _KINDS.values()]:
         raise NotARun(path, f"column {wrong[0]} has another type than in a table of a sweep")
-    columns = {name: column_to_numpy(path, name, table.column(name)).tolist() for name in (*keys, *_ENDS, *metrics)}
+    columns = {name: column_to_numpy(path, table, name, kind).tolist() for name, kind in kinds.items()}
     return [
         SweepRow(
             {key: columns[key][at] for key in keys},
