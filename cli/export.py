@@ -51,7 +51,7 @@ def command(run: Path, to: str, output: Path | None, picture: str | None, width:
     Without -o the result is written to the current folder, named after the run.
     """
     from quadlog.errors import UsageError
-    from quadlog.results.saved.find_runs import files_ending, runs_here
+    from quadlog.results.find_runs import files_ending, runs_here
 
     options = {name: value for name, value in (("picture", picture), ("width_in", width)) if value is not None}
     if options and to != "figures":

@@ -15,8 +15,8 @@ from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.results.places import claim, place_of_new, publish_new, remove_new
 from quadlog.results.record import InputRecord, describe_input, is_finished
-from quadlog.results.saved.stage_marks import MARKS_FILE
-from quadlog.results.saved.stages import reused_words
+from quadlog.results.stage_marks import MARKS_FILE
+from quadlog.results.stages import reused_words
 from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from click.shell_completion import CompletionItem
 
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import UsageError, printable
-from quadlog.results.saved.stages import STAGES
+from quadlog.results.stages import STAGES
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 
@@ -169,7 +169,7 @@ def what_exists(resume: bool, force: bool, scheduler: str | None, jobs: int | No
 
 def report_skipped(runs: Sequence[Path]) -> None:
     """Name on stderr the plain files among the arguments that lie beside run folders, as `runs/*` gives them."""
-    from quadlog.results.saved.find_runs import files_beside_runs
+    from quadlog.results.find_runs import files_beside_runs
 
     if skipped := files_beside_runs(runs):
         click.echo(printable(f"skipped, not a run folder: {', '.join(map(str, skipped))}"), err=True)

@@ -18,10 +18,7 @@ import pyarrow.parquet as pq
 from fuzzing.oracles import command, expect, replaced
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.results.foxglove import write_derived
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run import Run, load_run
-from quadlog.results.saved.maps import (
+from quadlog.results.arrays import (
     CloudSample,
     GroundMap,
     MapsWriter,
@@ -31,9 +28,12 @@ from quadlog.results.saved.maps import (
     write_cloud_samples,
     write_ground,
 )
+from quadlog.results.foxglove import write_derived
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run, load_run
 from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.stage_marks import FileMark, StageMark, read_marks, write_marks
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.stage_marks import FileMark, StageMark, read_marks, write_marks
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 

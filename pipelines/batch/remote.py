@@ -17,10 +17,9 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
+from quadlog.results.find_runs import OWN_FILES, PLOTS, fetch, is_run, own_files, run_name
 from quadlog.results.record import is_finished, read_record, write_record
-from quadlog.results.saved.find_runs import PLOTS, fetch, is_run, own_files
-from quadlog.results.saved.names import OWN_FILES, run_name
-from quadlog.results.saved.stage_marks import MARKS_FILE
+from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.storage.remote_path import RemotePath
 
 _RECORD = "run.json"

@@ -26,10 +26,9 @@ from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
 from quadlog.recordings.find import find_recordings
-from quadlog.results.saved.find_runs import fetch_runs, is_run
 from quadlog.results.arrays import load_maps
-from quadlog.results.saved.names import run_names
-from quadlog.results.saved.tables import has_table
+from quadlog.results.find_runs import fetch_runs, is_run, run_names
+from quadlog.results.tables import has_table
 from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World

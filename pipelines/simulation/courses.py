@@ -15,9 +15,9 @@ from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
 from quadlog.messages import Float
 from quadlog.results.arrays import read_arrays
+from quadlog.results.find_runs import run_name
 from quadlog.results.record import describe_input
-from quadlog.results.saved.names import run_name
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map

@@ -23,7 +23,7 @@ from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import TABLES
+from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S

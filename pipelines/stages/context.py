@@ -21,7 +21,7 @@ from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.record import InputRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.results.tables import has_table, read_table
 
 if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegTrack

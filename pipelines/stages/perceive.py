@@ -28,7 +28,7 @@ from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
 from quadlog.results.arrays import ARRAYS, MapsWriter
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
 

@@ -18,7 +18,7 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.tables import TABLES, TableWriter
 from quadlog.simulation.resimulation import MapInstant
 
 

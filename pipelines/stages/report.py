@@ -26,8 +26,8 @@ from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.stages import STAGES, stages_until
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.results.stages import STAGES, stages_until
+from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from quadlog.pipelines.stages.stage import Stage
 from quadlog.results.places import claim, place_of_new
 from quadlog.results.record import read_record
 from quadlog.results.run import Run
-from quadlog.results.saved.stage_marks import read_marks, write_marks
+from quadlog.results.stage_marks import read_marks, write_marks
 from quadlog.storage.atomic_write import part_prefix
 
 

@@ -18,7 +18,7 @@ from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stage
 from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.places import place_of_new
 from quadlog.results.record import InputRecord, describe_input, is_finished
-from quadlog.results.saved.stage_marks import read_marks
+from quadlog.results.stage_marks import read_marks
 from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 

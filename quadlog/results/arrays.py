@@ -83,18 +83,20 @@ def read_arrays(run: Path, name: str) -> dict[str, Array]:
 def _check(arrays: Mapping[str, Array]) -> None:
     """Raises ValueError for arrays that contradict each other."""
     place = [arrays[key].ravel() for key in ("origin_m", "cell_m", "tag_height_m") if key in arrays]
-    if place and not (np.isfinite(np.concatenate(place)).all() and arrays["cell_m"] > 0 and 0 not in _cells(arrays)):
+    size = [arrays[key].size for key in ("cell_m", "hdop") if key in arrays]
+    if place and not (np.isfinite(np.concatenate(place)).all() and arrays["cell_m"] > 0 and all(size)):
         raise ValueError("a map without a place or a size")
     if "offset" in arrays:
         offset, label = arrays["offset"], arrays["label"]
-        if len(offset) != len(arrays["t_ns"]) + 1 or offset[0] != 0 or offset[-1] != len(label) or np.diff(offset).min(initial=0) < 0:
+        if (
+            len(offset) != len(arrays["t_ns"]) + 1
+            or offset[0] != 0
+            or offset[-1] != len(label)
+            or np.diff(offset).min(initial=0) < 0
+        ):
             raise ValueError("offset does not fit xyz_m")
         if label.max(initial=0) >= max(1, len(arrays["classes"])):
             raise ValueError("a label without a class")
-
-
-def _cells(arrays: Mapping[str, Array]) -> tuple[int, ...]:
-    return arrays["hdop"].shape if "hdop" in arrays else ()
 
 
 @contextmanager
@@ -158,8 +160,8 @@ _MAX_CELLS_PER_SIDE = 16384
 class MapsWriter:
     """Writes maps one by one into `maps.npz`, which appears when the `with` block ends without an error.
 
-    Members: blocks `occupied_bits_000000 (maps of the block, rows, ceil(columns / 8))` of numpy.packbits rows, t_ns (S,),
-    origin_m (S, 2), cell_m, shape (2,).
+    Members: blocks `occupied_bits_000000 (maps of the block, rows, ceil(columns / 8))` of numpy.packbits rows,
+    t_ns (S,), origin_m (S, 2), cell_m, shape (2,).
     """
 
     def __init__(self, path: Path, cell_m: float, shape: tuple[int, int]) -> None:
@@ -230,8 +232,8 @@ FARTHEST_CELLS = 1e9
 class MapSequence:
     """The maps of a run: t_ns (S,), origin_m (S, 2), cell_m, shape (rows, columns); iterates over OccupancyMap.
 
-    Maps are undilated, origins are lower-left corners in map, row = y, column = x. They are unpacked on access; only the
-    last block used is kept in memory.
+    Maps are undilated, origins are lower-left corners in map, row = y, column = x. They are unpacked on access; only
+    the last block used is kept in memory.
     """
 
     _bits: NDArray[np.uint8] | None

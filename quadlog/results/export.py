@@ -42,7 +42,7 @@ def export_tum(run: Path, output: Path, force: bool) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
     import numpy as np
 
-    from quadlog.results.saved.tables import has_table, read_table
+    from quadlog.results.tables import has_table, read_table
     from quadlog.storage.formats.tum import write_tum
 
     if not has_table(run, "poses"):
@@ -58,7 +58,7 @@ def export_csv(run: Path, output: Path, force: bool) -> list[Path]:
     """Every table as `output/NAME.csv`, numbers in full precision, an empty field where there is no value."""
     import pandas as pd
 
-    from quadlog.results.saved.tables import read_table
+    from quadlog.results.tables import read_table
 
     names = _tables(run)
     written = [output / f"{name}.csv" for name in names]
@@ -144,7 +144,7 @@ EXPORTERS = {
 
 def _tables(run: Path) -> list[str]:
     """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.saved.tables import TABLES, has_table
+    from quadlog.results.tables import TABLES, has_table
 
     names = [name for name in TABLES if has_table(run, name)]
     if not names:
@@ -165,7 +165,7 @@ def _copy(run: Path, names: list[str], written: list[Path], force: bool) -> list
 
 def _prepare(written: list[Path], force: bool) -> None:
     """Refuse existing files, and make folders, before anything is written."""
-    from quadlog.results.saved.outputs import refuse_existing
+    from quadlog.results.find_runs import refuse_existing
 
     for path in written:
         refuse_existing(path, force)

@@ -1,4 +1,4 @@
-"""Where a run is made: its folder is claimed without overwriting anything, and a replaced run stands until the new one."""
+"""Where a run is made: its folder is claimed without overwriting anything; a run stands until its successor does."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 from quadlog.errors import CannotWrite, RunExists
 from quadlog.recordings.file_names import says_run
+from quadlog.results.find_runs import OWN_FILES
 from quadlog.results.record import is_finished, read_record, write_record
-from quadlog.results.saved.names import OWN_FILES
 from quadlog.storage.atomic_write import check_name, is_part, move_whole, remove_stale_parts, uninterrupted
 
 _FIRST = {"run.json", "config.toml"}
@@ -108,7 +108,7 @@ def remove_new(run: Path) -> None:
 
 
 def remove_own_files(path: Path, keep: Collection[str] = ()) -> None:
-    """Remove pictures and quadlog's other files but those to keep, `run.json` last. Links are removed, never followed."""
+    """Remove pictures and quadlog's other files but those to keep, `run.json` last; links, never what they lead to."""
     plots = path / "plots"
     try:
         if plots.is_dir() and not plots.is_symlink():

@@ -15,7 +15,17 @@ from threading import Thread
 from typing import Any, cast
 from uuid import uuid4
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+)
 from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
@@ -150,17 +160,20 @@ class RunRecord(Record):
         return self.model_dump(mode="json", exclude_none=True)
 
 
-@dataclass(frozen=True, slots=True, config=ConfigDict(strict=True, allow_inf_nan=False))
+_Number = StrictInt | StrictFloat
+
+
+@dataclass(frozen=True, slots=True, config=ConfigDict(allow_inf_nan=False))
 class SavedMetric:
     """A metric of metrics.json: value, number of samples, unit, 95 % interval, worst sample and its instant."""
 
-    value: int | float
-    n: int = Field(0, ge=0)
-    unit: str = ""
-    low: int | float | None = None
-    high: int | float | None = None
-    worst: int | float | None = None
-    worst_t_ns: int | None = None
+    value: _Number
+    n: StrictInt = Field(0, ge=0)
+    unit: StrictStr = ""
+    low: _Number | None = None
+    high: _Number | None = None
+    worst: _Number | None = None
+    worst_t_ns: StrictInt | None = None
 
 
 _METRICS = TypeAdapter(dict[str, SavedMetric])
@@ -218,7 +231,16 @@ def to_json(content: Any) -> bytes:
 @contextmanager
 def reading(path: Path, *also: type[Exception]) -> Iterator[None]:
     """Make whatever is wrong with the content of a run's file a NotARun that names it. also: what a library raises."""
-    kinds = (ValueError, OSError, LookupError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error, *also)
+    kinds: tuple[type[Exception], ...] = (
+        ValueError,
+        OSError,
+        LookupError,
+        EOFError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+        *also,
+    )
     try:
         yield
     except QuadlogError:

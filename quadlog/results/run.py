@@ -19,10 +19,18 @@ from quadlog.errors import UnknownName
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
+from quadlog.results.find_runs import fetch, fetch_runs
 from quadlog.results.places import remove_own_files
-from quadlog.results.record import RunRecord, SavedMetric, check_metrics, read_metrics, read_record, to_json, write_record
-from quadlog.results.saved.find_runs import fetch, fetch_runs
-from quadlog.results.saved.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
+from quadlog.results.record import (
+    RunRecord,
+    SavedMetric,
+    check_metrics,
+    read_metrics,
+    read_record,
+    to_json,
+    write_record,
+)
+from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
 from quadlog.storage.atomic_write import note_complete, write_whole
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
@@ -192,4 +200,6 @@ class Run:
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
     """A metric without what is not finite; of an interval both ends or none."""
     found = {key: of for key, of in metric.items() if isinstance(of, str) or math.isfinite(of)}
-    return found if {"low", "high"} <= found.keys() else {key: found[key] for key in found if key not in ("low", "high")}
+    return (
+        found if {"low", "high"} <= found.keys() else {key: found[key] for key in found if key not in ("low", "high")}
+    )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from quadlog.config.file import read_bounds
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.check import bounds_toml, propose
-from quadlog.results.run import SavedMetric
+from quadlog.results.record import SavedMetric
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 

@@ -12,7 +12,7 @@ import pytest
 
 from quadlog.cli.main import run
 from quadlog.results.diff import COLUMNS, MADE, merge_frames
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 

@@ -14,7 +14,7 @@ from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.record import InputRecord, RunRecord
 from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import write_tum
 
 T_NS = np.arange(200, dtype=np.int64) * 20_000_000

@@ -11,7 +11,7 @@ from quadlog.cli.simulate import _terrain as option_terrain
 from quadlog.config.file import load_config
 from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.pipelines.simulation.courses import BANDS_M
-from quadlog.results.saved.maps import GroundMap, read_ground, write_ground
+from quadlog.results.arrays import GroundMap, read_ground, write_ground
 from quadlog.simulation.robot import trot as trot_walk
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]

@@ -14,8 +14,8 @@ import pytest
 from quadlog.cli.main import run
 from quadlog.metrics.comparison.over_seeds import over_seeds
 from quadlog.results.numbers import sig
-from quadlog.results.saved.stage_marks import MARKS_FILE
-from quadlog.results.saved.stages import STAGE_FILES
+from quadlog.results.stage_marks import MARKS_FILE
+from quadlog.results.stages import STAGE_FILES
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "2"]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.results.saved.maps import MapsWriter
-from quadlog.results.saved.tables import TABLES, has_table, read_table, write_table
+from quadlog.results.arrays import MapsWriter
+from quadlog.results.tables import TABLES, has_table, read_table, write_table
 
 UWB = ("fixes", "ranges", "links", "innovations", "uwb_errors", "pose_uncertainty", "dilution")
 LIDAR = ("scans", "cloud_samples", "ground", "maps", "plans", "paths", "astar", "clearances")

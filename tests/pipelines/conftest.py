@@ -28,7 +28,7 @@ from quadlog.pipelines.executor.progress import Listener, Silent, told_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"

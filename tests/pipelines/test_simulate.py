@@ -29,9 +29,9 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation import run_folder as walk_folder
-from quadlog.results.saved.maps import read_ground
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import read_ground
+from quadlog.results.record import read_metrics
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture(scope="module")

@@ -141,7 +141,7 @@ def test_a_kill_while_the_new_run_takes_the_place_of_the_old_is_put_right(moved,
         path.replace(target)
 
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.results.saved.run_folder.move_whole", killed)
+        patch.setattr("quadlog.results.places.move_whole", killed)
         with pytest.raises(KeyboardInterrupt):
             replay(forced, Silent())
     assert replay(replace(forced, existing=Existing.RESUME), Silent()).reused == ALL[:4]

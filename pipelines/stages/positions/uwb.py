@@ -38,7 +38,7 @@ from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.arrays import ARRAYS
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.tables import TABLES, TableWriter
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 

@@ -13,6 +13,7 @@ from quadlog.errors import printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
 from quadlog.metrics.intervals import FEWEST_VALUES
 from quadlog.metrics.planning import Comparison, PlannerRow
+from quadlog.results.arrays import MapSequence
 from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import (
     Beside,
@@ -31,7 +32,6 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestion
-from quadlog.results.arrays import MapSequence
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
 from quadlog.results.words import State
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from quadlog.errors import CannotWrite
 from quadlog.metrics.planning import Comparison
+from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page.blocks import render
 from quadlog.results.page.planners import ComparedSource, planners_page, ratio_panel
 from quadlog.results.planner_comparison.shown_questions import QuestionSample
 from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS, format_rows, write_planners
-from quadlog.results.saved.outputs import refuse_existing
-from quadlog.results.saved.tables import TableWriter
+from quadlog.results.tables import TableWriter
 from quadlog.storage.atomic_write import new_folder, uninterrupted, write_whole
 
 PAGE = "report.html"

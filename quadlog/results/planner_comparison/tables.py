@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from quadlog.results.saved.tables import TableWriter, table_schema
+from quadlog.results.tables import TableWriter, table_schema
 from quadlog.results.text import TitledTable, interval_text, print_table, print_tables, terminal_width
 
 REPLANS = table_schema(

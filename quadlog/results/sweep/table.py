@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results.saved.tables import METRIC_NAMES, column_to_numpy, read_parquet, write_table
+from quadlog.results.tables import METRIC_NAMES, column_to_numpy, read_parquet, write_table
 
 TABLE, PAGE = "sweep.parquet", "report.html"
 SWEEP_METRICS = tuple(name for name in METRIC_NAMES if name != "realtime_factor")

@@ -20,11 +20,11 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.pipelines.stages.stage import stages_for
+from quadlog.results.find_runs import runs_here
 from quadlog.results.record import RunRecord, StageRecord, describe_input
-from quadlog.results.saved.find_runs import runs_here
 from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.stage_marks import StageMark, mark_files, write_marks
-from quadlog.results.saved.tables import read_table
+from quadlog.results.stage_marks import StageMark, mark_files, write_marks
+from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 

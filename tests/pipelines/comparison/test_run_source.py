@@ -13,8 +13,8 @@ from quadlog.pipelines.comparison.sources import run_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.stages.plan import configured_planner, growth_of
 from quadlog.planning.rules import Rules
-from quadlog.results.saved.maps import load_maps
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import load_maps
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import read_metrics
 
 READ = ("run.json", "config.toml", "metrics.json", "reference.tum", "trajectory.tum")
 

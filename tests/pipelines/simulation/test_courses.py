@@ -24,8 +24,8 @@ from quadlog.pipelines.simulation.courses import (
     seen_ground,
     walkable_ground,
 )
-from quadlog.results.saved.maps import GroundMap, write_ground
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.arrays import GroundMap, write_ground
+from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.course_walk import Course
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.storage.formats.ros_map import write_rosmap

@@ -14,8 +14,8 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.positioning.fix.dilution import dilution_at
-from quadlog.results.saved.maps import read_dilution
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import read_dilution
+from quadlog.results.tables import read_table
 
 
 def test_links_are_what_the_saved_ranges_show(located_run: ReplayOutcome, follow_request: Callable[..., ReplayRequest]):

@@ -16,10 +16,7 @@ from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.config.schema import Config
-from quadlog.results.foxglove import write_derived, write_layout
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run import Run
-from quadlog.results.saved.maps import (
+from quadlog.results.arrays import (
     CloudSample,
     DilutionGrid,
     GroundMap,
@@ -28,8 +25,11 @@ from quadlog.results.saved.maps import (
     write_dilution,
     write_ground,
 )
+from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run
 from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 

@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun
+from quadlog.results.arrays import CloudSample, load_maps, write_cloud_samples
 from quadlog.results.foxglove import PLOTTED, RESIDUAL, write_derived, write_layout
 from quadlog.results.record import LossRecord, RunRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import CloudSample, load_maps, write_cloud_samples
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 
 START_NS = 1_700_000_000_123_456_789
 COUNTS = {

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import NotARun
-from quadlog.results.saved.find_runs import RECORDS, failed_recordings, find_runs, is_run, run_labels, runs_here
+from quadlog.results.find_runs import RECORDS, failed_recordings, find_runs, is_run, run_labels, runs_here
 from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.remote_path import to_path
 
 

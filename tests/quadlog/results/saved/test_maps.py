@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import NotARun, TooLarge
-from quadlog.results.saved import maps
-from quadlog.results.saved.maps import (
+from quadlog.results.arrays import (
     CloudSample,
     DilutionGrid,
     GroundMap,
@@ -27,6 +26,7 @@ from quadlog.results.saved.maps import (
     write_dilution,
     write_ground,
 )
+from quadlog.results.saved import maps
 
 
 def write(path: Path, count: int, shape: tuple[int, int], seed: int = 0) -> np.ndarray[Any, Any]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.results.saved.names import run_name, run_names
+from quadlog.results.find_runs import run_name, run_names
 
 
 @pytest.mark.parametrize(

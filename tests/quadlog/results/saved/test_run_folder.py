@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun
+from quadlog.results.find_runs import OWN_FILES
 from quadlog.results.record import read_record
-from quadlog.results.saved.names import OWN_FILES
 from quadlog.results.saved.run_folder import RunFolder, read_metrics
 from quadlog.storage.atomic_write import part_prefix
 

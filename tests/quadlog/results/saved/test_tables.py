@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as stn
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results.saved import tables
-from quadlog.results.saved.tables import (
+from quadlog.results.tables import (
     COST_NAMES,
     TABLES,
     TableWriter,

@@ -13,8 +13,8 @@ from typing import cast
 
 from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, NotARun, TooLarge, UsageError
 from quadlog.recordings.file_names import stem
-from quadlog.results.saved.stages import STAGE_FILES
-from quadlog.results.saved.tables import TABLES, has_table, read_table
+from quadlog.results.stages import STAGE_FILES
+from quadlog.results.tables import TABLES, has_table, read_table
 from quadlog.storage.remote_path import RemotePath, copy_object
 
 # Files that quadlog writes into a run folder; `--force` removes only these.

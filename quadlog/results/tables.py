@@ -230,7 +230,7 @@ def read_table(
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """A Parquet file, all or those of its columns that it has. Raises NotARun for a missing or damaged one, TooLarge."""
+    """All columns of a Parquet file, or those that it has. Raises NotARun where it is missing or damaged, TooLarge."""
     if not path.is_file():
         raise NotARun(path.parent, f"has no {path.name}")
     with reading(path, pa.ArrowException), pq.ParquetFile(path, page_checksum_verification=True) as parquet:
