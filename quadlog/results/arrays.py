@@ -87,13 +87,8 @@ def _check(arrays: Mapping[str, Array]) -> None:
     if place and not (np.isfinite(np.concatenate(place)).all() and arrays["cell_m"] > 0 and all(size)):
         raise ValueError("a map without a place or a size")
     if "offset" in arrays:
-        offset, label = arrays["offset"], arrays["label"]
-        if (
-            len(offset) != len(arrays["t_ns"]) + 1
-            or offset[0] != 0
-            or offset[-1] != len(label)
-            or np.diff(offset).min(initial=0) < 0
-        ):
+        points, label = np.diff(arrays["offset"], prepend=0), arrays["label"]
+        if len(points) != len(arrays["t_ns"]) + 1 or points[0] != 0 or points.min() < 0 or points.sum() != len(label):
             raise ValueError("offset does not fit xyz_m")
         if label.max(initial=0) >= max(1, len(arrays["classes"])):
             raise ValueError("a label without a class")

@@ -11,7 +11,7 @@ from quadlog.cli.simulate import _terrain as option_terrain
 from quadlog.config.file import load_config
 from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.pipelines.simulation.courses import BANDS_M
-from quadlog.results.arrays import GroundMap, read_ground, write_ground
+from quadlog.results.arrays import read_arrays, write_arrays
 from quadlog.simulation.robot import trot as trot_walk
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5"]
@@ -83,7 +83,8 @@ def test_a_walk_on_a_runs_ground_says_so(tmp_path, monkeypatch, quadlog, refused
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk").mkdir()
     height_m = np.zeros((5, 60))
-    write_ground(tmp_path / "walk", GroundMap(np.array([-5.0, -0.5]), 0.2, height_m, np.full(height_m.shape, 99)))
+    ground = {"origin_m": [-5.0, -0.5], "cell_m": 0.2, "height_m": height_m, "count": np.full(height_m.shape, 99)}
+    write_arrays(tmp_path / "walk", "ground", ground)
     (tmp_path / "walk.csv").write_text("0,0\n0,1.5\n")
     done = quadlog("simulate", "walk.csv", *QUICK, "--terrain", "walk", "-o", "out")
     assert done.code == 0
@@ -95,7 +96,7 @@ def test_a_walk_on_a_runs_ground_says_so(tmp_path, monkeypatch, quadlog, refused
     itself = ["--terrain", "out/walk-kinematic/seed-000", "-o", "out", "--force"]
     said = refused(2, "simulate", "walk.csv", *QUICK, *itself)
     assert "cannot be the terrain of the walk that replaces it" in said
-    assert read_ground(tmp_path / "out" / "walk-kinematic" / "seed-000").cell_m == 0.2
+    assert read_arrays(tmp_path / "out" / "walk-kinematic" / "seed-000", "ground")["cell_m"] == 0.2
 
 
 @pytest.mark.parametrize(
