@@ -89,17 +89,6 @@ def test_memory_stays_bounded_while_writing(tmp_path: Path) -> None:
     assert len(read_table(tmp_path, "poses")["t_ns"]) == 100_000
 
 
-def test_an_error_in_the_middle_leaves_nothing(tmp_path: Path) -> None:
-    def interrupted() -> None:
-        with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
-            table.append(poses(50_000))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert [each.name for each in tmp_path.iterdir()] == []
-
-
 def test_columns_are_checked_by_name(tmp_path: Path) -> None:
     good = poses(3)
     for change, error, match in [
