@@ -231,9 +231,8 @@ def _runs_at(remote: RemotePath) -> list[RemotePath]:
 
 def _files_at(run: RemotePath, names: Collection[str]) -> dict[str, RemotePath]:
     """The files of these names. A web server cannot list files, so each that a run may have is tried."""
-    if run.is_web():
-        return {name: run / name for name in sorted(OWN_FILES.intersection(names)) if (run / name).is_file()}
-    return {name: file for name, file in own_files(run.iterdir()).items() if name in names}
+    there = (run / name for name in sorted(names)) if run.is_web() else run.iterdir()
+    return {file.name: file for file in there if file.name in names and file.is_file()}
 
 
 def _is_plot(path: RemotePath) -> bool:

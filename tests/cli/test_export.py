@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from quadlog.results.export import EXPORTERS
+from tests.lab.runs import unfinish
 
 
 def test_every_format_is_written_where_asked_and_listed(follow, tmp_path, ok):
@@ -84,7 +85,7 @@ def test_files_beside_the_runs_are_skipped_wherever_they_stand(follow, tmp_path,
 
 def test_a_run_that_is_not_finished_is_not_exported(follow, tmp_path, refused):
     half = shutil.copytree(follow, tmp_path / "half")
-    (half / "run.json").unlink()
+    unfinish(half)
     for to in EXPORTERS:
         assert "is no finished run" in refused(1, "export", half, "--to", to, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

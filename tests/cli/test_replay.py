@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from quadlog.results.record import is_finished
+
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml")]
 
@@ -100,7 +102,7 @@ def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, o
     _, err = process.communicate()
     assert process.returncode == (-blow if blow is signal.SIGKILL else 1)
     assert "Traceback" not in err
-    assert not (run_folder / "run.json").exists()
+    assert not is_finished(run_folder)
     visible = {path.name for path in run_folder.iterdir() if not path.name.startswith(".")}
     assert "maps.npz" not in visible
     if blow is not signal.SIGKILL:
@@ -108,5 +110,5 @@ def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, o
         assert visible == {path.name for path in run_folder.iterdir()}
 
     ok("replay", "--no-plots", *FOLLOW, "-o", tmp_path / "runs", "--until", "map", "--resume")
-    assert (run_folder / "run.json").exists()
+    assert is_finished(run_folder)
     assert not [path.name for path in run_folder.iterdir() if path.name.startswith(".")]

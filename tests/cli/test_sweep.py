@@ -16,6 +16,7 @@ from quadlog.metrics.comparison.over_seeds import over_seeds
 from quadlog.results.numbers import sig
 from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.results.stages import STAGE_FILES
+from tests.lab.runs import unfinish
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--duration", "2"]
@@ -103,7 +104,7 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced(swept, quadlog):
     assert "--resume" in refused.err
     table, page = ((swept / name).read_bytes() for name in ("sweep.parquet", "report.html"))
     marks = {each: (each / MARKS_FILE).stat().st_mtime_ns for each in (swept / ASTAR, swept / IA_STAR)}
-    (swept / IA_STAR / "run.json").unlink()
+    unfinish(swept / IA_STAR)
     (swept / "sweep.parquet").unlink()
     assert quadlog(*arguments).code == 1, "a page without its table is not replaced"
     (swept / "sweep.parquet").write_bytes(table)

@@ -12,7 +12,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.results.arrays import MapsWriter
 from quadlog.results.places import claim
-from quadlog.results.record import InputRecord, RunRecord
+from quadlog.results.record import InputRecord, RunRecord, read_record, write_record
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 
@@ -34,6 +34,11 @@ def begin_run(path: Path, config: Mapping[str, Any] | None = None) -> Run:
     )
     claim(path)
     return Run.create(path, record)
+
+
+def unfinish(run: Path) -> None:
+    """As a kill leaves it."""
+    write_record(run, read_record(run), finished=False)
 
 
 def remove(run: Path, *names: str) -> None:
