@@ -42,6 +42,7 @@ from quadlog.version import __version__
 RUN_FORMAT = 1
 """Increased when scripts that read run folders have to change, for a file, column or unit."""
 _MAX_BYTES = 64 << 20
+_DAMAGE = (ValueError, OSError, LookupError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 class Record(BaseModel):
@@ -182,14 +183,9 @@ _METRICS = TypeAdapter(dict[str, SavedMetric])
 def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
     """`metrics.json` of a run: name: {value, n, unit, ...}. Raises NotARun where it is missing or damaged."""
     metrics = read_object(run, "metrics.json", "has no metrics.json")
-    check_metrics(run, metrics)
-    return metrics
-
-
-def check_metrics(run: Path, metrics: Mapping[str, Any]) -> dict[str, SavedMetric]:
-    """The metrics of a run's `metrics.json`, typed. Raises NotARun."""
     with reading(run / "metrics.json"):
-        return _METRICS.validate_python(metrics)
+        _METRICS.validate_python(metrics)
+    return metrics
 
 
 def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
@@ -231,21 +227,11 @@ def to_json(content: Any) -> bytes:
 @contextmanager
 def reading(path: Path, *also: type[Exception]) -> Iterator[None]:
     """Make whatever is wrong with the content of a run's file a NotARun that names it. also: what a library raises."""
-    kinds: tuple[type[Exception], ...] = (
-        ValueError,
-        OSError,
-        LookupError,
-        EOFError,
-        RuntimeError,
-        zipfile.BadZipFile,
-        zlib.error,
-        *also,
-    )
     try:
         yield
     except QuadlogError:
         raise
-    except kinds as error:
+    except (*_DAMAGE, *also) as error:
         text = str(error)
         if isinstance(error, ValidationError):
             first = error.errors(include_url=False)[0]

@@ -24,7 +24,6 @@ from quadlog.results.places import remove_own_files
 from quadlog.results.record import (
     RunRecord,
     SavedMetric,
-    check_metrics,
     read_metrics,
     read_record,
     to_json,
@@ -176,7 +175,7 @@ class Run:
     def metrics(self) -> dict[str, SavedMetric]:
         """The metrics that apply, by name. Raises NotARun."""
         saved = read_metrics(self.path) if self._has("metrics.json") else {}
-        return check_metrics(self.path, saved)
+        return {name: SavedMetric(**metric) for name, metric in saved.items()}
 
     def metric(self, name: str) -> float | None:
         """The value of a metric, None where it does not apply."""

@@ -23,6 +23,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages import report
+from quadlog.results.record import is_finished
 
 pytestmark = pytest.mark.nightly
 ALL = ("position", "filter", "map", "plan", "control")
