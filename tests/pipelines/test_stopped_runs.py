@@ -36,7 +36,6 @@ from quadlog.errors import QuadlogError
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.results.record import is_finished
 fixtures, run = map(Path, sys.argv[1:])
 config = load_config(fixtures / "follow.toml", ["simulation.controller=kinematic"], {})
 try:
