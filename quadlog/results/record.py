@@ -42,7 +42,8 @@ from quadlog.version import __version__
 RUN_FORMAT = 1
 """Increased when scripts that read run folders have to change, for a file, column or unit."""
 _MAX_BYTES = 64 << 20
-_DAMAGE = (ValueError, OSError, LookupError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_DAMAGE: tuple[type[Exception], ...] = (ValueError, OSError, LookupError, EOFError, RuntimeError)
+_DAMAGE += (zipfile.BadZipFile, zlib.error)
 
 
 class Record(BaseModel):
@@ -231,7 +232,7 @@ def reading(path: Path, *also: type[Exception]) -> Iterator[None]:
         yield
     except QuadlogError:
         raise
-    except (*_DAMAGE, *also) as error:
+    except _DAMAGE + also as error:
         text = str(error)
         if isinstance(error, ValidationError):
             first = error.errors(include_url=False)[0]

@@ -253,7 +253,7 @@ def column_to_numpy(path: Path, table: pa.Table, column: str, kind: pa.DataType)
         if kind == pa.string() or not len(values):
             return np.array(values.to_pylist(), _NUMPY[kind])
         # Not to_numpy or fill_null, which load pandas: half a second for commands that need nothing of it.
-        found = np.full(len(values), np.nan if kind == pa.float64() else 0, _NUMPY[kind])
+        found: NDArray[Any] = np.full(len(values), np.nan if kind == pa.float64() else 0, _NUMPY[kind])
         plain = values.cast(pa.uint8()) if kind == pa.bool_() else values
         valid = np.from_dlpack(values.is_valid().cast(pa.uint8()).combine_chunks())
         found[valid == 1] = np.from_dlpack(plain.drop_null().combine_chunks())
