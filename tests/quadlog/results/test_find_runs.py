@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun
+from quadlog.results import find_runs as find_runs_module
 from quadlog.results.find_runs import (
     RECORDS,
     failed_recordings,
@@ -160,3 +162,29 @@ def test_the_extension_tells_recordings_apart_where_it_must(tmp_path: Path) -> N
 def test_no_two_recordings_share_a_folder(stems: list[str]) -> None:
     names = run_names([Path(f"{stem}.mcap") for stem in stems])
     assert len({name.casefold() for name in names}) == len(stems)
+
+
+@pytest.mark.parametrize(
+    ("command", "copied"),
+    [
+        (["export", "--to", "tum"], {"run.json", "poses.parquet", "trajectory.tum"}),
+        (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
+        (
+            ["compare-planners", "--planner", "astar"],
+            {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"},
+        ),
+        (["metrics"], RECORDS),
+    ],
+)
+def test_a_command_copies_only_the_files_that_it_reads(
+    tiny_run: Path, tmp_path: Path, bucket: Any, monkeypatch: pytest.MonkeyPatch, command: list[str], copied: set[str]
+) -> None:
+    for path in tiny_run.iterdir():
+        bucket.put_file(str(path), f"{bucket.name}/runs/walk/{path.name}")
+    copy_object, names = find_runs_module.copy_object, set[str]()
+    monkeypatch.setattr(
+        find_runs_module, "copy_object", lambda remote, to: (names.add(to.name), copy_object(remote, to))
+    )
+    monkeypatch.chdir(tmp_path)
+    assert run_cli([command[0], f"s3://{bucket.name}/runs/walk", *command[1:]]) == 0
+    assert names == copied
