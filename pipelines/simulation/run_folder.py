@@ -43,6 +43,7 @@ class TrotDescription:
     seed: int
     command: tuple[str, ...]
     startup_s: float
+    plots: bool = True
 
 
 def fill_trot_folder(folder: Path, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
@@ -55,11 +56,12 @@ def fill_trot_folder(folder: Path, description: TrotDescription, trotted: Trotte
         _write_trajectory(run, control)
 
     record = partial(_trot_record, description, trotted, clock)
-    return _fill(folder, trot_metrics(trotted), write_results, clock, record)
+    return _fill(folder, description, trot_metrics(trotted), write_results, clock, record)
 
 
 def _fill(
     folder: Path,
+    description: TrotDescription | WalkDescription,
     metrics: Metrics,
     write_results: Callable[[Run], None],
     clock: StageClock,
@@ -72,7 +74,8 @@ def _fill(
         run.write("metrics", saved)
         write_results(run)
         drawings = drawings_of(Run(folder, record()))
-        write_plots(folder, drawings)
+        if description.plots:
+            write_plots(folder, drawings)
     finished = record()
     write_run_page(Run(folder, finished), drawings)
     run.finish(finished)
@@ -150,6 +153,7 @@ class WalkDescription:
     seed: int
     command: tuple[str, ...]
     startup_s: float
+    plots: bool = True
 
 
 def fill_folder(folder: Path, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
@@ -163,7 +167,7 @@ def fill_folder(folder: Path, description: WalkDescription, simulated: Simulated
         write_derived(results)
         write_layout(results)
 
-    return _fill(folder, walk_metrics(simulated), write_results, clock, record)
+    return _fill(folder, description, walk_metrics(simulated), write_results, clock, record)
 
 
 def walk_metrics(simulated: SimulatedWalk) -> Metrics:

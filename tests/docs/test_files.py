@@ -10,7 +10,7 @@ import pytest
 
 from quadlog.results.find_runs import OWN_FILES
 from quadlog.results.papers.folder import COLUMNS
-from quadlog.results.planner_comparison.tables import PLANNERS, REPLANS, SCENARIOS
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.tables import METRIC_NAMES, TABLES
 
