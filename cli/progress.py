@@ -64,7 +64,7 @@ def folded(line: str) -> str:
 
 def report_skipped(runs: Sequence[Path]) -> None:
     """Name on stderr the plain files among the arguments that lie beside run folders, as `runs/*` gives them."""
-    from quadlog.results.saved.find_runs import files_beside_runs
+    from quadlog.results.find_runs import files_beside_runs
 
     if skipped := files_beside_runs(runs):
         say(f"skipped, not a run folder: {', '.join(map(str, skipped))}")

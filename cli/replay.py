@@ -95,9 +95,9 @@ def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
 
 def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:
     """The status of each run and, in full, its verdict; then the page of the run, or the pages of the folders."""
+    from quadlog.results.find_runs import MEASURED, runs_here
     from quadlog.results.page.verdict import status, verdict
     from quadlog.results.run import Run
-    from quadlog.results.saved.find_runs import MEASURED, runs_here
 
     for path in runs:
         with runs_here([path], MEASURED) as (here,):

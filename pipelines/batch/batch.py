@@ -20,7 +20,8 @@ from quadlog.pipelines.batch.task import BatchTask, measured
 from quadlog.pipelines.executor.executor import open_engine
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.saved.run_folder import place_of_new
+from quadlog.results.places import place_of_new
+from quadlog.results.record import is_finished
 from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
 
 SHOWN_FAILURES = 20
@@ -115,7 +116,7 @@ def _clear_unfinished(batch: Sequence[Planned]) -> None:
     """Remove unfinished files of stopped workers on this machine, which may have missed a file when the signal came."""
     local = [each.request.run for each in batch if isinstance(each.request.run, Path)]
     for run in (place for each in local for place in (each, place_of_new(each))):
-        if run.is_dir() and not (run / "run.json").is_file():
+        if run.is_dir() and not is_finished(run):
             for folder in (run, run / "plots"):
                 with suppress(OSError):
                     remove_stale_parts(folder)

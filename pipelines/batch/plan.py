@@ -18,8 +18,8 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
+from quadlog.results.find_runs import run_name, run_names
 from quadlog.results.record import RunRecord, describe_input, input_bytes, own_files, read_record
-from quadlog.results.saved.names import run_name, run_names
 from quadlog.storage.atomic_write import is_part
 
 

@@ -1,4 +1,4 @@
-"""Runs behind a URL: made in a local folder and uploaded file by file, `run.json` last.
+"""Runs behind a URL: made in a local folder and uploaded file by file, the record of a finished run last.
 
 Object storage has no rename, but a PUT appears whole or not at all.
 """
@@ -17,9 +17,9 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.results.saved.find_runs import PLOTS, fetch, is_run, own_files
-from quadlog.results.saved.names import OWN_FILES, run_name
-from quadlog.results.saved.stage_marks import MARKS_FILE
+from quadlog.results.find_runs import OWN_FILES, PLOTS, fetch, is_run, own_files, run_name
+from quadlog.results.record import is_finished, read_record, write_record
+from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.storage.remote_path import RemotePath
 
 _RECORD = "run.json"
@@ -57,14 +57,14 @@ class RunShadow:
         self.existing = Existing.RESUME if existing is Existing.RESUME else Existing.REFUSE
         self._published: dict[str, _Version] = {}
         self._there = set(there)
-        self._replaces = existing is Existing.FORCE and _RECORD in self._there
+        self._replaces = existing is Existing.FORCE and is_finished(cast(Path, remote))
         if existing is Existing.RESUME:
             fetch(there, local)
             self._published = _versions(local)
 
     @contextmanager
     def published(self, progress: Progress) -> Iterator[None]:
-        """Upload the folder when the block ends; when it fails, without `run.json` and over no finished run."""
+        """Upload the folder when the block ends; when it fails, as unfinished and over no finished run."""
         try:
             yield
         except BaseException:
@@ -78,7 +78,7 @@ class RunShadow:
         self._publish(finished=True)
 
     def _publish(self, *, finished: bool) -> None:
-        """Upload what is new and delete what is gone; `run.json` is deleted first and uploaded last."""
+        """Upload what is new and delete what is gone; `run.json` is first that of an unfinished run, and comes last."""
         now = _versions(self.local)
         if not now:
             return
@@ -86,8 +86,8 @@ class RunShadow:
         gone = sorted(self._there - now.keys())
         if not new and not gone:
             return
-        if _RECORD in self._there:
-            (self.remote / _RECORD).unlink()
+        write_record(self.local.parent, read_record(self.local, unfinished=True), finished=False)
+        (self.remote / _RECORD).upload(str(self.local.parent / _RECORD))
         for name in gone:
             (self.remote / name).unlink()
         # Marks after the files they list, the record after all.

@@ -13,7 +13,7 @@ from quadlog.pipelines.batch.task import BatchAnswer, BatchTask, out_of_memory_w
 from quadlog.pipelines.executor.executor import Engine
 from quadlog.pipelines.executor.machine import is_out_of_memory
 from quadlog.pipelines.request import GOES_ON, ReplayOutcome
-from quadlog.results.saved.stages import reused_words
+from quadlog.results.stages import reused_words
 
 
 class BatchRun:

@@ -15,11 +15,10 @@ from typing import Any
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
+from quadlog.results.find_runs import run_name
 from quadlog.results.page.runs_page import MOST_THUMBNAILS
-from quadlog.results.record import RunRecord, read_record
-from quadlog.results.saved.names import run_name
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
+from quadlog.results.record import RunRecord, read_metrics, read_record
+from quadlog.results.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
 from quadlog.storage.remote_path import RemotePath, copy_object
 
 _PAGE, _TABLE = "report.html", "summary.parquet"

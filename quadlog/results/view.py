@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from quadlog.results.arrays import MapSequence
     from quadlog.results.run import Run
-    from quadlog.results.saved.maps import MapSequence
 
 Array = NDArray[Any]
 

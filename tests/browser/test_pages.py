@@ -12,7 +12,7 @@ import pytest
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from tests.lab.runs import KINDS, with_many_anchors
 
 Probe = Callable[..., dict[str, Any]]

@@ -31,8 +31,8 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
-from quadlog.results.record import LossRecord
-from quadlog.results.run import Run, SavedMetric
+from quadlog.results.record import LossRecord, SavedMetric
+from quadlog.results.run import Run
 from quadlog.results.view import TIME, Drawing, Moment, Scene
 from quadlog.results.words import Bound, State, bounds_of, interval_text, is_alarming, label_of, value_text
 

@@ -18,6 +18,7 @@ import numpy as np
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.figures import FIGURES
+from quadlog.results.find_runs import find_runs, is_run, run_name
 from quadlog.results.numbers import NONE, count, sig
 from quadlog.results.page.blocks import (
     Beside,
@@ -39,11 +40,9 @@ from quadlog.results.page.blocks import (
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
-from quadlog.results.saved.find_runs import find_runs, is_run
-from quadlog.results.saved.names import run_name
-from quadlog.results.saved.tables import read_table
 from quadlog.results.scenes import walk_scene
 from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
+from quadlog.results.tables import read_table
 from quadlog.results.view import Moment, Panel, Raster, Scene, Series, Track, merge_panels, merge_scenes
 from quadlog.results.words import STATES, State, bounds_of, interval_text, is_alarming, label_of, value_text
 

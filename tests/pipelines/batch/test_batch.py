@@ -12,7 +12,7 @@ from quadlog.pipelines.batch.plan import plan_batch, preview_batch
 from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
-from quadlog.results.saved.tables import COST_NAMES
+from quadlog.results.tables import COST_NAMES
 
 
 def replay_all(batch, jobs=1, lines=None, scheduler=None):

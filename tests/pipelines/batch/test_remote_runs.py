@@ -20,11 +20,12 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.pipelines.stages.stage import stages_for
-from quadlog.results.record import RunRecord, StageRecord, describe_input
-from quadlog.results.saved.find_runs import runs_here
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.stage_marks import StageMark, mark_files, write_marks
-from quadlog.results.saved.tables import read_table
+from quadlog.results.find_runs import OWN_FILES, runs_here
+from quadlog.results.places import claim
+from quadlog.results.record import RunRecord, StageRecord, describe_input, is_finished
+from quadlog.results.run import Run
+from quadlog.results.stage_marks import StageMark, mark_files, write_marks
+from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 
@@ -57,7 +58,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
     there = follow_request(tmp_path / "walk", until="map")
     local = replay(there, Silent())
     assert outcome.metrics.keys() == local.metrics.keys()
-    with runs_here([request_there.run]) as (here,):
+    with runs_here([request_there.run], OWN_FILES) as (here,):
         ours, theirs = saved(here), saved(tmp_path / "walk")
         assert names(bucket) == theirs.keys()
         pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them
@@ -73,26 +74,26 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
 
 def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     """A run of a few bytes: what is published, and when, does not depend on what is in it."""
-    folder = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
-    folder.write_config({})
-    for name in FILES_UNTIL[request.options.until]:
-        (folder.path / name).write_bytes(name.encode())
-    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
-    marks[0].files.extend(mark_files(folder.path, ["poses.parquet"]))
-    write_marks(folder.path, marks)
-    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
-    folder.write_metrics(metrics)
     record = RunRecord(
         quadlog_version=__version__,
         command=request.command,
-        config=request.config.model_dump(exclude_none=True),
+        config=request.config,
         options=request.options.to_dict(),
         input=describe_input(request.recording),
         seed=0,
         recorded_s=1.0,
-        stages=[StageRecord("ingest", 2.0, 300.0)],
+        stages=[StageRecord(name="ingest", seconds=2.0, peak_memory_mb=300.0)],
     )
-    folder.write_run_json(record)
+    claim(request.run, replace=request.existing is not Existing.REFUSE)
+    run = Run.create(request.run, record)
+    for name in FILES_UNTIL[request.options.until]:
+        (run.path / name).write_bytes(name.encode())
+    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
+    marks[0].files.extend(mark_files(run.path, ["poses.parquet"]))
+    write_marks(run.path, marks)
+    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
+    run.write("metrics", metrics)
+    run.finish(record)
     return ReplayOutcome(request.recording, request.run, 0, metrics=metrics)
 
 
@@ -148,12 +149,13 @@ def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
         patch.setattr("quadlog.pipelines.stages.perceive.filter_and_map", fail)
         with pytest.raises(StorageFailed):
             replay_anywhere(request_there, Silent())
-    assert "run.json" not in names(bucket)
+    assert not is_finished(request_there.run)
     assert {"config.toml", "poses.parquet", "stages.json"} <= names(bucket)
     heard = Kept()
     replay_anywhere(replace(request_there, existing=Existing.RESUME), heard)
     assert any(line.startswith("reused 1 of 3 stages") for line in heard.lines)
-    assert {"run.json", "maps.npz"} <= names(bucket)
+    assert "maps.npz" in names(bucket)
+    assert is_finished(request_there.run)
 
 
 def test_what_is_interrupted_at_its_very_end_is_not_finished(
@@ -166,7 +168,8 @@ def test_what_is_interrupted_at_its_very_end_is_not_finished(
     monkeypatch.setattr(remote_runs, "replay", interrupted)
     with pytest.raises(KeyboardInterrupt):
         replay_anywhere(small, Silent())
-    assert names(bucket) == {"config.toml", "metrics.json", *FILES_UNTIL["map"]}
+    assert names(bucket) == {"run.json", "config.toml", "metrics.json", *FILES_UNTIL["map"]}
+    assert not is_finished(small.run)
 
 
 def test_a_finished_run_stands_when_what_was_to_replace_it_is_interrupted(
@@ -184,7 +187,7 @@ def test_a_finished_run_stands_when_what_was_to_replace_it_is_interrupted(
     assert {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")} == before
 
 
-def test_the_record_goes_first_and_comes_last(
+def test_the_record_says_first_that_the_run_is_unfinished_and_comes_last(
     small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replay_anywhere(small, Silent())
@@ -193,9 +196,9 @@ def test_the_record_goes_first_and_comes_last(
     monkeypatch.setattr(RemotePath, "upload", lambda at, path: (done.append(("put", at.name)), upload(at, path)))
     monkeypatch.setattr(RemotePath, "unlink", lambda at: (done.append(("delete", at.name)), unlink(at)))
     replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
-    assert done[0] == ("delete", "run.json")
+    assert done[0] == ("put", "run.json")
     assert [name for _, name in done[-2:]] == ["stages.json", "run.json"]
-    assert [each for each in done if each[1] == "run.json"] == [("delete", "run.json"), ("put", "run.json")]
+    assert [each for each in done if each[1] == "run.json"] == [("put", "run.json")] * 2
 
 
 def test_a_recording_that_cannot_be_read_leaves_nothing(request_there: ReplayRequest, bucket: Any) -> None:

@@ -16,8 +16,8 @@ from quadlog.results.figures import FIGURES, drawings_of, write_plots
 from quadlog.results.mpl import COLORS, render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import TABLES, UNBOUNDED, has_table, read_table, write_table
 from quadlog.results.scenes import walk_scene
+from quadlog.results.tables import TABLES, UNBOUNDED, has_table, read_table, write_table
 from quadlog.results.view import Panel, Raster, Scene, Series, Track, break_gaps
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors, with_one_scan

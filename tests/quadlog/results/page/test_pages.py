@@ -19,7 +19,7 @@ from quadlog.results.page.pack import Pack
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import Compared, side_by_side_page, write_folder_page
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.results.view import Panel, Series
 from tests.lab.runs import KINDS, change, change_json
 
