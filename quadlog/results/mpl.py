@@ -29,7 +29,6 @@ from quadlog.results.view import (
     Ellipses,
     Layer,
     Lines,
-    Link,
     Marks,
     Panel,
     Raster,
@@ -52,6 +51,8 @@ ROW_IN, LETTER_IN = 0.21, 0.078
 """Height of a row of a panel with rows or of a legend, and width of a letter."""
 MOST_CELLS = 800
 """Across a picture."""
+MOST_PERIODS = 24
+"""Of an oscillating curve that a picture shows one by one."""
 MAX_POINTS = 20_000
 """Of a cloud of points; more look the same."""
 _STYLE: dict[Any, Any] = {
@@ -114,7 +115,8 @@ def _legend_shape(panel: Panel, room: int) -> tuple[int, int]:
 
 def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> None:
     for series in panel.series:
-        _draw_series(axes, series, bool(panel.rows))
+        banded = panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s
+        _draw_series(axes, banded_by(series, panel.period_s) if banded else series, bool(panel.rows))
     for x in panel.marks.tolist():
         axes.axvline(x, color=COLORS["soft"], linewidth=0.6, linestyle=":")
     if panel.robust:
@@ -135,6 +137,13 @@ def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> Non
             loc="lower right", bbox_to_anchor=(1, 1), ncols=columns, borderaxespad=0.1, handlelength=1.4
         )
         _enlarge(legend)
+
+
+def banded_by(series: Series, period: float) -> Series:
+    """The band from the least to the largest value in each period of x."""
+    starts = np.flatnonzero(np.diff(np.floor(series.x / period), prepend=-np.inf))
+    low, high = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
+    return replace(series, x=series.x[starts], y=low, upper=high, style="band")
 
 
 def _set_log(axes: Axes, which: Literal["x", "y"]) -> None:
@@ -295,13 +304,6 @@ def _(layer: Marks, axes: Axes, _scene: Scene, instant: float | None) -> None:
 
 
 @_draw.register
-def _(layer: Link, axes: Axes, _scene: Scene, instant: float | None) -> None:
-    at = _row(layer.seconds, layer.x, instant) if instant is not None else None
-    if at is not None and np.isfinite(layer.to_x[at]):
-        axes.plot([layer.x[at], layer.to_x[at]], [layer.y[at], layer.to_y[at]], color=COLORS[layer.color], zorder=3.5)
-
-
-@_draw.register
 def _(layer: Ellipses, axes: Axes, _scene: Scene, instant: float | None) -> None:
     at = _row(layer.seconds, layer.x, instant) if instant is not None and not layer.hidden else None
     if at is not None:
@@ -386,4 +388,4 @@ def film(scene: Scene, path: Path) -> None:
 
 def _moves(layer: Layer) -> bool:
     timed = isinstance(layer, Lines | Marks) and layer.seconds is not None
-    return timed or isinstance(layer, Windows | Track | Link | Ellipses)
+    return timed or isinstance(layer, Windows | Track | Ellipses)

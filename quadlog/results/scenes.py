@@ -17,7 +17,6 @@ from quadlog.results.view import (
     Ellipses,
     Layer,
     Lines,
-    Link,
     Marks,
     Moment,
     Raster,
@@ -243,8 +242,10 @@ def _errors(run: Run) -> Iterator[Layer]:
     """The line from the simulated robot to the nearest point of its reference path: the error itself."""
     control = run.table("control")
     if control is not None and control["ref_x_m"].notna().any():
-        columns = ("seconds", "x_m", "y_m", "ref_x_m", "ref_y_m")
-        yield Link("distance to the path", "bad", *(control[name].to_numpy() for name in columns))
+        columns = (control[name].to_numpy() for name in ("x_m", "ref_x_m", "y_m", "ref_y_m"))
+        seconds, x_m, ref_x_m, y_m, ref_y_m = break_gaps(control["seconds"].to_numpy(), *columns)
+        x, y = np.stack([x_m, ref_x_m], 1).ravel(), np.stack([y_m, ref_y_m], 1).ravel()
+        yield Lines("distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True)
 
 
 def _contacts(run: Run) -> Iterator[Layer]:

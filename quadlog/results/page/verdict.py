@@ -205,7 +205,7 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 def _losses(run: Run) -> Iterator[Sentence]:
     causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
     many = len(run.record.warnings)
-    warnings = f"; {many} warning{'s' * (many > 1)}" if many else ""
+    warnings = f"; {many} warning{f's, the first: ' if many > 1 else ': '}{run.record.warnings[0].rstrip('.')}" if many else ""
     if causes:
         yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){warnings}.", "bad")
     elif not run.simulated or many:

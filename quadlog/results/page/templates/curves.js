@@ -81,6 +81,27 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
 };
 
+// An oscillating curve: where a period is only some pixels wide, the band from the least to the largest value of each.
+const PERIOD_PX = 24;
+const bandPaths = (period) => (chart, number, first, last) => {
+  const [xs, ys, { min, max }] = [chart.data[0], chart.data[number], chart.scales.x];
+  if ((chart.bbox.width * period) / (max - min) > PERIOD_PX * devicePixelRatio) return { ...uPlot.paths.linear()(chart, number, first, last), fill: null };
+  const periods = new Map();
+  for (let at = first; at <= last; at++) {
+    if (!Number.isFinite(ys[at])) continue;
+    const place = Math.floor(xs[at] / period);
+    const [low, high] = periods.get(place) ?? [Infinity, -Infinity];
+    periods.set(place, [Math.min(low, ys[at]), Math.max(high, ys[at])]);
+  }
+  const path = new Path2D();
+  for (const [place, values] of periods) {
+    const [left, right] = [place, place + 1].map((edge) => chart.valToPos(edge * period, "x", true));
+    const [top, bottom] = [values[1], values[0]].map((value) => chart.valToPos(value, "y", true));
+    path.rect(left, top, right - left, Math.max(bottom - top, 1));
+  }
+  return { stroke: null, fill: path, flags: 0 };
+};
+
 const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
@@ -91,10 +112,10 @@ const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
   const look = ({ label, color, style, variant }) => ({
     label,
     stroke: () => paint(color),
-    fill: style === "points" ? () => paint(color) : undefined,
+    fill: style === "points" ? () => paint(color) : panel.period_s ? () => `color-mix(in srgb, ${paint(color)} 45%, transparent)` : undefined,
     width: style === "points" ? (variant ? 1 : 0) : rows ? 4 : 1.5,
     dash: style === "line" && variant && !rows ? DASHES[variant % 4] : undefined,
-    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
+    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : panel.period_s ? bandPaths(panel.period_s) : undefined,
     points: { show: false },
     value: (_, value) => short(value, 3),
   });
@@ -194,24 +215,27 @@ const openCurve = (spot, columnOf) => {
   redraws.push(() => chart.redraw(false, true));
 };
 
-// A line at the instant of the clock, with the values there. A click sets the clock.
+// A line at the instant of the clock, with the values there: in a running player, in every twelfth frame, and not in
+// the same one for all charts. A click sets the clock.
+const TURNS = 12;
 const addHead = (chart, clock, stretch) => {
   const head = element("div", { class: "playhead" });
   chart.over.append(head);
   let [seen, pressed] = [true, null];
-  chart.head = (settled = true) => {
+  const own = stretch.charts.length % TURNS;
+  chart.head = (turn) => {
     const there = clock.now !== null && clock.now >= stretch.shown[0] && clock.now <= stretch.shown[1];
     head.hidden = !there;
     if (!there || !seen) return;
     const left = chart.valToPos(clock.now, "x");
     head.style.transform = `translateX(${left}px)`;
-    if (settled) chart.setCursor({ left, top: chart.over.clientHeight / 2 }, false, false);
+    if (turn === undefined || turn % TURNS === own) chart.setCursor({ left, top: chart.over.clientHeight / 2 }, false, false);
   };
   new IntersectionObserver(([entry]) => {
     seen = entry.isIntersecting;
     chart.head();
   }).observe(chart.root);
-  clock.listeners.push((_, settled) => chart.head(settled));
+  clock.listeners.push((_, turn) => chart.head(turn));
   chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
   chart.over.addEventListener("click", (event) => {
     if (pressed !== event.clientX) return;

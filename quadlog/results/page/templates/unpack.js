@@ -25,16 +25,16 @@ const unpack = async () => {
   return { columns, cells };
 };
 
-// The instant that the charts and scenes of a group show. settled: false for the frames of a running player.
+// The instant that the charts and scenes of a group show. turn: number of the frame of a running player.
 const clocks = {};
 const clockOf = (group) =>
   (clocks[group] ??= {
     now: null,
     listeners: [],
     pause: () => {},
-    set(seconds, settled = true) {
+    set(seconds, turn) {
       this.now = seconds;
-      this.listeners.forEach((listen) => listen(seconds, settled));
+      this.listeners.forEach((listen) => listen(seconds, turn));
     },
   });
 

@@ -65,7 +65,7 @@ CASES = {
     "as it is": ([], "Recorded walk", "good", "The robot followed its target for 4.71 m in 3.9 s (1.2 m/s)."),
     "collision": ([], "Simulated walk", "bad", "touched obstacles 1 ×, first at 1.8 s"),
     "failed replan": ([], "Planning", "warn", "1 of 40 replans found no path."),
-    "lost": ([], "Recording", "bad", "Part was lost (crc); 1 warning."),
+    "lost": ([], "Recording", "bad", "Part was lost (crc); 1 warning: no heading source: yaw is the course."),
     "position did not run": ([until_ingest], "Recorded walk", "", "Positions were not computed (--until ingest)."),
     "gap": ([with_gap], "Gaps", "bad", "1 gap, the longest 30 s"),
     "short gap": ([later(0.5)], "Gaps", None, ""),
