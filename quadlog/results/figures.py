@@ -256,7 +256,7 @@ FIGURES = (
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].", trot),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
-           search, saved=True),
+           search),
     Figure("uwb_error", "Position error",
            "Distance to the reference. The track lies below its bound 95 % of the time if the claimed covariance is "
            "right; less means that it is too small.", uwb_error, "sensors", saved=True),

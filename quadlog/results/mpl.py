@@ -36,6 +36,7 @@ from quadlog.results.view import (
     Series,
     Track,
     Windows,
+    robust_limits,
     thin_evenly,
 )
 
@@ -151,19 +152,6 @@ def _set_log(axes: Axes, which: Literal["x", "y"]) -> None:
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(LogFormatter())
-
-
-def robust_limits(panel: Panel) -> tuple[float, float, int]:
-    """Limits of y from the 1st to the 99th percentile with a margin, 0 among them, and how many samples lie beyond."""
-    values = np.concatenate([series.y for series in panel.series] or [np.zeros(1)])
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return -1.0, 1.0, 0
-    low, high = np.percentile(values, [1, 99])
-    low, high = min(float(low), 0.0), max(float(high), 0.0)
-    margin = 0.25 * ((high - low) or 1.0)
-    low, high = 0.0 if panel.zero and low == 0 else low - margin, high + margin
-    return low, high, int(((values < low) | (values > high)).sum())
 
 
 def _draw_series(axes: Axes, series: Series, in_rows: bool) -> None:

@@ -59,8 +59,8 @@ class Panel:
     zero: the y axis begins at 0. log: it is logarithmic. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row, and log is about the x axis. period_s: curves that oscillate about so fast are shown as the band
-    from their least to their largest value in each period, where that is too short to be seen.
+    the number of a row, and log is about the x axis. period_s: where so short a time cannot be seen, curves are shown
+    as the band from their least to their largest value in each.
     """
 
     what: str
@@ -307,6 +307,19 @@ def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> lis
 def thin_evenly(length: int, most: int) -> Array:
     """Indices of at most `most` of so many rows, the first and the last among them."""
     return np.arange(length) if length <= most else np.unique(np.linspace(0, length - 1, most).astype(int))
+
+
+def robust_limits(panel: Panel) -> tuple[float, float, int]:
+    """Limits of y from the 1st to the 99th percentile with a margin, 0 among them, and how many samples lie beyond."""
+    values = np.concatenate([series.y for series in panel.series] or [np.zeros(1)])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return -1.0, 1.0, 0
+    low, high = np.percentile(values, [1, 99])
+    low, high = min(float(low), 0.0), max(float(high), 0.0)
+    margin = 0.25 * ((high - low) or 1.0)
+    low, high = 0.0 if panel.zero and low == 0 else low - margin, high + margin
+    return low, high, int(((values < low) | (values > high)).sum())
 
 
 def extent_of(*points: tuple[Array, Array], margin: float = 0.5) -> tuple[float, float, float, float]:

@@ -28,6 +28,7 @@ from quadlog.results.view import (
     Series,
     Track,
     Windows,
+    robust_limits,
     thin_evenly,
 )
 
@@ -145,7 +146,9 @@ class Pack:
         series = [
             self._described(of, self._thin(len(of.x), MOST_SAMPLES, f"samples of {of.label}")) for of in panel.series
         ]
-        return self._described(panel) | {"series": series}
+        low, high, beyond = robust_limits(panel)
+        limits = {"limits": (low, high), "beyond": beyond} if panel.robust else {}
+        return self._described(panel) | {"series": series} | limits
 
     def _scene(self, scene: Scene) -> dict[str, Any]:
         self._instants = np.sort([moment.seconds for moment in scene.moments])

@@ -55,17 +55,6 @@ const joined = (series, columnOf) => {
   return alike ? [tables[0][0], ...tables.flatMap(([, ...ys]) => ys)] : uPlot.join(tables);
 };
 
-// Limits from the 1st to the 99th percentile with a margin, 0 among them, and how many values lie beyond.
-const robustLimits = (columns, zero) => {
-  const sorted = columns.flatMap((column) => Array.from(column)).filter(Number.isFinite).sort((a, b) => a - b);
-  if (!sorted.length) return { limits: [-1, 1], beyond: 0 };
-  const quantile = (share) => sorted[Math.round(share * (sorted.length - 1))];
-  const [low, high] = [Math.min(quantile(0.01), 0), Math.max(quantile(0.99), 0)];
-  const margin = 0.25 * (high - low || 1);
-  const limits = [zero && low === 0 ? 0 : low - margin, high + margin];
-  return { limits, beyond: sorted.filter((value) => value < limits[0] || value > limits[1]).length };
-};
-
 // Points as small squares, one for each pixel.
 const pointPaths = (hollow, across) => (chart, number, first, last) => {
   const [xs, ys] = [chart.data[0], chart.data[number]];
@@ -102,7 +91,7 @@ const bandPaths = (period) => (chart, number, first, last) => {
   return { stroke: null, fill: path, flags: 0 };
 };
 
-const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
+const optionsOf = ({ panel, group, last }, height, stretch) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
@@ -151,7 +140,7 @@ const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: robust ? () => robust.limits : within } },
+    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: panel.limits ? () => panel.limits : within } },
     axes: [{ ...axis(last ? 34 : 6), ...(rows && panel.log && { splits: logSplits, filter: (_, values) => values }), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
@@ -202,9 +191,8 @@ const openCurve = (spot, columnOf) => {
   const height = spot.height + (spot.last ? 24 : 0); // for the axis
   const stretch = stretchOf(group, panel.x);
   panel.instants = columnOf(panel.marks);
-  const robust = panel.robust ? robustLimits(panel.series.map(({ y }) => columnOf(y)), panel.zero) : null;
-  if (robust?.beyond) words.append(element("small", {}, ` ${robust.beyond} beyond`));
-  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch, robust) }, joined(panel.series, columnOf), plot);
+  if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch) }, joined(panel.series, columnOf), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
   if (isTimed(group, panel.x)) addHead(chart, clockOf(group), stretch);
