@@ -42,7 +42,8 @@ const openScene = (place, scene, block) => {
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.62 * innerHeight, Math.max(280, (width * (top - bottom)) / (right - left)));
-    const height = Math.round(small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting));
+    const room = small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting);
+    const height = Math.round(Math.max(room, 160)); // a page that is printed may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
@@ -63,9 +64,9 @@ const openScene = (place, scene, block) => {
 };
 
 const legendOf = (layers, scene, draw) => {
-  const swatch = ({ kind, color, variant, shape, ramp }) => {
+  const swatch = ({ kind, color, variant, shape, ramp, trail }) => {
     const cells = kind === "raster" || kind === "windows";
-    const form = kind === "marks" ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
+    const form = kind === "marks" || trail === false ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
     return element("i", { class: `swatch ${form} of-${color}` });
   };
   const entry = (layer) => {

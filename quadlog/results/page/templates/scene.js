@@ -6,8 +6,14 @@ const LEVELS = ["level-0", "level-1", "level-2", "level-3"];
 const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3]];
 const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"];
 const FEET = [[0.72, 1.24], [0.72, -1.24], [-0.72, 1.24], [-0.72, -1.24]]; // FL, FR, RL, RR, in halves of the body
+const SHAPES = {
+  triangle: [[0, -1], [1, 1], [-1, 1]],
+  cross: [[-1, -1], [1, 1], [0, 0], [1, -1], [-1, 1]],
+  star: Array.from({ length: 10 }, (_, at) => [Math.sin((at * Math.PI) / 5), -Math.cos((at * Math.PI) / 5)].map((reach) => (at % 2 ? reach / 2.4 : reach))),
+};
 const COLUMNS = ["t", "until", "x", "y", "xx", "xy", "yy", "yaw", "feet", "level", "radius", "first", "row", "column"];
 const SCALE_95 = 2.4477;
+const PART_PX = 10; // of a segment that several lines share
 const EPOCH_S = 0.02; // fixes of several tags within this time belong together
 
 const modulo = (value, size) => ((value % size) + size) % size;
@@ -50,6 +56,11 @@ const openView = (scene, canvas, block) => {
   const stroke = (color, width, variant = 0) => {
     Object.assign(pen, { strokeStyle: paint(color), lineWidth: width });
     pen.setLineDash(DASHES[variant % 4]);
+  };
+  const outline = (corners, px, py, size) => {
+    pen.beginPath();
+    for (const [dx, dy] of corners) pen.lineTo(px + size * dx, py + size * dy);
+    return pen;
   };
   const dot = (px, py, radius, fill, edge) => {
     pen.beginPath();
@@ -101,9 +112,11 @@ const openView = (scene, canvas, block) => {
     for (const segment of segmentsOf(layer, instant)) {
       const owners = shares.owners.get(`${segment}`);
       const [px, py, dx, dy] = [x(segment[0]), y(segment[1]), (segment[2] - segment[0]) * view.scale, (segment[1] - segment[3]) * view.scale];
-      const place = owners.indexOf(layer);
-      pen.moveTo(px + (place / owners.length) * dx, py + (place / owners.length) * dy);
-      pen.lineTo(px + ((place + 1) / owners.length) * dx, py + ((place + 1) / owners.length) * dy);
+      const parts = owners.length * Math.max(1, Math.round(Math.hypot(dx, dy) / (PART_PX * owners.length)));
+      for (let part = owners.length > 1 ? owners.indexOf(layer) : 0; part < parts; part += owners.length) {
+        pen.moveTo(px + (part / parts) * dx, py + (part / parts) * dy);
+        pen.lineTo(px + ((part + 1) / parts) * dx, py + ((part + 1) / parts) * dy);
+      }
     }
     pen.stroke();
   };
@@ -204,20 +217,7 @@ const openView = (scene, canvas, block) => {
           if (radius) dot(px, py, radius[at] * view.scale, null, paint(color));
           else if (px < -20 || py < -20 || px > size.x + 20 || py > size.y + 20) continue;
           else if (shape === "dot") pen.fillRect(px - half, py - half, 2 * half, 2 * half);
-          else if (shape === "cross") {
-            pen.beginPath();
-            for (const side of [-1, 1]) {
-              pen.moveTo(px - half, py - side * half);
-              pen.lineTo(px + half, py + side * half);
-            }
-            pen.stroke();
-          } else {
-            pen.beginPath();
-            pen.moveTo(px, py - half);
-            pen.lineTo(px + half, py + half);
-            pen.lineTo(px - half, py + half);
-            pen.fill();
-          }
+          else outline(SHAPES[shape], px, py, half)[shape === "cross" ? "stroke" : "fill"]();
           if (names[at]) label(names[at], px + half + 4, py + half, color);
         }
       };
@@ -261,7 +261,7 @@ const openView = (scene, canvas, block) => {
         if (!pose) return;
         const [px, py, ink] = [x(pose.x), y(pose.y), paint(color)];
         if (shape === "body" && scene.body && !Number.isNaN(pose.yaw)) drawBody(layer, pose, instant, ink);
-        else if (shape === "star") drawStar(px, py, 8, ink);
+        else if (shape === "star") Object.assign(outline(SHAPES.star, px, py, 8), { fillStyle: ink }).fill();
         else dot(px, py, shape === "person" ? Math.max(6, 0.22 * view.scale) : 5, ink, paint("back"));
       };
       return [still, ofInstant];
@@ -276,14 +276,6 @@ const openView = (scene, canvas, block) => {
       joined = there;
     }
     return path;
-  };
-  const drawStar = (px, py, reach, color) => {
-    pen.beginPath();
-    for (let at = 0; at < 10; at++) {
-      const far = at % 2 ? reach / 2.4 : reach;
-      pen.lineTo(px + far * Math.sin((at * Math.PI) / 5), py - far * Math.cos((at * Math.PI) / 5));
-    }
-    Object.assign(pen, { fillStyle: color }).fill();
   };
   const drawBody = ({ t, feet }, pose, instant, color) => {
     if (scene.body[0] * view.scale < 10) return dot(x(pose.x), y(pose.y), 5, color, paint("back"));
