@@ -178,7 +178,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page. facts: short texts below the title. status: the pill beside the title, in words and colour.
+    """A page of the sections that have blocks. facts: short texts below the title. status: the pill beside the title, in words and colour.
 
     links: (text, address) of pages above and beside this one.
     """

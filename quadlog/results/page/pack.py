@@ -219,7 +219,7 @@ class Pack:
         slot = np.floor((seconds - seconds[0]) / step_s + 1e-6)
         kept = np.append(True, np.diff(slot) > 0) | gap | np.append(gap[1:], False) | np.append(False, gap[:-1])
         kept[-1] = True
-        if step_s > POSE_S:
+        if step_s > POSE_S and not kept.all():
             self._note(f"{layer.label}: a position every {step_s:.2g} s")
         return np.flatnonzero(kept)
 

@@ -80,9 +80,7 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
         Section("Topics", list(_topics(run))),
         Section("How it was made", list(_made(run))),
     ]
-    return Page(
-        run.title, [s for s in sections if s.blocks], _facts(run), status(run), [("all runs", "../report.html")], pack
-    )
+    return Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
 
 
 def _timed(drawings: Mapping[str, Drawing]) -> list[str]:

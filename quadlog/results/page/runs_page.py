@@ -99,12 +99,7 @@ def list_page(title: str, folder: Path, rows: Sequence[Listed], findings: Sequen
         Section("Settings that differ", [block for block in settings if block.rows]),
         Section("All metrics", [Details("A column for each metric", [_whole_table(rows)])] if rows else []),
     ]
-    return Page(
-        title,
-        [section for section in sections if section.blocks],
-        [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"],
-        pack=pack,
-    )
+    return Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
 
 def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> Page:
@@ -122,7 +117,7 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
         Section("Settings that differ", [settings] if settings.rows else []),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
-    return Page(title, [section for section in sections if section.blocks], facts, pack=pack)
+    return Page(title, sections, facts, pack=pack)
 
 
 def _opened(folder: Path, name: str) -> Run | None:

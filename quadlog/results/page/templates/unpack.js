@@ -2,7 +2,8 @@
 // Numbers of the page from one deflated block (page/pack.py), colours, small helpers, and a clock for each group.
 const pageData = JSON.parse(document.getElementById("page-data").textContent);
 const rootStyle = getComputedStyle(document.documentElement);
-const paint = (name) => rootStyle.getPropertyValue(`--${name}`).trim();
+const inks = new Map(); // asking for a style is slow
+const paint = (name) => inks.get(name) ?? inks.set(name, rootStyle.getPropertyValue(`--${name}`).trim()).get(name);
 const redraws = []; // called when the colours change
 
 const unpack = async () => {
@@ -74,5 +75,8 @@ const onWidth = (place, fit) => {
   }).observe(place);
 };
 for (const change of ["(prefers-color-scheme: dark)", "print"]) {
-  matchMedia(change).addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+  matchMedia(change).addEventListener("change", () => {
+    inks.clear();
+    redraws.forEach((redraw) => redraw());
+  });
 }
