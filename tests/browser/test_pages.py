@@ -79,6 +79,10 @@ def test_a_list_of_runs_is_sorted_searched_and_unfolded(tmp_path: Path, probe: P
     assert set(say["found"]) == {"walk-10", *(f"walk-10{digit}" for digit in range(10))}
 
 
+def test_planners_with_one_path_are_all_seen(tiny_run: Path, probe: Probe) -> None:
+    assert min(probe(PAGES["planners"](tiny_run), "planners")["seen"]) > 20
+
+
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
 @pytest.mark.parametrize("kind", ["whole", "ingest", "folder", "side by side", "sweep", "planners", "papers"])
 def test_axe_finds_nothing_serious(tiny_run: Path, probe: Probe, kind: str, size: tuple[int, int]) -> None:
