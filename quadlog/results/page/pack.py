@@ -138,7 +138,7 @@ class Pack:
             value = getattr(of, name)
             if isinstance(value, np.ndarray) and value.ndim == 1:
                 value = self._column(value if keep is None else value[keep], units.get(name))
-            if value is not None and isinstance(value, str | int | float | list | tuple):
+            if value is not None and name not in ("values", "maps"):
                 found["t" if name == "seconds" else name] = value
         return found
 
