@@ -18,7 +18,7 @@ from quadlog.results.page.runs_page import write_folder_page, write_sweep_page
 from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, Verdict
 from quadlog.results.run import Run
 from quadlog.results.saved.tables import TABLES, write_table
-from quadlog.results.sweep.table import SweepRow, write_sweep_table
+from quadlog.results.sweep import SweepRow, write_sweep_table
 from tests.lab.runs import KINDS
 
 

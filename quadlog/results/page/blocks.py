@@ -178,9 +178,10 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page of the sections that have blocks. facts: short texts below the title. status: the pill beside the title, in words and colour.
+    """A page of the sections that have blocks.
 
-    links: (text, address) of pages above and beside this one.
+    facts: short texts below the title. status: the pill beside the title, in words and colour. links: (text, address)
+    of pages above and beside this one.
     """
 
     title: str
