@@ -279,8 +279,8 @@ def _moments(run: Run) -> list[Moment]:
             label = CATALOGUE[name].label
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
             found.append(Moment(seconds, what, worst, name, shows))
-    touched, worst = found[:first], [*found[first:], *_worst_of_tags(run)]
-    return [*touched[:MOST_CONTACTS], *worst, *touched[MOST_CONTACTS:]]
+    touched, others = found[:first], [*found[first:], *_worst_of_tags(run)]
+    return [*touched[:MOST_CONTACTS], *others, *touched[MOST_CONTACTS:]]
 
 
 MOST_CONTACTS = 6
